@@ -14,13 +14,14 @@ import numpy as np
 
 from das.advice.regimes import Regime
 from das.domain.units import KMH
-from docs.studies.driving import driven, human_of, with_interval
+from docs.studies.driving import driven, human_of
 from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 from sim.experiment.factors import day_of
+from sim.jobs.report import with_interval
 from sim.plant.kernels import Command
 from sim.world.outcome import outcome
 from sim.world.service import Service, make_day, prepare_service

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from das.advice.advice import Advice, ReplanCause
 from das.advice.coach.keeping import StandingReference
 from das.advice.coach.settings import CoachSettings, KeepingSettings
@@ -22,7 +20,6 @@ from sim.world.loop import InProcess, Run, Tick, World
 from sim.world.service import Day, Service, make_day
 
 KEEPING: Final = KeepingSettings()
-NORMAL_95: Final = 1.96
 SETS_RATIO: Final = 0.02
 """A controller that is nearer to 0 than this share of its scale is at 0; beyond that it sets traction or brakes."""
 
@@ -37,12 +34,6 @@ def human_of(day: Day, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) ->
 def driven(day: Day, driver: Driver, presentation: Presentation) -> Run:
     """A day driven by a driver who is shown a presentation."""
     return World(day, driver, presentation, InProcess(day.service, coach=presenter_of(presentation).needs_coach)).run()
-
-
-def with_interval(differences: np.ndarray) -> str:
-    """The mean of differences on the same days, with its 95 % interval."""
-    half = NORMAL_95 * float(differences.std(ddof=1)) / len(differences) ** 0.5
-    return f"{differences.mean():+.1f} ± {half:.1f}"
 
 
 class Watched(NamedTuple):

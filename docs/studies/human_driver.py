@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 
 from docs.studies.output import DOCS, write_table
-from docs.studies.own_drivers import Row, driven_rows, paired
+from docs.studies.own_drivers import Row, driven_rows
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.jobs.batch import Batch
+from sim.jobs.report import with_interval
 
 FOLDER: Final = DOCS.parent / "build" / "human-driver"
 DAYS: Final = {"clear-day": "clear day", "departure-delay": "late departure"}
@@ -70,7 +71,7 @@ def presentations_table(found: Mapping[Presentation, Runs]) -> Iterator[str]:
         if shown is not ALONE:
             total, times = (less(of, alone, f"energy_{name}kwh") for name in ("", "optimum_"))
             friction = less(of, alone, "energy_blending_kwh").mean()
-            saved = [paired(total), f"{times.mean():.1f}", f"{(total - times).mean():.1f}", f"{friction:.1f}"]
+            saved = [with_interval(total), f"{times.mean():.1f}", f"{(total - times).mean():.1f}", f"{friction:.1f}"]
         changes = "" if shown is ALONE else f"{each(of, 'advice_changes_per_min').mean():.1f}"
         cells = [
             f"{each(of, 'late_s').mean():+.0f}",
@@ -99,7 +100,7 @@ def _worth(found: Mapping[Presentation, Runs], *, at_equal_arrival: bool) -> str
     saved = less(coach, alone, "energy_kwh")
     if at_equal_arrival:
         saved = saved - less(coach, alone, "energy_optimum_kwh")
-    return paired(100.0 * saved / each(alone, "energy_kwh").mean())
+    return with_interval(100.0 * saved / each(alone, "energy_kwh").mean())
 
 
 def main() -> None:

@@ -15,13 +15,14 @@ import numpy as np
 from das.advice.regimes import Regime
 from das.domain.braking import SiteBraking
 from das.domain.units import kwh
-from docs.studies.driving import SETS_RATIO, driven, human_of, with_interval
+from docs.studies.driving import SETS_RATIO, driven, human_of
 from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import CabView
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.experiment.factors import day_of
+from sim.jobs.report import with_interval
 from sim.plant.kernels import Command
 from sim.world.outcome import outcome
 from sim.world.service import Service, make_day, prepare_service

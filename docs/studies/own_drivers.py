@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from scipy import stats
 
 from das.domain.errors import DasError
 from docs.studies.output import DOCS, write_table
@@ -21,6 +20,7 @@ from precompute.workers import Workers
 from sim.drivers.examples import Belated, Doubting, Lazy, WeakBraking
 from sim.drivers.kinds import OwnClass, Presentation
 from sim.jobs.batch import Batch, make_run
+from sim.jobs.report import with_interval
 from sim.jobs.runner import JobWords, Runner
 
 DRIVERS: Final = tuple(
@@ -84,17 +84,11 @@ def _line(names: tuple[str, str, str], runs: Mapping[int, Row], alone: Mapping[i
     if runs is not alone:
         percent = 100.0 * less("").mean() / _mean(alone, "energy_kwh")
         parts = (less("optimum_").mean(), less("blending_").mean())
-        saved = [paired(less("")), *(f"{value:+.1f}" for value in (percent, *parts))]
+        saved = [with_interval(less("")), *(f"{value:+.1f}" for value in (percent, *parts))]
         changes = f"{_mean(runs, 'advice_changes_per_min'):.1f}"
     late, over = f"{round(_mean(runs, 'late_s')):+d}", f"{_mean(runs, 'over_limit_s'):.1f}"
     cells = [names[0].partition(":")[2], *names[1:], f"{_mean(runs, 'energy_kwh'):.1f}", *saved, late, changes, over]
     return f"| {' | '.join(cells)} |"
-
-
-def paired(differences: np.ndarray) -> str:
-    """The mean of differences on a few days, with its 95 % interval (Student's t)."""
-    half = stats.t.ppf(0.975, len(differences) - 1) * differences.std(ddof=1) / len(differences) ** 0.5
-    return f"{differences.mean():+.1f} ± {half:.1f}"
 
 
 def _mean(runs: Mapping[int, Row], name: str) -> float:

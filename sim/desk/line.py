@@ -27,7 +27,6 @@ SPEED_STEP_MPS: Final = 2.0
 
 
 def hello_of(
-    title: str,
     line: tuple[Route, Vehicle, Sequence[Stop]],
     time_ns: int,
     language: str,
@@ -35,13 +34,13 @@ def hello_of(
 ) -> dict[str, Any]:
     """What never changes while a page is open, as its message `hello`.
 
-    `time_ns` (since 1970) is a moment of the drive, for the line's clock. `kinds` has, for each mode by its number on
+    The title of the scenario is not among it: it says what will happen, and the person must not know. `time_ns` (since
+    1970) is a moment of the drive, for the line's clock. `kinds` has, for each mode by its number on
     the bus, the kind of its instruction, by which the page draws its sign.
     """
     route, vehicle, stops = line
     return {
         "t": "hello",
-        "title": title,
         "language": language,
         **msgspec.structs.asdict(page),
         "at_stop_m": AT_STOP_M,

@@ -40,7 +40,7 @@ class Replay:
         stops = [stop for stop in inputs.route.stops if not served or stop.name in served]
         page = recorded_settings(drive.recording)
         line = (inputs.route, inputs.vehicle, stops)
-        self.hello = hello_of(path.name, line, first_ns, language, page) | {"phase": "replay", "lever": 0.0, "seq": 0}
+        self.hello = hello_of(line, first_ns, language, page) | {"phase": "replay", "lever": 0.0, "seq": 0}
         self.bookmarks = _bookmarks(drive, first_ns)
         """The events worth a look: seconds from the first cab, and words."""
 

@@ -299,7 +299,7 @@ def _end_with_thread(failed: threading.ExceptHookArgs) -> None:
 async def _serve(given: DeskGiven) -> None:
     scenario = load_scenario(given.scenario, given.journey)
     line = lay_out(scenario)
-    desk = Desk(given, hello_of(scenario.title, line, scenario.departure_ns, given.language, given.page), line[0])
+    desk = Desk(given, hello_of(line, scenario.departure_ns, given.language, given.page), line[0])
     watching = asyncio.create_task(_end_with_parent(int(sys.argv[sys.argv.index("--with-parent") + 1])))
     try:
         door = socket.socket(fileno=given.door)

@@ -47,7 +47,7 @@ class ConditionOrder(StrEnum):
     """The order in which a participant drives the conditions."""
 
     WILLIAMS = "williams"
-    """Each participant takes a row of a Williams square: every condition follows every other equally often."""
+    """Each participant takes a row of a Williams square, in whose rows together conditions follow each other alike."""
     FULL = "full"
     """The participants take all permutations in turn."""
     RANDOM = "random"

@@ -17,6 +17,7 @@ from das.domain.units import NS
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
 from sim.drivers.parameters import Participant, load_population
 from sim.experiment.factors import Setting
+from sim.experiment.plan import participant_name
 from sim.jobs.runner import JobRecording, ServiceMemory, whole_run
 from sim.plant import kernels
 from sim.plant.kernels import Command, PlantState
@@ -64,7 +65,7 @@ class StudyTrial:
     @property
     def participant(self) -> str:
         """The participant, as tables name them."""
-        return f"sub-{self.who:02d}"
+        return participant_name(self.who)
 
     @property
     def session_name(self) -> str:

@@ -6,9 +6,11 @@ The plan has the factors, the measures, and the planned comparisons with their c
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -57,14 +59,14 @@ MOST_COMPARISONS: Final = 200
 FIXED: Final = "not varied"
 """Name of the row that says what was the same on all trials."""
 PROCEDURE: Final = {
-    "order": "order of the conditions", "repetitions": "repetitions of all conditions",
+    "order": "order of the conditions, as designed", "repetitions": "repetitions of all conditions",
     "practice_trials": "practice trials for each driver", "break_after": "trials between breaks",
     "days": "days", "chances": "random numbers",
 }  # fmt: skip
 """The settings of the procedure that the report lists, and its name for each."""
 PROCEDURE_WORDS: Final = {
-    "order williams": "Williams squares: every condition follows every other equally often",
-    "order full": "all orders in turn",
+    "order williams": "Williams squares, a row for each driver and repetition",
+    "order full": "the possible orders in turn, one for each driver and repetition",
     "order random": "drawn at random for each driver",
     "order listed": "the same for all, as the design lists them",
     "days own": "each driver has their own days, and meets the same day under every condition",
@@ -118,7 +120,8 @@ class StudyPlan:
     """The part of a frozen design that its analysis needs.
 
     `about` is the study's title and description. `simulated` says whether its drivers are simulated. `setting` has
-    pairs of a name and a text: who took part, the procedure, and what was not varied.
+    pairs of a name and a text: who took part, the procedure, and what was not varied. `size` has the number of
+    participants, and how often each was to drive each condition; zeros if the design does not say it.
     """
 
     name: str
@@ -132,6 +135,31 @@ class StudyPlan:
     correction: str = CORRECTIONS[0]
     simulated: bool = True
     setting: tuple[tuple[str, str], ...] = ()
+    size: tuple[int, int] = (0, 0)
+
+    @property
+    def planned(self) -> Counter[tuple[str, str]]:
+        """How many trials without practice were planned, by participant and condition; empty if it is not known.
+
+        A condition is the levels of all factors, as `RunStudy.conditions` gives it.
+        """
+        (participants, repetitions), groups = self.size, self._combined(within=False)
+        return Counter(
+            {
+                (participant_name(who + 1), self._condition(groups[who % len(groups)] | inside)): repetitions
+                for who in range(participants)
+                for inside in self._combined(within=True)
+            }
+        )
+
+    def _combined(self, *, within: bool) -> list[dict[str, str]]:
+        """All combinations of levels of the factors within (or between) participants; an empty one without factors."""
+        some = [one for one in self.factors if one.within is within]
+        names = [one.name for one in some]
+        return [dict(zip(names, levels, strict=True)) for levels in product(*(one.levels for one in some))]
+
+    def _condition(self, levels: Mapping[str, str]) -> str:
+        return " ".join(levels[one.name] for one in self.factors)
 
     def factor(self, name: str) -> VariedFactor:
         """The factor with this name; KeyError if there is none."""
@@ -144,6 +172,11 @@ class StudyPlan:
                 return one
         names = ", ".join(one.name for one in self.comparisons) or "none is planned"
         raise DasError(f"--comparison {name}: expected one of the planned comparisons ({names})")
+
+
+def participant_name(who: int) -> str:
+    """The name of a participant (from 1) in the tables of a study."""
+    return f"sub-{who:02d}"
 
 
 def as_text(level: object) -> str:
@@ -165,6 +198,8 @@ def plan_of(fields: Fields) -> StudyPlan:
     """The plan in a frozen design (the content of its `design.json`); InputError if the content is wrong."""
     factors = _factors(fields.table("factors"))
     measures = tuple(_texts(fields, "measures"))
+    participants = _count(fields, "participants", "count")
+    repetitions = _count(fields, "procedure", "repetitions")
     return StudyPlan(
         name=fields.name("name"),
         about=_about(fields.text("title", ""), fields.text("description", "")),
@@ -177,6 +212,7 @@ def plan_of(fields: Fields) -> StudyPlan:
         correction=read_correction(fields),
         simulated=fields.data.get("drivers", "simulated") != "people",
         setting=tuple(_setting(fields)),
+        size=(participants, repetitions) if participants and repetitions else (0, 0),
     )
 
 
@@ -184,6 +220,15 @@ def _about(title: str, description: str) -> str:
     """Title and description as running text."""
     ended = title if not title or title.endswith((".", "?", "!")) else f"{title}."
     return f"{ended} {description}".strip()
+
+
+def _count(fields: Fields, table: str, key: str) -> int:
+    """A number of the design; 0 if it does not say it."""
+    found = fields.data.get(table)
+    value = found.get(key, 0) if isinstance(found, Mapping) else 0
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise fields.error(f"{table}.{key}", value, "a whole number of at least 0")
+    return value
 
 
 def _seed(fields: Fields) -> int:

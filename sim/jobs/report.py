@@ -22,7 +22,8 @@ from sim.drivers.presentations.presenter import presenter_of
 from sim.world.outcome import SHARES
 
 Row = Mapping[str, Any]
-NORMAL_95: Final = 1.96
+LEAST_VALUES: Final = 3
+"""Fewest values whose mean has an interval: of two, Student's t makes it wider than what it is about."""
 SHARE_NAMES: Final = {
     "component_loss": "loss",
     "resistance": "run",
@@ -43,7 +44,7 @@ LEGEND: Final = {
 """The legend below the table."""
 SPLIT_LEGEND: Final = {
     "saved": "energy saved by advice at equal arrival, against the same driver without advice on the same days, with "
-    "its 95 % interval",
+    "its 95 % interval (Student's t; none for fewer than 3 pairs)",
     "%": "that in % of the energy driven without advice",
     "times": "what the time difference was worth beside it, at the optimum's price of time",
     "blend": "by less friction where the motors could brake",
@@ -60,8 +61,9 @@ class SplitSaving:
     `blending`: less friction braking where the motors could brake. `profile`: a better speed profile, as it was driven.
     If a perfect driver followed the same advice on the same days (vector and coach only), `profile` is what that driver
     saved by it, and `tracking` (mostly < 0) is what this driver lost by not keeping to the advice. The parts sum to
-    `saved`, whose 95 % interval over the pairs is ± `interval` (normal); `ratio` is its share of the energy driven
-    without advice, `baseline`. `time_shift` is no part of it: what the time difference was worth.
+    `saved`, whose 95 % interval over the pairs is ± `interval` (Student's t; NaN for fewer than 3 pairs); `ratio` is
+    its share of the energy driven without advice, `baseline`. `time_shift` is no part of it: what the time difference
+    was worth.
     """
 
     scenario: str
@@ -78,13 +80,40 @@ class SplitSaving:
     tracking_kwh: float | None
 
     def as_dict(self) -> dict[str, Any]:
-        """The fields, for programs."""
-        return dict(vars(self))
+        """The fields, for programs; None for an interval that is not known."""
+        return vars(self) | {"interval_kwh": None if math.isnan(self.interval_kwh) else self.interval_kwh}
 
 
 def mean_interval(values: NDArray[np.float64]) -> float:
-    """Half the 95 % interval of the mean of values (n,), by the normal distribution; NaN for a single one."""
-    return NORMAL_95 * float(values.std(ddof=1)) / len(values) ** 0.5 if len(values) > 1 else math.nan
+    """Half the 95 % interval of the mean of values (n,), by Student's t; NaN for fewer than `LEAST_VALUES`."""
+    count = len(values)
+    return student_975(count - 1) * float(values.std(ddof=1)) / count**0.5 if count >= LEAST_VALUES else math.nan
+
+
+def with_interval(values: NDArray[np.float64]) -> str:
+    """The mean of values (n,) with its 95 % interval, to one decimal; without it for fewer than `LEAST_VALUES`."""
+    half = mean_interval(values)
+    return f"{values.mean():+.1f}" + ("" if math.isnan(half) else f" ± {half:.1f}")
+
+
+def student_975(freedom: int) -> float:
+    """The value that Student's t with some degrees of freedom exceeds with a probability of 2.5 %, by bisection."""
+    low, high = 1.0, 13.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _student_within(middle, freedom) < 0.95 else (low, middle)
+    return high
+
+
+def _student_within(t: float, freedom: int) -> float:
+    """The probability that Student's t lies within ± t (Abramowitz and Stegun 1964, 26.7.3 and 26.7.4)."""
+    angle, odd = math.atan(t / math.sqrt(freedom)), freedom % 2
+    term, total = (math.cos(angle) if odd else 1.0), 0.0
+    for k in range(2 + odd, freedom + 1, 2):
+        total += term
+        term *= math.cos(angle) ** 2 * (k - 1) / k
+    inside = math.sin(angle) * total
+    return 2.0 / math.pi * (angle + inside) if odd else inside
 
 
 def savings(rows: Sequence[Row]) -> list[SplitSaving]:
@@ -205,7 +234,7 @@ def print_savings(found: Sequence[SplitSaving]) -> None:
         table.add_row(
             f"{one.scenario}, {one.driver}, {one.advice}",
             str(one.pairs),
-            f"{one.saved_kwh:+.1f} ± {one.interval_kwh:.1f}" if one.pairs > 1 else f"{one.saved_kwh:+.1f}",
+            f"{one.saved_kwh:+.1f}" + ("" if math.isnan(one.interval_kwh) else f" ± {one.interval_kwh:.1f}"),
             f"{100 * one.saved_ratio:+.1f}",
             *(f"{part:+.1f}" for part in (one.time_shift_kwh, one.blending_kwh, one.profile_kwh)),
             "–" if one.tracking_kwh is None else f"{one.tracking_kwh:+.1f}",

@@ -70,7 +70,7 @@ class Sensitivity:
     """How the gap changes with one standard deviation of a parameter (percentage points), and the energy (kWh).
 
     The change is the mean over the days of half the difference between one standard deviation above and one below; its
-    95 % interval over the days is ± `interval_points` (NaN for one day).
+    95 % interval over the days is ± `interval_points` (Student's t; NaN for fewer than 3 days).
     """
 
     advice: Presentation

@@ -79,7 +79,7 @@ def test_a_target_speed_is_the_one_at_the_next_change_and_no_effort_is_shown() -
 @pytest.mark.more
 def test_the_table_compares_on_the_same_days(flat: Callable[[str], Path]) -> None:
     service = prepare_service(read_scenario(flat("")))
-    lines = list(display_table([service], (0, 1), (DisplayVariant("the same again", AS_IT_IS.display), VARIANTS[0])))
+    lines = list(display_table([service], (0, 1, 2), (DisplayVariant("the same again", AS_IT_IS.display), VARIANTS[0])))
     assert len(lines) == 5
     assert "| the same again | " in lines[3]
     assert " | +0.0 ± 0.0 | " in lines[3]

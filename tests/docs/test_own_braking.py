@@ -27,7 +27,7 @@ def test_plans_say_whose_braking_it_is() -> None:
 
 
 def test_plans_are_compared_on_the_same_days(flat: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    """The figures of drives are put in: 2 and 4 kWh more on two days are +3.0 ± 2.0, and 3 of 60 kWh are 5 points."""
+    """The figures of drives are put in: 2, 4 and 6 kWh more on three days are +4.0 ± 5.0."""
 
     def found(service: Service, seed: int, shown: Presentation, friction: FrictionPolicy) -> BrakingFigures:
         more_kwh = 0.0 if service.scenario.braking == SiteBraking() else 2.0 + 2.0 * seed
@@ -37,11 +37,11 @@ def test_plans_are_compared_on_the_same_days(flat: Callable[[str], Path], monkey
         )  # fmt: skip
 
     monkeypatch.setattr(own_braking, "figures", found)
-    lines = list(braking_table([Block(str(flat("")), FrictionPolicy.ELECTRIC_FIRST)], (0, 1), PLANS, SHOWN))
+    lines = list(braking_table([Block(str(flat("")), FrictionPolicy.ELECTRIC_FIRST)], (0, 1, 2), PLANS, SHOWN))
     first, his = (line.strip("| ").split(" | ") for line in lines[2:])
     assert first[0].endswith(", electric first")
     assert (first[3], first[4], first[5]) == ("60.0", "", "0.0")
-    assert his[1:] == ["vector", "his", "63.0", "+3.0 ± 2.0", "5.0", "+5.0 ± 3.3", "+7", "0.5", "2.0 %"]
+    assert his[1:] == ["vector", "his", "64.0", "+4.0 ± 5.0", "6.7", "+6.7 ± 8.3", "+7", "0.5", "2.0 %"]
 
 
 def test_a_day_is_driven_with_its_brakes(flat: Callable[[str], Path]) -> None:

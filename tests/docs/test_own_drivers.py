@@ -5,17 +5,11 @@ from __future__ import annotations
 from itertools import product
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from docs.studies.own_drivers import DRIVERS, SHOWN, asked, driven_rows, own_drivers_table, paired
+from docs.studies.own_drivers import DRIVERS, SHOWN, asked, driven_rows, own_drivers_table
 from tests.support.flat_days import FLAT
-
-
-def test_a_saving_is_the_mean_of_the_pairs_with_students_interval() -> None:
-    """t(0.975) with 2 degrees of freedom is 4.303; the standard error of 1, 2, 3 is 1/√3."""
-    assert paired(np.array([1.0, 2.0, 3.0])) == "+2.0 ± 2.5"
 
 
 def test_each_driver_is_compared_with_itself_on_the_same_days() -> None:

@@ -132,14 +132,14 @@ def say(socket: ClientConnection, kind: str, **fields: Any) -> None:
 
 
 @contextmanager
-def desk_server(title: str = "", line: Line | None = None) -> Iterator[tuple[Visitor, MadeUpBus]]:
+def desk_server(line: Line | None = None) -> Iterator[tuple[Visitor, MadeUpBus]]:
     """A server whose run is ours to make up, by default on 6 flat km."""
     door = listening(0)
     line = line or (flat(6000.0), make_train(), flat(6000.0).stops)
     given = DeskGiven(door=-1, token=TOKEN, scenario="", train="T1", language="en")
     loop = asyncio.new_event_loop()
     with patch("sim.desk.peer.Bus", MadeUpBus):
-        desk = Desk(given, hello_of(title, line, 0, "en", given.page), line[0])
+        desk = Desk(given, hello_of(line, 0, "en", given.page), line[0])
         until(lambda: desk.peer.joined, "the made-up bus")
         server = server_of(desk.routes(), door.getsockname()[1], TOKEN)
         thread = threading.Thread(target=lambda: loop.run_until_complete(server.serve(sockets=[door])), daemon=True)

@@ -76,7 +76,7 @@ function speak() {
 // The title and text of the veil, which hides the page in every phase but driving and replay.
 function veiled(state) {
   return {
-    welcome: () => [`${words.desk} · ${hello.title}`, words.welcome.replace("{m}", hello.at_stop_m)],
+    welcome: () => [words.desk, words.welcome.replace("{m}", hello.at_stop_m)],
     preparing: () => [words.preparing, ""],
     over: () => [words.over, arrived()],
     broken: () => [words.broken, words.broken_why],
@@ -158,7 +158,10 @@ function enter(to) {
   phase = body.dataset.phase = to;
   lever.active = to === "driving";
   veil();
-  if (to === "driving") $("leverbox").focus({ focusVisible: false });
+  if (to !== "driving") return;
+  $("leverbox").focus({ focusVisible: false });
+  mark(performance.now(), `way ahead ${ahead} m`);
+  markSize();
 }
 
 // What the server says, by the kind of message.
@@ -344,6 +347,12 @@ function paint() {
 function zoom(factor) {
   ahead = draw.clamp(ahead * factor, AHEAD_M.least, AHEAD_M.most);
   localStorage.setItem("desk-ahead", ahead);
+  mark(performance.now(), `way ahead ${ahead} m`);
+}
+
+// Tells the desk how large the page is drawn: the browser's zoom changes both figures.
+function markSize() {
+  mark(performance.now(), `size ${innerWidth} × ${innerHeight}, ${devicePixelRatio.toFixed(2)} px`);
 }
 
 function nextLanguage() {
@@ -379,6 +388,11 @@ function key(e) {
 
 addEventListener("keydown", (e) => {
   if (hello && !e.ctrlKey && !e.altKey && !e.metaKey && key(e)) e.preventDefault();
+});
+let resized = 0;
+addEventListener("resize", () => {
+  clearTimeout(resized);
+  resized = setTimeout(markSize, 300); // a window that is dragged says its last size only
 });
 $("language").onclick = nextLanguage;
 $("sound").onclick = switchSound;

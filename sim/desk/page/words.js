@@ -95,9 +95,9 @@ const ROWS = {
   ],
   lost: ["Connection lost", "Verbindung verloren", "Connexion perdue"],
   lost_why: [
-    "Trying again … The train is braked until the desk is connected again.",
-    "Neuer Versuch … Der Zug wird gebremst, bis das Pult wieder verbunden ist.",
-    "Nouvel essai … Le train est freiné jusqu’à ce que le pupitre soit reconnecté.",
+    "Trying again … The train is braked to a stand. Then, with the lever at 0, you may drive on.",
+    "Neuer Versuch … Der Zug wird bis zum Stillstand gebremst. Dann dürfen Sie mit dem Hebel auf 0 weiterfahren.",
+    "Nouvel essai … Le train est freiné jusqu’à l’arrêt. Ensuite, manipulateur à 0, vous pourrez repartir.",
   ],
   connecting: ["Connecting …", "Verbindung wird aufgebaut …", "Connexion …"],
   taken: [

@@ -39,15 +39,16 @@ class NeededParticipants:
     """How many participants it takes for 80 % of studies to find a difference of `effect`.
 
     `interval` is the range of that number, because the spread of participants is not known exactly. In a comparison of
-    two groups, the numbers are for each group. None stands for more than a million. `given` is False if the difference
-    came out of the study. `reason` says in words why it is listed.
+    two groups, the numbers are for each group. None stands for more than a million; `interval` is None as a whole
+    if the spread has no interval. `given` is False if the difference came out of the study. `reason` says in words
+    why it is listed.
     """
 
     effect: float
     given: bool
     reason: str
     participants: int | None
-    interval: tuple[int | None, int | None]
+    interval: tuple[int | None, int | None] | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,7 +226,7 @@ def _needed(
     """How many participants it takes to find the difference that was found here, half of it, and others.
 
     The others are those `asked` for, in the unit of the report, and `ASKED_POINTS`. `spread` is the interval of the
-    standard deviation between participants.
+    standard deviation between participants; NaN if it has none.
     """
     estimate, shown = found.estimate, found.shown
     if not estimate.known:
@@ -243,7 +244,8 @@ def _needed(
         yield NeededParticipants(
             effect=abs(effect), given=reason in ("", ASKED), reason=reason,
             participants=participants(effect, estimate.sd),
-            interval=(participants(effect, spread[0]), participants(effect, spread[1])),
+            interval=None if math.isnan(spread[0])
+            else (participants(effect, spread[0]), participants(effect, spread[1])),
         )  # fmt: skip
 
 

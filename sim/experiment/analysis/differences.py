@@ -19,10 +19,13 @@ from sim.experiment.analysis import sign_flips
 from sim.experiment.analysis.reading import Bools, Floats, Ints, RunStudy, Texts
 from sim.experiment.analysis.spread import NO_RANGE
 from sim.experiment.plan import PlannedComparison
+from sim.jobs.report import LEAST_VALUES
 
 CONFIDENCE: Final = 0.95
 FLIPS, SOME_FLIPS, WELCH = "exact sign flips", "sign flips drawn at random", "Welch's t"
 """The methods that decide."""
+LEAST_IN_GROUP: Final = LEAST_VALUES
+"""Fewest participants of a group whose mean has an interval."""
 
 
 class _Cell(NamedTuple):
@@ -205,11 +208,12 @@ def paired_estimate(differences: Floats, rng: np.random.Generator) -> Difference
         return DifferenceEstimate(mean=mean, sd=sd, participants=count, probability=same, method=method)
     sd, test = float(differences.std(ddof=1)), stats.ttest_1samp(differences, 0.0)
     low, high = sign_flips.interval(differences, signs, CONFIDENCE)
-    t_low, t_high = test.confidence_interval(CONFIDENCE)
+    enough, reach = count >= LEAST_VALUES, test.confidence_interval(CONFIDENCE)
     return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=(low, high) if math.isfinite(low) else NO_RANGE,
         probability=float(sign_flips.probabilities(differences[None], signs)[0]),
-        t_interval=(float(t_low), float(t_high)), size=mean / sd, size_interval=size_interval(mean / sd, count),
+        t_interval=(float(reach.low), float(reach.high)) if enough else NO_RANGE,
+        size=mean / sd, size_interval=size_interval(mean / sd, count) if enough else NO_RANGE,
         method=method,
     )  # fmt: skip
 
@@ -219,8 +223,9 @@ def group_estimate(a: Floats, b: Floats) -> DifferenceEstimate:
     from scipy import stats
 
     mean, count = float(a.mean() - b.mean()), len(a) + len(b)
-    if min(len(a), len(b)) < 2 or (_without_spread(a) and _without_spread(b)):
-        sd = math.nan if min(len(a), len(b)) < 2 else 0.0
+    few = min(len(a), len(b)) < LEAST_IN_GROUP
+    if few or (_without_spread(a) and _without_spread(b)):
+        sd = math.nan if few else 0.0
         return DifferenceEstimate(mean=mean, sd=sd, participants=count, method=WELCH)
     sd = math.sqrt(0.5 * (float(a.var(ddof=1)) + float(b.var(ddof=1))))
     test = stats.ttest_ind(a, b, equal_var=False)

@@ -197,7 +197,7 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
         ],
         "checks": [{"name": check.name, "found": check.found, "holds": check.holds} for check in one.checks],
         "participants_needed": [
-            {"effect": need.effect, "participants": need.participants, "range": list(need.interval)}
+            {"effect": need.effect, "participants": need.participants, "range": need.interval and list(need.interval)}
             for need in one.needed
         ],
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -179,6 +180,17 @@ class RunStudy:
     def rows(self, comparison: PlannedComparison) -> Ints:
         """The indices of the trials that belong to a comparison."""
         return np.flatnonzero(self.chosen(comparison))
+
+    @property
+    def driven(self) -> Ints:
+        """The indices of all trials without practice."""
+        return np.flatnonzero(~self.trials.practice)
+
+    @property
+    def missing(self) -> Counter[tuple[str, str]]:
+        """How many planned trials are not among the finished ones, by participant and condition."""
+        names = self.trials.participant[self.driven].tolist()
+        return self.plan.planned - Counter(zip(names, self.conditions(self.driven).tolist(), strict=True))
 
     def conditions(self, rows: Ints, without: str = "") -> Texts:
         """The condition of each trial of `rows` as one text: its levels of all factors except the one `without`."""

@@ -18,6 +18,9 @@ from sim.experiment.plan import LEAST_PARTICIPANTS
 SD_RESAMPLES: Final = 1999
 """Resamples for the interval of a standard deviation."""
 NO_RANGE: Final = (math.nan, math.nan)
+WIDEST: Final = 5.0
+"""An interval of a standard deviation whose upper end is more than this many times its lower one is not given: the
+drivers are too few. At the ends of a wider one, the numbers of participants needed differ more than 25-fold."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +61,8 @@ def _less(sd: float, variance: float) -> float:
 def sd_interval(values: Floats, rng: np.random.Generator) -> tuple[float, float]:
     """The 95 % interval of the standard deviation of drivers' values (n,), without a bell curve; NaN for too few.
 
+    They are too few below `LEAST_PARTICIPANTS`, and where the ends of the interval differ more than `WIDEST`-fold.
+
     It is the studentized bootstrap of the logarithm of the variance, whose standard error comes from the fourth moment.
     """
     if len(values) < LEAST_PARTICIPANTS or float(np.ptp(values)) == 0:
@@ -66,8 +71,9 @@ def sd_interval(values: Floats, rng: np.random.Generator) -> tuple[float, float]
     logs, errors = _log_variance(values[rng.integers(0, len(values), (SD_RESAMPLES, len(values)))])
     known = np.isfinite(logs) & (errors > 0)
     low, high = np.quantile((logs[known] - log) / errors[known], (0.025, 0.975))
-    with np.errstate(over="ignore"):  # of a few drivers the upper end can be as good as infinite
-        return float(np.exp(0.5 * (log[0] - high * error[0]))), float(np.exp(0.5 * (log[0] - low * error[0])))
+    if 0.5 * (high - low) * error[0] > math.log(WIDEST):
+        return NO_RANGE
+    return float(np.exp(0.5 * (log[0] - high * error[0]))), float(np.exp(0.5 * (log[0] - low * error[0])))
 
 
 def _log_variance(values: Floats) -> tuple[Floats, Floats]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
+from itertools import pairwise, permutations
 from typing import Final
 
 import numpy as np
 
 from sim.experiment.analysis.comparing import FoundDifference, NeededParticipants, StudyFindings, conditions_of
-from sim.experiment.analysis.reading import SAME, ShownMeasure, probability
+from sim.experiment.analysis.differences import LEAST_IN_GROUP
+from sim.experiment.analysis.reading import SAME, RunStudy, ShownMeasure, probability
 from sim.experiment.plan import FIXED, StudyPlan
 
 MOST_COUNTED: Final = 10_000
@@ -18,6 +20,8 @@ SIGNALS: Final = "signals_passed"
 CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni", "none": ""}
 MOST_FAILED: Final = 3
 """Failed trials that the page names; failed.csv has all."""
+MOST_MISSING: Final = 6
+"""Drivers whose missing trials are named in a sentence; the table of the page has all."""
 
 
 def hangs_on(found: StudyFindings) -> list[str]:
@@ -39,7 +43,29 @@ def hangs_on(found: StudyFindings) -> list[str]:
             "The intervals cover the chance of drawing other simulated drivers. They do not cover that the "
             "assumptions may be wrong, and more simulated trials do not make that doubt smaller.",
         ]
+    missing = _missing(found.study)
+    if missing:
+        named = "; ".join(missing[:MOST_MISSING]) + "; …" * (len(missing) > MOST_MISSING)
+        said.append(
+            f"{found.study.missing.total()} of the {plan.planned.total()} planned trials are missing ({named}). "
+            "Whoever stopped or failed may differ from the others, and the orders are no longer balanced as designed."
+        )
     return said
+
+
+def _missing(study: RunStudy) -> list[str]:
+    """The planned trials that are missing, a text for each driver."""
+    by_driver, planned = defaultdict(list), Counter[str]()
+    for (name, _), count in study.plan.planned.items():
+        planned[name] += count
+    for (name, condition), count in study.missing.items():
+        by_driver[name].append((condition, count))
+    found = []
+    for name, lacking in by_driver.items():
+        total = sum(count for _, count in lacking)
+        conditions = ", ".join(condition + (f" ({count})" if count > 1 else "") for condition, count in lacking)
+        found.append(f"{name}: all {total}" if total == planned[name] else f"{name}: {conditions}")
+    return found
 
 
 def in_short(found: StudyFindings) -> list[tuple[str, str]]:
@@ -91,7 +117,8 @@ def _why_unknown(one: FoundDifference) -> str:
     """Why a difference has no interval."""
     count, sd = one.estimate.participants, one.estimate.sd
     if math.isnan(sd):
-        return "only one driver took part" if one.groups is None else "a group has only one driver"
+        few = f"a group has fewer than {LEAST_IN_GROUP} drivers"
+        return "only one driver took part" if one.groups is None else few
     if sd > 0:
         return f"{count} drivers are too few: whatever they do, p is above 0.05"
     return "the drivers do not differ at all"
@@ -139,9 +166,8 @@ def needed_rows(one: FoundDifference) -> list[dict[str, str]]:
         return f"over {MOST_COUNTED}" if count is None or count > MOST_COUNTED else str(count)
 
     def row(need: NeededParticipants) -> dict[str, str]:
-        low, high = need.interval
         named = f" ({need.reason})" if need.reason else ""
-        between = f"{many(low)} to {many(high)}"
+        between = "too few drivers to tell" if need.interval is None else " to ".join(map(many, need.interval))
         given = f"{one.shown.factor * need.effect:g} {one.shown.difference_unit}" if need.given else ""
         size = "1 point" if given == "1 points" else given
         return {
@@ -158,26 +184,58 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
     trials, plan = found.study.trials, found.study.plan
     driven, failed = ~trials.practice, found.study.failed
     counts = Counter(trials.participant[driven].tolist())
-    most = max(counts.values())
-    fewer = sorted(name for name, count in counts.items() if count < most)
-    missing = sum(most - count for count in counts.values())
     without = {name: int(np.sum(~np.isfinite(values[driven]))) for name, values in trials.values.items()}
     gaps = ", ".join(f"{found.shown(name).name}: {count}" for name, count in without.items() if count)
     return [
         ("drivers", str(len(counts))),
         ("finished trials", str(int(driven.sum()))),
         ("practice trials, left out", str(int(trials.practice.sum()))),
-        (
-            "missing trials",
-            f"{missing}: {', '.join(fewer)} finished fewer than the {most} of the other drivers" if fewer
-            else f"0: all drivers finished {most}",
-        ),
+        ("missing trials", _missing_words(found.study, counts)),
+        *_order_rows(found.study),
         ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
          if failed else "0 (a trial fails where the train does not reach its last stop)"),
         ("trials without a value", gaps or "0"),
         ("comparisons planned", f"{len(plan.comparisons)}, p corrected by {CORRECTION_NAMES[plan.correction]}"
          if plan.correction != "none" else f"{len(plan.comparisons)}, p not corrected"),
     ]  # fmt: skip
+
+
+def _missing_words(study: RunStudy, counts: Counter[str]) -> str:
+    """Which trials are missing: of those planned; where the design does not say them, of what other drivers drove."""
+    planned, missing = study.plan.planned.total(), study.missing.total()
+    if planned:
+        return f"{missing} of {planned} planned" + (f": {'; '.join(_missing(study))}" if missing else "")
+    most = max(counts.values())
+    fewer = sorted(name for name, count in counts.items() if count < most)
+    if not fewer:
+        return f"0: all drivers finished {most}"
+    missing = sum(most - count for count in counts.values())
+    return f"{missing}: {', '.join(fewer)} finished fewer than the {most} of the other drivers"
+
+
+def _order_rows(study: RunStudy) -> list[tuple[str, str]]:
+    """How often conditions of one driver followed each other in the finished trials; no row for a single condition."""
+    trials, rows = study.trials, study.driven
+    inside = [trials.levels[one.name] for one in study.plan.factors if one.within]
+    condition = {row: tuple(str(one[row]) for one in inside) for row in rows.tolist()}
+    every = sorted(set(condition.values()))
+    if len(every) < 2:
+        return []
+    followed = Counter(dict.fromkeys(permutations(every, 2), 0))
+    ordered = sorted(condition, key=lambda row: (str(trials.participant[row]), trials.position[row]))
+    for before, after in pairwise(ordered):
+        next_to = trials.position[after] == trials.position[before] + 1
+        same = trials.participant[after] == trials.participant[before]
+        if same and next_to and condition[before] != condition[after]:
+            followed[condition[before], condition[after]] += 1
+    least, most = min(followed.values()), max(followed.values())
+    times = "once" if most == 1 else f"{most} times"
+    said = (
+        f"every condition followed every other {times}"
+        if least == most
+        else (f"not balanced: a condition followed another {least} to {most} times")
+    )
+    return [("order as driven", said)]
 
 
 def design_rows(found: StudyFindings) -> list[tuple[str, str]]:

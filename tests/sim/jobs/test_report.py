@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy import stats
 
-from sim.jobs.report import savings
+from sim.jobs.report import mean_interval, print_savings, savings, student_975, with_interval
 
 
 def row(driver: str, advice: str, seed: int, *, optimum: float, blending: float, profile: float) -> dict[str, Any]:
@@ -63,5 +65,32 @@ def test_a_day_is_compared_with_the_same_day_of_the_same_person() -> None:
     ]
     persons += [{**VECTOR[0], "participant": k, "energy_kwh": VECTOR[0]["energy_kwh"] + 10 * k} for k in (1, 2)]
     found = next(one for one in savings([*persons, PERFECT[0]]) if one.driver == "human")
-    assert (found.pairs, found.saved_kwh, found.interval_kwh) == pytest.approx((2, 20.0, 0.0))
+    assert (found.pairs, found.saved_kwh) == pytest.approx((2, 20.0))
+    assert math.isnan(found.interval_kwh)
     assert found.tracking_kwh == pytest.approx(-5.0)
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 4, 9, 10, 49, 400])
+def test_the_edge_of_students_t_is_that_of_scipy(freedom: int) -> None:
+    assert student_975(freedom) == pytest.approx(float(stats.t.ppf(0.975, freedom)), rel=1e-9)
+
+
+def test_a_mean_has_students_interval_and_none_of_two_values() -> None:
+    """t(0.975) with 2 degrees of freedom is 4.303; the standard error of 1, 2, 3 is 1/√3."""
+    values = np.array([1.0, 2.0, 3.0])
+    assert mean_interval(values) == pytest.approx(4.302653 / math.sqrt(3.0))
+    assert with_interval(values) == "+2.0 ± 2.5"
+    assert math.isnan(mean_interval(values[:2]))
+    assert with_interval(values[:2]) == "+1.5"
+
+
+def test_two_days_print_a_saving_without_an_interval(capsys: pytest.CaptureFixture[str]) -> None:
+    more = [{**row, "energy_kwh": row["energy_kwh"] + row["seed"]} for row in NONE]
+    print_savings(savings([*more[:2], *VECTOR[:2]]))
+    assert savings([*more[:2], *VECTOR[:2]])[0].as_dict()["interval_kwh"] is None
+    two = capsys.readouterr().out
+    print_savings(savings([*more, *VECTOR]))
+    three = capsys.readouterr().out
+    assert "+20.5 " in two
+    assert "±" not in two
+    assert "+21.0 ± 2.5" in three

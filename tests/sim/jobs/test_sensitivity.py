@@ -16,7 +16,7 @@ from sim.jobs.sensitivity import Study, drive, middle_driver, sensitivities, sen
 
 def study(path: Path, *parameters: str) -> Study:
     return Study(
-        scenario=path, level=None, seeds=[0, 1], advice=[Presentation.NONE], friction=FrictionPolicy.AS_MEASURED,
+        scenario=path, level=None, seeds=[0, 1, 2], advice=[Presentation.NONE], friction=FrictionPolicy.AS_MEASURED,
         population=load_population("default"), parameters=parameters,
     )  # fmt: skip
 
@@ -39,7 +39,7 @@ def test_only_one_parameter_is_off_its_middle(flat: Callable[[str], Path]) -> No
     asked = study(flat(""))
     names = [one.name for one in variations(population)]
     jobs = list(Study(**{**vars(asked), "parameters": None}).jobs())
-    assert len(jobs) == 2 * 2 * len(names)
+    assert len(jobs) == 2 * 3 * len(names)
     for job in jobs:
         assert {name for name, value in vars(job.human).items() if value != middle[name]} <= {job.name}
 

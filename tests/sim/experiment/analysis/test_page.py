@@ -18,8 +18,9 @@ import pytest
 
 from sim.experiment.analysis.comparing import StudyFindings, analyse_study
 from sim.experiment.analysis.page import as_dict, page
-from sim.experiment.analysis.reading import RunStudy, read_study
-from sim.experiment.analysis.words import hangs_on, in_short
+from sim.experiment.analysis.reading import RunStudy, Texts, read_study
+from sim.experiment.analysis.words import hangs_on, in_short, trial_rows
+from sim.experiment.trials import williams
 from tests.support.made_up_study import (
     APART,
     LEVELS,
@@ -167,6 +168,50 @@ def test_missing_trials_are_counted_by_driver() -> None:
     practice[:2] = True
     said = page(analysed(replace(study, trials=replace(study.trials, practice=practice))))
     assert "2: sub-001 finished fewer than the 9 of the other drivers" in said
+
+
+def stopped_study() -> RunStudy:
+    """A study whose design says what was planned; driver 1 did not finish three trials, driver 4 none."""
+    study = made_up_study(Truth(drivers=4), 1)
+    trials = study.trials
+    names = np.array([f"sub-{int(one[4:]):02d}" for one in trials.participant])
+    kept = (names != "sub-04") & ~((names == "sub-01") & (trials.position > 6))
+    return replace(
+        study,
+        plan=replace(study.plan, size=(4, 3)),
+        trials=replace(
+            trials, participant=names[kept], position=trials.position[kept], practice=trials.practice[kept],
+            day=trials.day[kept], levels={name: one[kept] for name, one in trials.levels.items()},
+            values={name: one[kept] for name, one in trials.values.items()},
+        ),
+    )  # fmt: skip
+
+
+def test_a_stopped_study_says_which_trials_are_missing() -> None:
+    study = stopped_study()
+    assert study.missing.total() == 3 + 9
+    assert {name for name, _ in study.missing} == {"sub-01", "sub-04"}
+    found = analysed(study)
+    said = hangs_on(found)[-1]
+    assert said.startswith("12 of the 36 planned trials are missing (sub-01: ")
+    assert "; sub-04: all 9)" in said
+    assert dict(trial_rows(found))["missing trials"].startswith("12 of 36 planned: sub-01: ")
+    assert "sub-04: all 9" in page(found)
+
+
+def test_the_order_is_told_as_it_was_driven() -> None:
+    """Six rows of the Williams square of three conditions are balanced; one row that is reversed is not."""
+    truth = replace(SAME, drivers=6, days=1, means=(0.25, 0.25, 0.25), noise=(0.01, 0.01, 0.01))
+    whole = made_up_study(truth, 1)
+    level = np.array(LEVELS[:3])[np.array(williams(3)).ravel()]
+
+    def driven(level: Texts) -> str:
+        trials = replace(whole.trials, position=np.tile([1, 2, 3], 6), levels={"presentation": level})
+        return dict(trial_rows(analysed(replace(whole, trials=trials))))["order as driven"]
+
+    assert driven(level) == "every condition followed every other 2 times"
+    level[:3] = level[2::-1]
+    assert driven(level) == "not balanced: a condition followed another 1 to 3 times"
 
 
 def test_drivers_who_are_all_the_same_have_a_page_without_intervals() -> None:
