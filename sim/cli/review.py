@@ -315,7 +315,9 @@ def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     from das.domain.units import kwh
     from sim.drive.events.chronicle import place_text
 
-    parted = [one for one in aligned.stretches(index) if abs(one.time_s) >= 0.05 or abs(kwh(one.lost_j)) >= 0.005]
+    parted = [
+        one for one in aligned.pairs[index].stretches(1) if abs(one.time_s) >= 0.05 or abs(kwh(one.lost_j)) >= 0.005
+    ]
     if not parted:
         return
     title = f"where {aligned.drives[index].label} parts from the first"

@@ -28,6 +28,8 @@ NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the s
 """Why, for a drive without a departure from one stop and an arrival at another."""
 NO_PART: Final = f"{NOT_WHOLE}, nor does it have equal speeds 1 km apart"
 """Why, for a trip without such a departure and arrival, of which no part can be compared either."""
+IMPOSSIBLE_RATIO: Final = 0.05
+"""A trip that needs more force than the assumed train has for more than this share of the time was another train's."""
 RECORDED: Final = ("start", "end", "trip_s", "driven_j", "optimum_j")
 """The figures of a section that a recording states under the same names."""
 _PASSING: Final = re.compile(r"km \d+\.\d at \d+ km/h")
@@ -61,7 +63,8 @@ class SectionEnergy:
     """The energy of a section as driven, and the least energy of the same train in the same time (J).
 
     `late_s` is how much longer the fastest trajectory of the assumed train takes than the drive took (s): 0 if that
-    train can drive as fast, NaN if it cannot and the recording does not state by how much.
+    train can drive as fast, NaN if it cannot and the recording does not state by how much. `beyond_s` is the time (s)
+    in which the drive needed more force than that train has.
     """
 
     start: str
@@ -70,6 +73,7 @@ class SectionEnergy:
     driven_j: float
     optimum_j: float
     late_s: float = 0.0
+    beyond_s: float = 0.0
 
     @classmethod
     def of(cls, start: str, end: str, trip_s: float, driven_j: float, best: Solution) -> SectionEnergy:
@@ -247,10 +251,15 @@ def _band(low_j: float, high_j: float) -> EnergyBand | None:
 def why_not_comparable(sections: Iterable[SectionEnergy], *, direction_known: bool = True) -> str:
     """Why the sections of a drive cannot be compared with their optima, in words; empty if they can.
 
-    They cannot if the drive was faster than the assumed train can be, or ran in an unknown direction.
+    They cannot if the drive was faster than the assumed train can be, needed more force than it has for more than
+    `IMPOSSIBLE_RATIO` of the time, or ran in an unknown direction.
     """
+    sections = tuple(sections)
     late_s = [one.late_s for one in sections if one.too_fast]
     if late_s:
         by_s = math.fsum(late_s)
         return f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {by_s:.1f} s later"
+    beyond_s, trip_s = math.fsum(one.beyond_s for one in sections), math.fsum(one.trip_s for one in sections)
+    if beyond_s > IMPOSSIBLE_RATIO * trip_s:
+        return f"in {100 * beyond_s / trip_s:.0f} % of the time the trip needs more force than this train has"
     return "" if direction_known else "the direction of the trip is not known"

@@ -16,6 +16,7 @@ from das.cab.heard import OrderedStop
 from das.domain.route import Stop
 from das.domain.units import NS
 from sim.recording.course import DrivenCourse, known, stretches_of
+from sim.recording.opening import own_timetable
 
 STANDING_MPS: Final = 0.3
 """A train that is slower than this (m/s) stands: receivers report a few cm/s at rest."""
@@ -64,6 +65,11 @@ class KeptCall:
     def missed_m(self) -> float:
         """How far beyond the stop the train stood (m; before it: negative); NaN if it did not stop."""
         return self.stood_m - self.s_m
+
+    @property
+    def timed(self) -> bool:
+        """Whether the timetable has a time for the stop."""
+        return bool(self.due_arrival_ns or self.due_departure_ns)
 
     @property
     def arrived_late_s(self) -> float:
@@ -122,11 +128,15 @@ def stands(trip: DrivenCourse) -> tuple[StandingTime, ...]:
 
 
 def calls_of(recording: Recording, trip: DrivenCourse) -> tuple[KeptCall, ...]:
-    """How each stop of the last journey was kept; empty without a journey."""
-    measured = reported_course(recording)
-    return tuple(
+    """How each stop of the last journey was kept; empty without a journey.
+
+    Nothing is due if nobody gave a timetable: the times of the journey are then those of the drive itself.
+    """
+    measured, own = reported_course(recording), own_timetable(recording)
+    calls = [
         call for entry in recording.of(topics.JOURNEY)[-1:] for call in kept_calls(entry.message.stops, trip, measured)
-    )
+    ]
+    return tuple(replace(one, due_arrival_ns=0, due_departure_ns=0) if own else one for one in calls)
 
 
 def reported_course(recording: Recording) -> DrivenCourse | None:
@@ -233,10 +243,10 @@ def _at(call: KeptCall, trip: DrivenCourse) -> AtStop:
 def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
     """How the stops were kept, for programs; None stands for what there is none of.
 
-    Times (s) count from the timetable's first departure. `due_s` is the due arrival, at the first stop the due
-    departure; `missed_m` is by how much the train stood beyond the stop.
+    Times (s) count from the timetable's first departure, or without a timetable from the first departure. `due_s` is
+    the due arrival, at the first stop the due departure; `missed_m` is by how much the train stood beyond the stop.
     """
-    zero_ns = made[0].due_departure_ns if made else 0
+    zero_ns = (made[0].due_departure_ns or made[0].departed_ns) if made else 0
 
     def since_s(time_ns: int) -> float | None:
         return (time_ns - zero_ns) * NS if time_ns else None

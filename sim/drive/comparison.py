@@ -11,6 +11,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -185,6 +186,7 @@ class AlignedDrives(Summary):
     energy_j: Floats
     lost_j: Floats
     own_energies: bool
+    step_m: float = STEP_M
 
     @classmethod
     def of(cls, drives: Sequence[DriveOnTrack], step_m: float = STEP_M) -> AlignedDrives:
@@ -213,12 +215,23 @@ class AlignedDrives(Summary):
             energy_j=energy - energy[:, :1],
             lost_j=lost - lost[:, :1],
             own_energies=own,
+            step_m=step_m,
         )
+
+    @cached_property
+    def pairs(self) -> tuple[AlignedDrives, ...]:
+        """Each drive aligned with the first alone: how two drives differ does not depend on which others are compared.
+
+        The pair of the first drive with itself is in front, so that a drive and its pair have the same number.
+        """
+        if len(self.drives) == 2:
+            return self, self
+        return tuple(AlignedDrives.of((self.drives[0], one), self.step_m) for one in self.drives)
 
     def facts(self) -> dict[str, str]:
         """The way that is compared, how each drive differs from the first, and what advice saved, in sentences."""
         told = {
-            drive.label: f"{sentences(self, number)[0]} {self.saved_by_advice(number).sentence}"
+            drive.label: f"{sentences(self, number)[0]} {self.pairs[number].saved_by_advice(1).sentence}"
             for number, drive in enumerate(self.drives)
             if number
         }
@@ -326,16 +339,16 @@ def as_dict(aligned: AlignedDrives) -> dict[str, Any]:
 
 def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
     """One drive compared with the first, for programs."""
-    on_track = aligned.drives[index]
-    drive = on_track.drive
-    advised = None if index == 0 else aligned.first_different_advice(index)
+    on_track, pair = aligned.drives[index], aligned.pairs[index]
+    drive, row = on_track.drive, min(index, 1)
+    advised = None if index == 0 else pair.first_different_advice(1)
     found: dict[str, Any] = {
         "recording": str(drive.recording.path),
         "label": on_track.label,
         "train": on_track.train,
-        "time_s": float(aligned.time_s[index, -1]),
-        "compared_energy_kwh": kwh(float(aligned.energy_j[index, -1])),
-        "motors_first": not aligned.own_energies,
+        "time_s": float(pair.time_s[row, -1]),
+        "compared_energy_kwh": kwh(float(pair.energy_j[row, -1])),
+        "motors_first": not pair.own_energies,
         "energy_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
         "measured": drive.measured,
         **({} if drive.above is None else drive.above.as_dict()),
@@ -343,11 +356,11 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
     }
     if index:
         found |= {
-            "same": aligned.is_same(index),
-            "more_time_s": float(aligned.time_s[index, -1] - aligned.time_s[0, -1]),
-            "more_energy_kwh": kwh(float(aligned.energy_j[index, -1] - aligned.energy_j[0, -1])),
-            **aligned.equal_arrival(index).as_dict(),
-            **aligned.saved_by_advice(index).as_dict(),
+            "same": pair.is_same(1),
+            "more_time_s": float(pair.time_s[1, -1] - pair.time_s[0, -1]),
+            "more_energy_kwh": kwh(float(pair.energy_j[1, -1] - pair.energy_j[0, -1])),
+            **pair.equal_arrival(1).as_dict(),
+            **pair.saved_by_advice(1).as_dict(),
             "first_different_advice": None if advised is None else advised._asdict(),
             "stretches": [
                 {
@@ -357,7 +370,7 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
                     "more_energy_kwh": kwh(one.energy_j),
                     "more_lost_kwh": kwh(one.lost_j),
                 }
-                for one in aligned.stretches(index)
+                for one in pair.stretches(1)
             ],
         }
     return found
@@ -394,6 +407,7 @@ def _more(value: float, unit: str, digits: int) -> str:
 
 def sentences(aligned: AlignedDrives, index: int) -> list[str]:
     """How a drive differs from the first, in plain words."""
+    aligned, index = aligned.pairs[index], 1
     first, other = aligned.drives[0], aligned.drives[index]
     if aligned.is_same(index):
         return [f"{other.label} does not differ from {first.label}: times, speeds, energies and advice are the same."]

@@ -39,7 +39,7 @@ from sim.drive.limits import TemporaryLimit, Violations, limit_in_force, tempora
 from sim.drive.stability import AdviceStability, recorded_stability
 from sim.recording.course import DriveClock, DrivenCourse, Floats
 from sim.recording.inputs import DriveInputs, inputs_of
-from sim.recording.opening import open_recording, own_timetable
+from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:  # these import the solver, which events, notes and stops do not need
     from sim.drive.attribution import driven_legs
@@ -122,8 +122,7 @@ class DrivenWay(Summary):
     @property
     def late_s(self) -> float:
         """How late the train arrived at the last stop (s; early < 0); NaN if not known or without a timetable."""
-        own = self.source is not None and own_timetable(self.source)
-        return math.nan if own or not self.calls else self.calls[-1].late_s
+        return self.calls[-1].late_s if self.calls else math.nan
 
     @cached_property
     def _inputs(self) -> DriveInputs | DasError:

@@ -23,7 +23,7 @@ from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 ELECTRIC_FIRST: Final = "motors first"
 """The brakes of estimates and of all drivers of the simulator but the human one."""
 SAME_BRAKES: Final = {
-    True: "The simulator measured both energies, of the same train with the same habit of braking.",
+    True: "Both energies are those of the simulated train, with the same habit of braking.",
     False: "Both energies are estimates for the planned train: its mass, resistance, wind and brakes are not known.",
 }
 """What a difference hangs on if both drives have the same brakes; the key tells whether their energy was measured."""
@@ -141,7 +141,7 @@ def why_not_saved(first: Drive, other: Drive) -> str:
     """Why two drives do not tell what advice saved, in words; empty if they do."""
     runs = run_of(first), run_of(other)
     if not all(runs):
-        return "only a simulated driver drives the same day twice"
+        return "that takes two simulated runs of the same day, one of them without advice"
     if _apart(runs, DAY) or _day(first) != _day(other):
         return "the days differ"
     if _apart(runs, DRIVER) or _drawn(first).get("human") != _drawn(other).get("human"):

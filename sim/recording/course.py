@@ -20,6 +20,7 @@ from das.bus.recording import Recording, Stamped
 from das.bus.topics import Topic
 from das.domain.errors import DasError
 from das.domain.units import NS
+from sim.recording.opening import own_timetable
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -72,6 +73,8 @@ def known(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
+OWN_DEPARTURE: Final = "the departure of the trip"
+"""What happens at the zero of the clock of a replay without a timetable."""
 MINUTE_S: Final = 60
 HOUR_S: Final = 3600
 DAY_S: Final = 86400
@@ -88,8 +91,8 @@ _OF_DAY: Final = re.compile(r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(?::(?P<s>[0-5]
 class DriveClock:
     """A clock that shows 0 at `zero_ns` (ns since 1970); times of day are those of a time zone.
 
-    The zero is the timetable's first departure, as in the tables of a run; without a timetable it is the first
-    position.
+    The zero is the timetable's first departure, as in the tables of a run; without a timetable it is the departure of
+    a replayed trip, or else the first position.
     """
 
     zero_ns: int
@@ -115,7 +118,8 @@ class DriveClock:
             for stop in entry.message.stops[:1]:
                 near = abs(stop.departure_ns - first_ns) * NS < DAY_S
                 if stop.departure_ns and near:
-                    return cls(zero_ns=int(stop.departure_ns))
+                    own = own_timetable(recording)
+                    return cls(zero_ns=int(stop.departure_ns), zero_is=OWN_DEPARTURE if own else cls.zero_is)
         return cls(zero_ns=first_ns, zero_is="the first position")
 
     def since_s(self, time_ns: int) -> float:

@@ -23,6 +23,7 @@ from das.drawing.meanings import Meaning
 from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse, Floats, Times
+from sim.recording.opening import own_timetable
 
 UNKNOWN_S: Final = 10.0
 """The curves of what was driven have a gap where nothing was recorded for longer than this (s)."""
@@ -222,7 +223,7 @@ def _advised(recording: Recording) -> Found:
     return {
         "speed/advised": (at, advice["advised_speed_mps"] / KMH * gap),
         "force/advised": (at, advice["advised_force_n"] / KN * gap),
-        "deviation/predicted": (at, advice["predicted_deviation_s"] * gap),
+        **({} if own_timetable(recording) else {"deviation/predicted": (at, advice["predicted_deviation_s"] * gap)}),
         "buffer/percent": (at, advice["buffer_ratio"] / PERCENT * gap),
     }
 
@@ -241,7 +242,7 @@ def driven(recording: Recording, trip: DrivenCourse) -> Found:
         "force/driven": _broken(forces["time_ns"], (forces["force_el_n"] + forces["force_friction_n"]) / KN),
         "energy/driven": _broken(truth["time_ns"][measured], kwh(truth["energy_input_j"][measured])),
         "gradient/permille": _broken(truth["time_ns"], truth["gradient_ratio"] / PERMILLE),
-        "deviation/operator": (delay["time_ns"], delay["delay_s"]),
+        **({} if own_timetable(recording) else {"deviation/operator": (delay["time_ns"], delay["delay_s"])}),
     }
 
 

@@ -53,9 +53,7 @@ def attribution_text(attribution: Attribution) -> str:
     """The energy attribution as a table (Markdown)."""
     rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in attribution.by_cause.items()]
     meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
-    source = (
-        "measured by the simulator" if attribution.above.measured else "estimated from positions; nobody measured it"
-    )
+    source = "of the simulated train" if attribution.above.measured else "estimated from positions; nobody measured it"
     return "\n".join(
         [
             f"### Above the optimum for the same times: {attribution.above.words}",

@@ -42,6 +42,7 @@ from sim.drive.limits import temporary_limits
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import Presenter, ShownRegime, presenter_of, shown_presentation
 from sim.recording.course import DriveClock, DrivenCourse, Floats
+from sim.recording.opening import own_timetable
 
 NEWS_NS: Final = 3_000_000_000
 """A plan made within this time (ns) after, say, a new restriction counts as caused by it: solving takes time."""
@@ -55,7 +56,7 @@ REPLANS: Final = {
     3: "limits, line or train changed",
     4: "the time window of a point ahead changed",
     5: "keeping the plan would mean arriving too late",
-    6: "keeping the plan would mean arriving early, and slower driving saves energy",
+    6: "the new one saves energy: keeping the old one would have meant arriving early",
     7: "keeping the plan would cost more energy than a new one",
     8: "the plan could no longer be kept",
 }
@@ -136,7 +137,7 @@ def advice_events(recording: Recording, trip: DrivenCourse, zone: tzinfo = UTC) 
                 replanned_ns = advice.coach.replan.time_ns
             if before is Regime.NONE:
                 cause = "advice is given again" if since_ns else "the first advice"
-            yield _changed(advice, before, told, cause, zone)
+            yield _changed(advice, before, told, cause, zone, timed=not own_timetable(recording))
         before, since_ns = told.mode, int(advice.time_ns)
 
 
@@ -147,7 +148,7 @@ def _display(recording: Recording) -> Presenter:
     return presenter_of(shown_presentation(first) or Presentation.NONE)
 
 
-def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str, zone: tzinfo) -> DriveEvent:
+def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str, zone: tzinfo, *, timed: bool) -> DriveEvent:
     held = f" at {kmh(told.speed_mps):.0f} km/h" if told.mode is Regime.CRUISE else ""
     reason = words(told.reason, zone=zone)
     why = f"{reason} ({cause})" if reason else cause
@@ -162,7 +163,7 @@ def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str, zone: t
             "cause": cause,
             "reason": reason or words(Reason.read(advice.reason), zone=zone),
             "advised_speed_mps": told.speed_mps,
-            "predicted_deviation_s": float(advice.predicted_deviation_s),
+            "predicted_deviation_s": float(advice.predicted_deviation_s) if timed else None,
         },
     )
 
@@ -308,7 +309,12 @@ def _restrictions(recording: Recording, trip: DrivenCourse, zone: tzinfo) -> Ite
 
 
 def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """An event for each delay that differs by at least `DELAY_STEP_S` from that of the last such event."""
+    """An event for each delay that differs by at least `DELAY_STEP_S` from that of the last such event.
+
+    There is none without a timetable: older replays made up delays for the node.
+    """
+    if own_timetable(recording):
+        return
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
     before_s = 0.0
     for time_ns, delay_s in zip(delay["time_ns"].tolist(), delay["delay_s"].tolist(), strict=True):

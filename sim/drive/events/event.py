@@ -21,6 +21,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import NS
 from sim.recording.course import DrivenCourse
+from sim.recording.opening import own_timetable
 
 
 class EventKind(StrEnum):
@@ -186,8 +187,11 @@ def _mark(one: DriveEvent) -> str:
 def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     """The first moment at which the train was, or was expected to arrive, a minute off its timetable; else nothing.
 
-    The operator reports how late the train is, the node predicts how late it will arrive.
+    The operator reports how late the train is, the node predicts how late it will arrive. Without a timetable there is
+    no such moment.
     """
+    if own_timetable(recording):
+        return
     told = recording.columns(topics.DELAY, "time_ns", "delay_s")
     said = recording.columns(topics.ADVICE, "time_ns", "mode", "predicted_deviation_s")
     expected = np.where(said["mode"] > 0, said["predicted_deviation_s"], 0.0)

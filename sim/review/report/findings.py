@@ -183,7 +183,7 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
         by_advice = cause is EnergyCause.LATENESS and attribution.advice_shown
         label, text = (BY_ADVICE, _hurried_for(drive, worst)) if by_advice else (cause.label, cause.meaning)
         if cause is EnergyCause.TOO_MUCH_EFFORT:
-            text += _given_away(attribution)
+            text += _given_away(drive, attribution)
         if cause is EnergyCause.FRICTION:
             text += f" {_friction_words(drive)}"
         yield DriveFinding(
@@ -196,14 +196,30 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
         )
 
 
-def _given_away(attribution: Attribution) -> str:
+def best_forbidden(drive: Drive, start_m: float, end_m: float, start_ns: int, end_ns: int) -> bool:
+    """Whether the driver could not have done at a place what the best run does there.
+
+    The best run knows of no signal at danger and of no temporary restriction.
+    """
+    red = any(one.start_ns <= end_ns and one.end_ns >= start_ns for one in drive.signals)
+    length_m = drive.inputs.vehicle.train_length_m
+    slow = (one for one in drive.temporary_limits if one.told_ns <= end_ns and one.lifted_ns >= start_ns)
+    return red or any(one.restriction.start_m <= end_m and one.restriction.end_m + length_m >= start_m for one in slow)
+
+
+def _given_away(drive: Drive, attribution: Attribution) -> str:
     """Where the time was given away for which the train had been faster than the best run, in a sentence."""
     slow = slowest_stretch(attribution)
     if slow is None or slow.lost_s < TOLD_S:
         return ""
     place, way_m = f"km\u00a0{slow.start_m / KM:.1f} to {slow.end_m / KM:.1f}", slow.end_m - slow.start_m
     speeds = way_m / slow.driven_s, way_m / (slow.driven_s - slow.lost_s)
-    return f" Most time was given away from {place}: {slow.lost_s:.0f} s{best_words(slow.best, speeds)}."
+    course = drive.course
+    last = len(course.s_m) - 1
+    start_ns, end_ns = course.time_ns[course.s_m.searchsorted((slow.start_m, slow.end_m)).clip(max=last)].tolist()
+    forbidden = best_forbidden(drive, slow.start_m, slow.end_m, start_ns, end_ns)
+    best = "" if forbidden else best_words(slow.best, speeds)
+    return f" Most time was given away from {place}: {slow.lost_s:.0f} s{best}."
 
 
 def _friction_words(drive: Drive) -> str:
@@ -229,6 +245,8 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
         stretch.end_ns, stretch.energy_j, (way_m / stretch.driven_s, way_m / stretch.optimum_s) if speeds else None,
         stretch.best if speeds else None,
     )  # fmt: skip
+    if best_forbidden(drive, place.start_m, place.end_m, place.start_ns, place.end_ns):
+        place = place._replace(mean_mps=None, best=None)
     told = [one for one in drive.events if one.kind is EventKind.RESTRICTION]
     if cause is not EnergyCause.RESTRICTION or not told:
         return place

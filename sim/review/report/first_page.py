@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+from das.domain.errors import DasError
 from das.domain.units import kmh, kwh
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
 from sim.drive.calls import KeptCall
@@ -62,12 +63,15 @@ def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
 
 def _arrival(drive: Drive) -> PageFigure:
     name, call, clock = "Arrival against the timetable", last_arrival(drive), drive.clock
+    if own_timetable(drive.recording):
+        arrived = [
+            f"at {one.name}: there {clock.of_day(one.arrived_ns)}; " for one in drive.served[1:] if one.arrived_ns
+        ]
+        return PageFigure(name, NOT_KNOWN, f"{''.join(arrived[-1:])}no timetable was given")
     if call is None:
         return PageFigure(name, NOT_KNOWN, "no arrival with a time in the timetable was recorded")
     there = f"there {clock.of_day(call.arrived_ns)}"
     early_end = "" if call is drive.calls[-1] else ", the last stop with a known arrival"
-    if own_timetable(drive.recording):
-        return PageFigure(name, NOT_KNOWN, f"at {call.name}{early_end}: {there}; no timetable was given")
     beside = f"at {call.name}{early_end}: due {clock.of_day(call.due_arrival_ns)}, {there}{_price(drive, call)}"
     return PageFigure(name, lateness_text(call.arrived_late_s), beside)
 
@@ -88,8 +92,9 @@ def _driven(drive: Drive) -> PageFigure:
     if driven_j is None:
         beside = "for the reason beside it" if drive.not_comparable else drive.why_no_attribution
         return PageFigure(name, NOT_KNOWN, beside)
-    how = "measured" if drive.measured else "computed from positions"
-    return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}")
+    how = "as simulated" if drive.measured else "computed from positions"
+    doubt = ", if it was this train" if _right_train(drive) else ""
+    return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}{doubt}")
 
 
 def _above(drive: Drive) -> PageFigure:
@@ -115,13 +120,21 @@ def _right_train(drive: Drive) -> str:
     """A doubt about the assumed train, if the trip was faster or needed more force than that train can."""
     over_kmh = [one.facts["over_kmh"] for one in drive.events if one.kind is EventKind.BEYOND_TRAIN]
     told = f"was up to {max(over_kmh):.0f} km/h faster than the assumed train can go" if over_kmh else ""
-    short = 0.0 if drive.attribution is None or drive.measured else drive.attribution.beyond_train_ratio
+    short = beyond_ratio(drive)
     if not told and short > ESTIMATE.foreign_ratio:
         told = f"needs more force than the assumed train has for {100.0 * short:.0f} % of the time"
     if not told:
         return ""
     doubt = f"The trip {told}. {RIGHT_TRAIN}"
     return doubt if drive.not_comparable else f"{doubt} If not, energies and findings do not hold."
+
+
+def beyond_ratio(drive: Drive) -> float:
+    """The share of the time in which an estimated drive needed more force than the assumed train has; 0: not known."""
+    try:
+        return 0.0 if drive.measured else drive.any_attribution.beyond_train_ratio
+    except DasError:
+        return 0.0
 
 
 def _over_limit(drive: Drive) -> PageFigure:
@@ -153,7 +166,9 @@ def _energy_sure(drive: Drive) -> list[str]:
     if drive.driven_j is None:
         return []
     told = [
-        "The energy was measured." if drive.measured else "Nobody measured the energy; it is computed from positions."
+        "The energy is that of the simulated train."
+        if drive.measured
+        else "Nobody measured the energy; it is computed from positions."
     ]
     if train_known(drive):
         return [*told, "The train is known: the optimum is that of the true train, as the simulator recorded it."]
@@ -197,7 +212,7 @@ def first_page_dict(drive: Drive) -> dict[str, Any]:
     over_known = drive.limit_known or drive.violations.over_limit_s > 0.0
     return {
         "arrived_at": None if call is None else call.name,
-        "arrived_late_s": None if call is None or own_timetable(drive.recording) else call.arrived_late_s,
+        "arrived_late_s": None if call is None else call.arrived_late_s,
         "energy_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
         "measured": drive.measured,
         "train_known": train_known(drive),

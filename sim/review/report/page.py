@@ -99,6 +99,8 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
         "left_out": tables.left_out(drive),
         "advice": tables.advice_rows(drive),
         "bookmarks": tables.bookmark_rows(drive),
+        "timed": any(one.timed for one in drive.calls),
+        "zero_is": drive.clock.zero_is,
         "at_desk": f"das-sim desk {quote(drive.recording.path.name)}" if drive.recording.of(topics.CAB) else "",
         "health": subject.checked,
         "inputs": tables.input_rows(drive),
@@ -113,7 +115,7 @@ def _images(drive: Drive) -> dict[str, str]:
     made = {
         "first": figures.first_figure(scene, findings(drive)),
         "speed": figures.drive_figure(scene),
-        "punctuality": figures.punctuality_figure(scene) if drive.calls else None,
+        "punctuality": figures.punctuality_figure(scene) if any(one.timed for one in drive.calls) else None,
         "causes": figures.cause_figure(scene) if known else None,
         "places": figures.place_figure(scene) if known else None,
         "efficiency": figures.efficiency_figure(scene) if known else None,
@@ -137,11 +139,11 @@ def _comparison(aligned: AlignedDrives) -> dict[str, Any]:
                         "drawn": f"{kwh(one.energy_j):+.2f}",
                         "lost": f"{kwh(one.lost_j):+.2f}",
                     }
-                    for one in aligned.stretches(index)
+                    for one in aligned.pairs[index].stretches(1)
                 ],
             }
             for index in others
-            if not aligned.is_same(index)
+            if not aligned.pairs[index].is_same(1)
         ],
     }
 

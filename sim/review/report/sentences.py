@@ -23,7 +23,7 @@ from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drivers.kinds import DriverKind, External, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
-from sim.recording.opening import WHAT_IF, own_timetable
+from sim.recording.opening import WHAT_IF
 from sim.runs.what_if.origin import CHANGED, OF
 from sim.world.disturbances import NOTHING
 
@@ -83,8 +83,7 @@ def ran(drive: Drive) -> list[str]:
     if not went.between_stops:
         return [f"The recording of {drive.recording.train} on {day} covers {km} in {lasted}."]
     first, last = served[0], served[-1]
-    lates_s = (math.nan, math.nan) if own_timetable(drive.recording) else (first.departed_late_s, last.arrived_late_s)
-    left, arrived = map(_late, lates_s)
+    left, arrived = _late(first.departed_late_s), _late(last.arrived_late_s)
     told = [
         f"On {day}, {drive.recording.train} ran the {km} from {first.name} to {last.name} in {lasted}.",
         f"It left at {clock.of_day(first.departed_ns)}{left} and arrived at {clock.of_day(last.arrived_ns)}{arrived}.",
@@ -161,7 +160,10 @@ def _took(drive: Drive) -> list[str]:
     worst = worst_places(attribution, 1)
     if worst and kwh(worst[0].more_j) >= NAMED_KWH:
         causes = " and ".join(cause.label for cause in worst[0].causes)
-        told.append(f"The most was lost from {worst[0].where}: {kwh(worst[0].more_j):.1f} kWh ({causes}).")
+        beyond = (
+            "; elsewhere it lost less than the best drive" if worst[0].more_j > attribution.above.difference_j else ""
+        )
+        told.append(f"The most was lost from {worst[0].where}: {kwh(worst[0].more_j):.1f} kWh ({causes}){beyond}.")
     return told
 
 
@@ -250,7 +252,7 @@ def shown_s(drive: Drive) -> float:
 def where_time_went(drive: Drive, most: int | None = None) -> list[str]:
     """A sentence for each leg and each stop at which the lateness changed, or for the `most` largest changes; nothing
     without a timetable."""
-    calls = () if own_timetable(drive.recording) else drive.served
+    calls = drive.served
     told: list[tuple[float, str]] = []
     for before, after in pairwise(calls):
         told += _at_stop(before)

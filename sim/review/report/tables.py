@@ -112,7 +112,7 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
     if attribution is not None:
         vehicle = attribution.inputs.vehicle
         measured = (
-            "measured by the simulator"
+            "those of the simulated train"
             if attribution.above.measured
             else "estimated from positions; nobody measured them"
         )
@@ -330,7 +330,7 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
     ]
     if drive.attribution is not None:
         rows.append(("line and train of this page", drive.attribution.inputs.source))
-        rows.append(("energies", "measured" if drive.attribution.above.measured else "estimated from positions"))
+        rows.append(("energies", "simulated" if drive.attribution.above.measured else "estimated from positions"))
     said = [] if drive.said is None else drive.said.rows()
     rows += [(f"said by the recording: {name}", text) for name, text in said]
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]

@@ -307,7 +307,8 @@ class _Feed:
         yield from self._truth()
         timing = self.job.timing
         late_s = (self.job.departed_ns - timing.departure_ns) * NS
-        text = f"replay of {self.job.trip.path.name}, departed {late_s:.0f} s late"
+        late = "no timetable was given" if timing.own else f"departed {late_s:.0f} s late"
+        text = f"replay of {self.job.trip.path.name}, {late}"
         # A recorded trip contains no temporary restrictions; the node must be told that there are none.
         at_ns = timing.first_tick_ns
         yield at_ns, codec.encode_input(RestrictionsHeard(time_ns=at_ns, restrictions=()))
@@ -331,8 +332,13 @@ class _Feed:
                 yield time_ns, Outgoing(LOCATION, location(time_ns, *place))
 
     def _delays(self) -> Iterator[tuple[int, Outgoing]]:
-        """The recording's own delays, else the deviation from the optimum of the timetable's running time."""
+        """The recording's own delays, else the deviation from the optimum of the timetable's running time.
+
+        There are none without a timetable.
+        """
         trip, timing = self.job.trip, self.job.timing
+        if timing.own:
+            return
         if trip.delays and not self.job.delay_given:
             for time_ns, delay_s in trip.delays:
                 yield time_ns, codec.encode_input(DelayHeard(time_ns=time_ns, delay_s=delay_s))

@@ -36,6 +36,11 @@ LEAST_CERTAIN_RATIO = 0.01
 """An energy above the optimum of less than this share of the energy driven is within the error of inverse dynamics,
 which finds 0.5 % for a driver who drove the optimum."""
 
+TIMETABLE_FIGURES = (
+    "timetable_time_left_s", "timetable_fit", "timetable_late_s", "timetable_energy_kwh", "departed_late_s", "late_s",
+)  # fmt: skip
+"""The figures of a replay that hang on its timetable; each is None without one."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TripEnergies:
@@ -161,18 +166,21 @@ def _sections(found: TripEnergies) -> list[dict[str, Any]]:
 
 def _timetable(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
     """The trajectory for the arrival by the timetable, and how late the trip was; None if it has no timetable."""
+    if job.timing.own:
+        return dict.fromkeys(TIMETABLE_FIGURES)
     left_s = (job.timing.arrival_ns - job.departed_ns) * NS
     front = found.legs[0].front if len(found.legs) == 1 else job.front
     wanted = front.trajectory(max(left_s, 1e-3))
-    own, arrived = job.timing.own, bool(job.legs[-1].end.arrived_ns)
-    return {
-        "timetable_time_left_s": left_s,
-        "timetable_fit": str(wanted.fit),
-        "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
-        "timetable_energy_kwh": kwh(wanted.balance.input),
-        "departed_late_s": None if own else (job.departed_ns - job.timing.departure_ns) * NS,
-        "late_s": None if own or not arrived else (job.arrived_ns - job.timing.arrival_ns) * NS,
-    }
+    arrived = bool(job.legs[-1].end.arrived_ns)
+    values = (
+        left_s,
+        str(wanted.fit),
+        max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
+        kwh(wanted.balance.input),
+        (job.departed_ns - job.timing.departure_ns) * NS,
+        (job.arrived_ns - job.timing.arrival_ns) * NS if arrived else None,
+    )
+    return dict(zip(TIMETABLE_FIGURES, values, strict=True))
 
 
 def _messages(outcome: ReplayOutcome) -> dict[str, Any]:
@@ -255,7 +263,8 @@ def late_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     """The sections of a trip with stops on the way; for a trip without, the optimum for the timetable."""
     if len(found["sections"]) < 2:
-        return [("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh")]
+        energy_kwh = found["timetable_energy_kwh"]
+        return [] if energy_kwh is None else [("energy of the optimum, timetable", f"{energy_kwh:.1f} kWh")]
     return [
         (f"  {one['from']} – {one['to']}", f"{one['energy_kwh']:.1f} kWh, optimum {one['energy_optimum_kwh']:.1f} kWh")
         for one in found["sections"]
@@ -264,7 +273,8 @@ def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     """The rows about the energy above the optimum, with a figure only if it is above 0 whatever the unknowns are."""
-    what = "above the optimum"
+    doubted = found["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio
+    what = "above the optimum, if it was this train" if doubted else "above the optimum"
     if found["above_optimum_kwh"] is None:
         return [(what, NOT_COMPARABLE)]
     ratio = found["above_optimum_ratio"]

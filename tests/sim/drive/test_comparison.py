@@ -105,3 +105,17 @@ def test_drives_of_another_line_are_refused_and_other_trains_are_said_to_be() ->
     assert other.drive.recording.of(topics.JOURNEY)[-1].message.route_id == "elsewhere"
     with pytest.raises(DasError, match="drives elsewhere"):
         AlignedDrives.of([calm(), other])
+
+
+def test_what_is_said_of_two_drives_does_not_depend_on_a_third() -> None:
+    run = {**calm().drive.recording.metadata.get("run", {}), "kind": "run", "driver": "human"}
+    otherwise = replace(calm().drive.recording, metadata={"run": {**run, "friction_policy": "as-measured"}})
+    third = replace(calm(), label="third", drive=replace(calm().drive, source=otherwise), s_m=calm().s_m[:-200])
+    names = ("time_s", "speed_mps", "energy_j", "motors_first_j", "advised_mode", "advised_mps")
+    third = replace(third, **{name: getattr(calm(), name)[:-200] for name in names})
+    two, three = (AlignedDrives.of(some) for some in ([calm(), fast()], [calm(), fast(), third]))
+    assert two.own_energies
+    assert not three.own_energies
+    assert three.s_m[-1] < two.s_m[-1]
+    assert as_dict(three)["drives"][1] == as_dict(two)["drives"][1]
+    assert sentences(three, 1) == sentences(two, 1)

@@ -59,7 +59,7 @@ def test_the_time_difference_is_worth_what_the_optimum_needs_for_it() -> None:
         ({"drawn": json.dumps({"human": {"participant": 3}})}, "the drivers differ"),
         ({"friction_policy": "electric-first"}, "the brakes differ"),
         ({"advice": "none"}, "not exactly one of them was driven without advice"),
-        ({"kind": "replay"}, "only a simulated driver drives the same day twice"),
+        ({"kind": "replay"}, "that takes two simulated runs of the same day, one of them without advice"),
     ],
 )
 def test_what_is_no_pair_is_refused(other: dict[str, str], why_not: str) -> None:

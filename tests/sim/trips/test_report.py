@@ -312,12 +312,14 @@ def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> Non
     figures: dict[str, Any] = {"above_optimum_kwh": 1.0, "above_optimum_ratio": 0.01, "direction_known": True}
     figures |= {"above_optimum_likely_low_kwh": 0.7, "above_optimum_likely_high_kwh": 1.2}
     told = replay_report.above_rows(
-        {**figures, "above_optimum_certain": False, "above_optimum_low_kwh": -0.8, "above_optimum_high_kwh": 2.0}
+        {"beyond_vehicle_ratio": 0.0}
+        | {**figures, "above_optimum_certain": False, "above_optimum_low_kwh": -0.8, "above_optimum_high_kwh": 2.0}
     )
     assert told[0] == ("above the optimum", "perhaps nothing")
     assert told[1:] == [("  likely", "1 to 1 kWh"), ("  every unknown at its worst", "-1 to 2 kWh")]
     told = replay_report.above_rows(
-        {**figures, "above_optimum_certain": True, "above_optimum_low_kwh": 0.6, "above_optimum_high_kwh": 2.0}
+        {"beyond_vehicle_ratio": 0.0}
+        | {**figures, "above_optimum_certain": True, "above_optimum_low_kwh": 0.6, "above_optimum_high_kwh": 2.0}
     )
     assert told[0] == ("above the optimum", "+1.0 kWh (1.0 % of the energy driven)")
     assert told[1:] == [("  likely", "1 to 1 kWh"), ("  every unknown at its worst", "1 to 2 kWh")]

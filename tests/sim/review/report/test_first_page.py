@@ -249,7 +249,7 @@ def test_the_page_says_what_its_figures_hang_on() -> None:
     likely = page_figures(bundled().drive)[2].beside
     assert re.search(r"likely [\d.]+ to [\d.]+ kWh if the motors braked first, \d+ kWh if friction alone did", likely)
     measured = " ".join(how_sure(fast().drive))  # a simulator would record the true train's optimum as well
-    assert "The energy was measured. The train is assumed" in measured
+    assert "The energy is that of the simulated train. The train is assumed" in measured
     assert "How far the energy above the optimum depends on that train is not known." in measured
     unknown = other(_any_attribution=DasError("no line"), _above=DasError("no line"), driven_j=None)
     assert not [one for one in how_sure(unknown) if "likely" in one or "train is" in one]

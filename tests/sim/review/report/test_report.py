@@ -172,7 +172,7 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
     assert float(above[3]) == pytest.approx(100.0 * float(above[2]) / float(above[1]), abs=0.7)
     assert float(above[2]) == pytest.approx(float(above[1]) - float(above[4]), abs=0.15)
     rests = dict(tables.rests_on(fast().drive))
-    assert rests["energies"] == "measured by the simulator"
+    assert rests["energies"] == "those of the simulated train"
     assert "t, train length" in rests["planned mass"]
     ran = re.search(r"in (\d+) min (\d+) s\. It left at (\S+).* arrived at (\S+) ", text)
     assert ran is not None

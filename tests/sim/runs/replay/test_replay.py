@@ -25,11 +25,14 @@ from sim.cli.trips import bundled_recording
 from sim.drive.attribution.driven_legs import fast_enough
 from sim.drive.attribution.open_part import EQUAL_MPS
 from sim.drive.drive import Drive
+from sim.drive.events.event import EventKind
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
 from sim.recording.opening import OWN_TIMETABLE
 from sim.review.report.first_page import page_dict
 from sim.review.report.sentences import paragraph
+from sim.review.report.tables import stop_rows
+from sim.review.series import driven as series
 from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, prepare
 from sim.runs.replay.report import TripEnergies, trip_energies
 from sim.runs.replay.timing import check_timing, plan_timing
@@ -132,6 +135,33 @@ def test_a_replay_without_a_timetable_says_so_in_its_recording(driven: Driven) -
     assert OWN_TIMETABLE in job.timing.metadata
     for given in (ReplayOptions(arrival_s=600.0), ReplayOptions(delay_s=5.0)):
         assert plan_timing(job.trip, job.legs, given).metadata == {}
+
+
+def test_nothing_is_late_or_early_without_a_timetable(driven: Driven) -> None:
+    """No delay goes over the bus, and calls, lateness, events and curves have no times that somebody made up."""
+    job, energies, _ = driven
+    found = recorded(job, energies)
+    assert "delay" not in found.messages
+    (log,) = (one.message.message for one in found.messages["log"])
+    assert log.endswith("no timetable was given")
+    own = replace(found, metadata={"run": {"kind": "replay", **job.timing.metadata}})
+    late = Stamped(0, das_pb2.Delay(time_ns=job.departed_ns + 10**9, delay_s=95.0))  # older replays made delays up
+    drive = Drive(source=replace(own, messages={**own.messages, "delay": (late,)}), given=given_inputs(job))
+    assert [one.timed for one in drive.calls] == [False, False]
+    assert math.isnan(drive.late_s)
+    assert {EventKind.DELAY, EventKind.DEVIATION}.isdisjoint(one.kind for one in drive.events)
+    assert not any("on time" in one.text or "late" in one.text for one in drive.events)
+    assert "deviation/operator" not in series(drive.recording, drive.course)
+    assert drive.clock.zero_is == "the departure of the trip"
+    assert all(row["due"] == row["leaves"] == "" for row in stop_rows(drive))
+    arrival = page_dict(drive)["figures"][0]
+    assert (arrival[1], arrival[2].endswith("no timetable was given")) == ("not known", True)
+
+
+def given_inputs(job: ReplayJob) -> DriveInputs:
+    """Line and train of a replay."""
+    section = job.front.section
+    return DriveInputs(route=job.trip.route, vehicle=section.vehicle, level=section.level, source="test")
 
 
 def timed(folder: Path, trip: Trip, departure: str, arrival: str) -> Path:
