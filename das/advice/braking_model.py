@@ -291,6 +291,13 @@ class Consequences:
         doing = Doing(math.inf, force_n, needed.speed_mps)
         return (force_n if self.excess([doing], self.valid_s) is None else -most_n), needed
 
+    @property
+    def sees_only_mark(self) -> bool:
+        """Whether no limit below the train's speed begins before the stop."""
+        nodes_m, places, _ = self.model.line
+        ahead = (nodes_m[:-1] > self.ahead_m) & (nodes_m[:-1] < self.model.end_m)
+        return not (places[kernels.LIMIT][ahead] < self.v_mps).any()
+
     def by_eye_n(self) -> float:
         """The wheel force (N, <= 0) of a driver who sees nothing but his mark and brakes evenly to it."""
         model, v_mps = self.model, self.v_mps

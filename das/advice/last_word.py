@@ -277,12 +277,13 @@ class _Judgement:
     def _excess_of(self, coach: Coaching) -> Excess | None:
         """The excess of a driver who does what the coach says, with the force shown or with the reference's, if any.
 
-        Where a brake is shown without an effort, he brakes by eye, to the mark that he sees.
+        Where a brake is shown without an effort, he brakes by eye to the mark, and finds it; a limit before it he may
+        miss.
         """
         now = coach.now
         if not _finite(coach.force_n, coach.reference_force_n, now.speed_mps, now.way_m, now.in_s, coach.target_m):
             return Excess(self._train.v_mps, math.nan)
-        by_eye = now.mode in BRAKES and math.isnan(coach.lever_ratio)
+        by_eye = now.mode in BRAKES and math.isnan(coach.lever_ratio) and not self._train.sees_only_mark
         for force_n in {self._train.by_eye_n() if by_eye else coach.force_n, coach.reference_force_n}:
             excess = self._train.unavailable(force_n, self._train.v_mps)
             excess = excess or self._train.excess(self._led(coach, force_n), self._train.valid_s)

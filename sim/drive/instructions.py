@@ -75,7 +75,7 @@ class _Told(NamedTuple):
 
     @property
     def task(self) -> _Task:
-        """What is announced of it, and remembered: kind, and speed in whole km/h."""
+        """What is announced of it, and remembered: kind, and speed in whole km/h (0 for coasting)."""
         return _task(self.kind, self.to_mps)
 
 
@@ -341,7 +341,8 @@ def _told(advice: Any) -> _Told | None:
 
 
 def _task(kind: InstructionKind, to_mps: float) -> _Task:
-    return kind, round(to_mps / KMH)
+    """What a driver is told to do; a coasting driver does the same whatever speed is named."""
+    return kind, 0 if kind is InstructionKind.COAST else round(to_mps / KMH)
 
 
 def _is_odd(told: _Told, advice: Any) -> bool:

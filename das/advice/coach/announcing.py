@@ -44,14 +44,15 @@ class _Notice(NamedTuple):
     def is_of(self, one: Instruction, due_s: float) -> bool:
         """Whether an announcement of an instruction that is due at a time (s) announces the same change."""
         same_kind = KIND_OF.get(one.mode) is KIND_OF.get(self.one.mode)
-        near = abs(one.speed_mps - self.one.speed_mps) <= TARGET_STEP_MPS + SAME_MPS
+        near = one.mode is Regime.COAST or abs(one.speed_mps - self.one.speed_mps) <= TARGET_STEP_MPS + SAME_MPS
         return same_kind and near and abs(due_s - self.due_s) < SAME_CHANGE_S
 
 
 class Notices:
     """Remembers which changes have been announced, since when, and for when.
 
-    A change is of one kind and to one speed, give or take a step: to brake to 60 does not announce to brake to 0.
+    A change is of one kind and to one speed, give or take a step: to brake to 60 does not announce to brake to 0. To
+    coast is one change to whatever speed: the driver does the same.
     """
 
     def __init__(self, least_s: float) -> None:
