@@ -198,8 +198,9 @@ class ShownBrakes:
             needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
         sooner_m = min(v_mps * begins_s, waits_m)
         wanted_for = needed if sooner_m == waits_m else ahead.needed(state.braked_m + sooner_m, v_mps)
-        if wanted.mode in BRAKES and -wanted.effort_ratio >= wanted_for.effort:
-            return wanted
+        for_more = needed.target_mps > wanted.speed_mps + SAME_MPS and wanted_for.effort > self._exact_effort
+        if wanted.mode in BRAKES and -wanted.effort_ratio >= wanted_for.effort and not for_more:
+            return wanted  # Not for a lower limit on its way, which asks for more than what it brakes for.
         # A train that goes on accelerating must brake to this speed; if it is above the present one, coasting will do.
         passes_mps = ahead.needed(state.braked_m, soon_mps).target_mps if wanted.mode in TRACTION else -math.inf
         coasts = needed.effort < self._settings.effort.step_ratio and passes_mps > v_mps

@@ -203,6 +203,19 @@ def test_the_perfect_driver_is_not_above_a_board_before_the_stop_with_the_coach(
     assert abs(found["stops"][-1]["missed_m"]) < 1.0
 
 
+@pytest.mark.parametrize(("board_km", "board_kmh"), [(3.88, 30), (3.80, 40), (3.72, 60)])
+def test_whoever_does_what_the_card_says_keeps_a_board_before_the_stop(
+    tmp_path: Path, board_km: float, board_kmh: int
+) -> None:
+    """The driver knows nothing but the card, so the card has to name the board, with an effort up to it."""
+    (tmp_path / "line.toml").write_text(BOARDS.replace("[3.88, 30]", f"[{board_km}, {board_kmh}]"))
+    (tmp_path / "day.toml").write_text(DAY)
+    found = sim.run_day(tmp_path / "day.toml", driver="literal", advice="coach").outcome
+    assert found["over_limit_kmh"] < 0.5 * 3.6
+    assert (found["hidden_limits"], found["above_limit_obeying_s"], found["last_word_acts"]) == (0, 0, 0)
+    assert abs(found["stops"][-1]["missed_m"]) < 5.0
+
+
 def test_the_literal_driver_without_the_coach_keeps_the_timetable_by_himself() -> None:
     literal, alone = make_driver(DriverKind.LITERAL, LINE), make_driver(DriverKind.TIMETABLE, LINE)
     seen = replace(card(COAST, 10.0), presentation=Presentation.VECTOR)
