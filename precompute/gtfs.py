@@ -21,6 +21,9 @@ from das.domain.journey import file_clock
 from precompute.gtfs_tables import FeedTables, Row, coordinates, key_of, refused, tidy, whole_number
 from precompute.journey_order import CLOCK, TripChoice, clock_s
 
+DAY_S = 86_400.0
+MOST_DAYS = 7
+"""A train of one of so many service days may still run on a day: some run for five days (139 h)."""
 MOST_NAMED = 6
 """Most trips or stops that an error names."""
 NO_RAIL = (*range(3, 5), *range(6, 8), 11, *range(200, 300), *range(700, 900), *range(1000, 1400))
@@ -74,6 +77,25 @@ def read_trip(path: Path, wanted: TripChoice) -> FeedTrip:
         return _Feed(path, archive).trip(wanted)
 
 
+class _Run(NamedTuple):
+    """A run of a trip; runs compare by the time at which they leave the stop that is asked for.
+
+    `leaves_s` counts from midnight of the wanted day, which begins `days_before` days after its service day. The run is
+    `later_s` later than stop_times.txt says.
+    """
+
+    leaves_s: float
+    days_before: int
+    later_s: float
+    at_intervals: bool
+
+    def day_in_words(self, day: datetime.date | None) -> str:
+        """The service day of the run, which began before the wanted day."""
+        if day is not None:
+            return f"{day - datetime.timedelta(days=self.days_before)}"
+        return "before" if self.days_before == 1 else f"{self.days_before} days before"
+
+
 class _Feed(FeedTables):
     """The trips of a feed."""
 
@@ -83,12 +105,18 @@ class _Feed(FeedTables):
         trip, notes = self._by_id(wanted) if wanted.trip is not None else self._by_stops(wanted, stops)
         whole = self._stops_of(trip["trip_id"], stops)
         made = _cut(self.path, whole, wanted, stops)
-        later_s = self._shift_s(trip["trip_id"], whole[0].departure_s, made[0].departure_s, wanted.at_s)
-        if later_s is not None:
-            made = [x._replace(arrival_s=x.arrival_s + later_s, departure_s=x.departure_s + later_s) for x in made]
+        check_ends(self.path, trip["trip_id"], made)
+        departs_s = whole[0].departure_s, made[0].departure_s
+        run = self._run(trip, departs_s, wanted, self._services_before(wanted.day))
+        if run is None:
+            raise DasError(self._no_run(trip, made[0].name, departs_s, wanted))
+        made = [x._replace(arrival_s=x.arrival_s + run.later_s, departure_s=x.departure_s + run.later_s) for x in made]
+        if run.at_intervals:
             taken = f"taken: the one at {file_clock(made[0].departure_s)}"
             notes = (*notes, f"the trip runs at intervals (frequencies.txt); {taken}")
-        check_ends(self.path, trip["trip_id"], made)
+        if run.days_before:
+            leaves = f"leaves {made[0].name} at {file_clock(run.leaves_s)}, which is {file_clock(made[0].departure_s)}"
+            notes = (*notes, f"it {leaves} of the service day {run.day_in_words(wanted.day)}")
         route, agency = self._line_of(trip)
         words = [route.get("route_short_name", ""), trip.get("trip_short_name", ""), trip.get("trip_headsign", "")]
         if _is_no_train(route):
@@ -113,8 +141,8 @@ class _Feed(FeedTables):
                 return row, ()
             if row.get("trip_short_name") == wanted.trip:
                 numbered.append(row)
-        services = self._services(wanted.day)
-        served = [row for row in numbered if services is None or row.get("service_id") in services]
+        days = self._services_before(wanted.day)
+        served = next((rows for on in days if (rows := [row for row in numbered if _runs(row, on)])), numbered)
         if len(served) == 1:
             return served[0], (f"trip number {wanted.trip}: trip_id {served[0]['trip_id']}",)
         if not served:
@@ -137,14 +165,15 @@ class _Feed(FeedTables):
             stops.named(self.path, "--to", wanted.to_stop),
         )
         at_intervals = {row["trip_id"] for _, row in self.rows("frequencies.txt", ("trip_id",))}
+        days = self._services_before(wanted.day)
         found: list[tuple[float, str, Row]] = []
-        for row, here_s in self._trains_between(starts, ends, wanted.day):
-            later_s: float | None = 0.0
+        for row, here_s in self._trains_between(starts, ends):
+            first_s = here_s
             if row["trip_id"] in at_intervals:
                 first_s = self._stops_of(row["trip_id"], stops)[0].departure_s
-                later_s = self._shift_s(row["trip_id"], first_s, here_s, wanted.at_s)
-            if later_s is not None and here_s + later_s >= wanted.at_s:
-                found.append((here_s + later_s, row["trip_id"], row))
+            run = self._run(row, (first_s, here_s), wanted, days, at_intervals=row["trip_id"] in at_intervals)
+            if run is not None:
+                found.append((run.leaves_s, row["trip_id"], row))
         if not found:
             on = "" if wanted.day is None else f" on {wanted.day}"
             trains = f"no train from {wanted.from_stop} to {wanted.to_stop}"
@@ -154,10 +183,8 @@ class _Feed(FeedTables):
         same = f", like {len(others)} others ({', '.join(others[:MOST_NAMED])}); --date chooses" if others else ""
         return row, (f"trip_id {trip_id} leaves {wanted.from_stop} at {file_clock(first_s)}{same}",)
 
-    def _trains_between(
-        self, starts: set[str], ends: set[str], day: datetime.date | None
-    ) -> Iterator[tuple[Row, float]]:
-        """The trips of trains of a day from some stops to others, with the departure (s) that stop_times.txt gives."""
+    def _trains_between(self, starts: set[str], ends: set[str]) -> Iterator[tuple[Row, float]]:
+        """The trips of trains from some stops to others, with the departure (s) that stop_times.txt gives."""
         departs: dict[str, tuple[int, float]] = {}
         arrives: dict[str, int] = {}
         for number, row in self.rows("stop_times.txt", ("trip_id", "stop_id", "stop_sequence"), (*starts, *ends)):
@@ -171,10 +198,8 @@ class _Feed(FeedTables):
             trip: departs_s for trip, (sequence, departs_s) in departs.items() if sequence < arrives.get(trip, -1)
         }
         buses = {row["route_id"] for _, row in self.rows("routes.txt", ("route_id",)) if _is_no_train(row)}
-        services = self._services(day)
         for row in self._all_trips():
-            runs = services is None or row.get("service_id") in services
-            if runs and row["trip_id"] in leaves_s and row.get("route_id") not in buses:
+            if row["trip_id"] in leaves_s and row.get("route_id") not in buses:
                 yield row, leaves_s[row["trip_id"]]
 
     def _stops_of(self, trip_id: str, stops: _Stops) -> list[TripStop]:
@@ -210,38 +235,72 @@ class _Feed(FeedTables):
             made.append(TripStop(row["stop_id"], name, latitude, longitude, arrival_s, departure_s, serves))
         return made
 
-    def _time_s(self, number: int, row: Row, key: str) -> float:
+    def _time_s(self, number: int, row: Row, key: str, table: str = "stop_times.txt") -> float:
         """A time of the service day (s); NaN for an empty one. Times after midnight are beyond 24:00:00."""
         text = row.get(key, "")
         match = CLOCK.fullmatch(text)
         if match is None and text:
-            raise InputError(f"{self.path}: stop_times.txt", f"line {number} {key}", text, "a time like 25:10:00")
+            raise InputError(f"{self.path}: {table}", f"line {number} {key}", text, "a time like 25:10:00")
         return math.nan if match is None else clock_s(match)
 
-    def _shift_s(self, trip_id: str, first_s: float, here_s: float, at_s: float | None) -> float | None:
-        """How much later (s) than in stop_times.txt a trip at intervals runs; None for any other trip.
+    def _run(
+        self,
+        trip: Row,
+        departs_s: tuple[float, float],
+        wanted: TripChoice,
+        days: Sequence[set[str] | None],
+        *,
+        at_intervals: bool = True,
+    ) -> _Run | None:
+        """The first run of a trip that leaves a stop at the wanted time or later, on the wanted day; None without one.
 
-        Such a trip leaves its first stop, where stop_times.txt says `first_s`, at intervals (frequencies.txt). Meant is
-        its first run that leaves a stop, where stop_times.txt says `here_s`, at `at_s` or later.
+        `departs_s` are the departures from the first stop and from this one in stop_times.txt. A train after midnight
+        belongs to a service day before: `days` are the services of the day, of the day before it, and so on. Without
+        a wanted time it is the first run of the service day.
         """
-        if math.isnan(here_s - first_s):
-            return None
+        first_s, here_s = departs_s
+        ways_s = [(here_s, math.inf, math.inf)]
+        intervals = self._intervals(trip["trip_id"]) if at_intervals else []
+        if intervals:
+            ways_s = [(begin + here_s - first_s, end + here_s - first_s, step) for begin, end, step in intervals]
+        found: list[_Run] = []
+        for before, services in enumerate(days if wanted.at_s is not None else days[:1]):
+            at_s = -math.inf if wanted.at_s is None else wanted.at_s + before * DAY_S
+            for begin_s, end_s, step_s in ways_s if _runs(trip, services) else ():
+                steps = math.ceil((at_s - begin_s) / step_s) if at_s > begin_s else 0
+                leaves_s = begin_s + steps * step_s if steps else begin_s
+                if at_s <= leaves_s < end_s:
+                    found.append(_Run(leaves_s - before * DAY_S, before, leaves_s - here_s, bool(intervals)))
+        return min(found, default=None)
+
+    def _no_run(self, trip: Row, stop: str, departs_s: tuple[float, float], wanted: TripChoice) -> str:
+        """Why a trip has no run at the wanted time or on the wanted day."""
+        name, on = f"{self.path}: trip {trip['trip_id']}", "" if wanted.day is None else f" on {wanted.day}"
+        if not _runs(trip, self._services(wanted.day)):
+            known = "; ".join(self._days(trip)) or "no row of calendar.txt has its service_id"
+            return f"{name} does not run{on}; it {known}"
+        assert wanted.at_s is not None
+        first_s, here_s = departs_s
+        intervals = self._intervals(trip["trip_id"])
+        starts_s = [begin + (math.ceil((end - begin) / step) - 1) * step for begin, end, step in intervals]
+        last = f"its last run leaves at {file_clock(max(starts_s, default=first_s) + here_s - first_s)}"
+        return f"{name} does not leave {stop} at {file_clock(wanted.at_s)} or later{on}: {last}"
+
+    def _intervals(self, trip_id: str) -> list[tuple[float, float, float]]:
+        """Begin, end and interval (s) of the runs of a trip at intervals, at its first stop; none for another trip."""
         found = []
-        at_s = None if at_s is None else at_s - (here_s - first_s)
-        for number, row in self.rows(
-            "frequencies.txt", ("trip_id", "start_time", "end_time", "headway_secs"), (trip_id,)
-        ):
+        columns = ("trip_id", "start_time", "end_time", "headway_secs")
+        for number, row in self.rows("frequencies.txt", columns, (trip_id,)):
             if row["trip_id"] != trip_id:
                 continue
-            begin_s, end_s = (self._time_s(number, row, f"{one}_time") for one in ("start", "end"))
+            begin_s, end_s = (self._time_s(number, row, f"{one}_time", "frequencies.txt") for one in ("start", "end"))
             step_s = whole_number(row["headway_secs"])
-            if not step_s or step_s < 0 or math.isnan(begin_s + end_s):
+            if not step_s or math.isnan(begin_s + end_s):
                 key = f"line {number} headway_secs"
                 raise InputError(f"{self.path}: frequencies.txt", key, row["headway_secs"], "seconds, and both times")
-            wanted_s = begin_s if at_s is None else begin_s + max(math.ceil((at_s - begin_s) / step_s), 0) * step_s
-            if wanted_s < end_s:
-                found.append(wanted_s - first_s)
-        return min(found, default=None)
+            if begin_s < end_s:
+                found.append((begin_s, end_s, float(step_s)))
+        return found
 
     def _line_of(self, trip: Row) -> tuple[Row, Row]:
         """The route and the agency of a trip; empty rows where the feed lacks them."""
@@ -255,13 +314,18 @@ class _Feed(FeedTables):
         """The points (deg) of a shape in order; empty if there are none or a coordinate makes no sense."""
         columns = ("shape_id", "shape_pt_lat", "shape_pt_lon", "shape_pt_sequence")
         points = []
-        for _, row in self.rows("shapes.txt", columns, (shape_id,)) if shape_id else ():
+        for number, row in self.rows("shapes.txt", columns, (shape_id,)) if shape_id else ():
             if row["shape_id"] == shape_id:
-                order = whole_number(row["shape_pt_sequence"])
+                order = _sequence(self.path, number, row, "shapes.txt", "shape_pt_sequence")
                 latitude, longitude = coordinates(row["shape_pt_lat"], row["shape_pt_lon"])
-                points.append((order or 0, latitude, longitude))
+                points.append((order, latitude, longitude))
         shape = np.array(sorted(points)).reshape(-1, 3)[:, 1:]
         return shape if len(shape) > 1 and not np.isnan(shape).any() else np.empty((0, 2))
+
+    def _services_before(self, day: datetime.date | None) -> list[set[str] | None]:
+        """The services that run on a day, on the day before it, and so on, as far back as a train runs on."""
+        earlier = (datetime.timedelta(days=before) for before in range(MOST_DAYS))
+        return [self._services(None if day is None else day - one) for one in earlier]
 
     def _services(self, day: datetime.date | None) -> set[str] | None:
         """The services that run on a day, by calendar and exceptions; None without a day."""
@@ -345,14 +409,19 @@ def check_ends(path: Path, trip_id: str, stops: Sequence[TripStop]) -> None:
             )
 
 
+def _runs(trip: Row, services: set[str] | None) -> bool:
+    """Whether a trip is of one of the services that run on a day; true for any trip where no day is wanted (None)."""
+    return services is None or trip.get("service_id") in services
+
+
 def _is_no_train(route: Row) -> bool:
     """Whether a row of routes.txt is the line of a bus, ferry, cable car or aircraft."""
     return whole_number(route.get("route_type", "")) in NO_RAIL
 
 
-def _sequence(path: Path, number: int, row: Row) -> int:
-    found = whole_number(row["stop_sequence"])
+def _sequence(path: Path, number: int, row: Row, table: str = "stop_times.txt", column: str = "stop_sequence") -> int:
+    """The place of a row of a table in its trip or shape; InputError for anything but a whole number."""
+    found = whole_number(row[column])
     if found is None:
-        key = f"line {number} stop_sequence"
-        raise InputError(f"{path}: stop_times.txt", key, row["stop_sequence"], "a whole number >= 0")
+        raise InputError(f"{path}: {table}", f"line {number} {column}", row[column], "a whole number >= 0")
     return found

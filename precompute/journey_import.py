@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from das.domain.earth import distances_m, nearest_on_line, steps_m
+from das.domain.earth import Projection, along_m, distances_m, projected_in_order
 from das.domain.errors import DasError
 from das.domain.files.routes import TOLERANCE_S
 from das.domain.files.writing import toml_string
 from das.domain.journey import LEAST_SPACING_M, file_clock
-from das.domain.route import Floats, Route, Stop
+from das.domain.route import Route, Stop
 from das.domain.units import KM
 from precompute.gtfs import FeedTrip, TripStop, check_ends
 from precompute.gtfs_tables import key_of, tidy
@@ -71,56 +71,25 @@ def _along_feed(trip: FeedTrip) -> Placement:
     if len(nowhere):
         name = trip.stops[nowhere[0]].name
         raise DasError(f"{trip.feed}: {name} has no coordinates in stops.txt: expected some, or --route")
-    found = _projected(places, trip.shape_deg) if len(trip.shape_deg) else None
+    shape = along_m(*trip.shape_deg.T), *trip.shape_deg.T
+    found = projected_in_order(shape, places, OFF_SHAPE_M) if len(trip.shape_deg) else None
     if found is not None and found.off_m.max() <= OFF_SHAPE_M and (np.diff(found.position_m) > 0).all():
         position_m = found.position_m - found.position_m[0]
         how = f"along the feed's shape, at most {found.off_m.max():.0f} m from it"
     else:
-        position_m = _along_m(places)
+        position_m = along_m(*places.T)
         how = "along straight lines between the stops, because the feed has no shape that fits: the line is longer"
     stops = tuple(Placed(stop, round(float(x), 1)) for stop, x in zip(trip.stops, position_m, strict=True))
     return Placement(stops=stops, notes=(f"positions are distances from the first stop {how}",))
 
 
-class _Projection(NamedTuple):
-    """For each place its position (m) on a polyline, and its distance (m) from it."""
-
-    position_m: Floats
-    off_m: Floats
-
-
-def _projected(places_deg: Floats, line_deg: Floats, at_m: Floats | None = None) -> _Projection:
-    """Each place (n, 2) projected on a polyline (p, 2), never before the place before it.
-
-    `at_m` (p,) are the positions of the polyline's points; without it, distances from its first point.
-    """
-    if at_m is None:
-        at_m = _along_m(line_deg)
-    latitude, longitude = line_deg.T
-    position_m, off_m = np.full(len(places_deg), math.nan), np.full(len(places_deg), math.inf)
-    reached = 0
-    for i, place in enumerate(places_deg):
-        if np.isnan(place).any():
-            continue
-        ahead = (at_m[reached:], latitude[reached:], longitude[reached:])
-        position_m[i], off_m[i] = nearest_on_line(ahead, *place)
-        if off_m[i] <= OFF_SHAPE_M:
-            reached = min(int(np.searchsorted(at_m, position_m[i], side="right")) - 1, len(at_m) - 2)
-    return _Projection(position_m, off_m)
-
-
-def _along_m(line_deg: Floats) -> Floats:
-    """Distance (m) of each point (p, 2) of a polyline from its first along it."""
-    return np.concatenate(([0.0], np.cumsum(steps_m(line_deg[:, 0], line_deg[:, 1]))))
-
-
 def _on_route(trip: FeedTrip, route: Route) -> Placement:
     """Positions on a route: by the name of a stop, by the place of a stop, or by the route's geometry."""
     places = np.array([(stop.latitude_deg, stop.longitude_deg) for stop in trip.stops])
-    on_line: _Projection | None = None
+    on_line: Projection | None = None
     if len(route.geometry_position_m):
-        line = np.column_stack((route.geometry_latitude_deg, route.geometry_longitude_deg))
-        on_line = _projected(places, line, route.geometry_position_m)
+        line = route.geometry_position_m, route.geometry_latitude_deg, route.geometry_longitude_deg
+        on_line = projected_in_order(line, places, OFF_SHAPE_M)
     found: list[Placed | None] = []
     reached_m = -math.inf
     for i, stop in enumerate(trip.stops):
@@ -206,9 +175,11 @@ def notes(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route |
             f"{without} of {len(inner)} stops on the way have arrival = departure: assumed dwell {times.dwell_s:g} s"
         )
     rounded_s = _rounded_s(trip.stops, times)
-    if rounded_s:
-        minutes = "all times are whole minutes: " if times.rounded_s is None else ""
-        found.append(f"{minutes}the train may leave up to {rounded_s:g} s after each departure")
+    minutes = "all times are whole minutes: " if times.rounded_s is None and rounded_s else ""
+    late = (
+        f"may leave up to {rounded_s:g} s after each departure" if rounded_s else "leaves at each departure, no later"
+    )
+    found.append(f"{minutes}the train {late} (--tolerance)")
     if any(not one.stop.serves for one in placement.stops):
         found.append("where nobody gets on or off, the train passes, and its time there is a wish")
     if route is not None and trip.time_zone not in ("", route.time_zone):
@@ -232,7 +203,8 @@ def _file(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route |
     yield "[journey]"
     yield f"id = {_quoted(trip.id[:80] or 'trip')}"
     line = f"{trip.title}: " if trip.title else ""
-    yield f"name = {_quoted(f'{line}{first.name} – {last.name}, {file_clock(first.departure_s)[:5]}')}"
+    minute = file_clock(first.departure_s).rpartition(":")[0]
+    yield f"name = {_quoted(f'{line}{first.name} – {last.name}, {minute}')}"
     of = f", {trip.agency}" if trip.agency else ""
     zone = f"; times of {trip.time_zone}" if trip.time_zone else ""
     yield f"source = {_quoted(f'GTFS feed {trip.feed.name}, trip {trip.id}{of}{zone}; the licence of the feed holds')}"
@@ -268,7 +240,7 @@ def _point(one: Placed, times: TimesRead, rounded_s: float, *, first: bool, last
         yield f'arrival = "{file_clock(stop.arrival_s + rounded_s)}"'
     if timed:
         yield f'departure = "{file_clock(stop.departure_s)}"'
-        yield from (f'departure_latest = "{file_clock(stop.departure_s + rounded_s)}"',) if rounded_s else ()
+        yield f'departure_latest = "{file_clock(stop.departure_s + rounded_s)}"'
     if not first:
         yield f"dwell_s = {min(times.dwell_s, stands_s) if stands_s > 0 else times.dwell_s:g}"
 

@@ -43,7 +43,7 @@ def parsed_day(text: str) -> datetime.date:
 class TripChoice:
     """Which trip: by its id, or by two stops and the earliest departure (s after midnight); `day` must be served.
 
-    With an id, the two stops cut the trip.
+    With an id, the two stops cut the trip, and a trip that does not run at that time or on that day is refused.
     """
 
     trip: Annotated[str | None, typer.Option(metavar="ID", help="The trip_id, or a number that only one trip has.")] = (
@@ -58,7 +58,10 @@ class TripChoice:
     at_s: Annotated[
         float | None,
         typer.Option(
-            "--at", parser=parsed_clock_s, metavar="HH:MM", help="Without --trip: the first train from then on."
+            "--at",
+            parser=parsed_clock_s,
+            metavar="HH:MM",
+            help="The first train from then on; with --trip, its first run from then on.",
         ),
     ] = None
     day: Annotated[
@@ -67,7 +70,7 @@ class TripChoice:
             "--date",
             parser=parsed_day,
             metavar="YYYY-MM-DD",
-            help="Only trips that run on this day [default: on any day].",
+            help="Only trips that run on this day, after midnight also those of the day before [default: on any day].",
         ),
     ] = None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,36 @@ def distances_m(
 def steps_m(latitude_deg: Floats, longitude_deg: Floats) -> Floats:
     """Distance (m) from each point of a polyline to the next: shape (n − 1,) for n points."""
     return distances_m(latitude_deg[:-1], longitude_deg[:-1], latitude_deg[1:], longitude_deg[1:])
+
+
+def along_m(latitude_deg: Floats, longitude_deg: Floats) -> Floats:
+    """Distance (m) of each point of a polyline from its first along it, arrays of shape (n,)."""
+    return np.concatenate((np.zeros(min(len(latitude_deg), 1)), np.cumsum(steps_m(latitude_deg, longitude_deg))))
+
+
+class Projection(NamedTuple):
+    """The position (m) of each place on a polyline, and its distance (m) from it; arrays of shape (n,)."""
+
+    position_m: Floats
+    off_m: Floats
+
+
+def projected_in_order(line: tuple[Floats, Floats, Floats], places_deg: Floats, near_m: float) -> Projection:
+    """Places (n, 2; deg) projected on a polyline, none before the one before it: a line may pass a place twice.
+
+    `line` is that of `nearest_on_line`. A place farther from it than `near_m` does not hold the others back. A place
+    that is NaN gets the position NaN and the distance inf.
+    """
+    position_m, off_m = np.full(len(places_deg), np.nan), np.full(len(places_deg), np.inf)
+    at_m, latitude, longitude = line
+    reached = 0
+    for i, place in enumerate(places_deg):
+        if np.isnan(place).any():
+            continue
+        position_m[i], off_m[i] = nearest_on_line((at_m[reached:], latitude[reached:], longitude[reached:]), *place)
+        if off_m[i] <= near_m:
+            reached = min(int(np.searchsorted(at_m, position_m[i], side="right")) - 1, len(at_m) - 2)
+    return Projection(position_m, off_m)
 
 
 def nearest_on_line(

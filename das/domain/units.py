@@ -50,7 +50,15 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
     "power": {"W": 1.0, "w": 1.0, "kW": KW, "kw": KW, "MW": 1e6},
     "voltage": {"V": 1.0, "v": 1.0, "kV": 1e3, "kv": 1e3},
     "ratio": {"-": 1.0, "ratio": 1.0, "%": PERCENT, "percent": PERCENT},
-    "gradient": {"permil": PERMILLE, "permille": PERMILLE, "‰": PERMILLE, "%": PERCENT, "ratio": 1.0, "-": 1.0},
+    "gradient": {
+        "permil": PERMILLE,
+        "permille": PERMILLE,
+        "‰": PERMILLE,
+        "%": PERCENT,
+        "percent": PERCENT,
+        "ratio": 1.0,
+        "-": 1.0,
+    },
     "resistance_1": {
         "N/(m/s)": 1.0,
         "n_per_mps": 1.0,

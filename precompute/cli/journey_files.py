@@ -114,7 +114,7 @@ def import_journey(
         found = read_trip(feed, choice)
     placement = placed(found, line)
     text = journey_text(found, placement, times, line, "das-precompute journey import")
-    made = journey_of(Fields.of(written.out, tomllib.loads(text)), line)
+    made = journey_of(Fields.of(feed, tomllib.loads(text)), line)
     way_km = (made.points[-1].position_m - made.points[0].position_m) / KM
     about = f"{made.name}, {len(made.calls)} stops, {way_km:.1f} km"
     written.write(text, notes(found, placement, times, line), about)

@@ -65,6 +65,7 @@ def solve(
     0.1 to 1.3 % that no run could save; "--bound 30" searches for 30 s for a higher bound.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
+    _check_used(strategy, trip, refine, bound)
     budget_s, bound_s = refine_seconds(refine), bound_seconds(bound)
     files.check(*pose.inputs())
     if strategy is Strategy.OPTIMAL:
@@ -89,6 +90,14 @@ def solve(
     print_solutions(section.name if strategy is Strategy.OPTIMAL else f"{section.name}, {strategy}", [result])
     print_parameters(result)
     files.tell()
+
+
+def _check_used(strategy: Strategy, trip: TripTime, refine: str, bound: str) -> None:
+    """Raise DasError for an option that a strategy does not use."""
+    if strategy is Strategy.FASTEST and trip != TripTime():
+        raise DasError("--time and --buffer: the fastest run has no time to keep")
+    if strategy is not Strategy.OPTIMAL and (refine, bound) != ("on", "quick"):
+        raise DasError(f"--refine and --bound belong to --strategy {Strategy.OPTIMAL}")
 
 
 def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
@@ -192,10 +201,12 @@ class ExactOptions:
     ] = None
     overwrite: OverwriteOption = False
 
-    def check(self, plot: Path | None, inputs: Iterable[str | Path | None]) -> None:
+    def check(self, plot: Path | None, refine: str, inputs: Iterable[str | Path | None]) -> None:
         """Raise DasError for options that do not go together, and for outputs that cannot be written."""
         if not self.exact and (self.out or self.bucket_ms or self.max_buffer_percent is not None):
             raise DasError("--out, --bucket and --max-buffer belong to --exact")
+        if self.exact and refine != "on":
+            raise DasError("--refine: with --exact the solver's runs are not refined")
         if self.exact and plot is not None:
             raise DasError("--plot: draws the solver's front, not together with --exact")
         check_picture(plot)
@@ -231,7 +242,7 @@ def front(
     of 10 % take up to half a minute; time and memory grow fast with length and buffer. On a terminal it shows how much
     time is likely to be left. The solver's runs beside it are not refined.
     """
-    witness.check(plot, pose.inputs())
+    witness.check(plot, refine, pose.inputs())
     largest, budget_s = witness.largest_percent(), refine_seconds(refine)
     wanted = buffer_numbers(BUFFERS_PERCENT if buffers is None else buffers)
     section, solved, min_time_s, front_s = solved_front(pose)

@@ -23,6 +23,8 @@ BESIDE_M: Final = 150.0
 """A station within this distance (m) of the way is a stop of it."""
 STOPS_APART_M: Final = 50.0
 """Two stops nearer to each other than this (m) are one."""
+MOST_ODD: Final = 12
+"""Most limits of an unusual form that a remark lists."""
 OSM_SOURCE: Final = "© OpenStreetMap contributors"
 OSM_LICENCE: Final = "ODbL 1.0"
 
@@ -69,6 +71,7 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, 
             if place.rank == RANK_OF_A_TRACK
         ),
         about_limits,
+        _about_odd_limits(way, at_m),
         _about_tunnels(tunnels, bridges, order),
         "Limits and tracks are those of this direction: the line is one_way.",
     )
@@ -95,6 +98,21 @@ def _limits(the_map: TrackMap, order: ImportOrder, way: FoundWay, at_m: Floats) 
         f"Limits on {(1 - missing) / PERCENT:.1f} % of the length; the other {missing * at_m[-1]:.0f} m (the first at "
         f"km {first_km:.3f}) got {by}: {', '.join(f'{kmh(x):.0f}' for x in sorted(set(filled[unknown])))} km/h."
     )
+
+
+def _about_odd_limits(way: FoundWay, at_m: Floats) -> str:
+    """The limits of the map that are no plain speeds, each with its first track and what was read."""
+    first: dict[str, str] = {}
+    for step, from_m in zip(way.steps, at_m, strict=False):
+        if odd := step.track.odd_limit(forward=step.forward):
+            speed_mps = step.track.limit_mps(forward=step.forward)
+            read = "no speed" if speed_mps is None else f"{kmh(speed_mps):g} km/h"
+            first.setdefault(odd, f"{odd} of {step.track.name} (km {from_m / KM:.3f}): {read}")
+    if not first:
+        return ""
+    more = f" and {len(first) - MOST_ODD} more" if len(first) > MOST_ODD else ""
+    listed = ", ".join(list(first.values())[:MOST_ODD])
+    return f"Limits that are no plain speeds were read as the least number in them: {listed}{more}."
 
 
 def _about_tunnels(tunnels: Sequence[Zone], bridges: Sequence[Zone], order: ImportOrder) -> str:

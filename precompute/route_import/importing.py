@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from das.domain.errors import DasError
+from das.domain.files.foreign import ROUTES, refuse_foreign
 from das.domain.plausibility import FLAT_ERROR, INSIST, check_route
 from das.domain.route import Altitudes, Route, Stop
 from das.domain.units import KM
@@ -22,10 +23,8 @@ from precompute.route_import.track_map import MapPlace, TrackMap, read_map
 MAPS: Final = (".json", ".geojson")
 TABLES: Final = (".csv", ".txt", ".tsv", ".yaml", ".yml")
 OF_OTHER_SUFFIX: Final = {
-    ".toml": "is a route already: das-precompute route merge puts routes together",
     **dict.fromkeys((".osm", ".pbf", ".xml"), "export it as Overpass JSON ([out:json]) or GeoJSON"),
     **dict.fromkeys((".zip", ".gz", ".bz2"), "unpack it first"),
-    ".gpx": "is a recorded trip: its points have no limits; das-sim trip reads it",
     ".shp": "export it as GeoJSON (ogr2ogr -f GeoJSON)",
 }
 NEEDS_ALTITUDES: Final = (
@@ -37,6 +36,8 @@ def imported(files: Sequence[Path], order: ImportOrder, words: Words) -> Importe
     """The line that files describe; DasError or InputError (file, place, value, expectation) where they do not."""
     if order.flat and order.altitudes is not None:
         raise DasError("--flat and --altitudes: give one of them")
+    if order.flat and (order.smooth_m, order.cap_permille) != (ImportOrder.smooth_m, ImportOrder.cap_permille):
+        raise DasError("--smooth-m and --cap-permille belong to altitudes: with --flat none are read")
     maps, tables = _sorted_files(files)
     if maps:
         line = _with_gradients(order, _from_map(order, words, maps, tables), tables)
@@ -50,7 +51,12 @@ def _with_gradients(order: ImportOrder, line: ImportedLine, tables: Sequence[Lin
     """The line with gradients from altitudes, where they are wanted; DasError if it has neither."""
     if order.altitudes is not None:
         return with_altitudes(line, read_table(order.altitudes), order)
-    if order.flat or line.route.altitudes is not Altitudes.NONE:
+    if line.route.altitudes is not Altitudes.NONE:
+        if order.flat or (order.smooth_m, order.cap_permille) != (ImportOrder.smooth_m, ImportOrder.cap_permille):
+            wanted = "--flat, --smooth-m and --cap-permille belong to lines without gradients"
+            raise DasError(f"{line.route.source}: {wanted}: leave the column out, or the option")
+        return line
+    if order.flat:
         return line
     heights = next((table for table in tables if table.numbered("altitude")), None)
     if heights is None:
@@ -63,6 +69,7 @@ def _sorted_files(files: Sequence[Path]) -> tuple[list[Path], list[LineTable]]:
     maps, tables = [], []
     for path in files:
         suffix = path.suffix.lower()
+        refuse_foreign(path, "map or table of a line", reads=ROUTES)
         if suffix in MAPS:
             maps.append(path)
         elif suffix in TABLES:

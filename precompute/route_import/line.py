@@ -83,7 +83,7 @@ def made_route(words: Words, stops: Sequence[Stop], length_m: float, source: str
         stops=tuple(stops),
         limits_mps=Stretches.constant(1.0),
         gradients_ratio=Stretches.constant(0.0),
-        time_zone=words.time_zone,
+        time_zone="UTC" if words.time_zone is None else words.time_zone,
         data_source=words.source or "",
         licence=words.licence or "",
         one_way=one_way,

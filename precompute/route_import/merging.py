@@ -60,7 +60,7 @@ def merged(base: Route, others: Mapping[str, Route], words: Words) -> ImportedLi
         name=words.name or base.name,
         data_source=together["data_source"] if words.source is None else words.source,
         licence=together["licence"] if words.licence is None else words.licence,
-        time_zone=base.time_zone if words.time_zone == "UTC" else words.time_zone,
+        time_zone=base.time_zone if words.time_zone is None else words.time_zone,
         illustrative=any(route.illustrative for route in routes),
         one_way=any(route.one_way for route in kept),
     )

@@ -98,7 +98,9 @@ class Words:
     name: Annotated[
         str | None, typer.Option(metavar="TEXT", help="Name of the route [default: its first and last stop].")
     ] = None
-    time_zone: Annotated[str, typer.Option(metavar="ZONE", help='Time zone of the line, like "Europe/Rome".')] = "UTC"
+    time_zone: Annotated[
+        str | None, typer.Option(metavar="ZONE", help='Time zone of the line, like "Europe/Rome" [default: UTC].')
+    ] = None
 
     def check(self) -> None:
         """Raise DasError for a text that a file cannot hold, and for an unknown time zone."""
@@ -114,6 +116,6 @@ class Words:
             if text is not None and not (text.strip() and is_seen(text) and len(text) <= MOST_OF_A_NAME):
                 raise DasError(f"{option}: expected 1 to {MOST_OF_A_NAME} characters, without control characters")
         try:
-            ZoneInfo(self.time_zone)
+            ZoneInfo("UTC" if self.time_zone is None else self.time_zone)
         except (KeyError, ValueError, OSError):
             raise DasError(f'--time-zone {self.time_zone}: expected a zone like "Europe/Zurich" (IANA)') from None

@@ -8,11 +8,15 @@ import unicodedata
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
+from das.domain.earth import distances_m
 from das.domain.errors import DasError
+from das.domain.units import KM
 from precompute.route_import.track_map import UNITS_PER_DEGREE, MapPlace, TrackMap, names_of
 
 MOST_SHOWN: Final = 25
 """At most this many names stand in a message."""
+ONE_STATION_M: Final = 3000.0
+"""Places of one name that are farther apart than this (m) are different stations; the largest yards are that long."""
 GENERIC: Final = frozenset(
     {
         *("station", "railway", "central", "halt", "of"),
@@ -57,7 +61,7 @@ def stations_named(the_map: TrackMap, wanted: str) -> tuple[MapPlace, ...]:
             return _one_station(the_map, wanted, found)
     found = [place for place in _named_tracks(the_map) if any(fits[0](name) for name in place.names)]
     if found:
-        return tuple(found)
+        return _one_station(the_map, wanted, found)
     raise DasError(_unknown(the_map, wanted))
 
 
@@ -70,11 +74,21 @@ def _named_tracks(the_map: TrackMap) -> Iterator[MapPlace]:
 
 
 def _one_station(the_map: TrackMap, wanted: str, found: Sequence[MapPlace]) -> tuple[MapPlace, ...]:
-    """The places that fit, best rank first; DasError if those of the best rank have several names."""
+    """The places that fit, best rank first; DasError if those of the best rank have several names or are far apart."""
     kept = tuple(sorted(found, key=lambda place: place.rank))
     names = list(dict.fromkeys(place.name for place in kept if place.rank == kept[0].rank))
     if len({" ".join(_core(name)) or name for name in names}) > 1:
         raise DasError(f"{the_map.source}: {wanted!r} may be {_listed(names)}: give one of these names")
+    best = [place for place in kept if place.rank == kept[0].rank]
+    first, *others = best
+    for other in others:
+        ends = first.latitude_deg, first.longitude_deg, other.latitude_deg, other.longitude_deg
+        apart_m = float(distances_m(*ends))
+        if apart_m > ONE_STATION_M:
+            places = " and ".join(
+                f"{wanted}={place.latitude_deg:.5f},{place.longitude_deg:.5f}" for place in (first, other)
+            )
+            raise DasError(f"{the_map.source}: {wanted!r} names places {apart_m / KM:.1f} km apart: give {places}")
     return kept
 
 

@@ -11,20 +11,22 @@ from typing import Any, Final
 
 import numpy as np
 
-from das.domain.earth import steps_m
-from das.domain.errors import DasError, InputError
+from das.domain.earth import along_m, projected_in_order
+from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import MOST_BYTES, MOST_OF_A_NAME, in_si, number
 from das.domain.files.ttobench import curvature_stretches
-from das.domain.route import POSITION_TOLERANCE_M, Route, Stop, Stretches, Tunnel, Zone
+from das.domain.route import POSITION_TOLERANCE_M, Floats, Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import FACTORS, KM
 from precompute.foreign_text import CsvTable, read_csv, read_yaml
-from precompute.route_import.line import ImportedLine, made_route, stretches
+from precompute.route_import.line import DECIMALS, ImportedLine, made_route, stretches
 from precompute.route_import.order import Words
 
 MOST_ROWS: Final = 200_000
 """Largest number of rows of a table."""
 SHORTEST_M: Final = 1.0
 """Tables of a shorter line (m) are refused: nothing of it would be left after rounding."""
+OFF_COURSE_M: Final = 500.0
+"""Coordinates farther than this (m) from the course of the line are not of the line."""
 QUANTITIES: Final = {
     **dict.fromkeys(("position", "altitude", "length", "radius", "radius_start", "radius_end"), "length"),
     "limit": "speed",
@@ -50,6 +52,8 @@ REMARKS: Final = frozenset({"source", "note", "comment", "remark", "description"
 ENDLESS: Final = ("radius", "radius_start", "radius_end")
 """Quantities that may be infinite: the radius of a straight track."""
 STRAIGHT: Final = frozenset({"inf", "infinity", "straight", "∞"})
+Course = tuple[Floats, Floats, Floats]
+"""The course of a line: position (m), latitude and longitude (deg) of each vertex."""
 RAILTOOLKIT: Final = "https://railtoolkit.org/schema/running-path"
 
 
@@ -185,7 +189,7 @@ def line_from_tables(
     fit.
     """
     source = ", ".join(str(table.path) for table in tables)
-    tables = [_with_positions(table, length_m) for table in tables]
+    tables, course = _in_one_frame(tables, length_m)
     stops = _stops(tables)
     whole_m = _length_m(tables, stops) if length_m is None else length_m
     if whole_m < SHORTEST_M:
@@ -202,7 +206,7 @@ def line_from_tables(
         limits_mps=limits,
         curvature_per_m=_curves(tables, whole_m) or route.curvature_per_m,
         **_zones(tables),
-        **_geometry(tables, route),
+        **_geometry(course, route),
     )
     if gradients is not None:
         route = replace(route, gradients_ratio=gradients, altitudes=None)
@@ -221,30 +225,92 @@ def check_coordinates(table: LineTable) -> None:
                 raise table.error(i, name, value, f"{-most:g} to {most:g} degrees")
 
 
-def _with_positions(table: LineTable, length_m: float | None) -> LineTable:
-    """The table with positions: those of a polyline alone are the lengths along it, up to the length of the line."""
-    check_coordinates(table)
-    if table.has("position"):
-        positions = table.numbered("position")
-        if not positions:
-            raise DasError(f"{table.path}: no row has a position")
-        for (_, (before_m,)), (i, (at_m,)) in pairwise(positions):
-            if at_m <= before_m:
-                raise table.error(i, "position", f"{at_m:g} m", f"more than {before_m:g} m: rows rise along the line")
-        first, (start_m,) = positions[0]
-        if start_m < 0:
-            raise table.error(first, "position", f"{start_m:g} m", "a position >= 0 m")
-        return table
-    if not table.has("latitude", "longitude"):
-        raise DasError(f"{table.path}: no column of positions, expected position_km or position_m")
-    points = np.array(table.rows("latitude", "longitude"))
-    if len(points) < len(table.lines) or not (points[1:] != points[:1]).any():
+def _in_one_frame(tables: Sequence[LineTable], length_m: float | None) -> tuple[list[LineTable], Course | None]:
+    """The tables with a position in every row that has a value, and the course of the line.
+
+    Rows with coordinates alone are projected on the course: the table of coordinates without names. Without positions
+    of its own, they are the lengths along it, up to the length of the line.
+    """
+    for table in tables:
+        check_coordinates(table)
+    lines = [table for table in tables if table.rows("latitude", "longitude") and not table.names]
+    measured = [table for table in lines if table.rows("position", "latitude", "longitude")]
+    plain = [table for table in lines if table.numbers.keys() == {"latitude", "longitude"}]
+    course = next(iter(measured or plain or lines), None)
+    if not measured and len(plain or lines) > 1:
+        raise DasError(f"{', '.join(str(x.path) for x in plain or lines)}: each has a course, expected one of them")
+    along = None if course is None or measured else _with_lengths(course, length_m)
+    ready = [along if along is not None and table is course else table for table in tables]
+    on = _course(course if along is None else along)
+    return [_with_positions(table, on) for table in ready], on
+
+
+def _course(table: LineTable | None) -> Course | None:
+    """Position (m), latitude and longitude (deg) of a table's rows; None for a table without any."""
+    rows = [] if table is None else table.rows("position", "latitude", "longitude")
+    if not rows:
+        return None
+    at_m, latitude, longitude = np.array(rows).T
+    return at_m, latitude, longitude
+
+
+def _with_lengths(course: LineTable, length_m: float | None) -> LineTable:
+    """A course whose positions are the lengths along it, or the same lengths up to that of the line (m)."""
+    points = np.array(course.rows("latitude", "longitude"))
+    if len(points) < len(course.lines) or not (points[1:] != points[:1]).any():
         raise DasError(
-            f"{table.path}: without positions every row needs latitude and longitude, and there are two places or more"
+            f"{course.path}: without positions every row needs latitude and longitude, and there are two places or more"
         )
-    along_m = np.concatenate(([0.0], np.cumsum(steps_m(*points.T))))
-    scale = 1.0 if length_m is None else length_m / along_m[-1]
-    return replace(table, numbers={**table.numbers, "position": tuple((scale * along_m).tolist())})
+    lengths_m = along_m(*points.T)
+    scale = 1.0 if length_m is None else length_m / lengths_m[-1]
+    return replace(course, numbers={**course.numbers, "position": tuple((scale * lengths_m).tolist())})
+
+
+def _with_positions(table: LineTable, course: Course | None) -> LineTable:
+    """The table with a position in each row that has a value; InputError where there is none, or they do not rise."""
+    if not table.has("position") and not table.has("latitude", "longitude"):
+        raise DasError(f"{table.path}: no column of positions, expected position_km or position_m")
+    empty: tuple[float | None, ...] = (None,) * len(table.lines)
+    given = table.numbers.get("position", empty)
+    columns = [values for name, values in table.numbers.items() if name != "position"]
+    used = [any(one[i] is not None for one in columns) or any(table.names[i : i + 1]) for i in range(len(given))]
+    lacking = [i for i, at_m in enumerate(given) if at_m is None and used[i]]
+    found_m = dict(zip(lacking, _projected(table, lacking, course), strict=True)) if lacking else {}
+    at_m = tuple(found_m.get(i, value) for i, value in enumerate(given))
+    whole = replace(table, numbers={**table.numbers, "position": at_m})
+    positions = whole.numbered("position")
+    if not positions:
+        raise DasError(f"{table.path}: no row has a position")
+    for (_, (before_m,)), (i, (here_m,)) in pairwise(positions):
+        if here_m <= before_m:
+            raise table.error(i, "position", f"{here_m:g} m", f"more than {before_m:g} m: rows rise along the line")
+    first, (start_m,) = positions[0]
+    if start_m < 0:
+        raise table.error(first, "position", f"{start_m:g} m", "a position >= 0 m")
+    return whole
+
+
+def _projected(table: LineTable, rows: Sequence[int], course: Course | None) -> list[float]:
+    """The positions (m) of rows on a course by their coordinates; InputError for a row without them or far from it."""
+    nothing: tuple[float | None, ...] = (None,) * len(table.lines)
+    columns = [table.numbers.get(name, nothing) for name in ("latitude", "longitude")]
+    places = [[column[i] for column in columns] for i in rows]
+    for i, place in zip(rows, places, strict=True):
+        if None in place:
+            raise table.error(i, "position", MISSING, "a position, or latitude and longitude, beside the other values")
+    if course is None or len(course[0]) < 2:
+        raise table.error(
+            rows[0],
+            "position",
+            MISSING,
+            "a position, or a table of latitude_deg and longitude_deg: the course of the line",
+        )
+    found = projected_in_order(course, np.array(places, dtype=float), OFF_COURSE_M)
+    for i, off_m in zip(rows, found.off_m.tolist(), strict=True):
+        if off_m > OFF_COURSE_M:
+            far = f"{off_m:.0f} m from the course behind the row before"
+            raise table.error(i, "latitude, longitude", far, f"at most {OFF_COURSE_M:g} m")
+    return [round(at_m, DECIMALS) for at_m in found.position_m.tolist()]
 
 
 def _stops(tables: Sequence[LineTable]) -> list[Stop]:
@@ -319,12 +385,13 @@ def _zones(tables: Sequence[LineTable]) -> dict[str, Any]:
     return found
 
 
-def _geometry(tables: Sequence[LineTable], route: Route) -> dict[str, Any]:
-    """The geometry: the coordinates of a table without names."""
-    for table in tables:
-        rows = [] if table.names else table.rows("position", "latitude", "longitude")
-        inside = [row for row in rows if row[0] <= route.length_m + POSITION_TOLERANCE_M]
-        if inside:
-            names = ("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg")
-            return dict(zip(names, map(np.array, zip(*inside, strict=True)), strict=True))
-    return {}
+def _geometry(course: Course | None, route: Route) -> dict[str, Any]:
+    """The geometry of a route: its course, up to the end of the line."""
+    if course is None or course[0][0] > route.length_m + POSITION_TOLERANCE_M:
+        return {}
+    at_m, *place = course
+    kept_m = at_m[at_m <= route.length_m + POSITION_TOLERANCE_M]
+    if len(kept_m) < len(at_m) and kept_m[-1] < route.length_m - POSITION_TOLERANCE_M:
+        kept_m = np.append(kept_m, route.length_m)
+    names = ("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg")
+    return dict(zip(names, (kept_m, *(np.interp(kept_m, at_m, one) for one in place)), strict=True))

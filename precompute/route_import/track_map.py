@@ -49,7 +49,8 @@ _NAME_KEYS: Final = (
     *("label", "title", "station", "station_name", "stop_name"),
 )
 """Keys of names: of OpenStreetMap, and of other maps."""
-_SPEED = re.compile(r"(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph)?")
+_SPEED = re.compile(r"(\d+(?:\.\d+|,\d(?!\d))?)\s*(mph)?")
+_PLAIN_SPEEDS = re.compile(r"(\d+(\.\d+)?\s*(km/h|kmh|kph|mph)?\s*(;\s*|$))+")
 _HSTORE = re.compile(r'"((?:[^"\\]|\\.)*)"\s*=>\s*"((?:[^"\\]|\\.)*)"')
 Key = tuple[int, int]
 """A place on the map: latitude and longitude in 10⁻⁷ degrees, the resolution of OpenStreetMap."""
@@ -68,14 +69,27 @@ class TrackLine:
     def limit_mps(self, *, forward: bool) -> float | None:
         """The limit (m/s) with or against the order of the vertices; None where the map does not tell.
 
-        Of several speeds ("80;100") the least counts.
+        Of several speeds ("80;100") the least counts, in a text of another form ("60|80") the least number.
         """
-        direction = "forward" if forward else "backward"
-        for key in (f"maxspeed:{direction}", *LIMIT_KEYS):
-            found = _speeds_mps(self.tags.get(key, ""))
-            if found:
-                return min(found)
-        return None
+        speeds_mps = (min(_speeds_mps(text), default=None) for _, text in self._told(forward=forward))
+        return next((speed_mps for speed_mps in speeds_mps if speed_mps is not None), None)
+
+    def odd_limit(self, *, forward: bool) -> str:
+        """The value that tells the limit, with its key, if it is no plain speed or list of speeds; empty otherwise.
+
+        Of a track whose values name no speed it is the first one.
+        """
+        told = list(self._told(forward=forward))
+        for key, text in [one for one in told if _speeds_mps(one[1])] or told[:1]:
+            plain = _PLAIN_SPEEDS.fullmatch(text.casefold()) and _speeds_mps(text)
+            return "" if plain else f"{key} = {seen(text)[:MOST_OF_A_NAME]!r}"
+        return ""
+
+    def _told(self, *, forward: bool) -> Iterator[tuple[str, str]]:
+        """The keys and values that tell of a limit with or against the order of the vertices, the best first."""
+        for key in (f"maxspeed:{'forward' if forward else 'backward'}", *LIMIT_KEYS):
+            if text := self.tags.get(key, "").strip():
+                yield key, text
 
     def lies_in(self, what: str) -> bool:
         """Whether the track is in a "tunnel", or on a "bridge"."""
@@ -207,9 +221,12 @@ def names_of(tags: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def _speeds_mps(text: str) -> list[float]:
-    """The speeds (m/s) that a value of `maxspeed` names; "none", "signals" and zones name none."""
-    matches = (_SPEED.fullmatch(part.strip().casefold()) for part in text.replace(",", ";").split(";"))
-    speeds_mps = [float(match[1]) * (MPH if match[2] == "mph" else KMH) for match in matches if match is not None]
+    """The speeds (m/s) that a value of `maxspeed` names; "none" and "signals" name none.
+
+    A comma before a single digit is a decimal sign. What stands in brackets is a remark.
+    """
+    matches = _SPEED.finditer(re.sub(r"\(.*?\)", " ", text.casefold()))
+    speeds_mps = [float(match[1].replace(",", ".")) * (MPH if match[2] else KMH) for match in matches]
     return [speed_mps for speed_mps in speeds_mps if 0 < speed_mps <= FASTEST_MPS]
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from das.domain.errors import DasError
+from das.domain.files.foreign import VEHICLES, refuse_foreign
 from das.domain.files.reading import Fields, read_json
 from das.domain.files.vehicles import vehicle_of
 from das.domain.vehicle import Vehicle
@@ -57,6 +58,7 @@ def import_train(
 def _read(source: Path, figures: Figures, train_id: str | None) -> ImportedTrain:
     """The train of a file, by the kind of the file; DasError for a kind that cannot be imported."""
     suffix = source.suffix.lower()
+    refuse_foreign(source, "train", reads=VEHICLES)
     if suffix in (".csv", ".tsv", ".txt"):
         return tables.read_efforts(source, figures)
     if suffix not in (".json", ".yaml", ".yml"):

@@ -14,7 +14,7 @@ from das.bus.recording import Recording
 from das.bus.scanning import MAGIC
 from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
 from das.domain.errors import DasError, InputError
-from das.domain.files.foreign import GPX, refuse_foreign
+from das.domain.files.foreign import TRIPS, refuse_foreign
 from das.domain.route import Floats
 from das.domain.units import KM, KMH, NS
 from das.estimate.fix import Quality
@@ -159,7 +159,7 @@ def read_trip(path: Path, train: str | None = None) -> Reading:
     suffix = path.suffix.lower()
     if head.startswith(MAGIC) or suffix == ".mcap":
         return reading_of(open_recording(path, train))
-    refuse_foreign(path, "trip", but=GPX)
+    refuse_foreign(path, "trip", reads=TRIPS)
     if head.lstrip(_BEFORE_XML).startswith(b"<") or suffix == ".gpx":
         return Reading(record=read_gpx(path), format="GPX")
     return Reading(record=read_csv(path), format="CSV")

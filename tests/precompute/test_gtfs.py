@@ -114,6 +114,53 @@ def test_a_trip_at_intervals_keeps_its_running_times_wherever_it_is_cut(feed: Pa
     assert any("frequencies.txt" in note for note in cut.notes)
 
 
+def day(text: str) -> datetime.date:
+    return datetime.date.fromisoformat(text)
+
+
+@pytest.mark.parametrize(
+    ("choice", "said"),
+    [
+        (TripChoice(trip="103", at_s=9 * 3600.0), "at 09:00:00 or later: its last run leaves at 08:40:00"),
+        (TripChoice(trip="101", at_s=5 * 3600.0), "at 05:00:00 or later: its last run leaves at 04:28:00"),
+        (TripChoice(trip="101", day=day("2027-03-04")), "trip 101 does not run on 2027-03-04; it runs Mo Tu We Th Fr,"),
+        (TripChoice(trip="n101", day=day("2026-11-26")), "trip 101 does not run on 2026-11-26"),
+    ],
+)
+def test_a_trip_that_does_not_run_then_is_refused_and_not_replaced(feed: Path, choice: TripChoice, said: str) -> None:
+    with pytest.raises(DasError, match=said):
+        read_trip(feed, choice)
+
+
+def test_time_and_day_choose_a_run_of_a_trip(feed: Path) -> None:
+    late = read_trip(feed, TripChoice(trip="103", at_s=8 * 3600 + 1200.0, day=day("2026-11-25")))
+    assert late.stops[0].departure_s == 8 * 3600 + 1200
+    assert read_trip(feed, TripChoice(trip="101", at_s=16_080.0)).stops[0].departure_s == 16_080
+
+
+def test_a_train_after_midnight_is_one_of_the_service_day_before(feed: Path) -> None:
+    """Trip ODD leaves its third stop at 24:02; it runs on Wednesday the 25th, not on Thursday the 26th."""
+    found = read_trip(feed, by_stops("Neu Altdorf", "Zell", 60.0, "2026-11-26"))
+    assert (found.id, found.stops[0].departure_s) == (ODD, 86_520)
+    assert "it leaves Neu Altdorf Station at 00:02:00, which is 24:02:00 of the service day 2026-11-25" in found.notes
+    assert read_trip(feed, by_stops("Neu Altdorf", "Zell", 60.0)).id == ODD
+    on_friday = read_trip(feed, by_stops("Neu Altdorf", "Zell", 60.0, "2026-11-27"))
+    assert on_friday.id == "101", "nothing ran on Thursday"
+
+
+def test_an_interval_after_midnight_is_one_of_the_service_day_before(tmp_path: Path) -> None:
+    rows = [["trip_id", "start_time", "end_time", "headway_secs"], ["103", "22:00:00", "26:00:00", "1200"]]
+    path = write_feed(tmp_path / "night.zip", {"frequencies": rows})
+    assert read_trip(path, TripChoice(trip="103", at_s=1800.0)).stops[0].departure_s == 24 * 3600 + 2400
+
+
+def test_a_shape_with_an_order_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    rows = feed_tables()["shapes"]
+    shapes = [*rows[:3], [*rows[3][:3], "x"], *rows[4:]]
+    with pytest.raises(DasError, match=r"shapes\.txt: line 4 shape_pt_sequence = 'x': expected a whole number"):
+        read_trip(write_feed(tmp_path / "shape.zip", {"shapes": shapes}), TripChoice(trip="101"))
+
+
 def without(*names: str) -> dict[str, None]:
     return dict.fromkeys(names)
 

@@ -118,10 +118,26 @@ def test_dwell_and_rounding_are_the_users_and_are_said(feed: Path) -> None:
     trip, times = trip_of(feed), TimesRead(dwell_s=90.0, rounded_s=0.0)
     journey = made(trip, feed_route(), times)
     assert [call.dwell_s for call in journey.calls] == [0, 90, 60, 0], "never longer than the feed's own dwell"
-    assert journey.calls[1].departure == Window(earliest_s=16_440)
+    assert journey.calls[1].departure == Window(earliest_s=16_440, latest_s=16_440), "0 is a bound, not none"
     said = notes(trip, placed(trip, None), times, None)
     assert "1 of 2 stops on the way have arrival = departure: assumed dwell 90 s" in said
+    assert "the train leaves at each departure, no later (--tolerance)" in said
     assert not any("whole minutes" in note for note in said)
+
+
+def test_times_finer_than_a_minute_are_kept_without_a_tolerance(feed: Path) -> None:
+    trip = trip_of(feed)
+    fine = replace(trip, stops=tuple(x._replace(departure_s=x.departure_s + 30) for x in trip.stops))
+    journey = made(fine, feed_route())
+    assert [call.departure for call in journey.calls[:-1]] == [Window.at(x + 30.0) for x in (16_080, 16_440, 16_860)]
+
+
+def test_a_train_that_runs_for_days_has_times_beyond_100_hours(feed: Path) -> None:
+    trip, days_s = trip_of(feed), 4 * 86_400.0
+    later = [x._replace(arrival_s=x.arrival_s + days_s, departure_s=x.departure_s + days_s) for x in trip.stops]
+    journey = made(replace(trip, stops=tuple(later)), feed_route())
+    assert journey.calls[0].departure.earliest_s == 16_080 + days_s
+    assert "100:28" in journey.name
 
 
 @pytest.mark.parametrize("zone", ["UTC", "Europe/Zurich"])

@@ -295,7 +295,11 @@ BAD_FILES: list[tuple[str, object, str]] = [
     ("o.yaml", LONG, "of 36000 bits"),
     ("o.yaml", YAML.replace("440 t", f"440{' ' * 300_000}t"), "expected a number with its unit"),
     ("o.yaml", YAML + "colour: red\n", "colour = 'red': expected one of the keys"),
-    ("o.yaml", "schema: https://railtoolkit.org/schema/running-path.json\n", "neither rolling stock of OSRD"),
+    (
+        "o.yaml",
+        "schema: https://railtoolkit.org/schema/running-path.json\n",
+        "is a running path of railtoolkit, expected a train",
+    ),
     ("o.yaml", YAML.replace("[km/h, daN]", "[km/h]"), r"modes\.25kV\.effort\.units = \['km/h'\]: expected the"),
     ("o.xml", "<a/>", r"expected rolling stock \(\.json, \.yaml\) or a table"),
 ]

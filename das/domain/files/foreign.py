@@ -21,9 +21,9 @@ UNZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, EOFError, OSError, Runtim
 before the begin of the file; `RuntimeError`: a zip of a later version, or one with a password.
 """
 _JOURNEYS: Final = "das-precompute journey import {path} --trip ID -o journey.toml"
-_ROUTES: Final = "das-precompute route import {path} -o route.toml"
-_VEHICLES: Final = "das-precompute vehicle import {path} -o vehicle.toml"
-_TRIPS: Final = "das-sim trip {path} --route ROUTE --vehicle VEHICLE"
+ROUTES: Final = "das-precompute route import {path} -o route.toml"
+VEHICLES: Final = "das-precompute vehicle import {path} -o vehicle.toml"
+TRIPS: Final = "das-sim trip {path} --route ROUTE --vehicle VEHICLE"
 
 
 class ForeignFormat(NamedTuple):
@@ -33,7 +33,7 @@ class ForeignFormat(NamedTuple):
     command: str = ""
 
 
-GPX: Final = ForeignFormat("a GPX track", _TRIPS)
+GPX: Final = ForeignFormat("a GPX track", TRIPS)
 GTFS: Final = ForeignFormat("a GTFS feed", _JOURNEYS)
 _XML: Final = (
     (r"<gpx\b", GPX),
@@ -43,17 +43,18 @@ _XML: Final = (
     (r"<kml\b", ForeignFormat("a KML file")),
 )
 _JSON: Final = (
-    (r'"(effort_curves|rolling_resistance)"\s*:', ForeignFormat("OSRD rolling stock", _VEHICLES)),
-    (r'"osm3s"|"elements"\s*:\s*\[', ForeignFormat("an Overpass answer", _ROUTES)),
+    (r'"(effort_curves|rolling_resistance)"\s*:', ForeignFormat("OSRD rolling stock", VEHICLES)),
+    (r'"osm3s"|"elements"\s*:\s*\[', ForeignFormat("an Overpass answer", ROUTES)),
     (r'"(track_sections|extended_switch_types|operational_points|switch_type)"', ForeignFormat("railjson of OSRD")),
-    (r'"type"\s*:\s*"(FeatureCollection|Feature|(Multi)?LineString)"', ForeignFormat("a GeoJSON file", _ROUTES)),
+    (r'"type"\s*:\s*"(FeatureCollection|Feature|(Multi)?LineString)"', ForeignFormat("a GeoJSON file", ROUTES)),
 )
 _TEXT: Final = (
     (
         r"\A\"?(trip_id|stop_id|route_id|shape_id|service_id)\"?,",
         ForeignFormat("one table of a GTFS feed (import the zip)"),
     ),
-    (r"railtoolkit\.org/schema/rolling-stock", ForeignFormat("rolling stock of railtoolkit", _VEHICLES)),
+    (r"railtoolkit\.org/schema/rolling-stock", ForeignFormat("rolling stock of railtoolkit", VEHICLES)),
+    (r"railtoolkit\.org/schema/running-path", ForeignFormat("a running path of railtoolkit", ROUTES)),
     (r"railtoolkit\.org/schema/", ForeignFormat("a railtoolkit file")),
 )
 _OURS: Final = re.compile(r"^\[(route|vehicle|journey|scenario)\]\s*(?:#.*)?$", re.MULTILINE)
@@ -88,13 +89,13 @@ def _zipped(path: Path) -> ForeignFormat:
     return GTFS if any(name.endswith("stop_times.txt") for name in names) else ForeignFormat("a zip file")
 
 
-def refuse_foreign(path: Path, kind: str, but: ForeignFormat | None = None) -> None:
+def refuse_foreign(path: Path, kind: str, reads: str | None = None) -> None:
     """Raise DasError for a file of another program, or of another kind of ours, where a file of a kind is expected.
 
-    The message names the command that imports it. `but` is the one format that is no mistake here.
+    The message names the command that imports it. `reads` is the command that is running, if it imports some formats.
     """
     found = foreign_format(path)
-    if found is None or found == but or found.name == f"a {kind} file of this program":
+    if found is None or (reads and found.command == reads) or found.name == f"a {kind} file of this program":
         return
     expected = f"{path}: is {found.name}, expected a {kind}"
     if found.command:

@@ -29,7 +29,7 @@ MOST_OF_A_SOURCE = 2000
 """Longest source or licence (characters) of a route: they stand in its pictures and reports."""
 TOLERANCE_S = 30.0
 """Tolerance (s) of a passing that is a wish, if the file states none: timetables are rounded to minutes."""
-_CLOCK = re.compile(r"(\d{1,2}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
+_CLOCK = re.compile(r"(\d{1,3}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
 _PLACE = {"position": "length"}
 _SPEEDS = {"lowest_speed": "speed", "highest_speed": "speed"}
 

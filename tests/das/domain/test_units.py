@@ -30,7 +30,7 @@ HAND_FIGURES = [
     ("ratio", 0.06, 0.06, "- ratio"),
     ("ratio", 6.0, 0.06, "% percent"),
     ("gradient", 12.5, 0.0125, "permil permille ‰"),
-    ("gradient", 1.25, 0.0125, "%"),
+    ("gradient", 1.25, 0.0125, "% percent"),
     ("gradient", 0.0125, 0.0125, "ratio -"),
     ("resistance_1", 38.8, 38.8, "N/(m/s) n_per_mps"),
     ("resistance_1", 0.0388, 38.8, "kN/(m/s) kn_per_mps"),

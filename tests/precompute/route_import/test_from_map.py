@@ -188,6 +188,32 @@ def test_limits_that_are_missing_are_those_of_the_slower_neighbour_or_as_asked(t
         line_from_map(nothing, ("A", "B"), ImportOrder(), Words())
 
 
+@pytest.mark.parametrize(
+    ("maxspeed", "limit_kmh", "said"),
+    [
+        ("60|80", 60.0, "maxspeed = '60|80' of {} (km 1.493): 60 km/h"),
+        ("120,5", 120.5, "maxspeed = '120,5' of {} (km 1.493): 120.5 km/h"),
+        ("signals", 150.0, "maxspeed = 'signals' of {} (km 1.493): no speed"),
+        ("9999", 150.0, "maxspeed = '9999' of {} (km 1.493): no speed"),
+        ("80; 60 mph", 80.0, None),
+        ("80", 80.0, None),
+    ],
+)
+def test_a_limit_of_an_unusual_form_is_its_least_number_and_is_said_with_its_track(
+    tmp_path: Path, maxspeed: str, limit_kmh: float, said: str | None
+) -> None:
+    ends = (feature(east(0, 2), maxspeed="180"), feature(east(4, 6), maxspeed="150"))
+    the_map = read_map(
+        [written(tmp_path / "m.json", collection(ends[0], feature(east(2, 4), maxspeed=maxspeed), ends[1], *STATIONS))]
+    )
+    found = line_from_map(the_map, ("A", "B"), ImportOrder(), Words())
+    assert limit_kmh in (found.route.limits_mps.value * 3.6).round(3).tolist()
+    remarks = [remark for remark in found.remarks if "no plain speeds" in remark]
+    assert len(remarks) == (said is not None)
+    name = the_map.tracks[1].name
+    assert said is None or said.format(name) in remarks[0], remarks
+
+
 def test_stations_beside_the_way_become_stops_once(tmp_path: Path) -> None:
     more = (
         feature([8.03, 48.0002], "Point", railway="halt", name="Middle"),

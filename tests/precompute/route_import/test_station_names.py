@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,17 @@ def test_a_station_comes_before_its_platforms_and_all_of_one_rank_are_offered() 
     platform = map_with("Melk", rank=2).places
     found = stations_named(TrackMap(**{**vars(the_map), "places": (*platform, *the_map.places)}), "Melk")
     assert [place.rank for place in found] == [0, 0, 2]
+
+
+def test_two_stations_of_one_name_20_km_apart_are_asked_about() -> None:
+    near, far = (replace(map_with("Melk").places[0], latitude_deg=48.0 + x) for x in (0.01, 0.19))
+    the_map = replace(map_with("Melk"), places=(near, far))
+    with pytest.raises(
+        DasError, match=r"'melk' names places 20\.0 km apart: give melk=48\.01000,.* and melk=48\.19000,"
+    ):
+        stations_named(the_map, "melk")
+    beside = replace(near, latitude_deg=48.02)
+    assert len(stations_named(replace(the_map, places=(near, beside)), "Melk")) == 2
 
 
 def test_places_are_taken_as_they_are() -> None:

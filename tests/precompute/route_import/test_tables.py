@@ -106,6 +106,74 @@ def test_a_polyline_alone_gives_the_length_and_places(tmp_path: Path) -> None:
     assert scaled.geometry_position_m == pytest.approx([0, 55_000, 110_000], abs=5)
 
 
+def half_circle(count: int = 181) -> str:
+    """A course with a radius of 5 km, from its western end over its northern point to its eastern end."""
+    angle = np.linspace(np.pi, 0.0, count)
+    north_m, east_m = 5000 * np.sin(angle), 5000 * np.cos(angle)
+    latitude, longitude = 47 + north_m / 111_177, 8 + east_m / 76_060
+    rows = "".join(f"{a:.7f},{b:.7f}\n" for a, b in zip(latitude, longitude, strict=True))
+    return f"lat,lon\n{rows}"
+
+
+ON_THE_CIRCLE = "name,lat,lon\nWest,47,7.934262\nTop,47.044973,8\nEast,47,8.065738\n"
+
+
+def test_stops_by_coordinates_lie_on_the_course_and_not_on_straight_lines_between_them(tmp_path: Path) -> None:
+    """Half a circle of 5 km has 15.708 km; straight lines between the three stops have 14.14 km."""
+    files = {"l.csv": LIMITS, "course.csv": half_circle(), "stops.csv": ON_THE_CIRCLE}
+    for order in (list(files), list(files)[::-1]):
+        route = line(tmp_path, {name: files[name] for name in order}, flat=True)
+        assert [stop.position_m for stop in route.stops] == pytest.approx([0, 7854, 15_708], abs=10)
+        assert route.length_m == pytest.approx(15_708, abs=10)
+        assert len(route.geometry_position_m) >= 180
+    scaled = line(tmp_path, files, flat=True, length_km=16.0)
+    assert scaled.stops[1].position_m == pytest.approx(8000, abs=5)
+    measured = "position_km,lat,lon,name\n0,47,7.934262,West\n,47.044973,8,Top\n15.7,47,8.065738,East\n"
+    route = line(tmp_path, {**files, "stops.csv": measured}, flat=True)
+    assert [stop.position_m for stop in route.stops] == pytest.approx([0, 7854, 15_700], abs=5)
+
+
+def test_limits_by_coordinates_share_the_frame_of_the_course(tmp_path: Path) -> None:
+    limits = "lat,lon,limit_kmh\n47,7.934262,100\n47.044973,8,60\n"
+    route = line(tmp_path, {"l.csv": limits, "course.csv": half_circle()}, flat=True)
+    assert route.limits_mps.start_m.tolist() == pytest.approx([0, 7854], abs=5)
+    assert route.length_m == pytest.approx(15_708, abs=10)
+
+
+def test_a_stop_in_the_middle_of_a_segment_ends_the_geometry_there(tmp_path: Path) -> None:
+    stops = "position_km,name\n0,A\n7,B\n"
+    course = "position_km,lat,lon\n0,47,8\n10,47,8.1\n"
+    route = line(tmp_path, {"l.csv": LIMITS, "s.csv": stops, "c.csv": course}, flat=True)
+    assert route.geometry_position_m.tolist() == [0, 7000]
+    assert route.geometry_longitude_deg.tolist() == pytest.approx([8, 8.07])
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({"s.csv": ON_THE_CIRCLE}, r"s\.csv: line 2 position is missing: expected a position, or a table of lat"),
+        ({"c.csv": half_circle(), "d.csv": half_circle()}, r"c\.csv, .*d\.csv: each has a course, expected one"),
+        (
+            {"c.csv": half_circle(), "s.csv": "name,lat,lon\nWest,47,7.934262\nFar,47.1,8\n"},
+            r"line 3 latitude, longitude = '\d+ m from the course .*expected at most 500 m",
+        ),
+        (
+            {"c.csv": half_circle(), "s.csv": "name,lat,lon\nEast,47,8.065738\nTop,47.044973,8\n"},
+            "line 3 latitude, longitude = '7.* m from the course behind the row before",
+        ),
+        ({"c.csv": half_circle(), "s.csv": "position_km,name\n0,A\n,B\n9,C\n"}, "line 3 position is missing"),
+    ],
+)
+def test_coordinates_that_no_course_places_are_refused(tmp_path: Path, files: dict[str, str], message: str) -> None:
+    with pytest.raises(DasError, match=message):
+        line(tmp_path, {"l.csv": LIMITS, **files}, flat=True)
+
+
+def test_gradients_may_be_in_per_cent(tmp_path: Path) -> None:
+    route = line(tmp_path, {"one.csv": "position_km,limit_kmh,gradient_percent\n0,100,1.2\n5,,-0.8\n10,,\n"})
+    assert route.gradients_ratio.value == pytest.approx([0.012, -0.008])
+
+
 def test_a_running_path_of_railtoolkit(tmp_path: Path) -> None:
     route = line(tmp_path, {"path.yaml": PATH}, start="Görlitz", end="Dresden")
     assert (route.length_m, route.id) == (2000, "gorlitz-dresden")
@@ -175,14 +243,14 @@ def test_a_part_may_begin_before_its_geometry_and_end_where_the_line_began(tmp_p
         ('position_km,limit_kmh\n0,"80\n', "not a usable CSV file"),
         ("position_km,limit_kmh,lat,lon\n0,80,98,8\n1,80,48,8\n", "line 2 latitude = 98.0: expected -90 to 90 degrees"),
         ("position_km,limit_kmh,lat,lon\n0,80,0,0\n1,80,48,8\n", "geometry: further to the next point"),
-        ("position_km,limit_kmh\n,80\n", "no row has a position"),
+        ("position_km,limit_kmh\n,80\n", "line 2 position is missing: expected a position"),
         ("position_km,limit_kmh\n0,80\n2.5e-12,90\n", "length of the line = '2.5e-09 m': expected 1 m or more"),
         ("lat,lon,limit_kmh\n48,8,80\n48,8,90\n", "latitude and longitude, and there are two places or more"),
     ],
 )
 def test_a_table_that_cannot_be_meant_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(DasError) as caught:
-        line(tmp_path, {"t.csv": text}, flat=True)
+        line(tmp_path, {"t.csv": text}, flat="gradient" not in text)
     assert message in str(caught.value)
 
 
@@ -192,7 +260,10 @@ def test_a_table_that_cannot_be_meant_is_refused_with_its_line(tmp_path: Path, t
         ("a: [", "not valid YAML"),
         ("[" * 1200 + "]" * 1200, "YAML"),
         ("trains: []", "not a running path of railtoolkit"),
-        ("schema: https://railtoolkit.org/schema/rolling-stock.json\npaths: []", "not a running path"),
+        (
+            "schema: https://railtoolkit.org/schema/rolling-stock.json\npaths: []",
+            "is rolling stock of railtoolkit, expected a map",
+        ),
         (PATH + "  - {id: q}\n", "paths = 2: expected one path"),
         (PATH.replace("[ 500.0,  40, 5.0 ]", "[ 500.0, 40 ]"), "characteristic_sections[1] = [500.0, 40]"),
         (PATH.replace("500.0,  40", "500.0, .nan"), "characteristic_sections[1] = nan: expected a number"),
@@ -210,8 +281,21 @@ def test_two_tables_of_one_quantity_and_options_of_maps_are_refused(tmp_path: Pa
         line(tmp_path, {"a.csv": LIMITS, "b.csv": LIMITS}, flat=True)
     with pytest.raises(DasError, match="no altitudes: give --altitudes FILE"):
         line(tmp_path, {"a.csv": LIMITS})
-    with pytest.raises(DasError, match=r"a\.toml: is a route already"):
-        line(tmp_path, {"a.toml": ""}, flat=True)
+    with pytest.raises(DasError, match=r"a\.toml: is a route file of this program, expected a map or table of a line"):
+        line(tmp_path, {"a.toml": "[route]\n"}, flat=True)
+    with pytest.raises(
+        DasError, match=r"a\.csv: is a GPX track, expected a map or table of a line; to read it: das-sim"
+    ):
+        line(tmp_path, {"a.csv": '<gpx version="1.1"/>'}, flat=True)
+    for name, content in (("stops.txt", "stop_id,stop_name\n1,A\n"), ("o.json", '{"effort_curves": {}}')):
+        with pytest.raises(DasError, match=r"is (one table of a GTFS feed|OSRD rolling stock)"):
+            line(tmp_path, {name: content}, flat=True)
+    with pytest.raises(DasError, match="belong to lines without gradients"):
+        line(tmp_path, {"a.csv": LIMITS, "g.csv": GRADIENTS}, flat=True)
+    for unused in ({"smooth_m": 500.0}, {"cap_permille": 30.0}):
+        for flat in (True, False):
+            with pytest.raises(DasError, match="--smooth-m and --cap-permille belong to"):
+                line(tmp_path, {"a.csv": LIMITS, **({} if flat else {"g.csv": GRADIENTS})}, flat=flat, **unused)
     with pytest.raises(DasError, match=r"a\.pbf: export it as Overpass JSON"):
         line(tmp_path, {"a.pbf": ""}, flat=True)
     with pytest.raises(DasError, match="expected a map"):

@@ -32,7 +32,7 @@ SAMPLES = {
     ),
     "stock": ('{"name": "x", "effort_curves": {}}', "OSRD rolling stock", VEHICLES),
     "railtoolkit": ("schema: https://railtoolkit.org/schema/rolling-stock.json", "rolling stock of rail", VEHICLES),
-    "path": ("schema: https://railtoolkit.org/schema/running-path.json", "a railtoolkit file", NOBODY),
+    "path": ("schema: https://railtoolkit.org/schema/running-path.json", "a running path of railtoolkit", ROUTES),
     "table": ('"stop_id","stop_name"\n', "one table of a GTFS feed (import the zip)", NOBODY),
 }
 
