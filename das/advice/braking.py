@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from das.advice import kernels
 from das.advice.regimes import FULL_RATIO, Regime
 from das.solver.kernels.forces import brake_limit, on_supply, traction_limit
+from das.solver.kernels.tuples import TrainParams
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -78,7 +79,7 @@ class BrakingAhead:
         self._falls = np.append(envelope[1:] < envelope[:-1] - LEVEL_MPS, False)
         feet = np.flatnonzero(np.append(False, self._falls[:-1]) & ~self._falls)
         self._foot_m, self._foot_mps = section.node_m[feet], envelope[feet]
-        brakes = np.array([self._most_n(i, 1.0) > 0.0 for i in range(len(section.step_m))])
+        brakes = np.array([_most_n(self.section, self._train, i, 1.0) > 0.0 for i in range(len(section.step_m))])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes))
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
@@ -89,7 +90,7 @@ class BrakingAhead:
         least_mps = self.lowest_mps(s_m, v_mps * within_s)
         if v_mps <= least_mps + ABOVE_MPS:
             return False
-        return bool(self._falls[self._interval(s_m)] or least_mps < self.lowest_mps(s_m) - BEGINS_MPS)
+        return bool(self._falls[_interval(self.section, s_m)] or least_mps < self.lowest_mps(s_m) - BEGINS_MPS)
 
     def lowest_mps(self, s_m: float, way_m: float = 0.0) -> float:
         """The lowest speed (m/s) of the planned braking curves from a position on for some way (m)."""
@@ -130,7 +131,7 @@ class BrakingAhead:
 
     def rolling_mps(self, s_m: float, v_mps: float, braked_n: float = 0.0) -> Floats:
         """The speeds (m/s) at all nodes ahead of a train that coasts from here, or brakes with a force (N, > 0)."""
-        section, here = self.section, self._interval(s_m)
+        section, here = self.section, _interval(self.section, s_m)
         train, speeds = section.train, np.full(len(section.node_m) - here - 1, v_mps)
         step_m = section.step_m[here:].copy()
         step_m[0] = section.node_m[here + 1] - s_m
@@ -147,7 +148,7 @@ class BrakingAhead:
 
     def rolls_to_brakes_mps(self, s_m: float, v_mps: float) -> float:
         """The speed (m/s) with which a coasting train reaches the next place where it has a brake."""
-        here = self._interval(s_m) + 1
+        here = _interval(self.section, s_m) + 1
         behind = np.flatnonzero(np.diff(self._braked_m[here:]) > 0.0)
         return float(self.rolling_mps(s_m, v_mps)[behind[0] if behind.size else -1])
 
@@ -197,7 +198,7 @@ class BrakingAhead:
         """The effort of all brakes that the train has here, at a speed; 0 if it has none here."""
         v = max(v_mps, 0.1)
         full_n = float(kernels.full_effort(v, self._train))
-        return self._most_n(self._interval(s_m), v) / full_n if full_n > 0.0 else 0.0
+        return _most_n(self.section, self._train, _interval(self.section, s_m), v) / full_n if full_n > 0.0 else 0.0
 
     def stop_is_next(self, s_m: float, v_mps: float) -> bool:
         """Whether a train has nothing but the stop left to brake for: no limit below its speed lies before it."""
@@ -206,7 +207,7 @@ class BrakingAhead:
     def full(self, s_m: float, v_mps: float) -> float:
         """The effort of full braking here, as used for the curve of the highest allowed speeds."""
         section, v = self.section, max(v_mps, 0.1)
-        here = on_supply(section.train, section.supply[self._interval(s_m)])
+        here = on_supply(section.train, section.supply[_interval(self.section, s_m)])
         slowed_n = here.max_deceleration_mps2 * here.inertial_mass_kg - section.resistance_n(s_m, v)
         full_n = min(float(brake_limit(v, here, here.friction_force_n)), max(slowed_n, 0.0))
         return float(min(full_n / float(kernels.full_effort(v, self._train)), self.largest(s_m, v)))
@@ -214,7 +215,7 @@ class BrakingAhead:
     def force_n(self, effort: float, s_m: float, v_mps: float) -> float:
         """The wheel force (N, <= 0) of a braking effort here, at most what the brakes give."""
         v = max(v_mps, 0.1)
-        most_n = self._most_n(self._interval(s_m), v)
+        most_n = _most_n(self.section, self._train, _interval(self.section, s_m), v)
         return -min(effort * float(kernels.full_effort(v, self._train)), most_n)
 
     def effort_of(self, rate_mps2: float, s_m: float, v_mps: float) -> float:
@@ -240,11 +241,13 @@ class BrakingAhead:
         gained = share * float(traction_limit(max(v_mps, 0.1), train)) / train.inertial_mass_kg
         return gained + self.rolls_mps2(s_m, v_mps)
 
-    def _most_n(self, interval: int, v_mps: float) -> float:
-        """The force (N) of all brakes that the train has in an interval of the section, at a speed."""
-        here = on_supply(self._train, self.section.supply[interval])
-        return float(brake_limit(v_mps, here, here.friction_force_n))
 
-    def _interval(self, s_m: float) -> int:
-        section = self.section
-        return min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), len(section.step_m) - 1)
+def _interval(section: Section, s_m: float) -> int:
+    """The interval of a section at a position."""
+    return min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), len(section.step_m) - 1)
+
+
+def _most_n(section: Section, train: TrainParams, interval: int, v_mps: float) -> float:
+    """The force (N) of all brakes that a train has in an interval of a section, at a speed."""
+    here = on_supply(train, section.supply[interval])
+    return float(brake_limit(v_mps, here, here.friction_force_n))

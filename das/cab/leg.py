@@ -38,10 +38,12 @@ class NoPlanError(DasError):
 
 @dataclass
 class _Progress:
-    """How far the train has come (m), and whether it has stood clearly short of the stop where its leg begins."""
+    """How far the train has come (m), whether it has stood clearly short of the stop where its leg begins, and whether
+    its driver is told that it is too fast."""
 
     reached_m: float = -math.inf
     stood_short: bool = False
+    too_fast: bool = False
 
 
 class Leg:
@@ -72,7 +74,6 @@ class Leg:
         self._settings = settings
         self._arrived_ns: int | None = None
         self._progress = _Progress()
-        self._too_fast = False
 
     @property
     def section(self) -> Section:
@@ -153,8 +154,8 @@ class Leg:
         """The advice for a usable state, at its time; raises NoPlanError if no plan finishes the section from it."""
         stop, planner = self._settings.stop, self.planner
         state = self._state(here)
-        self._too_fast = is_too_fast(state.v_mps - planner.allowed_for(state), told=self._too_fast)
-        scene = Scene(state, here, planner, self.goal, too_fast=self._too_fast)
+        self._progress.too_fast = is_too_fast(state.v_mps - planner.allowed_for(state), told=self._progress.too_fast)
+        scene = Scene(state, here, planner, self.goal, too_fast=self._progress.too_fast)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -stop.at_stop_m:
             self._arrived_ns = None
@@ -191,7 +192,7 @@ class Leg:
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
         """Withdraw the advice: the answer states the cause. The plan is forgotten, unless the display is only quiet."""
-        self._too_fast = False
+        self._progress.too_fast = False
         if not why.cause.is_quiet:
             self._forget()
         elif self.coach is not None:
@@ -226,7 +227,7 @@ class Leg:
             return None
         planner = self.planner
         limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
-        place = SpeedsAllowed(planner.allowed_for(state), limit_mps, self._too_fast)
+        place = SpeedsAllowed(planner.allowed_for(state), limit_mps, self._progress.too_fast)
         show = self.coach.departs if stands else self.coach.show
         return show(kept, state, self.goal, place)
 

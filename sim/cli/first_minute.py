@@ -129,7 +129,7 @@ def _print(found: AlignedDrives) -> None:
 
 
 def _less(ratio: float) -> str:
-    return f"{abs(ratio) / PERCENT:.0f} % {'less' if ratio < 0 else 'more'}"
+    return f"{abs(ratio) / PERCENT:.0f}\u00a0% {'less' if ratio < 0 else 'more'}"
 
 
 def _times(found: AlignedDrives, *, first: bool) -> list[str]:

@@ -15,8 +15,7 @@ from das.bus.recording import Recording
 from das.cab.heard import OrderedStop
 from das.domain.route import Stop
 from das.domain.units import NS
-from sim.recording.course import DrivenCourse, known, stretches_of
-from sim.recording.opening import own_timetable
+from sim.recording.course import DrivenCourse, known, own_timetable, stretches_of
 
 STANDING_MPS: Final = 0.3
 """A train that is slower than this (m/s) stands: receivers report a few cm/s at rest."""

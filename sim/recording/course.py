@@ -20,10 +20,16 @@ from das.bus.recording import Recording, Stamped
 from das.bus.topics import Topic
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.recording.opening import own_timetable
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
+OWN_TIMETABLE: Final = "own_timetable"
+"""Key of a replay whose timetable is the trip itself, because no other was given."""
+
+
+def own_timetable(recording: Recording) -> bool:
+    """Whether the times of a journey are those of the drive itself: nobody gave a timetable for its replay."""
+    return OWN_TIMETABLE in recording.metadata.get("run", {})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

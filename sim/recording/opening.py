@@ -26,15 +26,8 @@ NODE_ARGUMENTS: Final = "node_arguments"
 """Key of the arguments with which the node was started (JSON list)."""
 WHAT_IF: Final = "what_if"
 """Key of the kind of a what-if (`sim.options.WhatIfKind`)."""
-OWN_TIMETABLE: Final = "own_timetable"
-"""Key of a replay whose timetable is the trip itself, because no other was given."""
 _warned: set[str] = set()
 """Warnings that this process has printed."""
-
-
-def own_timetable(recording: Recording) -> bool:
-    """Whether the times of a journey are those of the drive itself: nobody gave a timetable for its replay."""
-    return OWN_TIMETABLE in recording.metadata.get("run", {})
 
 
 def open_recording(path: Path, train: str | None = None) -> Recording:

@@ -22,8 +22,7 @@ from das.domain.units import KM, KMH, KN, NS, PERCENT, PERMILLE, kwh
 from das.drawing.meanings import Meaning
 from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.drive import Drive
-from sim.recording.course import DrivenCourse, Floats, Times
-from sim.recording.opening import own_timetable
+from sim.recording.course import DrivenCourse, Floats, Times, own_timetable
 
 UNKNOWN_S: Final = 10.0
 """The curves of what was driven have a gap where nothing was recorded for longer than this (s)."""

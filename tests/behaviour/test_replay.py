@@ -276,7 +276,7 @@ def bad_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     (folder / "good.csv").write_text("\n".join(good) + "\n")
     (folder / "empty.csv").write_text("")
-    (folder / "nan.csv").write_text("\n".join([good[0], good[1].replace(",90,", ",nan,"), *good[2:]]))
+    (folder / "nan.csv").write_text("\n".join(line.replace(",90,", ",x,") for line in good))
     (folder / "back.csv").write_text("\n".join([good[0], good[2], good[1], *good[3:]]))
     (folder / "far.csv").write_text("\n".join(line.replace("47.0,", "48.0,") for line in good))
     track: dict[str, Any] = {

@@ -124,8 +124,12 @@ def trip(
     return made
 
 
+SPEED_SD_MPS = 0.2
+"""The standard deviation that the sender states of its speed: a speed without one may be late."""
+
+
 def at(made: SmallTrip, second: float, s_m: float, v_mps: float) -> Advice:
-    made.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps))
+    made.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps, speed_uncertainty_mps=SPEED_SD_MPS))
     return made.update(ns(second))
 
 

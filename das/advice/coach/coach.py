@@ -183,7 +183,7 @@ class Coach:
         if place.too_fast:
             return Reason(code=ReasonCode.TOO_FAST, speed_mps=state.v_mps - place.allowed_mps)
         ahead = self._standing_reason(shown.now, self._ahead(kept, shown, state), state)
-        if not ahead and self._is_slowed_for_point(kept, state, goal):
+        if not ahead and _is_slowed_for_point(kept, state, goal):
             point = goal.passing
             assert point is not None
             time_ns = point.earliest_ns or 0
@@ -227,15 +227,6 @@ class Coach:
             self._said_late_s = late_s
         return self._said_late_s
 
-    @staticmethod
-    def _is_slowed_for_point(kept: Kept, state: TrainState, goal: Goal) -> bool:
-        """Whether the train would pass the point ahead too early if the reference did not slow it down."""
-        point = goal.passing
-        if point is None or point.earliest_ns is None or not goal.waits(state):
-            return False
-        passes = passes_s(kept.reference.schedule, kept.forecast, state.s_m, point.s_m)
-        return passes - (point.earliest_ns - state.now_ns) * NS < SLOWED_S
-
     def _ahead(self, kept: Kept, shown: ShownNow, state: TrainState) -> Reason:
         """The lower limit or the stop to which the instruction to coast or to brake leads, if it is near."""
         if shown.now.mode is not Regime.COAST and shown.now.mode not in BRAKES:
@@ -257,6 +248,15 @@ class Coach:
         if slows_m >= section.end_m and section.end_m - state.s_m <= NEAR_M:
             return Reason(code=ReasonCode.STOP, stop=section.end_stop_name)
         return NO_REASON
+
+
+def _is_slowed_for_point(kept: Kept, state: TrainState, goal: Goal) -> bool:
+    """Whether the train would pass the point ahead too early if the reference did not slow it down."""
+    point = goal.passing
+    if point is None or point.earliest_ns is None or not goal.waits(state):
+        return False
+    passes = passes_s(kept.reference.schedule, kept.forecast, state.s_m, point.s_m)
+    return passes - (point.earliest_ns - state.now_ns) * NS < SLOWED_S
 
 
 def _ends_m(schedule: Schedule, number: int, kinds: tuple[NotchRegime, ...]) -> float:

@@ -41,8 +41,7 @@ from sim.drive.happenings import NOT_HEARD, Span, points, signals, silence_text
 from sim.drive.limits import temporary_limits
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import Presenter, ShownRegime, presenter_of, shown_presentation
-from sim.recording.course import DriveClock, DrivenCourse, Floats
-from sim.recording.opening import own_timetable
+from sim.recording.course import DriveClock, DrivenCourse, Floats, own_timetable
 
 NEWS_NS: Final = 3_000_000_000
 """A plan made within this time (ns) after, say, a new restriction counts as caused by it: solving takes time."""

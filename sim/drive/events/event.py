@@ -20,8 +20,7 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import NS
-from sim.recording.course import DrivenCourse
-from sim.recording.opening import own_timetable
+from sim.recording.course import DrivenCourse, own_timetable
 
 
 class EventKind(StrEnum):

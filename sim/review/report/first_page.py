@@ -16,7 +16,7 @@ from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.event import EventKind, lateness_text
-from sim.recording.opening import own_timetable
+from sim.recording.course import own_timetable
 from sim.review.report.findings import DriveFinding, findings
 from sim.review.report.sentences import (
     LIMIT_UNKNOWN,

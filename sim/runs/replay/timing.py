@@ -12,7 +12,7 @@ from das.domain.journey import Call, Journey
 from das.domain.units import NS
 from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.options import ReplayOptions
-from sim.recording.opening import OWN_TIMETABLE
+from sim.recording.course import OWN_TIMETABLE
 from sim.trips.trip import Trip
 
 LONGEST_S = 86400.0

@@ -70,7 +70,9 @@ def driven_with(off_s: float, seconds: int = 60, speed_mps: float = SPEED_MPS) -
     for second in range(1, seconds):
         stamp_ns = START_NS + round((second - off_s) * S)
         s_m = 200.0 + speed_mps * second
-        driven.tell(POSITION, das_pb2.Position(time_ns=stamp_ns, s_m=s_m, speed_mps=speed_mps), "a")
+        driven.tell(
+            POSITION, das_pb2.Position(time_ns=stamp_ns, s_m=s_m, speed_mps=speed_mps, speed_uncertainty_mps=0.2), "a"
+        )
         driven.tell_time(second)
     return driven
 

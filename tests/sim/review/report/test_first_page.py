@@ -25,7 +25,7 @@ from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.happenings import Signal
 from sim.drive.limits import signals_passed
 from sim.drivers.drivers import PerfectDriver
-from sim.recording.opening import OWN_TIMETABLE
+from sim.recording.course import OWN_TIMETABLE
 from sim.review.report.figures import first_figure
 from sim.review.report.findings import GAINED, SAFER, DriveFinding, FoundPlace, findings
 from sim.review.report.first_page import (

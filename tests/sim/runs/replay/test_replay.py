@@ -27,8 +27,8 @@ from sim.drive.attribution.open_part import EQUAL_MPS
 from sim.drive.drive import Drive
 from sim.drive.events.event import EventKind
 from sim.options import ReplayOptions, TripOptions
+from sim.recording.course import OWN_TIMETABLE
 from sim.recording.inputs import DriveInputs
-from sim.recording.opening import OWN_TIMETABLE
 from sim.review.report.first_page import page_dict
 from sim.review.report.sentences import paragraph
 from sim.review.report.tables import stop_rows
