@@ -46,6 +46,8 @@ class RealLine(NamedTuple):
     end: str
     words: Words
     picture: str = ""
+    flat: bool = True
+    """Whether the files have no gradients."""
 
 
 REAL_LINES: Final = (
@@ -62,6 +64,7 @@ REAL_LINES: Final = (
         "Dresden",
         Words(source="TrainRuns.jl, after FBS and railML.org", licence="ISC"),
         "own-line-tables.png",
+        flat=False,
     ),
     RealLine(
         ("sncf/lignes-vitesses-830000-752000.geojson",),
@@ -75,7 +78,7 @@ REAL_LINES: Final = (
 def line_of(data: Path, source: RealLine) -> Route:
     """A real line, imported as a user does it."""
     files = [data / "lines" / name for name in source.files]
-    return imported(files, ImportOrder(start=source.start, end=source.end, flat=True), source.words).route
+    return imported(files, ImportOrder(start=source.start, end=source.end, flat=source.flat), source.words).route
 
 
 def line_table(lines: list[Route]) -> Iterator[str]:
