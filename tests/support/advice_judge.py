@@ -236,7 +236,7 @@ class DayJudge:
     def _stopped(self, seen: Seen) -> Iterator[Problem]:
         """The problem of a limit before the stop that is broken by a steady brake to the stop, as done by eye.
 
-        Whoever is told to stop, and not how hard to brake, knows of no limit on the way.
+        A driver who is told to stop, and not how hard to brake, knows of no limit on the way.
         """
         state, way_m, off_m = seen.state, seen.stop_m - seen.state.s_m, self._off_m
         worst = 0.0, 0.0
