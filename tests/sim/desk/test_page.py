@@ -363,7 +363,7 @@ def test_markup_in_names_is_text_and_is_clipped(day: Day, browser: Any, cabs: Ca
 def test_a_page_without_its_server_says_so_and_shows_no_advice(browser: Any, cabs: Cabs) -> None:
     """Stalled: lost, and found again. A newer page: taken. Told to stop: ended."""
     cab = first(cabs(Presentation.COACH), MOMENTS["accelerating"])
-    with desk_server("A day") as (visitor, bus):
+    with desk_server() as (visitor, bus):
         page = opened(browser, visitor)
         page.phase("welcome")
         picture(page, "welcome")
