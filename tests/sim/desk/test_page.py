@@ -160,11 +160,16 @@ def first(cabs: list[Any], fits: Callable[[Any], bool]) -> Any:
 def set_to(bus: MadeUpBus, ratio: float, device: Any = None) -> None:
     """Wait until the last setting on the bus is this one, by this device if one is given."""
 
+    last: list[Any] = []
+
     def done() -> bool:
-        last = bus.of("action")[-1:]
+        last[:] = bus.of("action")[-1:]
         return any(one.lever_ratio == ratio and device in (None, one.device) for one in last)
 
-    until(done, f"the setting {ratio}")
+    try:
+        until(done, f"the setting {ratio}")
+    except AssertionError as error:
+        raise AssertionError(f"{error}; the last on the bus: {last}") from None
 
 
 MOMENTS: dict[str, Callable[[Any], bool]] = {
