@@ -172,6 +172,11 @@ def set_to(bus: MadeUpBus, ratio: float, device: Any = None) -> None:
         raise AssertionError(f"{error}; the last on the bus: {last}") from None
 
 
+PAD = """
+window.axis = window.polls = 0;
+navigator.getGamepads = () => { window.polls++; return [{ connected: true, axes: [0, window.axis] }]; };
+"""
+
 MOMENTS: dict[str, Callable[[Any], bool]] = {
     "waiting": lambda cab: not cab.may_depart and cab.clock_s > -4,
     "accelerating": lambda cab: cab.speed_mps > 14 and cab.mode in (1, 2),
@@ -335,8 +340,8 @@ def test_mouse_touch_wheel_and_gamepad_move_the_same_lever(browser: Any, desk: S
     set_to(bus, -0.2, das_pb2.Action.DEVICE_WHEEL)
     page.page.touchscreen.tap(x, y(0.8))
     set_to(bus, 0.8, das_pb2.Action.DEVICE_TOUCH)
-    page.page.evaluate("window.axis = 0; navigator.getGamepads = () => [{ connected: true, axes: [0, window.axis] }]")
-    page.page.wait_for_timeout(100)
+    page.page.evaluate(PAD)
+    until(lambda: page.page.evaluate("window.polls > 1"), "the resting stick")
     page.page.evaluate("window.axis = 0.05")  # a tremble
     page.page.keyboard.press("ArrowUp")
     set_to(bus, 0.9, das_pb2.Action.DEVICE_KEY)  # a stick at rest leaves the keys in charge
