@@ -28,7 +28,7 @@ CSV_VEHICLE = "re460-ic"
 def map_of(name: str, vehicle: str | None) -> tuple[LossMap, Vehicle]:
     """A vehicle's L3 map, or a map from a CSV file with the forces of `vehicle`; DasError if there is none."""
     if Path(name).suffix.lower() == ".csv":
-        return read_loss_map(Path(name)), load_vehicle(vehicle or CSV_VEHICLE)
+        return read_loss_map(Path(name)), load_vehicle(CSV_VEHICLE if vehicle is None else vehicle)
     if vehicle is not None:
         raise DasError(f"--vehicle {vehicle}: belongs to a CSV map, {name} is a train itself")
     train = load_vehicle(name)

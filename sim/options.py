@@ -150,7 +150,8 @@ class TripOptions:
 class ReplayOptions:
     """How a trip is replayed; None means: as the recording says, or the default.
 
-    The timetable comes from a journey, or from the running time `arrival_s` and the delay of the departure `delay_s`.
+    The timetable comes from a journey, or from the running time `arrival_s` and the delay of the departure `delay_s`;
+    a delay alone is refused where the recording has no time of arrival.
     """
 
     trip: TripOptions = field(default_factory=TripOptions)
@@ -164,11 +165,17 @@ class ReplayOptions:
     ] = None
     arrival_s: Annotated[
         float | None,
-        typer.Option("--arrival", metavar="S", help="Timetable's running time in s [default: that of the trip]."),
+        typer.Option(
+            "--arrival", metavar="S", help="Timetable's running time in s [default: as recorded, or no timetable]."
+        ),
     ] = None
     delay_s: Annotated[
         float | None,
-        typer.Option("--delay", metavar="S", help="How late in s the trip departed [default: as recorded, or 0]."),
+        typer.Option(
+            "--delay",
+            metavar="S",
+            help="How late in s the trip departed, where a time of arrival is known [default: as recorded, or 0].",
+        ),
     ] = None
     speed: SpeedOption = "max"
     train: TrainOption = DEFAULT_TRAIN
@@ -213,16 +220,21 @@ class PowerAsked:
         ),
     ] = None
     sd_of_pairs: Annotated[
-        float,
-        typer.Option("--sd-pairs", metavar="X", help="With --sd: standard deviation between pairs of one participant."),
-    ] = 0.0
+        float | None,
+        typer.Option(
+            "--sd-pairs",
+            metavar="X",
+            help="With --sd: standard deviation between pairs of one participant [default: 0].",
+        ),
+    ] = None
     pairs: Annotated[
         int | None,
         typer.Option(
             "--pairs",
             metavar="N",
             min=1,
-            help="Pairs of trials that each participant drives [default: as in the pilot, or 1].",
+            help="Pairs of trials that each participant drives; beside --sd it needs --sd-pairs [default: as in the "
+            "pilot, or 1].",
         ),
     ] = None
     groups: Annotated[

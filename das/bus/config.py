@@ -175,10 +175,9 @@ def bus_options(file: Path | None, insecure: bool, listen: str | None, connect: 
     if file is None:
         _refuse_lone_insecure(insecure)
         return None
-    if listen or connect:
-        raise DasError(
-            f"--{'listen' if listen else 'connect'}: not together with --bus, whose file states the endpoints ({file})"
-        )
+    if listen is not None or connect:
+        option = "--connect" if listen is None else "--listen"
+        raise DasError(f"{option}: not together with --bus, whose file states the endpoints ({file})")
     return BusFile(file, insecure)
 
 

@@ -30,6 +30,7 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from das import __version__
+from das.command_line.given import options_of
 from das.command_line.printing import one_line
 from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_signals
 from das.domain.errors import DasError
@@ -142,6 +143,15 @@ def single_command(name: str, function: Callable[..., Any], examples: Sequence[s
     return command
 
 
+class _Command(TyperCommand):
+    """A command whose function can refuse an option that was typed in vain (`das.command_line.given`)."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Call the function; what the user typed is known meanwhile."""
+        with options_of(ctx):
+            return super().invoke(ctx)
+
+
 class _LazyCommand(TyperCommand):
     """Stands for a command in lists and completions; the real one is loaded when it is called."""
 
@@ -189,7 +199,7 @@ def _command(
     app = _typer(add_completion=add_completion)
     more = f"\n\nMore commands: {name} {' | '.join(others)} (-h explains each)." if others else ""
     epilog = _epilog(examples) + more
-    app.command(name, epilog=epilog, context_settings=dict(HELP_OPTIONS))(with_options(function))
+    app.command(name, cls=_Command, epilog=epilog, context_settings=dict(HELP_OPTIONS))(with_options(function))
     command = get_command(app)
     assert isinstance(command, TyperCommand)
     return command

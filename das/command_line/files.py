@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from das.command_line.given import refuse_given
 from das.command_line.printing import warn
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
@@ -82,6 +83,8 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = (
     None stands for an output or input that was not given. `inputs` may also hold names of bundled files. `overwrite`
     allows existing files to be replaced. Raises DasError. Commands call it before long work starts.
     """
+    if all(path is None for path in outputs):
+        refuse_given("no file to write is named", "--overwrite")
     read = {Path(path).resolve() for path in inputs if path is not None}
     seen: set[Path] = set()
     for path in outputs:

@@ -281,8 +281,11 @@ class Vehicle(Summary):
     def loaded(self, name: str) -> Vehicle:
         """The train in one of its load states or modes, or in both ("empty+15kv"); DasError if it has no such one."""
         known = {*self.loads, *self.modes}
-        train = self
-        for one in (name,) if name in known else name.split("+"):
+        train, parts = self, (name,) if name in known else tuple(name.split("+"))
+        for part_of in (self.loads, self.modes):
+            if sum(one in part_of for one in parts) > 1:
+                raise DasError(f"{self.source}: load {name!r}: expected one load state and one mode at most")
+        for one in parts:
             if one not in known:
                 raise DasError(
                     f"{self.source}: no load {one!r}; it has {', '.join((*self.loads, *self.modes)) or 'none'}"

@@ -122,7 +122,8 @@ class AdviceGiven:
         typer.Option(
             "--rate",
             metavar="HZ",
-            help=f"How many times a second to advise with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}.",
+            help=f"How many times a second to advise with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}; with the "
+            "bus clock, how often a Control message is to be expected.",
         ),
     ] = 1.0
     clock: Annotated[

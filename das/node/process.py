@@ -157,7 +157,7 @@ def serve(options: NodeOptions) -> None:
     """Run a node until asked to stop. Raises DasError for anything unusable."""
     place, advice = options.place, options.advice
     file = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
-    listen = None if file else check_endpoint(place.listen or NODE_ENDPOINT)
+    listen = None if file else check_endpoint(NODE_ENDPOINT if place.listen is None else place.listen)
     prepare_process()
     interrupt_on_termination()
     plan = plan_cab(options)

@@ -31,7 +31,7 @@ class FileMade:
             help="Recording (.mcap) to write; if it exists, a new one is written beside it [default: TRAIN.mcap].",
         ),
     ] = None
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace --out if it exists already.")] = False
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the recording if it exists already.")] = False
     metadata: Annotated[
         str | None,
         typer.Option("--metadata", metavar="JSON", help="JSON object of texts, stored as metadata record 'run'."),

@@ -79,8 +79,9 @@ def _bus(options: RecorderOptions) -> tuple[Bus, str]:
     """The bus to record, not opened yet, and where on it the recorder is, in words."""
     place = options.place
     file: BusFile | None = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
-    listen = None if file else check_endpoint(place.listen or RECORDER_ENDPOINT)
-    connect = [check_endpoint(one) for one in place.connect or ([] if file or place.listen else [NODE_ENDPOINT])]
+    listen = None if file else check_endpoint(RECORDER_ENDPOINT if place.listen is None else place.listen)
+    alone = file is not None or place.listen is not None
+    connect = [check_endpoint(one) for one in place.connect or ([] if alone else [NODE_ENDPOINT])]
     if file is not None:
         Refusals().listen()
     bus = Bus(place.train, listen=listen, connect=connect, hear=RECORDED, file=file, waiting=MOST_WAITING)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from das.command_line.files import load_route, load_vehicle
+from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption
 from das.command_line.printing import busy, new_table, paragraph, print_table, shown
 from precompute.cli.options import chosen
@@ -26,6 +27,10 @@ NAMES = (
     *("growth", "memory"),
 )
 """The figures, in order."""
+WITH_LINES_OF_THEIR_OWN = frozenset({"build", "exact", "growth", "memory"})
+"""Figures that are not of the reference section."""
+ON_ONE_THREAD = frozenset({"transitions", "sweep", "trajectory", "look-up", "verify"})
+"""Figures that take one thread, however many there are."""
 ROUTE, VEHICLE = "zurich-luzern", "re460-ic"
 GIGA = 1e9
 LEGEND = {
@@ -60,6 +65,10 @@ def bench(
     machine makes the figures worse, and the ratios less so.
     """
     wanted = chosen(only, NAMES, "figure")
+    if WITH_LINES_OF_THEIR_OWN.issuperset(wanted):
+        refuse_given(f"the figures of --only {only} have lines and trains of their own", "--track", "--train")
+    if ON_ONE_THREAD.issuperset(wanted):
+        refuse_given(f"the figures of --only {only} take one thread", "--threads")
     section = longest_section(track, train)
     began = time.perf_counter()
     result = measure(wanted, section, default_threads() if threads is None else threads, quick=quick)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from das.command_line.given import refuse_given
 from das.command_line.printing import busy, loading_solver
 from das.domain.errors import DasError
 from precompute.cli.files import RunFiles
@@ -189,8 +190,7 @@ def _asked(name: str, line: Route, posed: TrainOnLine, stops: StopsOptions) -> t
     driven, train = posed.driven, posed.vehicle()
     if name == ALL_STOPS:
         return stops.journey(line, train, driven), train
-    if stops != StopsOptions():
-        raise DasError(f"--time, --buffer and --dwell belong to {ALL_STOPS!r}: {name} has times of its own")
+    refuse_given(f"needs {ALL_STOPS!r}: {name} has times of its own", "--time", "--buffer", "--dwell")
     found = load_journey(name, line)
     if found.mode and driven.mode is None:
         train = replace(posed, driven=replace(driven, mode=found.mode)).vehicle()

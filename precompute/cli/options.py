@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from das.command_line.files import load_route, load_vehicle
+from das.command_line.given import refuse_given
 from das.command_line.options import (
     FromOption,
     LevelOption,
@@ -91,6 +92,8 @@ class EndsOptions:
             value = getattr(self, name)
             if value is not None and not 0 <= value < FASTEST_END_MPS:
                 raise DasError(f"{_spelled(name)} {value}: expected a speed from 0 to {FASTEST_END_MPS:g} m/s")
+        if None not in (self.start_speed_mps, self.end_speed_mps):
+            refuse_given("--start-speed-mps and --end-speed-mps say both speeds", "--boundary-speed-mps")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,6 +284,8 @@ class TrainOnLine:
         if asked.loss_map is not None:
             vehicle = vehicle.with_loss_map(read_loss_map(asked.loss_map))
         power_w = asked.max_power_kw * KW if asked.max_power_kw is not None else None
+        if not (power_w or vehicle.electric_brake.max_power_w):
+            refuse_given(f"{vehicle.id} has no electric brake", "--max-brake-force-kn")
         changed = replace(
             vehicle,
             traction=_changed(vehicle.traction, asked.max_force_kn, power_w),
@@ -322,6 +327,8 @@ class Pose(TrainOnLine):
 
 def picked(vehicle: Vehicle, mode: str | None, load: str | None) -> Vehicle:
     """The vehicle in a mode and a load state; None leaves it as its file says. DasError if it has no such one."""
+    if load is not None and vehicle.modes.keys() & set(load.split("+")):
+        refuse_given(f"--load {load} names a mode as well", "--mode")
     vehicle = vehicle if mode is None else vehicle.in_mode(mode)
     return vehicle if load is None else vehicle.loaded(load)
 

@@ -13,9 +13,10 @@ import numpy as np
 import typer
 
 from das.command_line.files import check_outputs, check_picture
+from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, steps_bar, tell
-from das.domain.errors import DasError
+from das.domain.levels import Level
 from precompute.baselines import Strategy
 from precompute.cli.files import RunFiles
 from precompute.cli.options import (
@@ -65,7 +66,7 @@ def solve(
     0.1 to 1.3 % that no run could save; "--bound 30" searches for 30 s for a higher bound.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
-    _check_used(strategy, trip, refine, bound)
+    _check_used(strategy)
     budget_s, bound_s = refine_seconds(refine), bound_seconds(bound)
     files.check(*pose.inputs())
     if strategy is Strategy.OPTIMAL:
@@ -92,12 +93,12 @@ def solve(
     files.tell()
 
 
-def _check_used(strategy: Strategy, trip: TripTime, refine: str, bound: str) -> None:
+def _check_used(strategy: Strategy) -> None:
     """Raise DasError for an option that a strategy does not use."""
-    if strategy is Strategy.FASTEST and trip != TripTime():
-        raise DasError("--time and --buffer: the fastest run has no time to keep")
-    if strategy is not Strategy.OPTIMAL and (refine, bound) != ("on", "quick"):
-        raise DasError(f"--refine and --bound belong to --strategy {Strategy.OPTIMAL}")
+    if strategy is Strategy.FASTEST:
+        refuse_given("the fastest run has no time to keep", "--time", "--buffer")
+    if strategy is not Strategy.OPTIMAL:
+        refuse_given(f"needs --strategy {Strategy.OPTIMAL}", "--refine", "--bound")
 
 
 def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
@@ -116,7 +117,11 @@ def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
 
 
 def _optimal(pose: Pose, trip: TripTime, budget_s: float, bound_s: float) -> tuple[Section, Answer, float, float]:
+    from das.domain.losses import LossMap
+
     section, front, min_time_s, front_s = solved_front(pose)
+    if bound_s > 0 and not isinstance(section.loss, LossMap):
+        refuse_given(f"needs a loss map (--level {Level.L3}); the losses of {section.level} are none", "--bound")
     if budget_s > 0:
         with loading_solver():
             from das.solver.refinement import refined, warm_up_refinement
@@ -201,14 +206,13 @@ class ExactOptions:
     ] = None
     overwrite: OverwriteOption = False
 
-    def check(self, plot: Path | None, refine: str, inputs: Iterable[str | Path | None]) -> None:
+    def check(self, plot: Path | None, inputs: Iterable[str | Path | None]) -> None:
         """Raise DasError for options that do not go together, and for outputs that cannot be written."""
-        if not self.exact and (self.out or self.bucket_ms or self.max_buffer_percent is not None):
-            raise DasError("--out, --bucket and --max-buffer belong to --exact")
-        if self.exact and refine != "on":
-            raise DasError("--refine: with --exact the solver's runs are not refined")
-        if self.exact and plot is not None:
-            raise DasError("--plot: draws the solver's front, not together with --exact")
+        if self.exact:
+            refuse_given("with --exact the solver's runs are not refined", "--refine")
+            refuse_given("draws the solver's front, not together with --exact", "--plot")
+        else:
+            refuse_given("needs --exact", "--out", "--bucket", "--max-buffer")
         check_picture(plot)
         check_outputs(self.out, plot, inputs=inputs, overwrite=self.overwrite)
 
@@ -242,7 +246,7 @@ def front(
     of 10 % take up to half a minute; time and memory grow fast with length and buffer. On a terminal it shows how much
     time is likely to be left. The solver's runs beside it are not refined.
     """
-    witness.check(plot, refine, pose.inputs())
+    witness.check(plot, pose.inputs())
     largest, budget_s = witness.largest_percent(), refine_seconds(refine)
     wanted = buffer_numbers(BUFFERS_PERCENT if buffers is None else buffers)
     section, solved, min_time_s, front_s = solved_front(pose)

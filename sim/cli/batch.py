@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy, print_table, tell
 from das.command_line.process import interrupt_on_termination
@@ -142,16 +143,15 @@ def _participants(
     drivers: Sequence[DriverKind | OwnClass], numbers: str | None, population: str | None
 ) -> list[Participant]:
     """The participants of a list; DasError without a human driver, or for a population that cannot be used."""
+    if DriverKind.HUMAN not in drivers:
+        refuse_given(f"needs --drivers {DriverKind.HUMAN}: only this driver has habits", "--participants", "--friction")
     from sim.drivers.parameters import DEFAULT, Participant, load_population
     from sim.jobs.batch import parse_seeds
 
     if numbers is None:
-        if population is not None:
-            raise DasError(f"--population {population}: needs --participants")
+        refuse_given("needs --participants", "--population")
         return []
-    if DriverKind.HUMAN not in drivers:
-        raise DasError(f"--participants {numbers}: needs --drivers human: only this driver has parameters")
-    found = load_population(population or DEFAULT)
+    found = load_population(DEFAULT if population is None else population)
     return [Participant(population=found, number=number) for number in parse_seeds(numbers, "--participants")]
 
 
@@ -175,6 +175,8 @@ def sensitivity(
     medians; days and random numbers are the same. A parameter that the population does not draw is varied by a fifth
     of its default.
     """
+    if as_json:
+        refuse_given("--json prints no table", "--markdown")
     with busy("reading the scenario …"):
         from sim.drivers.parameters import DEFAULT, load_population
         from sim.jobs.batch import parse_seeds
@@ -187,7 +189,7 @@ def sensitivity(
             seeds=parse_seeds(seeds),
             advice=_each(Presentation, "--advice", advice),
             friction=friction,
-            population=load_population(population or DEFAULT),
+            population=load_population(DEFAULT if population is None else population),
             parameters=None if parameters is None else [name.strip() for name in parameters.split(",")],
         )
         jobs = list(study.jobs())

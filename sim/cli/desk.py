@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from das.advice.wording import Language
+from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption
 from das.command_line.printing import busy, loading_solver, say
 from das.domain.errors import DasError
@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from sim.world.scenario import Scenario
 
 USUAL_SCENARIO: Final = "clear-day"
+NEEDS_A_PACE: Final = "a person needs a pace; expected real or a number of times real time"
+OF_A_DRIVE: Final = (
+    *("--journey", "--advice", "--seed", "--level", "--train", "--speed", "--notches", "--punctuality"),
+    *("--out", "--overwrite", "--bus", "--insecure-bus", "--json"),
+)
+"""The options of a drive at the desk, which a recording to look at does not use."""
 
 WhatArgument = Annotated[
     str,
@@ -77,22 +83,14 @@ def desk(
     The advice node runs beside it, and everything is recorded. A recording plays on the same page, at any speed.
     """
     if Path(what).suffix == ".mcap":
-        unused = {"--out": recorded.out, "--bus": recorded.bus, "--journey": asked.journey, "--level": asked.level}
-        _refuse(unused, f"{what} is a recording to look at; nothing is driven, nothing is recorded")
+        refuse_given(f"{what} is a recording to look at; nothing is driven, nothing is recorded", *OF_A_DRIVE)
         _look_at(Path(what), of_train, at, looks)
         return
-    _refuse({"--at": at, "--of-train": of_train}, f"{what} is a scenario; expected a recording (.mcap)")
+    refuse_given(f"{what} is a scenario; expected a recording (.mcap)", "--at", "--of-train")
     factor = speed_factor(speed)
     if factor is None:
-        raise DasError("--speed max: a person needs a pace; expected real or a number of times real time")
+        raise DasError(f"--speed {speed}: {NEEDS_A_PACE}")
     drive_at_desk(what, asked, recorded, factor, looks, as_json=as_json)
-
-
-def _refuse(options: Mapping[str, object], why: str) -> None:
-    """Raise DasError for the first of some options that is given."""
-    for option, value in options.items():
-        if value is not None:
-            raise DasError(f"{option}: {why}")
 
 
 def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from das.command_line.files import check_outputs
 from das.command_line.options import (
     DEFAULT_TRAIN,
     BusFolderOption,
@@ -22,7 +23,6 @@ from das.command_line.options import (
 from das.command_line.printing import busy, progress_bar
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
-from das.domain.files.writing import check_writable
 from das.domain.units import KM
 from sim.cli.options import AdviceOption, JourneyOption, naming_recorded
 from sim.drivers.kinds import Presentation
@@ -60,8 +60,7 @@ class RecordingAsked:
 
     def check(self) -> None:
         """Raise DasError if the recording cannot be written."""
-        if self.out is not None:
-            check_writable(self.out, overwrite=self.overwrite)
+        check_outputs(self.out, overwrite=self.overwrite)
 
     def folder(self, train: str) -> BusFolder | None:
         """The folder of bus files for a train; DasError for a bad one, and for a name that no train can have."""

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from das.command_line.files import check_outputs
+from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, progress_bar, tell, typed
 from das.command_line.process import interrupt_on_termination
-from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from sim.cli.options import (
     FromTimeOption,
@@ -28,6 +28,7 @@ from sim.cli.options import (
     removed_if_unused,
     tell_energy_range,
 )
+from sim.drivers.kinds import Presentation
 from sim.options import NodeSaid, OfTrainOption, WhatIfKind
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 
@@ -301,10 +302,9 @@ def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
         anew = new.driven.asks_for_a_driver or not origin.has_advice
     if anew:
         return WhatIfKind.DRIVEN_ANEW
-    for name in ("driver", "friction", "participant", "population"):
-        value = getattr(new.driven, name)
-        if value is not None:
-            raise DasError(f"--{name} {value}: nobody drives anew in an open loop")
+    refuse_given("nobody drives anew in an open loop", "--driver", "--friction", "--participant", "--population")
+    if new.driven.advice not in (None, Presentation.COACH, Presentation.VECTOR):
+        refuse_given("nobody sees a display in an open loop: expected coach or vector, or --driven-anew", "--advice")
     return WhatIfKind.OPEN_LOOP
 
 
@@ -325,8 +325,9 @@ def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeS
             return advise_otherwise(origin, new, said, out, progress)
     from sim.runs.what_if.anew import day_again, drive_again
 
-    if said.tables is not None:
-        raise DasError(f"--tables {said.tables}: a day driven anew solves its sections")
+    refuse_given("a day driven anew solves its sections", "--tables")
+    if origin.is_simulated:
+        refuse_given("the day of a simulation is driven anew by its scenario", "--node")
     with busy("solving the sections …"):
         again = day_again(origin, new, said.node)
     with (

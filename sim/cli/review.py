@@ -12,6 +12,7 @@ import typer
 
 from das.advice.wording import Language
 from das.command_line.files import check_outputs, check_picture, save_figure
+from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, typed, visible
 from das.domain.errors import DasError
@@ -144,6 +145,8 @@ def note(
     if (text == "") is not (at is None):
         example = 'das-sim note drive.mcap --at 12:34 "braked late"'
         raise DasError(f"a note needs its text and --at, for example: {example}")
+    if not text:
+        refuse_given("needs the text of a note", "--until", "--tag", "--author")
     if remove is not None and text:
         raise DasError("--remove: expected no text beside it")
     drive = Drive.read(file)
@@ -384,6 +387,10 @@ def view(
     from sim.recording.opening import open_recording
     from sim.review.view import ViewerChoice, open_view, save_picture, save_view
 
+    if plot is None:
+        refuse_given("needs --plot: the viewer has a theme of its own", "--theme")
+    elif save is None:
+        refuse_given("belongs to the viewer; with --plot it needs --save", "--map", "--language")
     if theme not in THEMES:
         raise DasError(f"--theme {theme}: expected one of {', '.join(THEMES)}")
     with busy(f"reading {file} …"):

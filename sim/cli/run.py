@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from das.command_line.given import refuse_given
 from das.command_line.options import (
     DEFAULT_TRAIN,
     BusFolderOption,
@@ -19,7 +20,7 @@ from das.command_line.options import (
 from das.command_line.printing import loading_solver, new_table, one_line, print_table, say, tell, typed
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
-from sim.cli.desk import DeskLooks, drive_at_desk
+from sim.cli.desk import NEEDS_A_PACE, DeskLooks, drive_at_desk
 from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.cli.options import (
     DEFAULT_DRIVER_AT,
@@ -106,12 +107,20 @@ def run(
 ) -> None:
     """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
     who, factor = named_driver("--driver", driver), speed_factor(speed)
+    if who is not DriverKind.HUMAN:
+        refuse_given(f"needs --driver {DriverKind.HUMAN}", "--friction")
     if who is DESK:
-        _check_at_desk(participant, population, elsewhere=in_process or driver_at is not None)
+        from sim.drivers.parameters import participant_of
+
+        participant_of(who, participant, population)
+        refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--in-process", "--driver-at")
+        if factor is None:
+            refuse_given(NEEDS_A_PACE, "--speed")
         drive_at_desk(scenario, asked, recorded, factor or 1.0, DeskLooks(), as_json=as_json)
         return
     if in_process:
-        _check_in_process(recorded)
+        refuse_given("a run --in-process records nothing", "--out", "--overwrite")
+        refuse_given("a run --in-process has no bus", "--bus", "--insecure-bus", "--train")
     recorded.check()
     listens = _driver_at(who, in_process, recorded.bus, driver_at)
     with loading_solver(LATE_KERNELS):
@@ -134,34 +143,16 @@ def run(
         tell_result(drive_recorded(day, made, how, recorded.out or reserved, factor), as_json)
 
 
-def _check_in_process(recorded: RecordingAsked) -> None:
-    """Raise DasError if options that need the bus are given for a run without one."""
-    if recorded.out is not None:
-        raise DasError("--out: a run --in-process records nothing")
-    if recorded.bus is not None:
-        raise DasError("--bus: a run --in-process has no bus")
-
-
-def _check_at_desk(participant: int | None, population: str | None, *, elsewhere: bool) -> None:
-    """Raise DasError if options give a person at the desk a simulated driver's parameters, or another place."""
-    from sim.drivers.parameters import participant_of
-
-    participant_of(DESK, participant, population)
-    if elsewhere:
-        raise DasError("--driver desk: the desk finds its run itself; expected neither --in-process nor --driver-at")
-
-
 def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:
     """Where the run listens for an external driver, None if it has none; DasError if the options contradict that."""
     if driver is not EXTERNAL:
-        if endpoint is not None:
-            raise DasError(f"--driver-at {endpoint}: needs --driver external")
+        refuse_given(f"needs --driver {EXTERNAL}", "--driver-at")
         return None
     if in_process:
         raise DasError("--driver external: a run --in-process has no bus")
-    if bus is not None and endpoint is not None:
-        raise DasError(f"--driver-at {endpoint}: with --bus the bus file says where the run listens")
-    return endpoint or DEFAULT_DRIVER_AT
+    if bus is not None:
+        refuse_given("with --bus the bus file says where the run listens", "--driver-at")
+    return DEFAULT_DRIVER_AT if endpoint is None else endpoint
 
 
 def _external(day: Day, how: How, speed: float | None) -> ExternalDriver:
@@ -236,8 +227,8 @@ def drive(
         made = make_driver(who, line, parameters=parameters, seed=seed, stream=stream_of(person))
         warm_up(line)
     folder = None if bus is None else BusFolder(bus, insecure_bus).file(Role.DRIVER).path
-    file = bus_options(folder, insecure_bus, None, [connect] if connect else None)
-    there = [] if file is not None else [connect or DEFAULT_DRIVER_AT]
+    file = bus_options(folder, insecure_bus, None, None if connect is None else [connect])
+    there = [] if file is not None else [DEFAULT_DRIVER_AT if connect is None else connect]
     with Bus(train, connect=there, hear=HEARD, file=file) as opened:
         say(f"{who} waits for the run of train {train} at {there[0] if there else bus}")
         looks = answer_looks(opened, made, lambda: say("the run has begun"))

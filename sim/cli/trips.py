@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from das.command_line.files import check_outputs, check_picture
+from das.command_line.given import refuse_given
 from das.command_line.options import (
     DEFAULT_TRAIN,
     FromOption,
@@ -102,6 +103,8 @@ def _look(
             tried, section = described_trains(read, trains, options)
         elif options.vehicle is not None:
             section = trip_section(read, options)
+        else:
+            refuse_given("needs --vehicle or --vehicles", "--level", "--loss-map", "--point-mass")
         parts, part = (None, "") if section is None else stated_parts(read, section)
         found = {**describe(read, section, parts, part), "trains": tried}
         if out is not None:
@@ -124,8 +127,7 @@ def replay(
     as_json: JsonOption = False,
 ) -> None:
     """Replay a recorded trip: the advice node answers every second, and everything is recorded."""
-    if out is not None:
-        check_writable(out, overwrite=overwrite)
+    check_outputs(out, overwrite=overwrite)
     reserved = new_recording("replay") if out is None else None
     with removed_if_unused(reserved):
         load_solver()

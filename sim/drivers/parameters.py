@@ -279,7 +279,7 @@ def participant_of(driver: DriverName, number: int | None, population: str | Non
         return None
     if driver is not DriverKind.HUMAN:
         raise DasError(f"--participant {number}: needs --driver human: only this driver has parameters")
-    return Participant(population=load_population(population or DEFAULT), number=number)
+    return Participant(population=load_population(DEFAULT if population is None else population), number=number)
 
 
 def bundled_populations() -> dict[str, Path]:

@@ -159,6 +159,8 @@ def read_trip(path: Path, train: str | None = None) -> Reading:
     suffix = path.suffix.lower()
     if head.startswith(MAGIC) or suffix == ".mcap":
         return reading_of(open_recording(path, train))
+    if train is not None:
+        raise DasError(f"--of-train {train}: {path} is no recording (.mcap), and holds one trip")
     refuse_foreign(path, "trip", reads=TRIPS)
     if head.lstrip(_BEFORE_XML).startswith(b"<") or suffix == ".gpx":
         return Reading(record=read_gpx(path), format="GPX")

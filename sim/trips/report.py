@@ -59,7 +59,6 @@ def describe(
         "route_data": trip.route.credit,
         "reversed": trip.reversed,
         "direction_known": trip.direction_known,
-        "line_not_used": line_not_used(trip),
         "from": trip.start.name,
         "to": trip.end.name,
         "whole_section": trip.whole,
@@ -188,13 +187,6 @@ def part_words(part: str) -> str:
     )
 
 
-def line_not_used(trip: Trip) -> str | None:
-    """A sentence that says why kilometre posts were not needed; None if they were."""
-    if trip.line_not_used is None:
-        return None
-    return f"--line {trip.line_not_used} is not used: {trip.path} has positions on the route"
-
-
 def _steps_s(trip: Trip) -> Floats:
     """Times (s) between the points of the run."""
     matched = trip.matched
@@ -221,8 +213,6 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
     print_table(_stands_table(found["stands"]))
     if found["energy"] is not None:
         print_table(_energy_table(found["energy"]), LEGEND)
-    if found["line_not_used"]:
-        tell(f"note: {found['line_not_used']}")
     if found["compared_part"] and not found.get("trains"):
         tell(f"note: {part_words(found['compared_part'])}")
     for note in found["not_known"]:

@@ -35,9 +35,8 @@ class Trip:
     """A trip matched to a route as driven, its smooth run, and the journey and delays of a recording.
 
     `reversed` says that it ran against the route's file. `direction_known` is False if only kilometre posts give its
-    positions, because they do not show the direction; coordinates of the route's stops do. `line_not_used` is the file
-    of kilometre posts given for a trip that has positions on the route. `delays` are pairs of a time (ns) and a delay
-    (s).
+    positions, because they do not show the direction; coordinates of the route's stops do. `delays` are pairs of a time
+    (ns) and a delay (s).
     """
 
     path: Path
@@ -49,7 +48,6 @@ class Trip:
     matched: MatchedTrip
     run: DrivenRun
     direction_known: bool
-    line_not_used: Path | None = None
     journey: Any | None = None
     delays: tuple[tuple[int, float], ...] = ()
 
@@ -113,7 +111,6 @@ def load_trip(path: Path, reading: Reading, route: Route, said: TripOptions) -> 
         matched=matched,
         run=run,
         direction_known=line is None or line.on_route or (said.direction_said and reverse == bool(said.reverse)),
-        line_not_used=said.line if line is None else None,
         journey=reading.journey,
         delays=reading.delays,
     )
@@ -176,6 +173,8 @@ def _check_turn(record: Record, said: TripOptions, line: Line | None) -> None:
 
 def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
     if record.on_route:
+        if posts is not None:
+            raise DasError(f"--line {posts}: expected none, {record.source} has positions on the route")
         return None
     return read_kilometre_posts(posts).placed(driven) if posts is not None else Line.from_route(driven)
 
@@ -235,7 +234,7 @@ def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[Trip
     if options.route is None:
         raise DasError(f"{trip_path}: a trip without a journey needs --route")
     trip = load_trip(trip_path, reading, load_route(options.route), options)
-    return replace(options, reverse=trip.reversed, line=None if trip.line_not_used else options.line), trip
+    return replace(options, reverse=trip.reversed), trip
 
 
 def recorded_trip(recording: Recording, driven: Route) -> Trip:
@@ -253,15 +252,20 @@ def _completed(reading: Reading, options: TripOptions, folder: Path) -> TripOpti
     if options.reverse is not None:
         raise DasError("--reverse: the recording says itself in which direction it drives")
     files = AttachedFiles(recording, folder)
-    route = options.route or files.find("routes", journey.route_id, load.load_route)[1]
+    route = options.route
+    if route is None:
+        route = files.find("routes", journey.route_id, load.load_route)[1]
+    vehicle = options.vehicle
+    if vehicle is None:
+        vehicle = files.find("vehicles", journey.vehicle_id, load.load_vehicle)[1]
     start, end = ends if load_route(route).id == journey.route_id else (None, None)
     return replace(
         options,
         route=route,
-        vehicle=options.vehicle or files.find("vehicles", journey.vehicle_id, load.load_vehicle)[1],
+        vehicle=vehicle,
         reverse=journey.reversed,
-        from_stop=options.from_stop or start,
-        to_stop=options.to_stop or end,
+        from_stop=start if options.from_stop is None else options.from_stop,
+        to_stop=end if options.to_stop is None else options.to_stop,
     )
 
 

@@ -308,10 +308,13 @@ def _check(asked: PowerAsked) -> None:
             raise DasError(f"{option} {value:g}: expected a number between 0 and 1")
     if asked.sd is not None and not (math.isfinite(asked.sd) and asked.sd > 0):
         raise DasError(f"--sd {asked.sd:g}: expected a number above 0")
-    if not (math.isfinite(asked.sd_of_pairs) and asked.sd_of_pairs >= 0):
-        raise DasError(f"--sd-pairs {asked.sd_of_pairs:g}: expected a number of at least 0")
-    if asked.sd_of_pairs and asked.sd is None:
-        raise DasError("--sd-pairs: expected together with --sd; a pilot tells this spread itself")
+    if asked.sd_of_pairs is not None:
+        if not (math.isfinite(asked.sd_of_pairs) and asked.sd_of_pairs >= 0):
+            raise DasError(f"--sd-pairs {asked.sd_of_pairs:g}: expected a number of at least 0")
+        if asked.sd is None:
+            raise DasError("--sd-pairs: expected together with --sd; a pilot tells this spread itself")
+    elif asked.sd is not None and asked.pairs is not None:
+        raise DasError(f"--pairs {asked.pairs}: expected together with --sd-pairs, the spread of pairs")
     if asked.groups and asked.sd is None:
         raise DasError("--groups: expected together with --sd; a pilot tells itself who drove what")
 
@@ -341,10 +344,10 @@ def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
 def _made_up(asked: PowerAsked, plan: StudyPlan | None, study: RunStudy | None) -> tuple[MadeUpDifferences, float, str]:
     """The source of made-up differences, the true difference in the same unit, and a sentence about both."""
     if asked.sd is not None:
-        groups = asked.groups or _in_groups(asked, plan)
-        curves = BellCurves(between_sd=asked.sd, within_sd=asked.sd_of_pairs, pairs=asked.pairs or 1, groups=groups)
+        groups, within_sd = _in_groups(asked, plan), asked.sd_of_pairs or 0.0
+        curves = BellCurves(between_sd=asked.sd, within_sd=within_sd, pairs=asked.pairs or 1, groups=groups)
         single = "trials" if groups else "pairs"
-        among = f" and {asked.sd_of_pairs:g} between the {single} of one" if asked.sd_of_pairs else ""
+        among = f" and {within_sd:g} between the {single} of one" if within_sd else ""
         among += ", who drive one of two conditions each" if groups else ""
         about = f"bell curves with a standard deviation of {asked.sd:g} between participants{among}"
         return curves, asked.effect, f"True difference {asked.effect:g}; {about}."
@@ -355,10 +358,16 @@ def _made_up(asked: PowerAsked, plan: StudyPlan | None, study: RunStudy | None) 
 
 
 def _in_groups(asked: PowerAsked, plan: StudyPlan | None) -> bool:
-    """Whether the asked comparison of a design is one of two groups of participants; False without a design."""
+    """Whether each participant drives one of two conditions: as a design's comparison says, without one as the user."""
     if plan is None or not plan.comparisons:
-        return False
-    return not plan.factor(plan.chosen(asked.comparison).factor).within
+        if asked.comparison is not None:
+            raise DasError(f"--comparison {asked.comparison}: expected a pilot or a design that plans it")
+        return asked.groups
+    chosen = plan.chosen(asked.comparison)
+    within = plan.factor(chosen.factor).within
+    if asked.groups and within:
+        raise DasError(f"--groups: each participant drives both conditions of {chosen.name}; expected none beside it")
+    return not within
 
 
 def _of_study(

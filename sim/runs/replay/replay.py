@@ -54,9 +54,8 @@ class ReplayJob:
 
     `processes` says how node and recorder are started. `legs` are the parts of the trip from one stop to the next.
     `front` has the optimal runs of the section for all times, `reference` is the one for the timetable; `driven` is the
-    energy of the trip as driven. `speed` is a multiple of real time; None: as fast as possible. `delay_given`: the user
-    said how late the trip departed. `files_kept` keeps the folder of files extracted from a recording until the job
-    ends.
+    energy of the trip as driven. `speed` is a multiple of real time; None: as fast as possible. `files_kept` keeps the
+    folder of files extracted from a recording until the job ends.
     """
 
     processes: Processes
@@ -66,7 +65,6 @@ class ReplayJob:
     timing: ReplayTiming
     reference: Solution
     driven: DrivenEstimate
-    delay_given: bool
     speed: float | None
     files_kept: object = None
 
@@ -125,7 +123,6 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         timing=timing,
         reference=front.trajectory((timing.arrival_ns - timing.departure_ns) * NS),
         driven=estimate_run(section, run.time_s, run.s_m, run.speed_mps),
-        delay_given=options.delay_s is not None,
         speed=speed_factor(options.speed),
         files_kept=folder,
     )
@@ -332,14 +329,14 @@ class _Feed:
                 yield time_ns, Outgoing(LOCATION, location(time_ns, *place))
 
     def _delays(self) -> Iterator[tuple[int, Outgoing]]:
-        """The recording's own delays, else the deviation from the optimum of the timetable's running time.
+        """The recording's delays from its own timetable, else the deviation from the optimum of the running time.
 
         There are none without a timetable.
         """
         trip, timing = self.job.trip, self.job.timing
         if timing.own:
             return
-        if trip.delays and not self.job.delay_given:
+        if trip.delays and not timing.retimed:
             for time_ns, delay_s in trip.delays:
                 yield time_ns, codec.encode_input(DelayHeard(time_ns=time_ns, delay_s=delay_s))
             return

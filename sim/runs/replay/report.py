@@ -28,7 +28,7 @@ from sim.recording.inputs import DriveInputs
 from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
 from sim.trips.cleaning import FindingKind
 from sim.trips.estimate import EnergyRange, energy_range
-from sim.trips.report import direction_by_posts, line_not_used, part_words, unknowns
+from sim.trips.report import direction_by_posts, part_words, unknowns
 from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 
@@ -109,7 +109,6 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
         "whole_section": trip.whole,
         "direction_known": trip.direction_known,
         "direction_note": None if trip.direction_known else direction_by_posts(trip),
-        "line_not_used": line_not_used(trip),
         "better_stops": trip.better_stops,
         "stops_on_the_way": list(trip.stops_on_the_way),
         "advices": traffic.ticks,
@@ -326,8 +325,6 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
 
 def _notes_of_trip(found: dict[str, Any]) -> list[str]:
     notes = []
-    if found["line_not_used"]:
-        notes.append(found["line_not_used"])
     if found["map_stand_uncertainty_m"] > 0:
         beyond_m = found["map_stand_uncertainty_m"]
         notes.append(f"positions alone tell that it stood at the record's ends: up to {beyond_m:.1f} m beyond them")

@@ -24,7 +24,8 @@ DAY_NS = round(LONGEST_S / NS)
 class ReplayTiming:
     """The timetable of the replayed section and the first and last tick of the replay (all in ns since 1970).
 
-    `own`: no timetable was given, and the trip itself stands for it.
+    `own`: no timetable was given, and the trip itself stands for it. `retimed`: the user gave another one than the
+    recording has, so that its delays do not count.
     """
 
     departure_ns: int
@@ -32,6 +33,7 @@ class ReplayTiming:
     first_tick_ns: int
     last_tick_ns: int
     own: bool
+    retimed: bool
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -54,30 +56,36 @@ def check_timing(options: ReplayOptions) -> None:
 def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], options: ReplayOptions) -> ReplayTiming:
     """The timetable of a trip: that of a journey, or the two figures of the options, or the recording's.
 
-    Without any of them, the trip itself is the timetable: it is on time. Raises DasError for a journey that is not of
-    this trip, and for a train that is due to arrive before it departs.
+    Where none of them says when the train is due to arrive, the trip itself is the timetable: it is on time. Raises
+    DasError for a delay without such a time, for a journey that is not of this trip, and for a train that is due to
+    arrive before it departs.
     """
     departed_ns, arrived_ns = int(legs[0].motion.time_ns[0]), int(legs[-1].motion.time_ns[-1])
-    departure_ns, arrival_ns = departed_ns, arrived_ns
+    departure_ns, arrival_ns = departed_ns, 0
     if options.journey is not None:
         departure_ns, arrival_ns = _due_ns(trip, load_journey(options.journey, trip.route), departed_ns)
-    elif trip.journey is not None:
-        departure_ns = trip.journey.stops[0].departure_ns or departure_ns
-        arrival_ns = trip.journey.stops[-1].arrival_ns or arrival_ns
+    elif trip.journey is not None and trip.journey.stops:  # on the bus, a time of 0 stands for none
+        departure_ns = trip.journey.stops[0].departure_ns or departed_ns
+        arrival_ns = trip.journey.stops[-1].arrival_ns
     if options.delay_s is not None:
         departure_ns = departed_ns - round(options.delay_s / NS)
     if options.arrival_s is not None:
         arrival_ns = departure_ns + round(options.arrival_s / NS)
+    own = arrival_ns == 0
+    if own and options.delay_s is not None:
+        raise DasError(f"--delay {options.delay_s:g}: needs --arrival: nothing says when the train is due to arrive")
+    if own:
+        departure_ns, arrival_ns = departed_ns, arrived_ns
     if arrival_ns <= departure_ns:
         raise DasError(f"the arrival is {(departure_ns - arrival_ns) * NS:.0f} s before the departure")
     first_ns, last_ns = int(trip.matched.time_ns[0]), int(trip.matched.time_ns[-1])
-    given = (trip.journey, options.arrival_s, options.delay_s, options.journey)
     return ReplayTiming(
         departure_ns=departure_ns,
         arrival_ns=arrival_ns,
         first_tick_ns=min(first_ns, departed_ns),
         last_tick_ns=max(last_ns, arrived_ns),
-        own=all(one is None for one in given),
+        own=own,
+        retimed=any(one is not None for one in (options.journey, options.arrival_s, options.delay_s)),
     )
 
 

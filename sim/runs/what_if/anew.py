@@ -293,6 +293,8 @@ def _how(origin: Origin, new: Otherwise) -> How:
         if driven.driver is not None:
             raise DasError(f"--driver {driver}: expected a driver who drives within this process")
         raise DasError(f"{origin.path}: was driven by a process of its own: say who drives it anew (--driver)")
+    if driven.friction is not None and driver is not DriverKind.HUMAN:
+        raise DasError(f"--friction {driven.friction}: needs --driver {DriverKind.HUMAN}")
     shown = Presentation.COACH if origin.has_coach else Presentation.VECTOR
     # Of a real drive the energy is an estimate with motors that brake first; the day driven anew keeps these brakes.
     missing = BEFORE_THE_CHOICE if origin.is_simulated else FrictionPolicy.ELECTRIC_FIRST
@@ -321,7 +323,7 @@ def _participant(origin: Origin, new: Otherwise, driver: DriverName) -> Particip
         raise DasError(f"{origin.path}: metadata run.drawn: cannot be read ({error})") from None
     if number is None or driver is not DriverKind.HUMAN:
         return participant_of(driver, None, driven.population)
-    population = load_population(driven.population or DEFAULT)
+    population = load_population(DEFAULT if driven.population is None else driven.population)
     if driven.population is None and sha256(population.source) != recorded.get("sha256"):
         raise DasError(f"{origin.path}: its driver is of the population {recorded.get('id')!r}: expected --population")
     return Participant(population=population, number=int(number))

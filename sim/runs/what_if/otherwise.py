@@ -62,9 +62,9 @@ class CabOtherwise:
     def over(self, earlier: CabOtherwise) -> CabOtherwise:
         """These changes, and the earlier ones that they do not override; another train comes with its own load."""
         return CabOtherwise(
-            level=self.level or earlier.level,
-            vehicle=self.vehicle or earlier.vehicle,
-            load=self.load if self.vehicle or self.load else earlier.load,
+            level=earlier.level if self.level is None else self.level,
+            vehicle=earlier.vehicle if self.vehicle is None else self.vehicle,
+            load=earlier.load if self.vehicle is None and self.load is None else self.load,
             planning_brake=earlier.planning_brake if self.planning_brake is None else self.planning_brake,
             below_limit=earlier.below_limit if self.below_limit is None else self.below_limit,
         )
@@ -85,7 +85,8 @@ class DrivenOtherwise:
         Presentation | None,
         typer.Option(
             "--advice", show_default=False,
-            help="What the display of the day driven anew shows; with --open-loop, coach turns the coach on.",
+            help="What the display of the day driven anew shows; with --open-loop, coach or vector: advice with or "
+            "without the coach.",
         ),
     ] = None  # fmt: skip
     friction: Annotated[

@@ -75,6 +75,8 @@ def test_options_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
         bus_options(tmp_path / "x", False, "tcp/127.0.0.1:7447", None)
     with pytest.raises(DasError, match="--connect: not together with --bus, whose file states the endpoints"):
         bus_options(tmp_path / "x", False, None, ["tcp/127.0.0.1:7447"])
+    with pytest.raises(DasError, match="--listen: not together with --bus"):
+        bus_options(tmp_path / "x", False, "", None)
     assert bus_options(None, False, "tcp/127.0.0.1:7447", []) is None
 
 

@@ -96,7 +96,7 @@ def test_other_settings_of_a_page_are_refused(text: str) -> None:
         (("clear-day", "--at", "1:00"), "expected a recording"),
         (("none.mcap",), "none.mcap: cannot be read"),
         (("none.mcap", "--out", "x.mcap"), "nothing is recorded"),
-        (("none.mcap", "--level", "l2"), "--level: none.mcap is a recording to look at; nothing is driven"),
+        (("none.mcap", "--level", "l2"), "--level l2: none.mcap is a recording to look at; nothing is driven"),
         (("nowhere",), "nowhere: not a bundled scenario"),
     ],
 )

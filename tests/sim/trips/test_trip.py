@@ -387,13 +387,11 @@ def test_what_no_train_runs_is_refused(tmp_path: Path) -> None:
         on_route(tmp_path, [replace(p, t=p.t / 5) for p in clean()])
 
 
-def test_posts_are_not_used_where_positions_are_on_the_route(tmp_path: Path) -> None:
+def test_posts_are_refused_where_positions_are_on_the_route(tmp_path: Path) -> None:
     posts = dirt.long_posts(tmp_path)
-    trip = on_route(tmp_path, clean(), route(), positions=True, line=posts)
-    without = on_route(tmp_path, clean(), route(), positions=True)
-    assert (trip.line_not_used, without.line_not_used) == (posts, None)
-    assert trip.direction_known
-    assert np.array_equal(trip.matched.s_m, without.matched.s_m)
+    with pytest.raises(DasError, match=r"^--line .*posts\.csv: expected none, .* has positions on the route$"):
+        on_route(tmp_path, clean(), route(), positions=True, line=posts)
+    assert on_route(tmp_path, clean(), route(), positions=True).direction_known
 
 
 def located() -> Route:

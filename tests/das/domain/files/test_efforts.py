@@ -103,6 +103,13 @@ def test_a_load_state_and_a_mode_are_picked_by_one_name(name: str, tmp_path: Pat
     assert train.mass_kg == (8e4 if "empty" in name else 1e5)
 
 
+@pytest.mark.parametrize("name", ["15kv+leaves", "empty+empty", "leaves+empty+leaves"])
+def test_two_modes_or_two_load_states_are_refused(name: str, tmp_path: Path) -> None:
+    """The last one would silently replace the others."""
+    with pytest.raises(DasError, match=r"load '.*': expected one load state and one mode at most"):
+        read_vehicle(written(tmp_path, MODES)).loaded(name)
+
+
 BAD = {
     "falls back": (
         INLINE.replace("[72, 60]", "[30, 60]"),

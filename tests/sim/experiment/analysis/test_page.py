@@ -282,7 +282,11 @@ def test_the_commands_analyse_a_folder_and_plan_the_next_study(tmp_path: Path) -
         (("power", "--effect", "1", "--sd", "2", "--participants", "a"), "--participants a: expected at most 50"),
         (("power", "--effect", "1", "--sd", "2", "--participants", "3"), "3 participants: expected 6 to 2000"),
         (("power", "--effect", "1", "--sd", "2", "--power", "2"), "--power 2: expected a number between 0 and 1"),
-        (("power", "--effect", "1", "--sd-pairs", "2"), "--sd-pairs: expected together with --sd"),
+        (("power", "--effect", "1", "--sd-pairs", "0"), "--sd-pairs: expected together with --sd"),
+        (("power", "--effect", "1", "--sd", "2", "--pairs", "3"), "--pairs 3: expected together with --sd-pairs"),
+        (("power", "--effect", "1", "--sd", "2", "--comparison", "a"), "--comparison a: expected a pilot or a design"),
+        (("power", "smoke", "--effect", "1", "--sd", "2", "--comparison", "a"), "--comparison a: expected one of the"),
+        (("power", "smoke", "--effect", "1", "--sd", "2", "--groups"), "--groups: each participant drives both"),
     ],
 )
 def test_wrong_input_is_one_line(words: tuple[str, ...], message: str, tmp_path: Path) -> None:

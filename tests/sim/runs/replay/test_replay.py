@@ -60,7 +60,7 @@ def job_of(trip: Trip) -> ReplayJob:
     driven = estimate_run(front.section, run.time_s, run.s_m, run.speed_mps)
     return ReplayJob(
         processes=processes, trip=trip, legs=legs, front=front, timing=timing, reference=front.fastest(), driven=driven,
-        delay_given=False, speed=None,
+        speed=None,
     )  # fmt: skip
 
 
@@ -133,8 +133,51 @@ def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(driven: D
 def test_a_replay_without_a_timetable_says_so_in_its_recording(driven: Driven) -> None:
     job, _, _ = driven
     assert OWN_TIMETABLE in job.timing.metadata
-    for given in (ReplayOptions(arrival_s=600.0), ReplayOptions(delay_s=5.0)):
+    for given in (ReplayOptions(arrival_s=600.0), ReplayOptions(arrival_s=600.0, delay_s=5.0)):
         assert plan_timing(job.trip, job.legs, given).metadata == {}
+
+
+def journey_of(job: ReplayJob, departs_s: float | None, arrives_s: float | None) -> das_pb2.Journey:
+    """A recording's journey with times after the driven departure (s); None: it states none."""
+    due = [0 if time_s is None else job.departed_ns + round(time_s / NS) for time_s in (departs_s, arrives_s)]
+    stops = das_pb2.Journey.Stop(name="A", departure_ns=due[0]), das_pb2.Journey.Stop(name="B", arrival_ns=due[1])
+    return das_pb2.Journey(stops=stops)
+
+
+def test_a_delay_needs_a_time_at_which_the_train_is_due(driven: Driven) -> None:
+    """Else the arrival as driven would be the due one, which nobody said."""
+    job, _, _ = driven
+    untimed = replace(job.trip, journey=journey_of(job, -30.0, None))
+    for trip in (job.trip, untimed):
+        with pytest.raises(
+            DasError, match=r"^--delay 0: needs --arrival: nothing says when the train is due to arrive"
+        ):
+            plan_timing(trip, job.legs, ReplayOptions(delay_s=0.0))
+    timed_one = plan_timing(
+        replace(job.trip, journey=journey_of(job, -30.0, 500.0)), job.legs, ReplayOptions(delay_s=10.0)
+    )
+    assert (job.departed_ns - timed_one.departure_ns) * NS == pytest.approx(10.0)
+    assert (timed_one.arrival_ns - job.departed_ns) * NS == pytest.approx(500.0)
+
+
+def test_a_recording_without_a_time_of_arrival_has_no_timetable(driven: Driven) -> None:
+    job, _, _ = driven
+    for journey in (journey_of(job, None, None), journey_of(job, -30.0, None), das_pb2.Journey()):
+        timing = plan_timing(replace(job.trip, journey=journey), job.legs, ReplayOptions())
+        assert timing.own
+        assert (timing.departure_ns, timing.arrival_ns) == (job.departed_ns, job.arrived_ns)
+    timing = plan_timing(replace(job.trip, journey=journey_of(job, None, 500.0)), job.legs, ReplayOptions())
+    assert (timing.own, timing.departure_ns) == (False, job.departed_ns)
+    assert (timing.arrival_ns - job.departed_ns) * NS == pytest.approx(500.0)
+
+
+def test_recorded_delays_are_those_of_the_recorded_timetable(driven: Driven) -> None:
+    job, _, _ = driven
+    trip = replace(job.trip, journey=journey_of(job, 0.0, 475.0), delays=((job.departed_ns + 10**9, 95.0),))
+    for given, kept in ((ReplayOptions(), True), (ReplayOptions(arrival_s=600.0), False)):
+        timing = plan_timing(trip, job.legs, given)
+        delays_s = [one.message.delay_s for one in recorded(replace(job, trip=trip, timing=timing)).messages["delay"]]
+        assert (delays_s == [95.0]) is kept
 
 
 def test_nothing_is_late_or_early_without_a_timetable(driven: Driven) -> None:
