@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +22,12 @@ CHANNELS: Final = "channel "
 messages can still be read."""
 NUMBERED: Final = "numbered"
 """The entry of a channel's metadata that marks a file of the recorder, which numbers all messages of the file."""
+RECORDING: Final = "recording"
+"""The entry of a channel's metadata, and of each metadata record, that names the recording in which it was written.
+
+Programs that merge files copy it. It is the only entry of a channel: `mcap merge` joins channels whose metadata are
+equal, and compares several entries in no fixed order.
+"""
 DRIVE: Final = "-drive-"
 """Between the name of a train and the number of its drive, for the second and later drives of one train in a file."""
 RECOVERED: Final = "recovered"
@@ -48,6 +55,8 @@ class Contents:
     messages: list[RecordedMessage] = field(default_factory=list)
     metadata_records: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     """The metadata records, by name; a merged file has several of one name."""
+    recordings: dict[str, str] = field(default_factory=dict)
+    """The recording (`RECORDING`) that holds the messages of a train; empty text for one that does not name itself."""
     attachments: list[records.Attachment] = field(default_factory=list)
     foreign: dict[str, int] = field(default_factory=dict)
     library: str = ""
@@ -65,15 +74,22 @@ class Contents:
         return self.metadata_of(None)
 
     def metadata_of(self, train: str | None) -> dict[str, dict[str, str]]:
-        """The metadata by their names; of several records of one name, those that name the train, else all of them.
+        """The metadata by their names; of several records of one name, those of the train's recording, else those that
+        name the train, else all of them.
 
         What such records do not agree on is left out, because nothing says which of them the train's drive is.
         """
         found: dict[str, dict[str, str]] = {}
+        written = self.recordings.get(train or "", "")
         for name in dict.fromkeys(name for name, _ in self.metadata_records):
             several = [entries for one, entries in self.metadata_records if one == name]
-            several = [one for one in several if train is not None and one.get("train") == train] or several
-            found[name] = {key: value for key, value in several[0].items() if all(x.get(key) == value for x in several)}
+            several = (
+                [one for one in several if written and one.get(RECORDING) == written]
+                or [one for one in several if train is not None and one.get("train") == train]
+                or several
+            )
+            agreed = {key: value for key, value in several[0].items() if all(x.get(key) == value for x in several)}
+            found[name] = {key: value for key, value in agreed.items() if key != RECORDING}
         return found
 
 
@@ -127,7 +143,8 @@ class Raw:
         described = record.name.startswith(CHANNELS) and number.isdecimal() and schema.isdecimal()
         if right and described and {"topic", "schema"} <= entries.keys():
             self.numbered |= NUMBERED in entries
-            channel = records.Channel(int(number), entries["topic"], "protobuf", {}, int(schema))
+            of_one = {RECORDING: entries[RECORDING]} if RECORDING in entries else {}
+            channel = records.Channel(int(number), entries["topic"], "protobuf", of_one, int(schema))
             named = records.Schema(channel.schema_id, b"", "protobuf", entries["schema"])
             self.described.setdefault(channel.id, (channel, named))
         else:
@@ -247,6 +264,7 @@ def read_contents(path: Path) -> Contents:
             )
     topics = {number: _our_topic(path, channel, raw) for number, channel in raw.channels.items()}
     lost: list[Damage] = []
+    sources: list[str] = []
     homeless = 0
     for message in raw.messages:
         channel = raw.channels.get(message.channel_id)
@@ -255,48 +273,66 @@ def read_contents(path: Path) -> Contents:
             homeless += 1
         elif topic is None:
             result.foreign[channel.topic] = result.foreign.get(channel.topic, 0) + 1
-        else:
-            _decode(result, message, channel.topic, topic, lost)
+        elif _decode(result, message, channel.topic, topic, lost):
+            sources.append(channel.metadata.get(RECORDING, ""))
     if homeless:
         what = f"{homeless} messages of channels that are not described"
         lost.append(Damage(start_byte=0, end_byte=health.size_bytes, what=what))
     result.health = replace(health, damage=(*health.damage, *lost))
-    if raw.numbered:
-        _tell_drives_apart(result)
+    _tell_drives_apart(result, sources, numbered=raw.numbered)
     return result
 
 
-def _tell_drives_apart(found: Contents) -> None:
+def _tell_drives_apart(found: Contents, sources: Sequence[str], *, numbered: bool) -> None:
     """Name the second drive of a train in a merged file "<train>-drive-2", and so on; the first keeps the train's name.
+
+    `sources` are the recordings (`RECORDING`) of the messages; messages of one recording may be several drives by
+    their running numbers, if it is `numbered`.
+    """
+    for train in found.trains:
+        of_source: dict[str, list[int]] = {}
+        for i, one in enumerate(found.messages):
+            if one.train == train:
+                of_source.setdefault(sources[i], []).append(i)
+        before = 0
+        for source, of_train in of_source.items():
+            drives = _drives_by_number(found, train, of_train) if numbered else [0] * len(of_train)
+            for i, drive in zip(of_train, drives, strict=True):
+                name = f"{train}{DRIVE}{before + drive + 1}" if before + drive else train
+                found.messages[i] = found.messages[i]._replace(train=name)
+                found.recordings[name] = source
+            before += drives[-1] + 1
+
+
+def _drives_by_number(found: Contents, train: str, of_train: Sequence[int]) -> list[int]:
+    """Which drive each message of a train belongs to, from 0 on, in a file that does not name its recordings.
 
     A recorder uses each running number once, so a number that a train has twice shows two drives. Raises DasError for
     drives that run through each other in the file: their messages cannot be told apart.
     """
-    for train in found.trains:
-        of_train = [i for i, one in enumerate(found.messages) if one.train == train]
-        numbers = [found.messages[i].sequence for i in of_train]
-        count = max(Counter(numbers).values())
-        if count == 1 or not any(numbers):  # 0: by another program, which does not number its messages
-            continue
-        drive = np.cumsum(np.diff(numbers, prepend=numbers[0] - 1) <= 0)
-        if drive[-1] + 1 != count:
-            raise DasError(
-                f"{found.path}: holds {count} drives of the train {train!r} at the same time, expected drives one "
-                "after the other: read the files from which it was merged"
-            )
-        for i, number in zip(of_train, drive.tolist(), strict=True):
-            if number:
-                found.messages[i] = found.messages[i]._replace(train=f"{train}{DRIVE}{number + 1}")
+    numbers = [found.messages[i].sequence for i in of_train]
+    count = max(Counter(numbers).values())
+    if count == 1 or not any(numbers):  # 0: by another program, which does not number its messages
+        return [0] * len(numbers)
+    drives: list[int] = np.cumsum(np.diff(numbers, prepend=numbers[0] - 1) <= 0).tolist()
+    if drives[-1] + 1 != count:
+        raise DasError(
+            f"{found.path}: holds {count} drives of the train {train!r} at the same time, and its channels do not say "
+            "which is which: read the files from which it was merged"
+        )
+    return drives
 
 
-def _decode(result: Contents, message: records.Message, key: str, topic: Topic, lost: list[Damage]) -> None:
+def _decode(result: Contents, message: records.Message, key: str, topic: Topic, lost: list[Damage]) -> bool:
+    """Add a message to the contents; False, with a note in `lost`, if it cannot be decoded."""
     try:
         decoded = topic.message.FromString(message.data)
     except DecodeError:
         what = f"a message of {key} that cannot be decoded"
         lost.append(Damage(start_byte=0, end_byte=0, what=what, from_ns=message.log_time, to_ns=message.log_time))
-        return
+        return False
     result.messages.append(RecordedMessage(key.split("/")[1], topic, message.log_time, message.sequence, decoded))
+    return True
 
 
 def _our_topic(path: Path, channel: records.Channel, raw: Raw) -> Topic | None:

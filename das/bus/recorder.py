@@ -10,6 +10,7 @@ itself states the units.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -28,7 +29,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from das import __version__
 from das.bus import das_pb2
-from das.bus.contents import CHANNELS, NUMBERED
+from das.bus.contents import CHANNELS, NUMBERED, RECORDING
 from das.bus.scanning import sealed
 from das.bus.session import Bus
 from das.bus.topics import ADVICE, CONTROL, RECORDER, STATUS, Received, Topic
@@ -61,6 +62,7 @@ class RecordingFile:
         self.path = path
         self.messages = 0
         self._clocks = clocks
+        self._named, self._begun_ns = "", clocks.now_ns()
         self._file, beside = _begin(path)
         try:
             self._writer: Any = McapWriter(
@@ -102,8 +104,8 @@ class RecordingFile:
         self._flushed_s = self._clocks.seconds()
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        """Write a metadata record with a checksum of its own."""
-        self._writer.add_metadata(name, sealed(name, data))
+        """Write a metadata record with a checksum of its own, and with the name of this recording."""
+        self._writer.add_metadata(name, sealed(name, {**data, RECORDING: self._name(name, data)}))
 
     def add_attachment(self, name: str, media_type: str, content: bytes) -> None:
         """Attach a file, stamped with the present time."""
@@ -122,12 +124,22 @@ class RecordingFile:
         schema = self._schemas.get(name)
         if schema is None:
             schema = self._schemas[name] = self._writer.register_schema(name, "protobuf", schema_of(topic.message))
-        channel = int(self._writer.register_channel(key, "protobuf", schema))
+        named = {RECORDING: self._name()}
+        channel = int(self._writer.register_channel(key, "protobuf", schema, named))
         # The chunk that describes the channel may be lost; the messages in later ones must not be lost with it.
         self.add_metadata(
             f"{CHANNELS}{channel}", {"topic": key, "schema": name, "schema_id": str(schema), NUMBERED: "yes"}
         )
         return channel
+
+    def _name(self, *of: object) -> str:
+        """What tells this recording from others in a merged file: when it began, and what it first says of itself.
+
+        It is no random number, so that the same run gives the same file.
+        """
+        if not self._named:
+            self._named = hashlib.sha256(json.dumps([self._begun_ns, of], sort_keys=True).encode()).hexdigest()[:16]
+        return self._named
 
 
 def _begin(path: Path) -> tuple[IO[bytes], Path | None]:

@@ -254,7 +254,7 @@ def _print_causes(attribution: Attribution) -> None:
 
 def _print_places(attribution: Attribution) -> None:
     from das.domain.units import kwh
-    from sim.drive.attribution.worst import worst_places
+    from sim.drive.attribution.worst import elsewhere, worst_places
 
     worst = worst_places(attribution)
     if worst:
@@ -262,7 +262,7 @@ def _print_places(attribution: Attribution) -> None:
             f"{one.where}: {kwh(one.more_j):.1f} kWh, {' and '.join(cause.label for cause in one.causes)}"
             for one in worst
         )
-        tell(f"most lost above the optimum: {told}")
+        tell(f"most lost above the optimum: {told}{elsewhere(worst, attribution.above.difference_j)}")
 
 
 def compare(

@@ -10,7 +10,7 @@ from mcap import records
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from das.bus.contents import CHANNELS, NUMBERED, RECOVERED, Raw, read_raw
+from das.bus.contents import CHANNELS, NUMBERED, RECORDING, RECOVERED, Raw, read_raw
 from das.bus.recorder import CHUNK_BYTES, LIBRARY, schema_of
 from das.bus.scanning import UNCHECKED, Health, sealed
 from das.bus.topics import topic_of
@@ -143,6 +143,7 @@ class _Channels:
         new = self._writer.register_channel(channel.topic, channel.message_encoding, number, channel.metadata)
         described = {"topic": channel.topic, "schema": schema.name if schema else "", "schema_id": str(number)}
         described |= {NUMBERED: "yes"} if self._raw.numbered else {}
+        described |= {RECORDING: channel.metadata[RECORDING]} if RECORDING in channel.metadata else {}
         name = f"{CHANNELS}{new}"
         if topic_of(channel.topic) is not None:
             self._writer.add_metadata(name, sealed(name, described))

@@ -22,8 +22,8 @@ from das.advice.wording import Language
 from das.bus import topics
 from das.domain.units import KM, KMH, NS
 from das.drawing.meanings import STANDING_GREY, VIEWER, Meaning, rgba
-from sim.drive.calls import STANDING_MPS
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times, stretches_of
+from sim.recording.stands import STANDING_MPS
 from sim.review.cab_display import send_cab
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene

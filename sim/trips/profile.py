@@ -9,6 +9,7 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import NS
+from sim.recording.course import DrivenCourse
 from sim.trips.matching import MatchedTrip
 from sim.trips.record import Bools
 from sim.trips.settings import SMOOTHING
@@ -36,6 +37,12 @@ class DrivenRun:
     inferred: Bools
     speed_lag_s: float
     position_rms_m: float
+
+    @property
+    def course(self) -> DrivenCourse:
+        """When the train was where, and how fast."""
+        time_ns = self.start_time_ns + np.rint(self.time_s / NS).astype(np.int64)
+        return DrivenCourse(time_ns=time_ns, s_m=self.s_m, speed_mps=self.speed_mps)
 
     @property
     def top_mps(self) -> float:

@@ -51,7 +51,7 @@ def describe(
     Energies are those of its parts, without comfort systems: from stop to stop, or of the part of an open trip that is
     compared with an optimum, if there is one. Without a section, that is without a vehicle, `energy` is None.
     """
-    run, report = trip.run, trip.matched.report
+    run, report, (departed_ns, arrived_ns) = trip.run, trip.matched.report, trip.ran_ns
     return {
         "file": str(trip.path),
         "format": trip.format,
@@ -62,8 +62,8 @@ def describe(
         "from": trip.start.name,
         "to": trip.end.name,
         "whole_section": trip.whole,
-        "departure": _iso(run.start_time_ns),
-        "trip_time_s": float(run.time_s[-1]),
+        "departure": _iso(departed_ns),
+        "trip_time_s": (arrived_ns - departed_ns) * NS,
         "distance_m": float(run.s_m[-1] - run.s_m[0]),
         "max_speed_kmh": run.top_mps / KMH,
         "cleaning": report.cleaning.as_object(),

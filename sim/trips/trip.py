@@ -20,7 +20,9 @@ from das.domain.units import KMH, NS
 from das.domain.vehicle import Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from sim.options import TripOptions
+from sim.recording.course import DrivenCourse
 from sim.recording.inputs import AttachedFiles
+from sim.recording.stands import stood_ns
 from sim.trips.cleaning import FindingKind, FindingLog, find_gaps, in_order
 from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip
@@ -62,7 +64,15 @@ class Trip:
     @property
     def stands(self) -> tuple[StandFound, ...]:
         """Where the train stood, in order."""
-        return stands_found(self.matched, self.route, self.run.speed_lag_s)
+        return stands_found(self.matched, self.route, self.run.course)
+
+    @property
+    def ran_ns(self) -> tuple[int, int]:
+        """From when to when the trip ran (ns since 1970): from stand to stand if it stands at both its stops."""
+        first_ns, last_ns = (int(self.run.course.time_ns[i]) for i in (0, -1))
+        if not self.whole:
+            return first_ns, last_ns
+        return self.stands[0].departure_ns or first_ns, self.stands[-1].arrival_ns or last_ns
 
     @property
     def stops_on_the_way(self) -> tuple[str, ...]:
@@ -200,11 +210,10 @@ class StandFound:
         return (self.departure_ns - self.arrival_ns) * NS
 
 
-def stands_found(matched: MatchedTrip, route: Route, speed_lag_s: float) -> tuple[StandFound, ...]:
-    """The stands of a trip in order; their times come from the speeds, which are late by `speed_lag_s`."""
+def stands_found(matched: MatchedTrip, route: Route, course: DrivenCourse) -> tuple[StandFound, ...]:
+    """The stands of a trip in order, timed as those of every drive; `course` is its smooth run."""
     found = []
-    last = len(matched.time_ns) - 1
-    time_ns = np.clip(matched.time_ns - round(speed_lag_s / NS), matched.time_ns[0], matched.time_ns[-1])
+    last, time_ns = len(matched.time_ns) - 1, matched.time_ns
     for stand in stands(matched.standing):
         inside = stand.first > 0 and stand.last < last
         if inside and (time_ns[stand.last] - time_ns[stand.first]) * NS < STANDS.shortest_stand_s:
@@ -212,13 +221,14 @@ def stands_found(matched: MatchedTrip, route: Route, speed_lag_s: float) -> tupl
         s_m = float(matched.s_m[stand.last])
         stop = min(route.stops, key=lambda stop: abs(stop.position_m - s_m))
         there = abs(stop.position_m - s_m) <= STANDS.at_stop_m
+        _, came_ns, left_ns = stood_ns(s_m, STANDS.wander_m, course, matched)
         found.append(
             StandFound(
                 s_m=s_m,
                 stop=stop.name if there else None,
                 off_m=s_m - stop.position_m if there else None,
-                arrival_ns=int(time_ns[stand.first]) if stand.first > 0 else None,
-                departure_ns=int(time_ns[stand.last]) if stand.last < last else None,
+                arrival_ns=came_ns or int(time_ns[stand.first]) if stand.first > 0 else None,
+                departure_ns=left_ns or int(time_ns[stand.last]) if stand.last < last else None,
             )
         )
     return tuple(found)

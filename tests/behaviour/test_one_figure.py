@@ -110,6 +110,7 @@ def of_recording(path: Path) -> dict[str, Figures]:
         assert again["more_energy_equal_arrival_kwh"] in (0.0, None)
         assert (again["equal_arrival_not_comparable"] or "") == drive.not_comparable
     told["library"] = {"not_comparable": drive.not_comparable or None, "late_s": known(drive.late_s)}
+    told["library"]["instructions"] = drive.instructions.instructions
     if not drive.not_comparable:
         assert drive.attribution is not None
         told["library"] |= figures(drive.above.as_dict() if drive.above else {})

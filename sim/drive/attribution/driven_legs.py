@@ -58,8 +58,8 @@ class DrivenMotion(DrivenCourse):
     @classmethod
     def of_run(cls, run: DrivenRun) -> DrivenMotion:
         """The motion of a smoothed record, for which no energy was measured."""
-        return cls(time_ns=run.start_time_ns + np.rint(run.time_s / NS).astype(np.int64), s_m=run.s_m,
-                   speed_mps=run.speed_mps)  # fmt: skip
+        course = run.course
+        return cls(time_ns=course.time_ns, s_m=course.s_m, speed_mps=course.speed_mps)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,7 +14,8 @@ from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
 from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, NOT_WHOLE, passing_name
 from sim.drive.attribution.driven_legs import LEAST_WAY_M, DrivenLeg, DrivenMotion, fast_enough, legs_of
-from sim.drive.calls import STANDING_MPS, KeptCall, calls_on_the_way, reported_course
+from sim.drive.calls import KeptCall, calls_on_the_way, reported_course
+from sim.recording.stands import STANDING_MPS
 
 if TYPE_CHECKING:
     from sim.drive.drive import DrivenEnergy

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -63,6 +64,11 @@ def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
             where = f"km {start_m / KM:.1f} to {end_m / KM:.1f}"
             found.append(WorstPlace(where, float(more_j[first : last + 1].sum()), _causes(leg, start_m, end_m)))
     return sorted(found, key=lambda one: -one.more_j)[:most]
+
+
+def elsewhere(named: Iterable[WorstPlace], above_j: float) -> str:
+    """What follows a list of places that lost more than the whole drive did (J); empty if they lost no more."""
+    return "; elsewhere it lost less than the best drive" if sum(one.more_j for one in named) > above_j else ""
 
 
 class CauseStretch(NamedTuple):

@@ -14,11 +14,12 @@ from das.advice.regimes import Regime, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, PERCENT, kmh
-from sim.drive.calls import NEAR_M, STANDING_MPS, KeptCall, arrival_ns, departure_ns, stands
-from sim.drive.events.event import DriveEvent, EventKind, lateness_text, place_m
-from sim.drive.limits import SpanAbove, spans_above
+from sim.drive.calls import NEAR_M, KeptCall
+from sim.drive.events.event import DriveEvent, EventKind, lateness_text, place_m, times_text
+from sim.drive.limits import spans_above
 from sim.drivers.cab import AT_STOP_M, KINDS
 from sim.recording.course import DrivenCourse, Floats
+from sim.recording.stands import STANDING_MPS, arrival_ns, departure_ns, stands
 
 LEVER_RATIO: Final = 0.03
 """A controller set to less than this share of the effort is at neutral."""
@@ -95,22 +96,26 @@ def overspeed_events(trip: DrivenCourse, limit_mps: Floats) -> Iterator[DriveEve
     for over in spans_above(trip, limit_mps):
         over_kmh, limit_kmh = kmh(over.over_mps), kmh(over.allowed_mps)
         text = f"up to {over_kmh:.0f} km/h above the limit of {limit_kmh:.0f} km/h for {over.lasted_s:.0f} s"
-        yield _at_speed(trip, over, EventKind.OVERSPEED, text, "limit_mps")
+        facts = {"limit_mps": over.allowed_mps, "over_kmh": over_kmh, "lasted_s": over.lasted_s}
+        yield DriveEvent.on(trip, EventKind.OVERSPEED, over.start_ns, text, end_ns=over.end_ns, **facts)
 
 
 def top_speed_events(trip: DrivenCourse, top_mps: float) -> Iterator[DriveEvent]:
-    """The stretches of time in which the train was faster than its vehicle file says that it can go (m/s)."""
-    for over in spans_above(trip, np.full(len(trip.time_ns), top_mps)):
-        text = (
-            f"up to {kmh(over.over_mps):.0f} km/h faster than the vehicle file says the train can go "
-            f"({kmh(top_mps):.0f} km/h) for {over.lasted_s:.0f} s: is it the right train?"
-        )
-        yield _at_speed(trip, over, EventKind.BEYOND_TRAIN, text, "top_speed_mps")
+    """That the train was faster than its vehicle file says that it can go (m/s); nothing if it was not.
 
-
-def _at_speed(trip: DrivenCourse, over: SpanAbove, kind: EventKind, text: str, allowed: str) -> DriveEvent:
-    facts = {allowed: over.allowed_mps, "over_kmh": kmh(over.over_mps), "lasted_s": over.lasted_s}
-    return DriveEvent.on(trip, kind, over.start_ns, text, end_ns=over.end_ns, **facts)
+    It is one event however often it was so, where it was fastest: there is one question to answer, which train it was.
+    """
+    spans = tuple(spans_above(trip, np.full(len(trip.time_ns), top_mps)))
+    if not spans:
+        return
+    worst, lasted_s = max(spans, key=lambda one: one.over_mps), sum(one.lasted_s for one in spans)
+    often = "" if len(spans) == 1 else f" in all, {times_text(len(spans))}"
+    text = (
+        f"up to {kmh(worst.over_mps):.0f} km/h faster than the vehicle file says the train can go "
+        f"({kmh(top_mps):.0f} km/h) for {lasted_s:.0f} s{often}: is it the right train?"
+    )
+    facts = {"top_speed_mps": top_mps, "over_kmh": kmh(worst.over_mps), "lasted_s": lasted_s, "times": len(spans)}
+    yield DriveEvent.on(trip, EventKind.BEYOND_TRAIN, worst.start_ns, text, end_ns=worst.end_ns, **facts)
 
 
 def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:

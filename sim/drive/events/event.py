@@ -94,6 +94,11 @@ def lateness_text(late_s: float) -> str:
     return "on time" if abs(late_s) <= 0.5 else f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
 
 
+def times_text(count: int) -> str:
+    """How often something happened, in words: "once", "twice", "3 times"."""
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Filter:
     """Which events are wanted; a field that is empty or None lets every event pass."""

@@ -16,7 +16,7 @@ from das.domain.errors import DasError
 from das.domain.units import kwh
 from das.drawing.meanings import LIGHT
 from sim.drive.attribution.attribution import as_dict as energy_dict
-from sim.drive.attribution.worst import worst_places
+from sim.drive.attribution.worst import elsewhere, worst_places
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
@@ -94,6 +94,7 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
         "worst": [
             (one.where, f"{kwh(one.more_j):.1f}", " and ".join(cause.label for cause in one.causes)) for one in worst
         ],
+        "elsewhere": "" if attribution is None else elsewhere(worst, attribution.above.difference_j),
         "why_not": drive.why_no_attribution,
         "events": tables.event_rows(drive),
         "left_out": tables.left_out(drive),

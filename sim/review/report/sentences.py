@@ -15,11 +15,11 @@ from das.domain.units import KM, NS, kmh, kwh
 from sim.drive.above_optimum import EnergyBand
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
-from sim.drive.attribution.worst import worst_places
+from sim.drive.attribution.worst import elsewhere, worst_places
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import DriveEvent, EventKind, lateness_text
+from sim.drive.events.event import DriveEvent, EventKind, lateness_text, times_text
 from sim.drivers.kinds import DriverKind, External, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
@@ -160,9 +160,7 @@ def _took(drive: Drive) -> list[str]:
     worst = worst_places(attribution, 1)
     if worst and kwh(worst[0].more_j) >= NAMED_KWH:
         causes = " and ".join(cause.label for cause in worst[0].causes)
-        beyond = (
-            "; elsewhere it lost less than the best drive" if worst[0].more_j > attribution.above.difference_j else ""
-        )
+        beyond = elsewhere(worst, attribution.above.difference_j)
         told.append(f"The most was lost from {worst[0].where}: {kwh(worst[0].more_j):.1f} kWh ({causes}){beyond}.")
     return told
 
@@ -196,7 +194,7 @@ def _kept(drive: Drive) -> list[str]:
     gone = [one for one in events if one.kind is EventKind.WITHDRAWAL]
     if gone:
         lasted = sum(one.facts["lasted_s"] for one in gone)
-        told.append(f"Advice was withdrawn {_times(len(gone))}, for {lasted:.0f} s in all.")
+        told.append(f"Advice was withdrawn {times_text(len(gone))}, for {lasted:.0f} s in all.")
     elif drive.recording.of(topics.ADVICE):
         told.append("Advice was never withdrawn.")
     told += at_signals(drive)
@@ -208,12 +206,9 @@ def _fast(events: Sequence[DriveEvent], kind: EventKind, words: str) -> list[str
     over = [one.facts for one in events if one.kind is kind]
     if not over:
         return []
-    worst_kmh, lasted_s = max(one["over_kmh"] for one in over), sum(one["lasted_s"] for one in over)
-    return [f"The train was {words} {_times(len(over))}, for {lasted_s:.0f} s in all, by up to {worst_kmh:.0f} km/h."]
-
-
-def _times(count: int) -> str:
-    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+    worst_kmh = max(one["over_kmh"] for one in over)
+    lasted_s, often = sum(one["lasted_s"] for one in over), sum(one.get("times", 1) for one in over)
+    return [f"The train was {words} {times_text(often)}, for {lasted_s:.0f} s in all, by up to {worst_kmh:.0f} km/h."]
 
 
 def at_signals(drive: Drive) -> list[str]:

@@ -263,7 +263,7 @@ def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     """The sections of a trip with stops on the way; for a trip without, the optimum for the timetable."""
     if len(found["sections"]) < 2:
         energy_kwh = found["timetable_energy_kwh"]
-        return [] if energy_kwh is None else [("energy of the optimum, timetable", f"{energy_kwh:.1f} kWh")]
+        return [] if energy_kwh is None else [("energy of the optimum, arrival by timetable", f"{energy_kwh:.1f} kWh")]
     return [
         (f"  {one['from']} – {one['to']}", f"{one['energy_kwh']:.1f} kWh, optimum {one['energy_optimum_kwh']:.1f} kWh")
         for one in found["sections"]

@@ -49,8 +49,8 @@ def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, 
     hearing = Rehearing(without_waiting(plan).cab, by_bus, options.advice.calibrate)
     messages = list(_heard_otherwise(origin.messages, new, plan))
     with whole_recording(out, messages[0].log_time_ns) as file:
-        _describe(file, origin, new.cab)
         file.add_metadata("run", _run(origin, given, new, plan))
+        _describe(file, origin, new.cab)
         for number, (one, words) in enumerate(hearing.steps(messages), start=1):
             if one.topic not in COMPARED or (one.topic is STATUS and of_the_process(one.message)):
                 file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)

@@ -244,9 +244,12 @@ def test_a_recording_is_never_empty(tmp_path: Path) -> None:
     assert [one.name for one in tmp_path.iterdir()] == ["run.mcap"]
 
 
-def rewritten(out: Path, *sources: Path, without: str = "", by_time: bool = False) -> Path:
-    """Recordings copied into one file by the standard writer, which numbers the channels anew; without one topic."""
-    found = []
+def rewritten(out: Path, *sources: Path, without: str = "", by_time: bool = False, merged: bool = False) -> Path:
+    """Recordings copied into one file by the standard writer, which numbers the channels anew; without one topic.
+
+    Channels lose their metadata, or are `merged` as `mcap merge` does: those with equal topics and metadata are one.
+    """
+    found, joined = [], {}
     with out.open("wb") as file:
         writer = Writer(file)
         writer.start()
@@ -254,7 +257,13 @@ def rewritten(out: Path, *sources: Path, without: str = "", by_time: bool = Fals
             raw, _ = read_raw(source)
             schemas = {key: writer.register_schema(x.name, x.encoding, x.data) for key, x in raw.schemas.items()}
             kept = [x for x in raw.channels.values() if x.topic != without]
-            channels = {x.id: writer.register_channel(x.topic, "protobuf", schemas[x.schema_id]) for x in kept}
+            channels = {}
+            for x in kept:
+                entries = x.metadata if merged else {}
+                key = (x.topic, *entries.items()) if merged else (source, x.id)
+                if key not in joined:
+                    joined[key] = writer.register_channel(x.topic, "protobuf", schemas[x.schema_id], entries)
+                channels[x.id] = joined[key]
             found += [(channels[x.channel_id], x) for x in raw.messages if x.channel_id in channels]
             with source.open("rb") as one:
                 for metadata in make_reader(one).iter_metadata():
@@ -312,8 +321,29 @@ def test_two_drives_of_one_train_in_a_merged_file_are_read_by_their_names(tmp_pa
         assert found.metadata["run"] == {"train": "t1", "kind": "run"}
 
 
-def test_two_drives_of_one_train_that_run_through_each_other_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("later_s", [0, 5, 100])
+def test_merged_drives_of_one_train_at_the_same_time_are_read_by_their_names(tmp_path: Path, later_s: int) -> None:
+    """Channels name their recording, so that the standard tool keeps them apart; so do the metadata."""
+    one, other = drive(tmp_path / "1.mcap", "t1", 0, "anna"), drive(tmp_path / "2.mcap", "t1", later_s, "ben")
+    merged = rewritten(tmp_path / "merged.mcap", one, other, by_time=True, merged=True)
+    with pytest.raises(DasError, match="several trains or drives, t1, t1-drive-2: say which one"):
+        read_recording(merged)
+    for train, source in (("t1", one), ("t1-drive-2", other)):
+        found, alone = read_recording(merged, train=train), read_recording(source)
+        assert found.messages == alone.messages
+        assert found.metadata["run"] == alone.metadata["run"]
+        assert found.health.damage == ()
+
+
+def test_a_recording_merged_with_itself_is_one_drive(tmp_path: Path) -> None:
+    one = drive(tmp_path / "1.mcap", "t1", 0, "anna")
+    merged = rewritten(tmp_path / "merged.mcap", one, one, by_time=True, merged=True)
+    assert read_recording(merged, skip_damage=True).messages == read_recording(one).messages
+
+
+def test_drives_that_run_through_each_other_in_channels_without_a_name_are_refused(tmp_path: Path) -> None:
+    """Version 0.2 wrote such channels, and the standard tool joins them."""
     one, other = drive(tmp_path / "1.mcap", "t1", 0, "anna"), drive(tmp_path / "2.mcap", "t1", 5, "ben")
     merged = rewritten(tmp_path / "merged.mcap", one, other, by_time=True)
-    with pytest.raises(DasError, match="2 drives of the train 't1' at the same time"):
+    with pytest.raises(DasError, match=r"2 drives of the train 't1' at the same time.*: read the files from which"):
         read_contents(merged)

@@ -130,7 +130,7 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
     found = json.loads(again.stdout)
     assert found["cleaning"]["findings"] == []
     assert found["whole_section"]
-    assert found["trip_time_s"] == 260
+    assert found["trip_time_s"] == pytest.approx(260, abs=1.0)  # times of stands are known to half a sample
     energy = found["energy"]
     assert energy["energy_low_kwh"] < energy["energy_kwh"] < energy["energy_high_kwh"]
 

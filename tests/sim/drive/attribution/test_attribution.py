@@ -20,7 +20,7 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
 from sim.drive.attribution.attribution import Attribution, as_dict
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
-from sim.drive.attribution.worst import doing, worst_places
+from sim.drive.attribution.worst import WorstPlace, doing, elsewhere, worst_places
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
@@ -226,3 +226,10 @@ def test_every_cause_has_its_words() -> None:
 def test_a_recording_without_a_journey_is_refused() -> None:
     with pytest.raises(DasError, match="holds no journey"):
         _ = Drive(source=in_memory()).known_attribution
+
+
+def test_places_that_lost_more_than_the_whole_drive_are_said_to_be_made_up_elsewhere() -> None:
+    """13.5 kWh "most lost" of 9.9 kWh in all, without a word of the rest."""
+    places = [WorstPlace("km 1.0 to 2.0", 8.0, ()), WorstPlace("km 3.0 to 4.0", 5.5, ())]
+    assert elsewhere(places, 9.9) == "; elsewhere it lost less than the best drive"
+    assert elsewhere(places[:1], 9.9) == elsewhere([], 9.9) == ""

@@ -19,12 +19,12 @@ from das.bus.restrictions import decode_restriction
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.restriction import Restriction
-from das.domain.units import NS
-from sim.drive.calls import stands
+from das.domain.units import KMH, NS
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 from sim.recording.course import DriveClock, DrivenCourse
 from sim.recording.inputs import inputs_of
+from sim.recording.stands import stands
 from tests.support.hand_recorded import advice, cab, in_memory, told, truth
 from tests.support.making import das_sim, refusal
 from tests.support.recordings import at_ns, write_recording
@@ -100,6 +100,21 @@ def test_the_vehicle_files_top_speed_is_no_limit_of_the_line() -> None:
     assert over.text.endswith("the vehicle file says the train can go (30 km/h) for 105 s: is it the right train?")
     assert over.mark == "another train?"
     assert of_kind(with_files(drive(stops=STOPS), 200.0), EventKind.BEYOND_TRAIN) == []
+
+
+def test_another_train_is_one_question_however_often_it_is_too_fast() -> None:
+    """Eleven equal bookmarks hid what else had happened."""
+    samples = [(t, 20.0 * t, 20.0 if t % 10 < 5 else 24.0 if t == 47 else 23.0) for t in range(60)]
+    (journey,) = drive(stops=STOPS).of(topics.JOURNEY)
+    driven = in_memory(*(truth(*one) for one in samples), (topics.JOURNEY, journey.message))
+    recording = with_files(driven, 22.0 / KMH)
+    (over,) = of_kind(recording, EventKind.BEYOND_TRAIN)
+    assert (over.facts["times"], over.facts["lasted_s"]) == (6, pytest.approx(29.0))
+    assert over.facts["over_kmh"] == pytest.approx(2.0 / KMH)
+    assert over.text.startswith("up to 7 km/h faster")
+    assert over.text.endswith("(79 km/h) for 29 s in all, 6 times: is it the right train?")
+    assert over.s_m == pytest.approx(900.0)  # of the fastest
+    assert sum(one.mark == "another train?" for one in Drive(source=recording).events) == 1
 
 
 def test_behind_a_restriction_the_length_of_the_train_counts() -> None:

@@ -134,10 +134,14 @@ def test_a_drive_that_is_not_comparable_is_told_without_a_share_of_anything() ->
 
 def test_the_paragraph_tells_a_train_that_is_too_fast_for_its_file_from_one_above_the_limit() -> None:
     over = DriveEvent(
-        time_ns=0, kind=EventKind.BEYOND_TRAIN, text="", s_m=0.0, facts={"over_kmh": 24.3, "lasted_s": 328.0}
+        time_ns=0,
+        kind=EventKind.BEYOND_TRAIN,
+        text="",
+        s_m=0.0,
+        facts={"over_kmh": 24.3, "lasted_s": 328.0, "times": 11},
     )
     text = paragraph(other(events=(over,)))
-    assert "The train was faster than the vehicle file says the train can go once, for 328 s in all" in text
+    assert "The train was faster than the vehicle file says the train can go 11 times, for 328 s in all" in text
     assert "It kept every limit." in text
 
 
