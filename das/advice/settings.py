@@ -155,8 +155,8 @@ class QuietSettings:
     """A brake slows the train by more than this share of `brakes_mps2` in every second, but a measured speed that jumps
     does so only once."""
     holds_mps: float = 5.0 * KMH
-    """A driver who is told to hold a speed brakes against the advice only if he slows down by more than this: who holds
-    a speed wanders by a little less, and corrects that with the brake."""
+    """A driver who is told to hold a speed brakes against the advice only if he slows down by more than this: a driver
+    who holds a speed wanders by a little less, and corrects that with the brake."""
     released_mps2: float = 0.1
     """A driver has released the brake if the deceleration that is not explained is no more than this."""
     released_s: float = 2.0

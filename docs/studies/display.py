@@ -157,7 +157,7 @@ def figures(service: Service, seed: int, variant: DisplayVariant) -> DisplayFigu
     human = human_of(day)
     driver = Looking(human, variant.display(), tone=variant.tone)
     found = outcome(day, driven(day, driver, Presentation.VECTOR))
-    gap = found.energies.above.gap_ratio
+    gap = found.energies.above.ratio
     assert gap is not None
     moves = sum(event.what == "lever" for event in human.events)
     return DisplayFigures(100.0 * gap, found.late_s, 60.0 * moves / found.running_time_s)

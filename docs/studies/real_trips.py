@@ -75,8 +75,8 @@ class TripAttribution:
 
     @property
     def above_ratio(self) -> float:
-        """The energy above the optimum as a share of the driven energy."""
-        return self.attribution.above.difference_j / self.attribution.above.driven_j
+        """The energy above the optimum as a share of the optimum."""
+        return self.attribution.above.difference_j / self.attribution.above.optimum_j
 
 
 def trip_attributions(data: Path) -> list[TripAttribution]:

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
 """The driver of the bundled recording, who can be shown the coach."""
 HANGS_ON: Final = (
-    "he watches no clock when alone, does what the coach says, and brakes with the motors first: drivers who keep time "
+    "He watches no clock when alone, does what the coach says, and brakes with the motors first: drivers who keep time "
     "by themselves save less (docs/explanation/coach.md)."
 )
-"""What the figures of the result hang on, as the end of its sentence."""
+"""What the figures of the result hang on, in a sentence."""
 LOOK_AGAIN_S: Final = 0.2
 """How often the progress of the drive with the coach is shown (s)."""
 
@@ -121,15 +121,18 @@ def _print(found: AlignedDrives) -> None:
     for name, one, other in rows:
         tell(f"{name:<{width}}  {one:>12}  {other:>14}")
     equal = found.equal_arrival(1)
-    at_equal = f"{_less(equal.ratio)} at the same arrival time" if equal.ratio is not None else equal.why_not
-    driven = f"{_less((coached_j - alone_j) / alone_j)} energy"
+    if equal.more_j is None or equal.ratio is None:
+        at_equal = equal.why_not
+    else:
+        share = f"{abs(equal.ratio) / PERCENT:.0f}\u00a0% of the optimum"
+        at_equal = f"at the same arrival time {_less(equal.more_j)} ({share})"
     later_s = (after.calls[-1].arrived_ns - before.calls[-1].arrived_ns) * NS
     came = f"arrived {abs(later_s):.0f} s {'later' if later_s >= 0 else 'earlier'}"
-    paragraph(f"With the coach the same driver {came} and needed {driven}, {at_equal}; {HANGS_ON}")
+    paragraph(f"With the coach the same driver {came} and needed {_less(coached_j - alone_j)}; {at_equal}. {HANGS_ON}")
 
 
-def _less(ratio: float) -> str:
-    return f"{abs(ratio) / PERCENT:.0f}\u00a0% {'less' if ratio < 0 else 'more'}"
+def _less(energy_j: float) -> str:
+    return f"{abs(kwh(energy_j)):.0f}\u00a0kWh {'less' if energy_j < 0 else 'more'}"
 
 
 def _times(found: AlignedDrives, *, first: bool) -> list[str]:

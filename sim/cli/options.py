@@ -46,7 +46,7 @@ DriverOption = Annotated[
     typer.Option(
         "--driver",
         metavar="DRIVER",
-        help="Who drives: perfect, literal, fast, rms, timetable, human, a class of your own (package.module:Class), "
+        help="The driver: perfect, literal, fast, rms, timetable, human, a class of your own (package.module:Class), "
         "external, a process of its own, or desk, a person in the browser (das-sim drivers explains them).",
     ),
 ]
@@ -74,7 +74,7 @@ DriverAtOption = Annotated[
 DriverHereOption = Annotated[
     str,
     typer.Option(
-        "--driver", metavar="DRIVER", help="Who drives: a name, or a class of your own (package.module:Class)."
+        "--driver", metavar="DRIVER", help="The driver: a name, or a class of your own (package.module:Class)."
     ),
 ]
 RunAtOption = Annotated[
@@ -90,7 +90,7 @@ DriversOption = Annotated[
     typer.Option(
         "--drivers",
         metavar="LIST",
-        help="Who drives, separated by commas: names (das-sim drivers lists them) or classes of your own "
+        help="The drivers, separated by commas: names (das-sim drivers lists them) or classes of your own "
         "(package.module:Class).",
     ),
 ]

@@ -132,7 +132,7 @@ def note(
     tag: Annotated[
         list[str] | None, typer.Option("--tag", metavar="WORD", help="A tag; may be given several times.")
     ] = None,
-    author: Annotated[str, typer.Option("--author", metavar="NAME", help="Who makes the note.")] = "",
+    author: Annotated[str, typer.Option("--author", metavar="NAME", help="The author of the note.")] = "",
     remove: Annotated[
         int | None, typer.Option("--remove", metavar="NUMBER", help="Take the note of this number away.")
     ] = None,

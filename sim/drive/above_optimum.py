@@ -1,7 +1,7 @@
 """The energy of a drive above its optimum, how certain it is, and whether the two can be compared at all.
 
-Above the optimum = energy driven − least energy of the same train for the same departures and arrivals, in % of the
-energy driven. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all use
+Above the optimum = energy driven − least energy of the same train for the same departures and arrivals, in % of that
+optimum. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all use
 this module, and the same words if the energy cannot be stated.
 """
 
@@ -157,17 +157,12 @@ class AboveOptimum:
 
     @property
     def ratio(self) -> float | None:
-        """Share of the energy driven that is above the optimum; None if that cannot be stated."""
-        above_j, driven_j = self.above_j, self.driven_j
-        return above_j / driven_j if above_j is not None and driven_j > 0 else None
+        """Energy above the optimum as a share of the optimum; None if that cannot be stated.
 
-    @property
-    def gap_ratio(self) -> float | None:
-        """The gap to the optimum: energy driven divided by the optimum's, minus 1; None if it cannot be stated.
-
-        Studies compare drivers by it: a kWh is as many points for a wasteful driver as for a thrifty one.
+        A kWh is as large a share for a wasteful driver as for a thrifty one, as neither changes the optimum.
         """
-        return None if self.ratio is None or self.optimum_j <= 0 else self.driven_j / self.optimum_j - 1.0
+        above_j, optimum_j = self.above_j, self.optimum_j
+        return above_j / optimum_j if above_j is not None and optimum_j > 0 else None
 
     @property
     def part(self) -> str:
@@ -181,12 +176,12 @@ class AboveOptimum:
 
     @property
     def words(self) -> str:
-        """The energy above the optimum in kWh and in % of the energy driven, or that it cannot be stated."""
+        """The energy above the optimum in kWh and in % of the optimum, or that it cannot be stated."""
         above_j = self.above_j
-        return NOT_COMPARABLE if above_j is None else energy_words(above_j, self.ratio, " of the energy driven")
+        return NOT_COMPARABLE if above_j is None else energy_words(above_j, self.ratio)
 
     def as_dict(self) -> dict[str, float | str | None]:
-        """The figures by their names in the JSON of every command: kWh, and the share of the energy driven."""
+        """The figures by their names in the JSON of every command: kWh, and the share of the optimum."""
         above_j = self.above_j
         return {
             "energy_kwh": kwh(self.driven_j),
@@ -239,9 +234,14 @@ class AboveOptimum:
         )
 
 
-def energy_words(energy_j: float, ratio: float | None, of: str = "") -> str:
-    """An energy above the optimum, or one that advice saved, in kWh and in % of an energy driven (None: not known)."""
-    return f"{kwh(energy_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %{of})")
+def energy_words(energy_j: float, ratio: float | None) -> str:
+    """An energy above the optimum, or one that advice saved, in kWh and in % of the optimum (None: not known)."""
+    return f"{kwh(energy_j):+.1f} kWh" + ("" if ratio is None else f" ({percent_of_optimum(ratio)})")
+
+
+def percent_of_optimum(ratio: float) -> str:
+    """A share of the optimum in words, "4.8 % of the optimum"."""
+    return f"{100 * ratio:.1f} % of the optimum"
 
 
 def _band(low_j: float, high_j: float) -> EnergyBand | None:

@@ -5,7 +5,10 @@ latter is what the times are worth: the time difference at λ, the optimum's pri
 (λ = −dE*/dT). It is the difference of the energies above the optimum.
 
 Saved by advice: two drives of the same day by the same driver with the same brakes, one of them without advice, at
-equal arrival, in % of the energy driven without advice. Where no such two drives exist, nothing is stated.
+equal arrival. Where no such two drives exist, nothing is stated.
+
+Both are in % of the optimum for the times as driven, as the energy above the optimum is; of two drives, that is the
+mean of both optima, so that a kWh is the same share whichever drive comes first.
 """
 
 from __future__ import annotations
@@ -64,7 +67,8 @@ class EqualArrival:
     """How much more energy a drive took than the first one at equal arrival (J); None if that cannot be stated.
 
     `times_j` is what the times are worth: how much more the optimum takes in the times of the drive than in those of
-    the first. `ratio` is the share of the energy of the first drive. `hangs_on` says what the figure depends on.
+    the first. `ratio` is the share of the optimum, the mean for the times of both. `hangs_on` says what the figure
+    depends on.
     """
 
     more_j: float | None
@@ -88,11 +92,12 @@ class EqualArrival:
             return cls(more_j=None, times_j=None, ratio=None, hangs_on=hangs_on, why_not=why_not)
         times_j = after.optimum_j - before.optimum_j
         more_j = after.driven_j - before.driven_j - times_j
-        ratio = more_j / before.driven_j if before.driven_j > 0 else None
+        optimum_j = 0.5 * (before.optimum_j + after.optimum_j)
+        ratio = more_j / optimum_j if optimum_j > 0 else None
         return cls(more_j=more_j, times_j=times_j, ratio=ratio, hangs_on=hangs_on)
 
     def as_dict(self) -> dict[str, float | str | None]:
-        """The figures for programs (kWh, share of the energy of the first drive)."""
+        """The figures for programs (kWh, share of the optimum)."""
         return {
             "more_energy_equal_arrival_kwh": _kwh(self.more_j),
             "more_energy_equal_arrival_ratio": self.ratio,
@@ -106,8 +111,8 @@ class EqualArrival:
         if self.more_j is None or self.times_j is None:
             return f"At equal arrival: {NOT_COMPARABLE}: {self.why_not}."
         return (
-            f"At equal arrival: {energy_words(self.more_j, self.ratio)}, in % of the energy of {first}; the time "
-            f"difference is worth {kwh(self.times_j):+.1f} kWh at the optimum's price of time."
+            f"At equal arrival, against {first}: {energy_words(self.more_j, self.ratio)}; the time difference is worth "
+            f"{kwh(self.times_j):+.1f} kWh at the optimum's price of time."
         )
 
 
@@ -165,7 +170,7 @@ def _day(drive: Drive) -> tuple[Any, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class SavedByAdvice:
-    """The energy that advice saved at equal arrival (J), and its share of the energy driven without advice.
+    """The energy that advice saved at equal arrival (J), and its share of the optimum.
 
     Both are None if that cannot be stated, for the reason `why_not`.
     """
@@ -187,7 +192,7 @@ class SavedByAdvice:
         return cls(saved_j=None, ratio=None, why_not=why_not)
 
     def as_dict(self) -> dict[str, float | str | None]:
-        """The figures for programs (kWh, share of the energy driven without advice)."""
+        """The figures for programs (kWh, share of the optimum)."""
         return {
             "saved_by_advice_kwh": _kwh(self.saved_j),
             "saved_by_advice_ratio": self.ratio,
@@ -200,4 +205,4 @@ class SavedByAdvice:
         if self.saved_j is None:
             return f"Saved by advice: {NOT_COMPARABLE}: {self.why_not}."
         words = energy_words(self.saved_j, self.ratio)
-        return f"Saved by advice: {words}, at equal arrival, in % of the energy driven without advice."
+        return f"Saved by advice: {words}, at equal arrival."

@@ -360,7 +360,7 @@ def _is_own_end(before: _Told, told: _Told) -> bool:
 
 def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
     """Whether a driver does what is shown, as far as speed and wheel force (N) tell."""
-    if told.by_eye:  # Nobody sees a force: who does not pull does what is shown.
+    if told.by_eye:  # No force is seen: a driver who does not pull does what is shown.
         return bool(advice.coach.now.in_s > 0 or force_n <= 0)
     if told.kind is InstructionKind.BRAKE:
         return bool(advice.coach.now.in_s > 0 or force_n <= OBEYED_RATIO * advice.coach.force_n)

@@ -216,7 +216,7 @@ _LISTED: Final = (
     _measure("gap_to_optimum_ratio", "Gap to the optimum", "1", NOLD,
              "E / E_opt − 1: the energy E from departure to arrival, and the least energy E_opt with which the "
              "simulated train could have kept the limits and the running times that the sections really took; smaller "
-             "is better", lambda driven: driven.outcome.energies.above.gap_ratio),
+             "is better", lambda driven: driven.outcome.energies.above.ratio),
     _measure("energy_at_equal_arrival_kwh", "Energy at equal arrival", "kWh", OWN,
              "E − E_opt + E_opt(timetable): the energy that the trial would have taken with the same distance to the "
              "optimum if every section had taken its time by the timetable",
@@ -280,7 +280,6 @@ _LISTED: Final = (
     *_figures(
         OWN,
         ("above_optimum_kwh", "Energy above the optimum", "kWh", "E − E_opt; none where the two cannot be compared"),
-        ("above_optimum_ratio", "Above the optimum", "1", "(E − E_opt) / E; none where the two cannot be compared"),
         ("energy_planned_kwh", "Optimum of the plan", "kWh", "least energy for the times of the timetable"),
         ("energy_own_braking_kwh", "Optimum with the driver's braking", "kWh",
          "least energy for the times as driven, with the braking and the margin to limits that the human driver "

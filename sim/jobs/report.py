@@ -45,7 +45,7 @@ LEGEND: Final = {
 SPLIT_LEGEND: Final = {
     "saved": "energy saved by advice at equal arrival, against the same driver without advice on the same days, with "
     "its 95 % interval (Student's t; none for fewer than 3 pairs)",
-    "%": "that in % of the energy driven without advice",
+    "%": "that in % of the optimum for the times as driven, the mean of both drives",
     "times": "what the time difference was worth beside it, at the optimum's price of time",
     "blend": "by less friction where the motors could brake",
     "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
@@ -62,15 +62,15 @@ class SplitSaving:
     If a perfect driver followed the same advice on the same days (vector and coach only), `profile` is what that driver
     saved by it, and `tracking` (mostly < 0) is what this driver lost by not keeping to the advice. The parts sum to
     `saved`, whose 95 % interval over the pairs is ± `interval` (Student's t; NaN for fewer than 3 pairs); `ratio` is
-    its share of the energy driven without advice, `baseline`. `time_shift` is no part of it: what the time difference
-    was worth.
+    its share of the optimum for the times as driven, the mean of both runs, `optimum`. `time_shift` is no part of it:
+    what the time difference was worth.
     """
 
     scenario: str
     driver: str
     advice: str
     pairs: int
-    baseline_kwh: float
+    optimum_kwh: float
     saved_kwh: float
     saved_ratio: float
     interval_kwh: float
@@ -156,7 +156,7 @@ def _saving(
         return np.array([alone[pair][name] - advised[pair][name] for pair in pairs])
 
     saved = less("energy_kwh") - less("energy_optimum_kwh")
-    baseline_kwh = float(np.mean([alone[pair]["energy_kwh"] for pair in pairs]))
+    optimum_kwh = float(np.mean([run[pair]["energy_optimum_kwh"] for pair in pairs for run in (alone, advised)]))
     profile, tracking = float(less("energy_profile_kwh").mean()), None
     followable = presenter_of(Presentation(advice)).follower() is not None
     exact = good.get((scenario, DriverKind.PERFECT, advice), {}) if followable else {}
@@ -167,9 +167,9 @@ def _saving(
         profile -= tracking
     return SplitSaving(
         scenario=scenario, driver=driver, advice=advice, pairs=len(pairs),
-        baseline_kwh=baseline_kwh,
+        optimum_kwh=optimum_kwh,
         saved_kwh=float(saved.mean()),
-        saved_ratio=float(saved.mean()) / baseline_kwh,
+        saved_ratio=float(saved.mean()) / optimum_kwh,
         interval_kwh=mean_interval(saved),
         time_shift_kwh=float(less("energy_optimum_kwh").mean()),
         blending_kwh=float(less("energy_blending_kwh").mean()),

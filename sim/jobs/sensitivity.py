@@ -163,12 +163,12 @@ def drive(job: SensitivityJob) -> SensitivityRun:
     how = How(driver=DriverKind.HUMAN, friction=job.friction, advice=job.advice, train="train-1", command="")
     run = drive_day(day, day.driver(DriverKind.HUMAN, job.friction), how, None).run
     energies = outcome(day, run).energies
-    if energies.above.gap_ratio is None:
+    if energies.above.ratio is None:
         why = energies.above.why_not or "the optimum takes no energy"
         raise DasError(f"{job.scenario}: seed {job.seed}: {why}; there is no gap to it")
     return SensitivityRun(
         job=job,
-        gap_percent=100.0 * energies.above.gap_ratio,
+        gap_percent=100.0 * energies.above.ratio,
         energy_kwh=energies.as_dict()["energy_kwh"],
     )
 

@@ -58,7 +58,8 @@ class DrivenEstimate:
 
     `index[i]` is the point of the run at node i of the trajectory. `traction_n` and `brakes_n` are the largest forces
     of the vehicle at the speed of each interval, and `beyond` marks intervals in which the run needs more for 8 s; then
-    it was another train, or the positions are rough.
+    it was another train, or the positions are rough. `lacking_ratio` is the largest share of the force needed for 8 s
+    that the vehicle lacks.
     """
 
     trajectory: Trajectory
@@ -68,6 +69,7 @@ class DrivenEstimate:
     traction_n: Floats
     brakes_n: Floats
     beyond: NDArray[np.bool_]
+    lacking_ratio: float
 
     @property
     def beyond_ratio(self) -> float:
@@ -114,6 +116,7 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
         supply=profile.supply,
     )
     loss = section.loss.loss_w(_in_map(section, electric, mean), _speed_in_map(section, mean)) * np.diff(t)
+    (pulls, lacking_traction), (holds, lacking_brakes) = _beyond(t, force, traction), _beyond(t, -force, brakes_limit)
     return DrivenEstimate(
         trajectory=trajectory,
         balance=trajectory.balance_with(vehicle, loss),
@@ -121,21 +124,26 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
         index=index,
         traction_n=traction,
         brakes_n=brakes_limit,
-        beyond=_beyond(t, force, traction) | _beyond(t, -force, brakes_limit),
+        beyond=pulls | holds,
+        lacking_ratio=max(lacking_traction, lacking_brakes),
     )
 
 
-def _beyond(t: Floats, force_n: Floats, largest_n: Floats) -> NDArray[np.bool_]:
-    """Which intervals between times (s) lie in 8 s whose mean force (N) is above that of the largest forces."""
+def _beyond(t: Floats, force_n: Floats, largest_n: Floats) -> tuple[NDArray[np.bool_], float]:
+    """Which intervals between times (s) lie in 8 s whose mean force (N) is above that of the largest forces.
+
+    With them, the largest share of such a mean force that is lacking.
+    """
     seconds = np.arange(t[0] + 0.5, t[-1], 1.0)
     here = np.searchsorted(t, seconds) - 1
     length = min(ESTIMATE.held_s, len(seconds))
     around = np.lib.stride_tricks.sliding_window_view
-    excess_n = around(force_n[here] - ESTIMATE.beyond_ratio * largest_n[here], length).mean(axis=1)
+    needed_n, had_n = (around(one[here], length).mean(axis=1) for one in (force_n, largest_n))
+    over = needed_n > ESTIMATE.beyond_ratio * had_n
     found = np.zeros(len(force_n), dtype=bool)
-    for first in np.flatnonzero(excess_n > 0):
+    for first in np.flatnonzero(over):
         found[here[first] : here[first + length - 1] + 1] = True
-    return found
+    return found, float((1.0 - had_n[over] / needed_n[over]).max(initial=0.0))
 
 
 def strongest_held_n(driven: DrivenEstimate, inferred: NDArray[np.bool_]) -> tuple[float, float]:
@@ -176,18 +184,15 @@ class DrivenCase:
 BRAKING = "braking"
 """The name of one unknown: how motors and friction brake shared the braking."""
 
-_Ends = tuple[dict[str, Any], dict[str, Any]]
-_UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
-    (
-        "mass",
-        f"± {100 * ESTIMATE.mass_ratio:g} %",
-        ({"mass_ratio": 1 - ESTIMATE.mass_ratio}, {"mass_ratio": 1 + ESTIMATE.mass_ratio}),
-    ),
-    (
-        "running resistance",
-        f"± {100 * ESTIMATE.resistance_ratio:g} %",
-        ({"resistance_ratio": 1 - ESTIMATE.resistance_ratio}, {"resistance_ratio": 1 + ESTIMATE.resistance_ratio}),
-    ),
+MASS = "mass"
+"""The name of another: how heavy the train was."""
+
+RESISTANCE = "running resistance"
+"""The name of a third: how easily the train ran."""
+
+_UnknownEnds = tuple[str, str, tuple[dict[str, Any], dict[str, Any]]]
+"""The name of an unknown, its range in words, and the changes of a case at either end of the range."""
+_OTHER_UNKNOWNS: tuple[_UnknownEnds, ...] = (
     (
         "wind along the line",
         f"± {ESTIMATE.wind_mps:g} m/s",
@@ -203,7 +208,28 @@ _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
         ),
     ),
 )
-"""The name of each unknown, its range in words, and the changes of a case at either end of the range."""
+_DIGITS = 3
+"""Decimals of the ratios of mass and resistance that are tried."""
+
+
+def doubt(beyond_ratio: float, lacking_ratio: float) -> float:
+    """How much further mass and resistance may be off than those of a known train, as a share.
+
+    If the trip needs more force than the train has in too much of the time (`beyond_ratio`), it was perhaps another
+    train: one that is lighter or runs more easily by the share of the force that is lacking could have driven it.
+    """
+    return min(lacking_ratio, ESTIMATE.most_doubt_ratio) if beyond_ratio > ESTIMATE.foreign_ratio else 0.0
+
+
+def _all_unknowns(doubt_ratio: float) -> tuple[_UnknownEnds, ...]:
+    found: list[_UnknownEnds] = []
+    for name, key, known in (
+        (MASS, "mass_ratio", ESTIMATE.mass_ratio),
+        (RESISTANCE, "resistance_ratio", ESTIMATE.resistance_ratio),
+    ):
+        off = known + doubt_ratio
+        found.append((name, f"± {100 * off:.0f} %", ({key: round(1 - off, _DIGITS)}, {key: round(1 + off, _DIGITS)})))
+    return *found, *_OTHER_UNKNOWNS
 
 
 class DrivenPart(NamedTuple):
@@ -218,12 +244,15 @@ SmoothedParts = Callable[[float], Sequence[DrivenPart]]
 """Returns the parts of a trip when its record is smoothed with another density of the jerk (m²/s⁵)."""
 
 
-def energy_range(section: Section, parts: SmoothedParts) -> EnergyRange:
-    """How far off the energy of a driven trip may be: inverse dynamics is repeated for every case."""
-    return over_unknowns(driven_energy(section, parts))
+def energy_range(section: Section, parts: SmoothedParts, doubt_ratio: float = 0.0) -> EnergyRange:
+    """How far off the energy of a driven trip may be: inverse dynamics is repeated for every case.
+
+    Mass and resistance may be off by `doubt_ratio` more than those of a known train, as `doubt` says.
+    """
+    return over_unknowns(driven_energy(section, parts), doubt_ratio)
 
 
-def over_unknowns(energy_j: Callable[[DrivenCase], float | None]) -> EnergyRange:
+def over_unknowns(energy_j: Callable[[DrivenCase], float | None], doubt_ratio: float = 0.0) -> EnergyRange:
     """The range of an energy (J): for each unknown alone, and for all together at the ends that give least and most.
 
     All together give the outermost range, not the likeliest. `energy_j` returns None for an impossible case, which is
@@ -233,32 +262,48 @@ def over_unknowns(energy_j: Callable[[DrivenCase], float | None]) -> EnergyRange
 
     def at(case: DrivenCase) -> float | None:
         if case not in known:
-            known[case] = energy_j(case)
+            known[case] = _energy_at(case, energy_j, doubt_ratio)
         return known[case]
 
-    unknowns = one_by_one(at)
+    unknowns = one_by_one(at, doubt_ratio)
     estimate_j = at(DrivenCase())
     assert estimate_j is not None
-    low_j, high_j = (_outermost(at, sign) for sign in (-1.0, 1.0))
+    low_j, high_j = (_outermost(at, sign, _all_unknowns(doubt_ratio)) for sign in (-1.0, 1.0))
     left_out = sum(e is None for e in known.values())
     return EnergyRange(estimate_j=estimate_j, unknowns=unknowns, low_j=low_j, high_j=high_j, left_out=left_out)
 
 
-def one_by_one(energy_j: Callable[[DrivenCase], float | None]) -> tuple[Unknown, ...]:
-    """The range of an energy (J) for each unknown alone.
+def _energy_at(case: DrivenCase, energy_j: Callable[[DrivenCase], float | None], doubt_ratio: float) -> float | None:
+    """The energy (J) in a case; None if it is impossible.
+
+    A train that lacks force had perhaps more effort than its file says. So one that is heavier or more resisted is not
+    impossible for want of effort: its energy is as far from the assumed one as that of the opposite train.
+    """
+    found_j = energy_j(case)
+    if found_j is not None or not doubt_ratio:
+        return found_j
+    mass_ratio, resistance_ratio = (round(2.0 - one, _DIGITS) for one in (case.mass_ratio, case.resistance_ratio))
+    assumed_j = energy_j(replace(case, mass_ratio=1.0, resistance_ratio=1.0))
+    opposite_j = energy_j(replace(case, mass_ratio=mass_ratio, resistance_ratio=resistance_ratio))
+    return None if assumed_j is None or opposite_j is None else 2.0 * assumed_j - opposite_j
+
+
+def one_by_one(energy_j: Callable[[DrivenCase], float | None], doubt_ratio: float = 0.0) -> tuple[Unknown, ...]:
+    """The range of an energy (J) for each unknown alone; `doubt_ratio` is that of `doubt`.
 
     `energy_j` returns None for an impossible case, which is left out. The assumed case must be possible.
     """
     estimate_j = energy_j(DrivenCase())
     assert estimate_j is not None
     unknowns = []
-    for name, assumed, ends in _UNKNOWNS:
-        found = [e for e in (estimate_j, *(energy_j(DrivenCase(**end)) for end in ends)) if e is not None]
+    for name, assumed, ends in _all_unknowns(doubt_ratio):
+        cases = [_energy_at(DrivenCase(**end), energy_j, doubt_ratio) for end in ends]
+        found = [e for e in (estimate_j, *cases) if e is not None]
         unknowns.append(Unknown(name=name, assumed=assumed, low_j=min(found), high_j=max(found)))
     return tuple(unknowns)
 
 
-def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float) -> float:
+def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float, unknowns: Sequence[_UnknownEnds]) -> float:
     """The least (sign < 0) or the most energy (J) with every unknown at one of its ends.
 
     First, each unknown is set to the end that leads furthest on its own. One unknown may reverse what another does: a
@@ -270,12 +315,12 @@ def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float) -> f
         energy = energy_j(case)
         return -np.inf if energy is None else sign * energy
 
-    furthest = [max(({}, *ends), key=lambda end: reach(DrivenCase(**end))) for _, _, ends in _UNKNOWNS]
+    furthest = [max(({}, *ends), key=lambda end: reach(DrivenCase(**end))) for _, _, ends in unknowns]
     together = DrivenCase(**{name: value for end in furthest for name, value in end.items()})
     case = max([together, *(DrivenCase(**end) for end in furthest)], key=reach)
     while True:
         before = case
-        for _, _, ends in _UNKNOWNS:
+        for _, _, ends in unknowns:
             for end in ends:
                 case = max(case, replace(case, **end), key=reach)
         if case == before:

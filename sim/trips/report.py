@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -20,9 +21,12 @@ from das.drawing.meanings import LIGHT, MODES, Meaning
 from das.solver.section import Section
 from sim.trips.cleaning import CleaningReport, FindingKind
 from sim.trips.estimate import (
+    MASS,
+    RESISTANCE,
     DrivenEstimate,
     EnergyRange,
     SmoothedParts,
+    doubt,
     energy_range,
     estimate_run,
     strongest_held_n,
@@ -110,7 +114,7 @@ def _stands(trip: Trip) -> list[dict[str, Any]]:
 def _energy(trip: Trip, section: Section, parts: SmoothedParts) -> dict[str, Any]:
     run = trip.run
     driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
-    spread = energy_range(section, parts)
+    spread = energy_range(section, parts, doubt(driven.beyond_ratio, driven.lacking_ratio))
     traction_n, braking_n = strongest_held_n(driven, run.inferred)
     terms = [estimate_run(section, *part).balance.as_kwh() for part in parts(SMOOTHING.jerk_psd_m2ps5)]
     return {
@@ -132,6 +136,15 @@ def unknowns(spread: EnergyRange) -> list[dict[str, Any]]:
         {"name": u.name, "assumed": u.assumed, "low_kwh": kwh(u.low_j), "high_kwh": kwh(u.high_j)}
         for u in spread.unknowns
     ]
+
+
+def doubt_words(assumed: Sequence[Mapping[str, Any]]) -> str:
+    """A sentence on the ranges of a trip that needs more force than its train has, by its `unknowns`."""
+    off = [f"a {one['name']} {one['assumed']}" for one in assumed if one["name"] in (MASS, RESISTANCE)]
+    return (
+        f"it was perhaps another train: the ranges are for {' and '.join(off)}, wider than for a known train by the "
+        "share of the force that is lacking"
+    )
 
 
 def _not_known(trip: Trip, section: Section | None) -> list[str]:
@@ -220,6 +233,7 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
     if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
         share = 100 * found["energy"]["beyond_vehicle_ratio"]
         tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has (marked by --plot)")
+        tell(f"note: {doubt_words(found['energy']['unknowns'])}")
 
 
 def cleaning_table(report: CleaningReport) -> Table:

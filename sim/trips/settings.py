@@ -168,6 +168,8 @@ class EstimateSettings:
     """A force beyond this many times the vehicle's envelope is more than this vehicle has."""
     mass_ratio: float = 0.05
     """The mass may be off by this share."""
+    most_doubt_ratio: float = 0.25
+    """For want of force, mass and resistance may be off by at most this share more: an empty or an overloaded train."""
     resistance_ratio: float = 0.10
     """The running resistance may be off by this share."""
     wind_mps: float = 5.0

@@ -151,7 +151,7 @@ def test_a_simulated_day_has_one_set_of_figures(folder: Path) -> None:
         run=figures(told), api=figures(api), energy=figures(energy), **of_recording(folder / "none.mcap")
     )
     assert compared >= {"energy_kwh", "energy_optimum_kwh", "above_optimum_kwh", "late_s", "over_limit_s"}
-    assert told["above_optimum_ratio"] == pytest.approx(told["above_optimum_kwh"] / told["energy_kwh"])
+    assert told["above_optimum_ratio"] == pytest.approx(told["above_optimum_kwh"] / told["energy_optimum_kwh"])
 
 
 @pytest.mark.processes
@@ -167,10 +167,14 @@ def test_what_advice_saved_is_one_figure_at_equal_arrival(folder: Path) -> None:
     check_same(what_if=what_if, comparison=other)
     saved_kwh = before["above_optimum_kwh"] - other["above_optimum_kwh"]
     assert other["saved_by_advice_kwh"] == pytest.approx(saved_kwh)
-    assert other["saved_by_advice_ratio"] == pytest.approx(saved_kwh / before["energy_kwh"])
+    optimum_kwh = 0.5 * (before["energy_optimum_kwh"] + other["energy_optimum_kwh"])
+    assert other["saved_by_advice_ratio"] == pytest.approx(saved_kwh / optimum_kwh)
+    assert other["more_energy_equal_arrival_ratio"] == pytest.approx(-saved_kwh / optimum_kwh)
     assert what_if["more_energy_kwh"] == pytest.approx(what_if["times_worth_kwh"] - saved_kwh)
     back = list(of_comparison(*reversed(drives)))[1]
     assert back["saved_by_advice_kwh"] == pytest.approx(saved_kwh)
+    same = (other["saved_by_advice_ratio"], back["saved_by_advice_ratio"], back["more_energy_equal_arrival_ratio"])
+    assert same == pytest.approx((other["saved_by_advice_ratio"],) * 3)
 
 
 @pytest.mark.more

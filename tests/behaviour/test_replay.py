@@ -93,10 +93,14 @@ def test_the_drive_with_the_coach_is_of_the_same_driver_train_and_brakes(
     assert after.violations.over_limit_s == 0
     assert abs(after.late_s) < 30.0
     equal = EqualArrival.of(before, after, own=False)
-    less, less_at_equal = 1.0 - after.motors_first.driven_j / before.motors_first.driven_j, equal.ratio
-    assert less_at_equal is not None
-    printed = [int(percent) for percent in re.findall(r"(\d+) % less", " ".join(default_run[0].stdout.split()))]
-    assert printed == pytest.approx([100.0 * less, -100.0 * less_at_equal], abs=0.5)
+    less_kwh = (before.motors_first.driven_j - after.motors_first.driven_j) / 3.6e6
+    assert equal.more_j is not None
+    optimum_j = 0.5 * (before.motors_first.optimum_j + after.motors_first.optimum_j)
+    said = " ".join(default_run[0].stdout.split())
+    printed = [int(one) for one in re.findall(r"(\d+) kWh less", said)]
+    assert printed == pytest.approx([less_kwh, -equal.more_j / 3.6e6], abs=0.5)
+    (percent,) = re.findall(r"(\d+) % of the optimum", said)
+    assert int(percent) == pytest.approx(-100.0 * equal.more_j / optimum_j, abs=0.5)
 
 
 @pytest.mark.more

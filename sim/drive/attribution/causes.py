@@ -74,7 +74,7 @@ LABELS = {
 
 MEANINGS = {
     EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best there, for time given away elsewhere.",
-    EnergyCause.LATE_COASTING: "The train should have coasted towards a stop or limit, and was still under traction.",
+    EnergyCause.LATE_COASTING: "The train should have coasted, and still had traction, or was held by its brakes.",
     EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; less effort than best from there, made up by more later.",
     EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
     EnergyCause.AS_ADVISED: "The advice was followed, or its speed was reached. To hold and mend it costs energy.",
@@ -281,10 +281,6 @@ class Judge:
         self._coasting_due = slowing
         self._over_moments = self._over_moments + 1 if over and not slowing else 0
         self._slowing_moments += 1
-        if seen.mode is Regime.COAST and not seen.top_only and seen.speed_mps > now.speed_mps + SAME_MPS:
-            # The card names a speed above the train's: who pulls to reach it is led there by what is shown, and did
-            # not begin to coast late; who brakes turns away from it.
-            return EnergyCause.AGAINST_ADVICE if now.brakes and not now.pulls else EnergyCause.AS_ADVISED
         if slowing and now.pulls:
             # A driver who drove against the advice before it changed still does so while he reacts to the change.
             goes_on = self._slowing_moments <= LASTS and self._before is EnergyCause.AGAINST_ADVICE

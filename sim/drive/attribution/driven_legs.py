@@ -30,7 +30,16 @@ from sim.drive.above_optimum import NOT_COMPARABLE, NOT_WHOLE, EnergyBand, Secti
 from sim.drive.calls import KeptCall, knows_truth
 from sim.recording.course import DrivenCourse, Floats, Times
 from sim.recording.inputs import DriveInputs
-from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, estimate_run, one_by_one, over_unknowns
+from sim.trips.estimate import (
+    BRAKING,
+    DrivenCase,
+    EnergyRange,
+    Unknown,
+    doubt,
+    estimate_run,
+    one_by_one,
+    over_unknowns,
+)
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.settings import CHOICE, SMOOTHING
 from sim.trips.trip import recorded_trip
@@ -204,7 +213,8 @@ class LegEnergies:
     `balance_j`: as measured, else `blended_j`. `blended_j`: the same motion with the planned train, whose motors and
     friction brake share the braking as recorded. `motors_j`: the same motion with the planned train, whose motors brake
     first; `trajectory` is that motion, and `index[i]` the sample at its node i. `measured`: `balance_j` was measured.
-    `beyond_s` is the time (s) in which the motion needs more force than the planned train has.
+    `beyond_s` is the time (s) in which the motion needs more force than the planned train has, and `lacking_ratio` the
+    largest share of a force that it lacks.
     """
 
     balance_j: Floats
@@ -214,6 +224,7 @@ class LegEnergies:
     index: NDArray[np.intp]
     measured: bool
     beyond_s: float
+    lacking_ratio: float
 
     @property
     def driven_j(self) -> float:
@@ -241,6 +252,7 @@ def leg_energies(section: Section, leg: DrivenLeg) -> LegEnergies:
         index=index,
         measured=measured,
         beyond_s=float(driven.trajectory.interval_s()[driven.beyond].sum()),
+        lacking_ratio=driven.lacking_ratio,
     )
 
 
@@ -332,13 +344,14 @@ def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
     return EnergyBand(middle_j - low_j, middle_j + high_j)
 
 
-def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed) -> EnergyRange:
+def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed, doubt_ratio: float = 0.0) -> EnergyRange:
     """Energy of a trip as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
 
     Train, wind and brakes are the same on both sides and in all legs; the smoothing concerns the record alone. A case
-    in which the train could not have driven a leg in its trip time is left out; the assumed case must be possible.
+    in which the train could not have driven a leg in its trip time is left out; the assumed case must be possible. The
+    `doubt_ratio` is that of `doubt`.
     """
-    return over_unknowns(_above_in_cases(legs, smoothed))
+    return over_unknowns(_above_in_cases(legs, smoothed), doubt_ratio)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -366,7 +379,9 @@ def likely_range(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> Like
     if len(legs) > MOST_LEGS:
         return None
     above_j = _above_in_cases(legs, smoothed)
-    unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
+    beyond_ratio = sum(one.energies.beyond_s for one in legs) / sum(one.leg.trip_s for one in legs)
+    doubt_ratio = doubt(beyond_ratio, max(one.energies.lacking_ratio for one in legs))
+    unknowns = tuple(one for one in one_by_one(above_j, doubt_ratio) if one.high_j > one.low_j)
     likely = likely_band(sum(one.driven_j for one in legs) - sum(one.optimum.balance.input for one in legs), unknowns)
     known = any(leg.leg.motion.friction_j is not None for leg in legs)
     friction_j = None if known else above_j(DrivenCase(all_friction=True))

@@ -48,7 +48,8 @@ def hangs_on(found: StudyFindings) -> list[str]:
         named = "; ".join(missing[:MOST_MISSING]) + "; …" * (len(missing) > MOST_MISSING)
         said.append(
             f"{found.study.missing.total()} of the {plan.planned.total()} planned trials are missing ({named}). "
-            "Whoever stopped or failed may differ from the others, and the orders are no longer balanced as designed."
+            "The drivers who stopped, and the trials that failed, may not be like the others, so that the means may be "
+            "off; and the orders of the conditions are no longer balanced as designed."
         )
     return said
 

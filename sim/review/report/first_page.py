@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from das.domain.errors import DasError
 from das.domain.units import kmh, kwh
-from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
+from sim.drive.above_optimum import NOT_COMPARABLE, energy_words, percent_of_optimum
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.event import EventKind, lateness_text
@@ -26,7 +26,7 @@ from sim.review.report.sentences import (
     ran,
     where_time_went,
 )
-from sim.trips.estimate import BRAKING
+from sim.trips.estimate import BRAKING, MASS, RESISTANCE
 from sim.trips.settings import ESTIMATE
 
 NOT_KNOWN: Final = "not known"
@@ -101,8 +101,9 @@ def _above(drive: Drive) -> PageFigure:
     name, above = "Energy above the optimum", drive.above
     if above is None or drive.not_comparable:
         return PageFigure(name, NOT_COMPARABLE, drive.not_comparable)
-    share = [] if above.ratio is None else [f"{100.0 * above.ratio:.1f} % of the energy driven"]
-    beside = "; ".join([*share, *_likely(drive)])
+    share = [] if above.ratio is None else [percent_of_optimum(above.ratio)]
+    doubt = ["if it was this train"] if _right_train(drive) else []
+    beside = "; ".join([*share, *doubt, *_likely(drive)])
     return PageFigure(name, energy_words(above.above_j or 0.0, None), beside)
 
 
@@ -126,7 +127,13 @@ def _right_train(drive: Drive) -> str:
     if not told:
         return ""
     doubt = f"The trip {told}. {RIGHT_TRAIN}"
-    return doubt if drive.not_comparable else f"{doubt} If not, energies and findings do not hold."
+    if drive.not_comparable:
+        return doubt
+    doubt += " If not, energies and findings do not hold."
+    if drive.likely is None or short <= ESTIMATE.foreign_ratio:
+        return doubt
+    off = [f"a {one.name} {one.assumed}" for one in drive.likely.unknowns if one.name in (MASS, RESISTANCE)]
+    return f"{doubt} The likely range is for {' and '.join(off)}, because the train lacks force."
 
 
 def beyond_ratio(drive: Drive) -> float:

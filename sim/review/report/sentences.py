@@ -12,7 +12,7 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
-from sim.drive.above_optimum import EnergyBand
+from sim.drive.above_optimum import EnergyBand, percent_of_optimum
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
 from sim.drive.attribution.worst import elsewhere, worst_places
@@ -139,7 +139,7 @@ def _took(drive: Drive) -> list[str]:
     ratio = attribution.above.ratio
     word = "above" if more >= 0 else "below"
     how = "It drew" if attribution.above.measured else "By its positions it drew about"
-    share = "" if ratio is None else f" ({abs(ratio):.1%})"
+    share = "" if ratio is None else f" ({percent_of_optimum(abs(ratio))})"
     told = [
         f"{how} {driven:.1f} kWh at the current collector: {abs(more):.1f} kWh{share} {word} "
         f"the {best:.1f} kWh of the best possible drive with the same departures and arrivals, which knew of no "

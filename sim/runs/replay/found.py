@@ -25,7 +25,7 @@ TRAINS_LEGEND: Final = {
     "likely": "if one of them drove, and none was likelier beforehand; no: it cannot have driven this record",
     "mass, resistance": "what fits best, with one standard deviation; the resistance is a multiple of the file's",
     "beyond": "share of the time in which the train would need more effort than it has: this stays unexplained",
-    "kWh, above": "energy as driven by the train as it fits, and what is above the optimum of that train",
+    "kWh, above": "energy as driven by the train as it fits, and what is above its optimum, in % of that as well",
 }
 """Explanations that are printed below the table of trains."""
 

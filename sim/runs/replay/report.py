@@ -15,7 +15,13 @@ from das.domain.units import NS, kwh
 from das.solver.section import Section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, EnergyBand, why_not_comparable
+from sim.drive.above_optimum import (
+    NOT_COMPARABLE,
+    AboveOptimum,
+    EnergyBand,
+    percent_of_optimum,
+    why_not_comparable,
+)
 from sim.drive.attribution.driven_legs import (
     ComparedLeg,
     Smoothed,
@@ -27,14 +33,14 @@ from sim.drive.attribution.driven_legs import (
 from sim.recording.inputs import DriveInputs
 from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
 from sim.trips.cleaning import FindingKind
-from sim.trips.estimate import EnergyRange, energy_range
-from sim.trips.report import direction_by_posts, part_words, unknowns
+from sim.trips.estimate import EnergyRange, doubt, energy_range
+from sim.trips.report import direction_by_posts, doubt_words, part_words, unknowns
 from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 
 LEAST_CERTAIN_RATIO = 0.01
-"""An energy above the optimum of less than this share of the energy driven is within the error of inverse dynamics,
-which finds 0.5 % for a driver who drove the optimum."""
+"""An energy above the optimum of less than this share of the optimum is within the error of inverse dynamics, which
+finds 0.5 % for a driver who drove the optimum."""
 
 TIMETABLE_FIGURES = (
     "timetable_time_left_s", "timetable_fit", "timetable_late_s", "timetable_energy_kwh", "departed_late_s", "late_s",
@@ -67,13 +73,15 @@ def trip_energies(job: ReplayJob) -> TripEnergies:
         legs = tuple(ComparedLeg.of(leg, job.front, leg_energies(section, leg)) for leg in job.legs)
         why_not = str(error).removeprefix(f"{trip.path}: {NOT_COMPARABLE}: ")
         above = AboveOptimum(sections=tuple(one.section_energy for one in legs), measured=False, why_not=why_not)
-    found = None if above.why_not else range_above(legs, smoothed)
+    doubt_ratio = doubt(job.driven.beyond_ratio, job.driven.lacking_ratio)
+    found = None if above.why_not else range_above(legs, smoothed, doubt_ratio)
     above = replace(
         above,
         likely=None if found is None else likely_band(found.estimate_j, found.unknowns),
         worst=None if found is None else EnergyBand(found.low_j, found.high_j),
     )
-    return TripEnergies(legs=legs, above=above, energy=energy_range(section, parts_of(smoothed)), above_range=found)
+    energy = energy_range(section, parts_of(smoothed), doubt_ratio)
+    return TripEnergies(legs=legs, above=above, energy=energy, above_range=found)
 
 
 def beside_optimum(trip: Trip, section: Section, smoothed: Smoothed) -> tuple[tuple[ComparedLeg, ...], AboveOptimum]:
@@ -140,7 +148,7 @@ def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
         "above_optimum_likely_high_kwh": None if likely is None else kwh(likely.high_j),
         "above_optimum_low_kwh": None if spread is None else kwh(spread.low_j),
         "above_optimum_high_kwh": None if spread is None else kwh(spread.high_j),
-        "above_optimum_certain": spread is not None and certainly_above(spread, above.driven_j),
+        "above_optimum_certain": spread is not None and certainly_above(spread, above.optimum_j),
         "above_optimum_unknowns": [] if spread is None else unknowns(spread),
         "above_optimum_cases_left_out": 0 if spread is None else spread.left_out,
         "sections": _sections(found),
@@ -213,9 +221,9 @@ def _matching(trip: Trip) -> dict[str, Any]:
     }
 
 
-def certainly_above(above: EnergyRange, driven_j: float) -> bool:
+def certainly_above(above: EnergyRange, optimum_j: float) -> bool:
     """Whether the trip took more than the optimum whatever the unknowns are."""
-    return above.low_j > LEAST_CERTAIN_RATIO * driven_j
+    return above.low_j > LEAST_CERTAIN_RATIO * optimum_j
 
 
 def print_result(found: dict[str, Any]) -> None:
@@ -277,7 +285,7 @@ def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     if found["above_optimum_kwh"] is None:
         return [(what, NOT_COMPARABLE)]
     ratio = found["above_optimum_ratio"]
-    share = "" if ratio is None else f" ({100 * ratio:.1f} % of the energy driven)"
+    share = "" if ratio is None else f" ({percent_of_optimum(ratio)})"
     certain = f"{found['above_optimum_kwh']:+.1f} kWh{share}" if found["above_optimum_certain"] else "perhaps nothing"
 
     def ends(which: str) -> str:
@@ -312,6 +320,7 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
             f"in {share:.0f} % of the time the trip asks more force than this vehicle has: das-sim trip marks where "
             "(--plot), and looks for other trains (--vehicles all)"
         )
+        notes.append(doubt_words(found["energy_unknowns"]))
     if found["above_optimum_kwh"] is not None and not found["above_optimum_certain"]:
         notes.append("with the unknowns at their worst it took no more than the optimum, or hardly more")
     if found["direction_note"]:

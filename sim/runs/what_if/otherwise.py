@@ -78,7 +78,7 @@ class DrivenOtherwise:
         str | None,
         typer.Option(
             "--driver", metavar="DRIVER", show_default=False,
-            help="Who drives the day anew: perfect, literal, fast, rms, timetable, human, or a class of your own.",
+            help="The driver of the day anew: perfect, literal, fast, rms, timetable, human, or a class of your own.",
         ),
     ] = None  # fmt: skip
     advice: Annotated[

@@ -46,7 +46,11 @@ def test_the_time_difference_is_worth_what_the_optimum_needs_for_it() -> None:
     for pair in ((fast, calm), (calm, fast)):
         saved = SavedByAdvice.of(*pair)
         assert saved.saved_j == pytest.approx(-found.more_j)
-        assert saved.ratio == pytest.approx(-found.more_j / fast.above.driven_j)
+        # In % of the optimum, and the same figure whichever drive is named first.
+        assert saved.ratio == pytest.approx(-2.0 * found.more_j / (fast.above.optimum_j + calm.above.optimum_j))
+        words = f"{abs(100.0 * (saved.ratio or 0.0)):.1f} % of the optimum)"
+        assert words in saved.sentence
+        assert words in EqualArrival.of(*pair, own=True).sentence("first")
 
 
 @pytest.mark.parametrize(

@@ -30,8 +30,11 @@ OF_THE_COACH = {
     *("shortest_instruction_s", "announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),
     "promises_kept_ratio",
 }
-NO_MEASURES = {"scenario", "seed", "level", "stops", "passings", "not_comparable", "over_limit_kmh"}
-"""What a run gives that is no measure; a study has the last as `over_limit_mps`."""
+NO_MEASURES = {
+    *("scenario", "seed", "level", "stops", "passings", "not_comparable"),
+    *("over_limit_kmh", "above_optimum_ratio"),
+}
+"""What a run gives that is no measure; a study has the last two as `over_limit_mps` and `gap_to_optimum_ratio`."""
 
 
 def trial(setting: Setting, *, person: int = 1, seed: int = 2) -> StudyTrial:
@@ -82,6 +85,7 @@ def test_every_figure_of_a_run_is_a_measure(vector: Driven) -> None:
     assert measured(vector, list(figures.keys() - NO_MEASURES)) == {
         name: value for name, value in figures.items() if name not in NO_MEASURES
     }
+    assert measured(vector, ["gap_to_optimum_ratio"]) == {"gap_to_optimum_ratio": figures["above_optimum_ratio"]}
 
 
 def test_events_of_the_kind_shown_say_what_was_shown_and_why() -> None:
@@ -186,7 +190,7 @@ def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
             Setting(scenario="flat-6km", driver=DriverKind.PERFECT, presentation=Presentation.VECTOR, loss_level=level)
         )
         energies = driven.outcome.energies
-        gaps[level] = energies.above.gap_ratio
+        gaps[level] = energies.above.ratio
         time_s = driven.outcome.running_time_s
         assert energies.optimum_as_driven_j == pytest.approx(own.fronts[0].trajectory(time_s).balance.input, rel=1e-12)
     assert gaps[Level.L1] is not None

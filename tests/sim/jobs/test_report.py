@@ -29,10 +29,10 @@ def test_the_parts_are_those_planted_and_sum_to_the_difference() -> None:
     (found,) = savings([*NONE, *VECTOR])
     assert (found.advice, found.pairs, found.tracking_kwh) == ("vector", 3, None)
     assert found.saved_kwh == pytest.approx(16.0 + 4.0)  # the 3 kWh that the later arrival is worth are not saved
-    assert found.saved_ratio == pytest.approx(20.0 / 131.0)
+    assert found.saved_ratio == pytest.approx(20.0 / 98.5)  # of the optimum, the mean for both times
     assert (found.time_shift_kwh, found.blending_kwh, found.profile_kwh) == pytest.approx((3.0, 16.0, 4.0))
     assert found.interval_kwh == pytest.approx(0.0, abs=1e-9)
-    assert found.baseline_kwh == pytest.approx(131.0)
+    assert found.optimum_kwh == pytest.approx(98.5)
 
 
 def test_beside_a_perfect_driver_the_profile_is_that_of_the_advice_and_the_rest_is_tracking() -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from das.bus.recording import read_recording
 from das.bus.topics import LOCATION
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.vehicle import BrakePolicy, Vehicle
@@ -26,7 +27,7 @@ from sim.options import ReplayOptions, TripOptions
 from sim.runs.replay import report as replay_report
 from sim.runs.replay.replay import ReplayOutcome, driven_legs, prepare, stated_parts
 from sim.runs.replay.report import trip_energies
-from sim.trips.estimate import EnergyRange, energy_range, estimate_run, strongest_held_n
+from sim.trips.estimate import MASS, RESISTANCE, EnergyRange, doubt, energy_range, estimate_run, strongest_held_n
 from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
 from sim.trips.settings import ESTIMATE, SMOOTHING
@@ -243,7 +244,9 @@ def hand_made(mass: float, resistance: float, wind_mps: float) -> Vehicle:
     return replace(make_train(resistance=(c0 + c2 * wind_mps**2, 2 * c2 * wind_mps, c2)), mass_kg=mass * 1e5)
 
 
-def above_in_all_cases(trip: Trip, front: Front, shortest_s: float | None = None) -> EnergyRange:
+def above_in_all_cases(
+    trip: Trip, front: Front, shortest_s: float | None = None, doubt_ratio: float = 0.0
+) -> EnergyRange:
     """The range above the optimum of a trip on one section; of one that took a shorter time where that is given (s)."""
 
     def legs(jerk_psd_m2ps5: float) -> list[DrivenLeg]:
@@ -255,7 +258,8 @@ def above_in_all_cases(trip: Trip, front: Front, shortest_s: float | None = None
         return [replace(leg, motion=replace(leg.motion, time_ns=faster_ns))]
 
     as_assumed = legs(SMOOTHING.jerk_psd_m2ps5)
-    return range_above([ComparedLeg.of(one, front, leg_energies(front.section, one)) for one in as_assumed], legs)
+    compared = [ComparedLeg.of(one, front, leg_energies(front.section, one)) for one in as_assumed]
+    return range_above(compared, legs, doubt_ratio)
 
 
 @pytest.mark.slow
@@ -320,8 +324,65 @@ def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> Non
         {"beyond_vehicle_ratio": 0.0}
         | {**figures, "above_optimum_certain": True, "above_optimum_low_kwh": 0.6, "above_optimum_high_kwh": 2.0}
     )
-    assert told[0] == ("above the optimum", "+1.0 kWh (1.0 % of the energy driven)")
+    assert told[0] == ("above the optimum", "+1.0 kWh (1.0 % of the optimum)")
     assert told[1:] == [("  likely", "1 to 1 kWh"), ("  every unknown at its worst", "1 to 2 kWh")]
+
+
+def weaker(section: Section, force_n: float) -> Section:
+    """The section of a train with this traction only, which cannot have driven the clean trip (0.5 m/s² with 100 t)."""
+    traction = EffortEnvelope(max_force_n=force_n, max_power_w=1e12)
+    return build_section(section.route, replace(section.vehicle, traction=traction))
+
+
+def test_the_range_of_a_train_that_lacks_force_contains_a_train_that_has_it(
+    driven: tuple[Trip, Section, EnergyRange],
+) -> None:
+    """A tenth of the force is lacking in the start: the mass is off by as much more, and so are energy and distance."""
+    trip, own, _ = driven
+    run = trip.run
+    needed_n = strongest_held_n(estimate_run(own, run.time_s, run.s_m, run.speed_mps), run.inferred)[0]
+    section = weaker(own, 0.9 * needed_n)
+    found = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
+    assert ESTIMATE.foreign_ratio < found.beyond_ratio < 0.2
+    assert found.lacking_ratio == pytest.approx(0.1, abs=0.03)
+    doubt_ratio = doubt(found.beyond_ratio, found.lacking_ratio)
+    assert doubt_ratio == found.lacking_ratio
+    mass_ratio = ESTIMATE.mass_ratio + doubt_ratio
+    lighter = replace(section, vehicle=section.vehicle.with_mass((1 - mass_ratio) * section.vehicle.mass_kg))
+    assert estimate_run(lighter, run.time_s, run.s_m, run.speed_mps).beyond_ratio == 0.0
+    parts = stated_parts(trip, section)[0]
+    known, doubted = energy_range(section, parts), energy_range(section, parts, doubt_ratio)
+    assert doubted.low_j < known.low_j < known.high_j < doubted.high_j
+    unknown = {one.name: one for one in doubted.unknowns}
+    assert unknown[MASS].assumed == f"± {100 * mass_ratio:.0f} %"
+    off_j = {name: one.high_j - one.low_j for name, one in unknown.items()}
+    assert off_j[MASS] == pytest.approx(2 * mass_ratio * C0_N * LENGTH_M, rel=0.02)
+    resistance_ratio = ESTIMATE.resistance_ratio + doubt_ratio
+    assert off_j[RESISTANCE] == pytest.approx(2 * resistance_ratio * doubted.estimate_j, rel=0.02)
+
+
+@pytest.mark.parametrize(("beyond_ratio", "lacking_ratio", "doubt_ratio"), [
+    (0.0, 0.0, 0.0), (0.004, 0.12, 0.0), (0.01, 0.12, 0.12), (0.04, 0.6, 0.25),
+])  # fmt: skip
+def test_a_train_is_doubted_by_the_force_that_it_lacks(
+    beyond_ratio: float, lacking_ratio: float, doubt_ratio: float
+) -> None:
+    assert doubt(beyond_ratio, lacking_ratio) == pytest.approx(doubt_ratio)
+
+
+def test_a_heavier_train_is_not_left_out_for_efforts_that_are_doubted(
+    driven: tuple[Trip, Section, EnergyRange],
+) -> None:
+    """The trip takes hardly more than the fastest run, so that the efforts of the file do not suffice for more mass."""
+    trip, section, _ = driven
+    front = solve_front(section)
+    shortest_s = front.fastest().time_s + 0.2
+    known, doubted = (above_in_all_cases(trip, front, shortest_s, one) for one in (0.0, 0.1))
+    mass = next(one for one in doubted.unknowns if one.name == MASS)
+    assert mass.high_j - doubted.estimate_j == pytest.approx(doubted.estimate_j - mass.low_j)
+    bands = [likely_band(one.estimate_j, one.unknowns) for one in (known, doubted)]
+    assert bands[1].low_j < bands[0].low_j < bands[0].high_j < bands[1].high_j
+    assert doubted.low_j < bands[1].low_j < bands[1].high_j < doubted.high_j
 
 
 @pytest.mark.parametrize("reverse", [None, False])

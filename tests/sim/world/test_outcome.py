@@ -77,7 +77,7 @@ def test_names_and_values_of_the_figures(plain: tuple[Day, Run]) -> None:
     (departed, arrived) = run.legs[0]
     assert figures["energy_at_stops_kwh"] == pytest.approx(0.0, abs=1e-9)
     assert figures["energy_kwh"] == pytest.approx((arrived.input_j - departed.input_j) / KWH)
-    assert figures["above_optimum_ratio"] == pytest.approx(1.0 - figures["energy_optimum_kwh"] / figures["energy_kwh"])
+    assert figures["above_optimum_ratio"] == pytest.approx(figures["energy_kwh"] / figures["energy_optimum_kwh"] - 1.0)
     above = figures["energy_blending_kwh"] + figures["energy_profile_kwh"]
     assert figures["energy_optimum_kwh"] + above == pytest.approx(figures["energy_kwh"])
     # The price of service braking on 6 km, and what a perfect driver needs beyond it.
@@ -111,7 +111,7 @@ def test_violations_and_a_drive_without_an_optimum_are_told(plain: tuple[Day, Ru
     assert (figures["signals_passed"], figures["beyond_signal_m"], figures["over_limit_s"]) == (2, 30.0, 4.0)
     assert figures["over_limit_kmh"] == pytest.approx(10.0)
     assert (figures["above_optimum_ratio"], figures["not_comparable"]) == (None, fast.why_not)
-    assert (fast.words, fast.gap_ratio) == ("not comparable", None)
+    assert (fast.words, fast.ratio) == ("not comparable", None)
     assert fast.why_not.endswith("the optimum is its fastest run, 2.5 s later")
 
 

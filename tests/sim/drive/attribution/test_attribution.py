@@ -130,7 +130,7 @@ def test_a_simulated_drive_is_compared_with_the_optimum_of_its_true_train() -> N
         source=replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}), given=inputs
     ).known_attribution
     assert (known.above.optimum_j, known.other_train_j) == pytest.approx((true_j, 3.6e6))
-    assert known.above.ratio == pytest.approx((known.above.driven_j - true_j) / known.above.driven_j)
+    assert known.above.ratio == pytest.approx((known.above.driven_j - true_j) / true_j)
     check_sums(known)
     assert known.by_cause[EnergyCause.TRAIN] == pytest.approx(plain.by_cause[EnergyCause.TRAIN] - 3.6e6, abs=1.0)
     assert known.against_timetable == pytest.approx(plain.against_timetable)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from das.advice.regimes import Regime
 from sim.drive.attribution.causes import EnergyCause, Judge, Moment, Seen
 
@@ -18,15 +20,25 @@ def test_to_depart_as_advised_is_not_against_the_advice_to_depart_when_cleared()
     assert departing(Regime.CRUISE) is EnergyCause.AGAINST_ADVICE
 
 
-def coasting(shown_mps: float, lever_ratio: float) -> EnergyCause:
-    """The cause of a moment at 29 m/s while coasting to a speed is shown and the controller is set so."""
+def coasting_moment(shown_mps: float, lever_ratio: float) -> Moment:
+    """A moment at 29 m/s while coasting to a speed is shown and the controller is set so."""
     seen = Seen(mode=Regime.COAST, speed_mps=shown_mps, advised_ratio=0.0, lever_ratio=lever_ratio, top_only=False)
-    now = Moment(speed_mps=29.0, driven_ratio=lever_ratio, best_ratio=0.0, coasts_to_brake=True, seen=seen)
-    return Judge().cause(now)
+    return Moment(speed_mps=29.0, driven_ratio=lever_ratio, best_ratio=0.0, coasts_to_brake=True, seen=seen)
 
 
-def test_a_driver_is_not_blamed_for_late_coasting_by_a_card_with_a_speed_above_the_trains() -> None:
-    assert coasting(25.0, 0.6) is EnergyCause.LATE_COASTING
-    assert coasting(33.0, 0.6) is EnergyCause.AS_ADVISED
-    assert coasting(33.0, 0.0) is EnergyCause.AS_ADVISED
-    assert coasting(33.0, -0.2) is EnergyCause.AGAINST_ADVICE
+def coasting(shown_mps: float, lever_ratio: float) -> EnergyCause:
+    """The cause of such a moment."""
+    return Judge().cause(coasting_moment(shown_mps, lever_ratio))
+
+
+@pytest.mark.parametrize("shown_mps", [25.0, 33.0], ids=["below the train's speed", "above it"])
+def test_to_pull_while_coasting_is_shown_is_against_what_is_shown_whatever_speed_it_names(shown_mps: float) -> None:
+    """A coast to a speed above the train's leads there down a hill; nobody has to pull for it."""
+    assert coasting(shown_mps, 0.6) is EnergyCause.LATE_COASTING
+    assert coasting(shown_mps, 0.0) is EnergyCause.AS_ADVISED
+
+
+def test_to_brake_after_coasting_has_begun_is_against_the_advice() -> None:
+    judge = Judge()
+    causes = [judge.cause(coasting_moment(33.0, ratio)) for ratio in (0.0, 0.0, 0.0, -0.2)]
+    assert causes == [*[EnergyCause.AS_ADVISED] * 3, EnergyCause.AGAINST_ADVICE]

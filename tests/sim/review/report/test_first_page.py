@@ -80,7 +80,7 @@ def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: A
         f"{told['over_limit_s']:.0f} s",
     ]
     assert values == [one.value for one in page_figures(drive)]
-    assert f"{100 * told['above_optimum_ratio']:.1f} % of the energy driven" in page_figures(drive)[2].beside
+    assert f"{100 * told['above_optimum_ratio']:.1f} % of the optimum" in page_figures(drive)[2].beside
     energy = in_json(found)["energy"]
     for name in ("energy_kwh", "above_optimum_kwh", "above_optimum_ratio", "measured"):
         assert told[name] == energy[name]
