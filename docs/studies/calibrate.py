@@ -10,26 +10,20 @@ Everything starts from fixed numbers, which a wider search found (docs/explanati
 
 from __future__ import annotations
 
-import json
-import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
-from enum import StrEnum
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Annotated, Final
 
 import numpy as np
 import typer
-from rich import box
-from rich.table import Table
 from scipy import optimize
 
 from das.command_line.application import run_app, single_command
 from das.command_line.files import load_vehicle
-from das.command_line.options import JsonOption, OutFolderOption, OverwriteOption
-from das.command_line.printing import busy, error_console, loading_solver, print_table, tell
+from das.command_line.options import OutFolderOption, OverwriteOption
+from das.command_line.printing import busy, error_console, loading_solver, tell
 from das.domain.errors import DasError
 from das.domain.files.load import locate_vehicle
 from das.domain.files.vehicles import read_loss_chain
@@ -83,11 +77,6 @@ CALIBRATED: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 """Parameters that the command writes, by vehicle; all others are assumptions in the files."""
 DIGITS: Final = 4
 """Significant digits of a calibrated parameter in a file."""
-LEGEND: Final = {
-    "printed": "in the paper",
-    "accepted": "for the figure that is reached",
-    "cells of Table 2": "row at column, in % of what the fastest run consumes at L3 GTO",
-}
 UNITS: Final = {"w": ("kw", KW), "n": ("kn", KN), "mps": ("kmh", KMH)}
 """Suffix of a field → suffix and factor of its key in a vehicle's file."""
 
@@ -223,18 +212,7 @@ def refitted(gto: LossChain, igbt: LossChain) -> LossChain:
     return replace(gto, converter=igbt.converter, motors=replace(gto.motors, brake_current_ratio=brake_current_ratio))
 
 
-class What(StrEnum):
-    """Which vehicle to calibrate."""
-
-    GTO = "gto"
-    IGBT = "igbt"
-
-
-VEHICLE_IDS: Final = {What.GTO: GTO_VEHICLE, What.IGBT: IGBT_VEHICLE}
-
-
 def calibrate(
-    what: Annotated[What | None, typer.Option("--what", help="Only this vehicle [default: both].")] = None,
     check: Annotated[
         bool, typer.Option("--check", help="Only hold the bundled vehicles against the targets (seconds).")
     ] = False,
@@ -243,22 +221,26 @@ def calibrate(
     ] = False,
     out: OutFolderOption = None,
     overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
 ) -> None:
     """Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to what the paper prints.
 
-    Every target is printed with what is reached; the exit code is 1 where one is missed. The vehicle files with the new
+    Prints the targets with what is reached; the exit code is 1 where one is missed. The vehicle files with the new
     parameters go to the folder of --out. This takes a few minutes.
     """
     if page and not check:
         raise DasError("--page belongs to --check")
-    names = [VEHICLE_IDS[kind] for kind in What if what in (None, kind)]
-    _check_out(out, names, check=check, overwrite=overwrite)
+    if out is not None and check:
+        raise DasError("--check writes nothing: leave out --out, or --check")
+    if out is not None and not out.is_dir():
+        raise DasError(f"{out}: no such folder")
+    paths = {} if out is None else {name: out / f"{name}.toml" for name in CALIBRATED}
+    for path in paths.values():
+        check_writable(path, overwrite=overwrite)
     with loading_solver():
         warm_up()
-    chains = {name: read_loss_chain(locate_vehicle(name)) for name in VEHICLE_IDS.values()}
+    chains = {name: read_loss_chain(locate_vehicle(name)) for name in CALIBRATED}
     if not check:
-        chains = _calibrated(chains, what)
+        chains = _calibrated(chains)
     vehicles = {name: with_chain(load_vehicle(name), chain) for name, chain in chains.items()}
     with busy("solving the runs that do not depend on a map …"):
         runs = paper.other_runs(vehicles[GTO_VEHICLE])
@@ -266,44 +248,25 @@ def calibrate(
         figures = paper.evaluate(vehicles[GTO_VEHICLE], chains[GTO_VEHICLE], vehicles[IGBT_VEHICLE], runs)
     if page:
         write_table(PAGE, "reached", reached_table(figures))
-    chosen = {name: chains[name] for name in names}
-    report(figures, chosen, _written(out, chosen), as_json=as_json)
-    if not all(target.met(figures[target.name]) for target in paper.TARGETS):
+    else:
+        print("\n".join(reached_table(figures)))
+    missed = [target.name for target in paper.TARGETS if not target.met(figures[target.name])]
+    for name in missed:
+        print(f"missed: {name}")
+    for name, path in paths.items():
+        write_whole(path, vehicle_toml(name, chains[name]).encode())
+        tell(f"written: {path}")
+    if missed:
         raise typer.Exit(1)
 
 
-def _check_out(folder: Path | None, names: list[str], *, check: bool, overwrite: bool) -> None:
-    """Refuse, before the work begins, a folder that is not there or files that cannot be written."""
-    if folder is None:
-        return
-    if check:
-        raise DasError("--check writes nothing: leave out --out, or --check")
-    if not folder.is_dir():
-        raise DasError(f"{folder}: no such folder")
-    for name in names:
-        check_writable(folder / f"{name}.toml", overwrite=overwrite)
-
-
-def _written(folder: Path | None, chains: Mapping[str, LossChain]) -> list[Path]:
-    """Write the vehicle files with the parameters of the chains; returns their paths."""
-    if folder is None:
-        return []
-    for name, chain in chains.items():
-        write_whole(folder / f"{name}.toml", vehicle_toml(name, chain).encode())
-    return [folder / f"{name}.toml" for name in chains]
-
-
-def _calibrated(chains: Mapping[str, LossChain], what: What | None) -> dict[str, LossChain]:
-    """The chains after calibration: of the GTO vehicle unless only the other is asked for, then of the IGBT one."""
-    gto, igbt = chains[GTO_VEHICLE], chains[IGBT_VEHICLE]
-    train = load_vehicle(GTO_VEHICLE)
-    if what is not What.IGBT:
-        gto = _calibrated_gto(train, gto)
-    if what is not What.GTO:
-        with busy("IGBT …"):
-            train = with_chain(train, gto)
-            solved = solve_igbt(load_vehicle(IGBT_VEHICLE), refitted(gto, igbt), train, paper.other_runs(train))
-            igbt = rounded(solved, IGBT_START)
+def _calibrated(chains: Mapping[str, LossChain]) -> dict[str, LossChain]:
+    """The chains after calibration: of the GTO vehicle, then of the IGBT one."""
+    gto = _calibrated_gto(load_vehicle(GTO_VEHICLE), chains[GTO_VEHICLE])
+    with busy("IGBT …"):
+        train = with_chain(load_vehicle(GTO_VEHICLE), gto)
+        refit = refitted(gto, chains[IGBT_VEHICLE])
+        igbt = rounded(solve_igbt(load_vehicle(IGBT_VEHICLE), refit, train, paper.other_runs(train)), IGBT_START)
     return {GTO_VEHICLE: gto, IGBT_VEHICLE: igbt}
 
 
@@ -324,44 +287,6 @@ def _calibrated_gto(train: Vehicle, chain: LossChain) -> LossChain:
 
         found = search_stage_2(train, start, runs, tried)
     return rounded(found, STAGE_1_START)
-
-
-def report(figures: Figures, chains: Mapping[str, LossChain], written: Sequence[Path], *, as_json: bool) -> None:
-    """Print every target with the figure reached, and the files that were written."""
-    if as_json:
-        content = {
-            "targets": [
-                {
-                    **asdict(target),
-                    "high": target.high if math.isfinite(target.high) else None,
-                    "reached": figures[target.name],
-                    "met": target.met(figures[target.name]),
-                }
-                for target in paper.TARGETS
-            ],
-            "parameters": {name: asdict(chain) for name, chain in chains.items()},
-            "written": [str(path) for path in written],
-        }
-        print(json.dumps(content))
-        return
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("target")
-    for name in ("printed", "reached", "accepted"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("")
-    for target in paper.TARGETS:
-        reached = figures[target.name]
-        table.add_row(
-            target.name,
-            *_printed_and_reached(target, reached),
-            target.accepted,
-            "" if target.met(reached) else "missed",
-        )
-    print_table(table, LEGEND)
-    missed = sum(not target.met(figures[target.name]) for target in paper.TARGETS)
-    print(f"{len(paper.TARGETS) - missed} of {len(paper.TARGETS)} targets met")
-    for path in written:
-        tell(f"written: {path}")
 
 
 def _printed_and_reached(target: paper.PublishedFigure, reached: float) -> tuple[str, str]:

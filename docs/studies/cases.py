@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
-from das.domain.route import Route, Stretches
 from das.domain.trajectory import EnergyBalance, Trajectory, consumed_j, evaluated_at
 from das.domain.units import KM, KMH, PERCENT
 from das.domain.vehicle import Vehicle
@@ -61,14 +60,13 @@ def label(name: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyCase:
-    """A straight stretch of constant gradient with given speeds at both ends; at most 160 km/h."""
+    """A straight and level stretch with given speeds at both ends; at most 160 km/h."""
 
     name: str
     title: str
     length_m: float
     start_speed_mps: float = 0.0
     end_speed_mps: float = 0.0
-    gradient_ratio: float = 0.0
 
     def section(self, vehicle: Vehicle, level: Level, longest_step_m: float | None = None) -> Section:
         """The section of the case with a train at a level; a given `longest_step_m` (m) bounds the decision steps.
@@ -76,7 +74,7 @@ class StudyCase:
         Raises DasError if the train cannot run it.
         """
         return build_section(
-            self.route(),
+            load_route(ROUTE),
             vehicle,
             level=level,
             end_m=self.length_m,
@@ -87,11 +85,6 @@ class StudyCase:
             ),
         )
 
-    def route(self) -> Route:
-        """The bundled flat route, with the gradient of the case over its whole length."""
-        gradients = Stretches(start_m=np.array([0.0]), value=np.array([self.gradient_ratio]))
-        return replace(load_route(ROUTE), gradients_ratio=gradients)
-
 
 ACCELERATION: Final = StudyCase(
     name="acceleration", title="0 to 160 km/h over 4 km", length_m=4 * KM, end_speed_mps=TOP_SPEED_MPS
@@ -100,8 +93,6 @@ DECELERATION: Final = StudyCase(
     name="deceleration", title="160 km/h to 0 over 4 km", length_m=4 * KM, start_speed_mps=TOP_SPEED_MPS
 )
 COMPLETE: Final = StudyCase(name="complete", title="standstill to standstill over 6 km", length_m=6 * KM)
-UPHILL: Final = StudyCase(name="uphill", title="6 km at +10 ‰", length_m=6 * KM, gradient_ratio=0.010)
-DOWNHILL: Final = StudyCase(name="downhill", title="6 km at −10 ‰", length_m=6 * KM, gradient_ratio=-0.010)
 
 
 @dataclass(frozen=True)
@@ -201,13 +192,9 @@ def _with_ties_broken(vehicle: Vehicle) -> Vehicle:
 
 
 class Workbench:
-    """Solves each case and level once, on demand, and keeps the result.
+    """Solves each case and level once, on demand, and keeps the result."""
 
-    Every train is as in its file, or as `changed` makes it.
-    """
-
-    def __init__(self, changed: Callable[[Vehicle], Vehicle] = lambda vehicle: vehicle) -> None:
-        self._changed = changed
+    def __init__(self) -> None:
         self._vehicles: dict[str, Vehicle] = {}
         self._fronts: dict[tuple[StudyCase, Variant], Front] = {}
         self._slowest: dict[tuple[StudyCase, Variant], Slowest] = {}
@@ -215,7 +202,7 @@ class Workbench:
     def vehicle(self, variant: Variant) -> Vehicle:
         """The train of a variant."""
         if variant.vehicle not in self._vehicles:
-            self._vehicles[variant.vehicle] = self._changed(load_vehicle(variant.vehicle))
+            self._vehicles[variant.vehicle] = load_vehicle(variant.vehicle)
         return self._vehicles[variant.vehicle]
 
     def loss_map(self, variant: Variant) -> LossMap:

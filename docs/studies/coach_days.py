@@ -1,12 +1,11 @@
-"""What a driver is shown on five days, before (vector) and after (coach), as pictures for the documentation.
+"""What a driver is shown on two days, before (vector) and after (coach), as pictures for the documentation.
 
-`python -m docs.studies.coach_days` draws docs/images/coach/*.png again, and writes their table (about a minute).
+`python -m docs.studies.coach_days` draws docs/images/coach/*.png again (about half a minute).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -15,19 +14,19 @@ import numpy as np
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from das.advice.advice import Advice
 from das.advice.regimes import Regime, mode_name
 from das.command_line.files import offscreen_pyplot, save_figure
 from das.domain.units import KM, KMH, kwh
-from docs.studies.driving import WatchedRun, watched_run
-from docs.studies.output import DOCS, write_table
-from sim.drivers.kinds import Presentation
-from sim.drivers.presentations.presenter import present
-from sim.world.disturbances import SignalStop, TrainAhead
-from sim.world.outcome import outcome
+from docs.studies.output import DOCS
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
+from sim.drivers.presentations.presenter import present, presenter_of
+from sim.world.loop import InProcess, Run, Tick, World
+from sim.world.outcome import DayOutcome, outcome
 from sim.world.scenario import load_scenario
-from sim.world.service import prepare_service
+from sim.world.service import Day, Service, make_day, prepare_service
 
-DAYS: Final = ("clear-day", "train-ahead", "restriction-ahead", "departure-delay", "signal-stop")
+DAYS: Final = ("clear-day", "restriction-ahead")
 SEED: Final = 1
 FOLDER: Final = DOCS / "images" / "coach"
 BEFORE_AND_AFTER: Final = (Presentation.VECTOR, Presentation.COACH)
@@ -49,6 +48,35 @@ MODES: Final = {
 Floats = NDArray[np.float64]
 
 
+class WatchedLink(InProcess):
+    """A link to an on-board system that keeps the advice of every tick."""
+
+    def __init__(self, service: Service, *, coach: bool) -> None:
+        self.watched: list[Advice] = []
+        super().__init__(service, coach=coach)
+
+    def exchange(self, tick: Tick) -> Advice:
+        """The advice for a tick."""
+        self.watched.append(super().exchange(tick))
+        return self.watched[-1]
+
+
+class WatchedRun(NamedTuple):
+    """A finished run of a day with the advice of each tick: `watched[i]` was given in `run.states[i]`."""
+
+    day: Day
+    run: Run
+    watched: list[Advice]
+
+
+def watched_run(service: Service, seed: int, presentation: Presentation) -> WatchedRun:
+    """Drive a day of a service with the default human driver."""
+    day = make_day(service, seed)
+    link = WatchedLink(service, coach=presenter_of(presentation).needs_coach)
+    driver = day.driver(DriverKind.HUMAN, FrictionPolicy.AS_MEASURED)
+    return WatchedRun(day, World(day, driver, presentation, link).run(), link.watched)
+
+
 class ShownSecond(NamedTuple):
     """A second of a moving train: place (km), limit, driven and shown speed (km/h; NaN: none), and the mode shown."""
 
@@ -62,7 +90,7 @@ class ShownSecond(NamedTuple):
 def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSecond]:
     """What was driven and shown in each second in which the train moved."""
     found = []
-    for state, (advice, _) in zip(one.run.states, one.watched, strict=False):
+    for state, advice in zip(one.run.states, one.watched, strict=False):
         if state.speed_mps <= 0:
             continue
         view = present(advice, presentation)
@@ -78,20 +106,20 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
     return found
 
 
-def draw_day(path: Path, scenario: str) -> str:
+def draw_day(path: Path, scenario: str) -> list[float]:
     """Draw a day of a scenario as the default human drove it with vector and with the coach: the same day for both.
 
-    Returns the figures of the two runs as a row of a table in Markdown.
+    Returns the energies of the two runs (kWh).
     """
     service = prepare_service(load_scenario(scenario))
     pyplot = offscreen_pyplot()
     figure, axes = pyplot.subplots(4, 1, figsize=SIZE_IN, sharex=True, height_ratios=(8, 1, 8, 1), layout="constrained")
-    cells: list[str] = []
+    energies: list[float] = []
     for presentation, pair in zip(BEFORE_AND_AFTER, (axes[:2], axes[2:]), strict=True):
         one = watched_run(service, SEED, presentation)
-        figures = _figures(one)
-        _draw_run(pair, one, presentation, figures)
-        cells += figures
+        came = outcome(one.day, one.run)
+        _draw_run(pair, one, presentation, came)
+        energies.append(kwh(came.energies.driven_j))
     axes[-1].set_xlabel("position, km")
     lines, names = axes[0].get_legend_handles_labels()
     strips = [Patch(facecolor=color, edgecolor=INK, linewidth=0.4) for color in MODES.values()]
@@ -102,10 +130,10 @@ def draw_day(path: Path, scenario: str) -> str:
     figure.suptitle(f"{scenario}, seed {SEED}, default human driver: what was shown before and with the coach", size=13)
     save_figure(path, figure, dpi=DPI)
     pyplot.close(figure)
-    return f"| {scenario} | {' | '.join(cells)} |"
+    return energies
 
 
-def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, figures: tuple[str, str, str]) -> None:
+def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, came: DayOutcome) -> None:
     """One run in two axes: speeds, and under them a strip of the modes shown."""
     speed, strip = axes
     seconds = shown_seconds(one, presentation)
@@ -126,8 +154,9 @@ def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, figures: t
     speed.set_xlim(at_km[0], at_km[-1])
     speed.set_ylabel("speed, km/h")
     speed.grid(color="#e4e4e4", linewidth=0.6)
-    changes, energy, late = figures
-    title = f"{presentation}: {changes} changes a minute, {energy} kWh, {late} s at the last stop"
+    changes = one.run.stability.changes_per_min
+    title = f"{presentation}: {changes:.1f} changes a minute, {kwh(came.energies.driven_j):.1f} kWh, "
+    title += f"{came.late_s:+.0f} s at the last stop"
     speed.set_title(title, loc="left", size=11)
     _places(speed, one, top)
     for mode, color in MODES.items():
@@ -145,31 +174,13 @@ def _stretches(seconds: list[ShownSecond], mode: Regime) -> list[tuple[float, fl
     return found
 
 
-def _figures(one: WatchedRun) -> tuple[str, str, str]:
-    """Changes a minute, kWh, and seconds late at the last stop."""
-    came = outcome(one.day, one.run)
-    changes = one.run.stability.changes_per_min
-    return f"{changes:.1f}", f"{kwh(came.energies.driven_j):.1f}", f"{came.late_s:+.0f}"
-
-
 def _places(axis: Any, one: WatchedRun, top: float) -> None:
-    """Mark the stops, and a signal at danger."""
+    """Mark the stops."""
     for stop in one.day.service.stops[1:-1]:
         axis.axvline(stop.position_m / KM, color=INK, linewidth=0.7, linestyle=":")
         axis.text(stop.position_m / KM, 0.97 * top, f" {stop.name}", size=9, va="top", color=INK)
-    signals_m = [x.at_m for x in one.day.of(SignalStop)] + [x.at_m for x in one.day.of(TrainAhead)]
-    for at_m in signals_m:
-        axis.axvline(at_m / KM, color=INK, linewidth=1.2, linestyle="--")
-        axis.text(at_m / KM, 0.05 * top, " signal at danger", size=9, va="bottom", color=INK)
-
-
-def days_table() -> Iterator[str]:
-    """Draw the pictures of all days; yields the lines of their table, each once its picture is drawn."""
-    yield "| day | vector: changes/min | kWh | late, s | coach: changes/min | kWh | late, s |"
-    yield "|---|---:|---:|---:|---:|---:|---:|"
-    for scenario in DAYS:
-        yield draw_day(FOLDER / f"{scenario}.png", scenario)
 
 
 if __name__ == "__main__":
-    write_table(DOCS / "explanation" / "coach.md", "days", days_table())
+    for name in DAYS:
+        draw_day(FOLDER / f"{name}.png", name)

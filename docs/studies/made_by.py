@@ -38,16 +38,8 @@ SOLVER: Final = ("das/domain", "das/solver")
 DAY: Final = (*SOLVER, "das/advice", "das/cab", "das/estimate", "sim/plant", "sim/drivers", "sim/world")
 """The code that decides how a simulated day goes. What reads options, draws, records or sends is not in it."""
 DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
-    "python -m docs.studies.bench": (*SOLVER, "das/table", "precompute/bench", "precompute/tables"),
     "python -m docs.studies.bundled": (*DAY, "sim/experiment"),
-    "python -m docs.studies.coach": DAY,
-    "python -m docs.studies.display": DAY,
     "python -m docs.studies.exact_front": (*SOLVER, "precompute/exact"),
-    "python -m docs.studies.habits": DAY,
-    "python -m docs.studies.human_driver": DAY,
-    "python -m docs.studies.known_truth": (*DAY, "sim/experiment/analysis"),
-    "python -m docs.studies.own_braking": DAY,
-    "python -m docs.studies.own_drivers": DAY,
     "python -m docs.studies.own_lines": (*SOLVER, "precompute/route_import"),
     "python -m docs.studies.peers": (*SOLVER, "precompute/tables"),
     "python -m docs.studies.pictures": (*DAY, "sim/bundled", "sim/drive", "sim/review"),
@@ -58,7 +50,6 @@ DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
 }
 """The folders whose code decides a command's figures, by its beginning; a script of docs/studies counts as well."""
 MINUTES: Final[dict[str, float]] = {
-    "python -m docs.studies.bench": 2,
     "python -m docs.studies.coach_days": 1,
     "python -m docs.studies.what_if": 0.5,
     "python -m docs.studies.notebooks first-steps": 0.5,
@@ -75,16 +66,6 @@ MINUTES: Final[dict[str, float]] = {
     "python -m docs.studies.real_trips": 0.5,
     "python -m docs.studies.own_lines": 1,
     "python -m tests.support.desk_pictures": 5,
-    "python -m docs.studies.display": 5,
-    "python -m docs.studies.own_braking": 13,
-    "python -m docs.studies.habits": 8,
-    "python -m docs.studies.bundled pacing": 6,
-    "python -m docs.studies.bundled level-through-a-driver": 12,
-    "python -m docs.studies.bundled presentations": 13,
-    "python -m docs.studies.human_driver": 8,
-    "python -m docs.studies.own_drivers": 8,
-    "python -m docs.studies.known_truth": 10,
-    "python -m docs.studies.coach": 15,
 }
 """What --make-all makes, in this order, and about how long each takes on two free cores (minutes)."""
 SUFFIXES: Final = (".py", ".toml", ".csv")

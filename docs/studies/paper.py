@@ -12,9 +12,9 @@ import typer
 
 from das.command_line.application import run_app, single_command
 from das.command_line.options import JsonOption, OutFolder
-from das.command_line.printing import loading_solver, paragraph, shown, tell
+from das.command_line.printing import loading_solver, shown, tell
 from das.solver.warm_up import warm_up
-from docs.studies import effort, figures_energy, figures_runs, shares, table2
+from docs.studies import figures_energy, figures_runs, shares, table2
 from docs.studies.cases import ACCELERATION, COMPLETE, DECELERATION, GTO_VEHICLE, IGBT_VEHICLE, Workbench
 from docs.studies.drawing import style
 from docs.studies.output import Output, plain
@@ -29,12 +29,10 @@ ITEMS: Final[dict[str, Callable[[Workbench, Output], dict[str, Any]]]] = {
     "fig8": partial(figures_energy.savings_figure, "fig8", DECELERATION),
     "fig9": partial(figures_runs.runs_figure, "fig9", COMPLETE),
     "fig10": figures_runs.fig10,
-    "table2": table2.both_trains,
-    "shares": shares.shares_and_balance,
-    "beyond": effort.beyond,
-    "gradients": table2.gradients,
+    "table2": table2.table2,
+    "shares": shares.energy_shares,
 }
-"""The function that makes each item of the study: the paper's items in its order, then those beyond the paper."""
+"""The function that makes each item of the study, in the paper's order."""
 
 
 def study(
@@ -46,11 +44,8 @@ def study(
 ) -> None:
     """Redo the study of the paper: figures 4 to 10, Table 2, the Zürich–Luzern shares.
 
-    Table 2 is made with the train of the text and once more, as a hypothesis, with one of 200 kN and 140 km/h. Beside
-    the shares stands a balance that fits them. Figures are written as PNG and SVG, their curves as CSV. Beyond the
-    paper go peak power and jerk per level ("beyond") and Table 2 on a gradient of ±10 ‰ ("gradients"). The folder is
-    created. The files of what is asked for are overwritten, and summary.json as well, which holds the items of this
-    run.
+    Figures are written as PNG and SVG, their curves as CSV. The folder is created. The files of what is asked for are
+    overwritten, and summary.json as well, which holds the items of this run.
     """
     wanted, output = chosen(only, ITEMS, "item"), Output(out)
     with loading_solver():
@@ -61,9 +56,6 @@ def study(
     if as_json:
         print(json.dumps(plain(summary), ensure_ascii=False))
         return
-    for item in summary["items"].values():
-        if "in_words" in item:
-            paragraph(item["in_words"])
     tell(f"written: {len(output.written)} files in {out} ({time.perf_counter() - began:.0f} s)")
 
 

@@ -6,8 +6,7 @@ page. It needs the third-party data beside the checkout (../shared).
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
@@ -21,11 +20,10 @@ from das.domain.route import Route, Stretches, Zone
 from das.domain.units import KMH, kwh
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
-from das.solver.refinement import refined, warm_up_refinement
+from das.solver.refinement import refined
 from das.solver.section import build_section
 from das.solver.solution import Solution, tightened
 from das.solver.solve import solve_front
-from das.solver.warm_up import warm_up
 from docs.studies.output import DOCS, write_table
 from tests.das.solver.test_solver import pose_reference
 from tests.support.benchmark import SHARED, ReferenceResult, reference_results
@@ -40,47 +38,22 @@ TIGHT_S = 40.0
 
 
 class PeerRow(NamedTuple):
-    """One problem: the run of the table, the refined run, and how long refinement and certificate took (s)."""
+    """One problem: the run of the table, and the refined run."""
 
     name: str
     given: Solution
     found: Solution
-    refine_s: float
-    certify_s: float
 
     @classmethod
     def of(cls, name: str, front: Front, time_s: float) -> PeerRow:
-        """Solve, refine and certify for a time."""
+        """Solve and refine for a time."""
         given = front.trajectory(time_s)
-        began = time.process_time()
-        found = refined(given)
-        refine_s, began = time.process_time() - began, time.process_time()
-        found.certificate  # noqa: B018
-        return cls(name, given, found, refine_s, time.process_time() - began)
+        return cls(name, given, refined(given))
 
     @property
-    def last_cells(self) -> tuple[str, ...]:
-        """The cells that both tables end with: gaps and times."""
-        return (
-            f"{100 * self.given.table_gap_ratio:+.2f} %",
-            f"{100 * self.found.gap_ratio:.3f} %",
-            f"{self.refine_s:.2f}",
-            f"{self.certify_s:.2f}",
-        )
-
-
-class Tight(NamedTuple):
-    """The gap (ratio) of a refined run to its tight bound, and how long the proof took (s)."""
-
-    gap_ratio: float
-    prove_s: float
-
-    @classmethod
-    def of(cls, row: PeerRow) -> Tight:
-        """Prove the tight bound; with constant efficiencies it is the quick bound."""
-        began = time.process_time()
-        found = tightened(row.found, TIGHT_S)
-        return cls(found.gap_ratio, time.process_time() - began)
+    def gaps(self) -> tuple[str, ...]:
+        """The cells of the gaps, which both tables have."""
+        return (f"{100 * self.given.table_gap_ratio:+.2f} %", f"{100 * self.found.gap_ratio:.3f} %")
 
 
 def benchmark_rows() -> Iterator[tuple[ReferenceResult, PeerRow]]:
@@ -103,7 +76,7 @@ def _table(heads: str, rows: Iterable[Iterable[str]]) -> Iterator[str]:
 def peers_table() -> Iterator[str]:
     """The rows of the public benchmark."""
     heads = "track, train, losses, time s, peer kWh, table kWh, refined kWh, refined against peer, bound kWh, "
-    return _table(heads + "table gap, gap, refining CPU s, proving CPU s", map(_peer_cells, benchmark_rows()))
+    return _table(heads + "table gap, gap", map(_peer_cells, benchmark_rows()))
 
 
 def _peer_cells(pair: tuple[ReferenceResult, PeerRow]) -> list[str]:
@@ -119,7 +92,7 @@ def _peer_cells(pair: tuple[ReferenceResult, PeerRow]) -> list[str]:
         f"{found_kwh:.2f}",
         f"{100 * (found_kwh / result.energy_kwh - 1):+.2f} %",
         f"{kwh(row.found.bound_j):.2f}",
-        *row.last_cells,
+        *row.gaps,
     ]
 
 
@@ -178,25 +151,22 @@ def hard_rows() -> Iterator[tuple[Hard, Level, PeerRow]]:
 
 
 def hard_table() -> Iterator[str]:
-    """The hard problems, and how they are solved as a whole."""
+    """The hard problems, and how they are solved as a whole; the tight gap is that of the bound in `TIGHT_S`."""
     rows = list(hard_rows())
-    tightened(rows[-1][2].found, 1e-9)  # loads the kernels, so that their loading counts for no row
-    proofs = [Tight.of(row) for *_, row in rows]
-    heads = "problem, buffer, level, table kWh, refined kWh, saved, table gap, gap, refining CPU s, proving CPU s"
-    sums = [
-        _summed("Convex losses (L0 to L2)", [row for _, level, row in rows if level is not Level.L3]),
-        _summed("Loss map (L3)", [row for _, level, row in rows if level is Level.L3]),
-        _tight_summed([proof for proof, (_, level, _) in zip(proofs, rows, strict=True) if level is Level.L3], proofs),
-    ]
-    cells = (_hard_cells(*one, proof) for one, proof in zip(rows, proofs, strict=True))
-    yield from _table(heads + ", tight gap, its CPU s", cells)
-    for text in sums:
-        yield from ("", text)
+    of_maps = [row for _, level, row in rows if level is Level.L3]
+    tight = {id(row): tightened(row.found, TIGHT_S).gap_ratio for row in of_maps}
+    convex = [row.found.gap_ratio for _, level, row in rows if level is not Level.L3]
+    yield from _table(
+        "problem, buffer, level, table kWh, refined kWh, saved, table gap, gap, tight gap",
+        (_hard_cells(hard, level, row, tight.get(id(row))) for hard, level, row in rows),
+    )
+    yield from ("", _summed("Convex losses (L0 to L2)", convex))
+    yield from ("", _summed("Loss map (L3)", [row.found.gap_ratio for row in of_maps]))
+    yield from ("", _summed(f"Loss map with `--bound {TIGHT_S:.0f}`", list(tight.values())))
 
 
-def _hard_cells(hard: Hard, level: Level, row: PeerRow, proof: Tight) -> list[str]:
+def _hard_cells(hard: Hard, level: Level, row: PeerRow, tight_ratio: float | None) -> list[str]:
     given_kwh, found_kwh = kwh(row.given.balance.input), kwh(row.found.balance.input)
-    tight = (f"{100 * proof.gap_ratio:.3f} %", f"{proof.prove_s:.1f}") if level is Level.L3 else ("", "")
     return [
         hard.kind,
         f"{100 * hard.buffer_ratio:g} %",
@@ -204,37 +174,21 @@ def _hard_cells(hard: Hard, level: Level, row: PeerRow, proof: Tight) -> list[st
         f"{given_kwh:.3f}",
         f"{found_kwh:.3f}",
         f"{100 * (given_kwh - found_kwh) / abs(given_kwh):.2f} %",
-        *row.last_cells,
-        *tight,
+        *row.gaps,
+        "" if tight_ratio is None else f"{100 * tight_ratio:.3f} %",
     ]
 
 
-def _summed(what: str, rows: list[PeerRow]) -> str:
-    gaps = 100.0 * np.array([row.found.gap_ratio for row in rows])
-    refine_s, certify_s = (np.median([getattr(row, name) for row in rows]) for name in ("refine_s", "certify_s"))
+def _summed(what: str, gap_ratios: Sequence[float]) -> str:
+    gaps = 100.0 * np.array(gap_ratios)
     return (
-        f"{what}, {len(rows)} problems: the gap is {np.median(gaps):.3f} % in the median, {gaps.max():.2f} % at most,\n"
-        f"and at most 0.2 % in {(gaps <= 0.2).sum()}. Refinement takes {refine_s:.2f} s in the median, the proof"
-        f" {certify_s:.2f} s."
-    )
-
-
-def _tight_summed(of_maps: list[Tight], everything: list[Tight]) -> str:
-    gaps, cpu_s = 100.0 * np.array([one.gap_ratio for one in of_maps]), [one.prove_s for one in of_maps]
-    close = sum(one.gap_ratio <= 2e-3 for one in everything)
-    return (
-        f"Loss map with `--bound {TIGHT_S:.0f}`: the gap is {np.median(gaps):.3f} % in the median,"
-        f" {gaps.max():.2f} % at most;\n"
-        f"the proof takes {np.median(cpu_s):.0f} s in the median, {max(cpu_s):.0f} s at most."
-        f" With it, the gap is at most 0.2 % in {close} of all {len(everything)} problems."
+        f"{what}, {len(gaps)} problems: the gap is {np.median(gaps):.3f} % in the median, {gaps.max():.2f} % at most, "
+        f"and at most 0.2 % in {(gaps <= 0.2).sum()}."
     )
 
 
 def main() -> None:
     """Write both tables."""
-    warm_up_refinement()
-    front = warm_up()
-    front.trajectory(1.1 * front.fastest().time_s).certificate  # noqa: B018
     for name, table in (("peers", peers_table), ("hard", hard_table)):
         write_table(PAGE, name, table())
 

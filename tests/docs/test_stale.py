@@ -43,6 +43,8 @@ QUICK = {
     "python -m docs.studies.coach price": "test_what_calm_costs",
     "python -m docs.studies.coach_days": "test_a_day_of_the_coach_and_the_what_if",
     "python -m docs.studies.calibrate --check --page": "test_calibrate.py",
+    "python -m docs.studies.driver_days": "test_driver_days.py",
+    "python -m docs.studies.driver_tables": "test_driver_days.py",
     "python -m docs.studies.estimation": "test_calibration.py",
     "python -m docs.studies.notebooks first-steps": "test_outputs_of_the_notebook",
     "python -m docs.studies.notebooks notebook-own-experiment": "test_notebook.py",
@@ -185,13 +187,10 @@ def test_what_calm_costs() -> None:
 
 @pytest.mark.slow
 def test_a_day_of_the_coach_and_the_what_if(tmp_path: Path) -> None:
-    """One of the five days: its row, its picture, and the two drives of the what-if that are the same."""
+    """One of the two days: its picture, and the two drives of the what-if that are the same."""
     day = "restriction-ahead"
-    row = coach_days.draw_day(tmp_path / "day.png", day)
-    assert not_on_page(text_of("explanation/coach.md"), [row]) == []
+    energies = (*coach_days.draw_day(tmp_path / "day.png", day), 0.0)
     assert same_picture(coach_days.FOLDER / f"{day}.png", tmp_path / "day.png")
-    cells = [cell.strip() for cell in row.split("|")]
-    energies = (float(cells[3]), float(cells[6]), 0.0)
     lines = list(what_if.what_if_table(energies))[:-1]
     assert not_on_page(text_of("how-to/ask-what-if.md"), lines) == []
     kept = "".join(text for text, _ in kept_cells(json.loads(NOTEBOOK.read_text(encoding="utf-8"))))

@@ -12,22 +12,21 @@ from itertools import pairwise
 
 import pytest
 
-from docs.studies.habits import (
+from sim.drivers.cab import AT_STOP_M
+from sim.drivers.kinds import Presentation
+from sim.world.loop import LOOK_S
+from sim.world.scenario import load_scenario
+from sim.world.service import Service
+from tests.support.driver_habits import (
     MOVES_MPS,
     WITH_MODES,
     WatchedDay,
     braked_at_a_stand_s,
     braked_under_coast,
     bursts_per_min,
-    habits_table,
     set_at_full,
     watched_day,
 )
-from sim.drivers.cab import AT_STOP_M
-from sim.drivers.kinds import Presentation
-from sim.world.loop import LOOK_S
-from sim.world.scenario import load_scenario
-from sim.world.service import Service
 from tests.support.flat_days import service_for
 
 pytestmark = pytest.mark.slow
@@ -101,9 +100,3 @@ def test_looks_follow_each_other() -> None:
     for day in days(Presentation.VECTOR):
         spans = [after.time_s - before.time_s for before, after in pairwise(day.looks)]
         assert max(spans) == pytest.approx(LOOK_S, abs=1e-6)
-
-
-@pytest.mark.more
-def test_the_table_has_a_row_for_each_presentation() -> None:
-    lines = list(habits_table(days))
-    assert [line.split(" | ")[0].strip("| ") for line in lines[2:]] == list(Presentation)

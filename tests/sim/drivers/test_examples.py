@@ -9,7 +9,6 @@ import pytest
 from das.advice.regimes import Regime
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
-from docs.studies.own_drivers import DRIVERS
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.drivers import make_driver
 from sim.drivers.examples import Attentive, Belated, Doubting, Lazy, WeakBraking
@@ -22,6 +21,7 @@ from sim.world.service import Day
 from tests.support.crossing import crossed, few
 from tests.support.flat_days import flat_day, signal_at, standing_m
 
+DRIVERS = tuple(OwnClass(module=one.__module__, name=one.__name__) for one in (Lazy, Doubting, WeakBraking, Belated))
 LINE = LineKnowledge(route=load_route("flat-6km"), vehicle=load_vehicle("re460-ic"))
 SHOWN = (Presentation.COACH, Presentation.VECTOR, Presentation.FOUR_MODE, Presentation.NONE)
 

@@ -1,31 +1,23 @@
-"""How a human driver handles the controller over whole days, measured at every look.
-
-`python -m docs.studies.habits` writes the table into docs/reference/drivers.md again (about eight minutes on one core).
-tests/property/test_driver_habits.py checks the same measures.
-"""
+"""How a human driver handles the controller over whole days, measured at every look."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from das.advice.regimes import Regime
-from docs.studies.driving import SETS_RATIO, driven, human_of
-from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import CabView
 from sim.drivers.human import HumanDriver
-from sim.drivers.kinds import Presentation
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.plant.kernels import Command
-from sim.world.loop import LOOK_S
-from sim.world.scenario import load_scenario
-from sim.world.service import Service, make_day, prepare_service
+from sim.world.loop import LOOK_S, InProcess, World
+from sim.world.service import Service, make_day
 
-SEEDS: Final = tuple(range(20))
+SETS_RATIO: Final = 0.02
+"""A controller that is nearer to 0 than this share of its scale is at 0; beyond that it sets traction or brakes."""
 EFFORT_RATIO, BURST_S = 0.1, 4.0
 """Traction or brakes over this share of the scale for less than this time (s) are a burst."""
 HAND_S: Final = 1.0
@@ -103,8 +95,11 @@ class Braked(NamedTuple):
 def watched_day(service: Service, presentation: Presentation, seed: int) -> WatchedDay:
     """Drive a day with the human driver of its seed."""
     day = make_day(service, seed)
-    watched = WatchedHand(human_of(day))
-    run = driven(day, watched, presentation)
+    human = day.driver(DriverKind.HUMAN, FrictionPolicy.AS_MEASURED)
+    assert isinstance(human, HumanDriver)
+    watched = WatchedHand(human)
+    link = InProcess(service, coach=presenter_of(presentation).needs_coach)
+    run = World(day, watched, presentation, link).run()
     arrivals = [arrival for _, arrival in run.legs]
     off_m = [state.s_m - stop.position_m for state, stop in zip(arrivals, service.stops[1:], strict=True)]
     return WatchedDay(watched.looks, off_m)
@@ -164,41 +159,3 @@ def braked_at_a_stand_s(days: Sequence[WatchedDay]) -> float:
     """How long (s) drivers braked a standing train while they followed advice to accelerate."""
     looks = (look for day in days for look in day.looks)
     return LOOK_S * sum(x.mode in TRACTION and x.speed_mps <= 0 and x.lever_ratio < 0 for x in looks)
-
-
-def habits_table(drive: Callable[[Presentation], Sequence[WatchedDay]]) -> Iterator[str]:
-    """The lines of the table; `drive` gives the days of a presentation."""
-    yield (
-        "| advice shown | bursts a minute | braked while told to coast, though neither limit nor stop asks for it | "
-        "in all | set at 100 % advice | braked at a stand while told to accelerate, s | off the mark, m |"
-    )
-    yield "|---|---:|---:|---:|---:|---:|---:|"
-    for presentation in Presentation:
-        days = drive(presentation)
-        cells = _of_modes(days, presentation) if presentation in WITH_MODES else ["", "", "", ""]
-        off_m = [off for day in days for off in day.off_m]
-        off = f"{min(off_m):+.1f} … {max(off_m):+.1f}"
-        yield f"| {presentation} | {bursts_per_min(days):.3f} | {' | '.join(cells)} | {off} |"
-
-
-def _of_modes(days: Sequence[WatchedDay], presentation: Presentation) -> list[str]:
-    """The cells of a presentation that says how to drive, with or without an effort."""
-    braked = braked_under_coast(days)
-    full = f"{100.0 * np.mean(set_at_full(days)):.2f} %" if presenter_of(presentation).says_effort else ""
-    return [
-        f"{100.0 * braked.unasked_s / braked.told_s:.2f} %",
-        f"{100.0 * braked.all_s / braked.told_s:.1f} %",
-        full,
-        f"{braked_at_a_stand_s(days):.1f}",
-    ]
-
-
-def main() -> None:
-    """Write the table again."""
-    service = prepare_service(load_scenario("clear-day"))
-    lines = habits_table(lambda shown: [watched_day(service, shown, seed) for seed in SEEDS])
-    write_table(DOCS / "reference" / "drivers.md", "habits", lines)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,138 @@
+"""The driver days of release 0.2: one data set of simulated drives, the only source of all tables about drivers.
+
+`python -m docs.studies.driver_days` drives what is missing, and writes docs/results/0.2/driver_days.csv, a row a drive,
+with the facts on its page (242 drives, about ten minutes on two free cores). Finished drives are kept in
+build/driver-days: a command that was stopped goes on from there, and drives again only what another version of the
+program drove. `python -m docs.studies.driver_tables` makes the tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from das import __version__
+from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
+from docs.studies.output import DOCS, plain, write_table
+from precompute.workers import Workers
+from sim.drivers.examples import Belated, Doubting, Lazy, WeakBraking
+from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
+from sim.jobs.batch import Batch, BatchJob, make_run
+from sim.jobs.runner import JobWords, Rows, Runner
+
+FOLDER: Final = DOCS / "results" / "0.2"
+TABLE: Final = FOLDER / "driver_days.csv"
+PAGE: Final = FOLDER / "driver_days.md"
+KEPT: Final = DOCS.parent / "build" / "driver-days"
+SCENARIOS: Final = ("clear-day", "departure-delay", "signal-stop")
+SEEDS: Final = tuple(range(8))
+COMPARED: Final = (Presentation.NONE, Presentation.COACH)
+EXAMPLES: Final = tuple(
+    OwnClass(module=one.__module__, name=one.__name__) for one in (Lazy, Doubting, WeakBraking, Belated)
+)
+EXAMPLE_SEEDS: Final = SEEDS[:3]
+FOLLOWED: Final = (Presentation.VECTOR, Presentation.COACH)
+"""The presentations that the perfect driver follows."""
+PERFECT_SEEDS: Final = SEEDS[:1]
+
+COLUMNS: Final = (
+    *("scenario", "driver", "friction_policy", "advice", "seed"),
+    *("late_s", "running_time_s", "energy_kwh", "energy_planned_kwh", "energy_optimum_kwh"),
+    *("energy_blending_kwh", "energy_profile_kwh", "friction_brake_ratio", "not_comparable"),
+    *("advice_changes_per_min", "reversals", "shortest_mode_s"),
+    *("instructions", "shortest_instruction_s", "announced_ratio", "brakes_led_ratio", "promises_kept_ratio"),
+    *("missed_coasts", "vain_accelerations", "odd_speeds", "hidden_limits", "last_word_acts", "availability_ratio"),
+    *("over_limit_s", "over_limit_kmh", "above_limit_obeying_s", "signals_passed"),
+)
+"""The columns, all with the meaning that they have in the table of a batch (docs/reference/batch-table.md)."""
+
+
+def batches(seeds: Sequence[int] = SEEDS, folder: Path = KEPT) -> Iterator[Batch]:
+    """The four parts: every presentation; the coach with motors first; the example drivers; the perfect driver."""
+    human, motors, clear = (DriverKind.HUMAN,), FrictionPolicy.ELECTRIC_FIRST, SCENARIOS[:1]
+    of = partial(Batch, level=None, record=False, folder=folder)
+    yield of(scenarios=SCENARIOS, drivers=human, advice=tuple(Presentation), seeds=seeds)
+    yield of(scenarios=SCENARIOS, drivers=human, advice=COMPARED, seeds=seeds, friction=motors)
+    few = tuple(seed for seed in seeds if seed in EXAMPLE_SEEDS)
+    yield of(scenarios=clear, drivers=EXAMPLES, advice=COMPARED, seeds=few)
+    one = tuple(seed for seed in seeds if seed in PERFECT_SEEDS)
+    yield of(scenarios=clear, drivers=(DriverKind.PERFECT,), advice=FOLLOWED, seeds=one)
+
+
+def all_jobs() -> list[BatchJob]:
+    """Every drive, half of the seeds first: a command that is stopped leaves drives that can be compared.
+
+    Drives of one scenario follow each other, because its plans are solved once for all of them.
+    """
+    half = len(SEEDS) // 2
+    found: list[BatchJob] = []
+    for seeds in (SEEDS[:half], SEEDS[half:]):
+        jobs = (job for batch in batches(seeds) for job in batch.jobs())
+        found += sorted(jobs, key=lambda job: SCENARIOS.index(job.scenario_id))
+    return found
+
+
+def rows_of(job_list: Sequence[BatchJob], finished: Rows) -> Iterator[dict[str, Any]]:
+    """The rows of the table of all finished jobs, in the order of the jobs; DasError if one failed."""
+    for job in job_list:
+        row = finished.get(job.inputs_sha256)
+        if row is None:
+            continue
+        if row.get("error") is not None:
+            raise DasError(f"{job.name}: {row['error']}")
+        yield {name: row[name] for name in COLUMNS}
+
+
+def csv_bytes(rows: Sequence[dict[str, Any]]) -> bytes:
+    """The rows as CSV: figures with seven digits, an empty cell where there is none."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(plain(row) for row in rows)
+    return text.getvalue().encode()
+
+
+def facts(rows: Sequence[dict[str, Any]], of: int) -> Iterator[str]:
+    """The title of the page, which says what the data set is, and what is missing in it if it was stopped."""
+    found = subprocess.run(["git", "rev-parse", "HEAD"], cwd=DOCS, capture_output=True, text=True, check=False)
+    seeds = sorted({row["seed"] for row in rows})
+    made = f"{datetime.now(tz=UTC):%d %B %Y}".lstrip("0")
+    yield (
+        f"# Driver days of release {__version__}: {len(rows)} simulated drives, seeds {seeds[0]} to {seeds[-1]}, "
+        f"commit {found.stdout[:8] or 'unknown'}, {made}"
+    )
+    if len(rows) < of:
+        yield ""
+        yield f"The command was stopped when {len(rows)} of {of} drives were finished: some means are of fewer days."
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Drive what is missing, and write the table and its facts."""
+    parser = argparse.ArgumentParser(prog="python -m docs.studies.driver_days", description=__doc__)
+    parser.add_argument("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
+    asked = parser.parse_args(args)
+    jobs = all_jobs()
+
+    def write(finished: Rows, _: int) -> None:
+        rows = list(rows_of(jobs, finished))
+        write_whole(TABLE, csv_bytes(rows))
+        write_table(PAGE, "facts", facts(rows, len(jobs)))
+
+    words = JobWords("driver-days", "drives", "make")
+    try:
+        Runner(make=make_run, folder=KEPT, workers=Workers.asked(asked.workers), words=words).run(jobs, write)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,202 @@
+"""All tables about simulated drivers: groups of the rows of docs/results/0.2/driver_days.csv, and no other source.
+
+`python -m docs.studies.driver_tables` writes them into their pages again, in a second; with the NAMES of tables it
+prints these. It drives nothing.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from docs.studies.driver_days import COMPARED, EXAMPLES, FOLLOWED, PAGE, SCENARIOS, TABLE
+from docs.studies.output import DOCS, write_table
+from sim.drivers.kinds import FrictionPolicy, Presentation
+from sim.jobs.report import with_interval
+
+Row = Mapping[str, Any]
+"""A drive: texts, and figures as floats; None for an empty cell."""
+Drives = Mapping[int, Row]
+"""Drives that differ in their seed only, by seed."""
+KEYS: Final = ("scenario", "driver", "friction_policy", "advice")
+TEXTS: Final = (*KEYS, "not_comparable")
+BRAKES: Final = {
+    FrictionPolicy.AS_MEASURED: "brake as measured drivers do",
+    FrictionPolicy.ELECTRIC_FIRST: "brake with the motors first",
+}
+CLEAR: Final = SCENARIOS[0]
+
+
+def read(path: Path = TABLE) -> list[Row]:
+    """The rows of the data set."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return [{name: _value(name, text) for name, text in row.items()} for row in csv.DictReader(file)]
+
+
+def _value(name: str, text: str) -> str | float | None:
+    return None if not text else text if name in TEXTS else float(text)
+
+
+def groups(
+    rows: Sequence[Row],
+    shown: Sequence[Presentation],
+    scenario: str = CLEAR,
+    *,
+    driver: str = "human",
+    friction: FrictionPolicy = FrictionPolicy.AS_MEASURED,
+) -> list[Drives]:
+    """The drives of a driver with each presentation, on the days that were driven with all of them."""
+    found = []
+    for one in shown:
+        wanted = (scenario, driver, friction, one)
+        found.append({int(row["seed"]): row for row in rows if tuple(row[key] for key in KEYS) == wanted})
+    common = set.intersection(*map(set, found))
+    return [{seed: of[seed] for seed in sorted(common)} for of in found]
+
+
+def each(of: Drives, column: str) -> np.ndarray:
+    """A column of each drive, in the order of the seeds."""
+    return np.array([row[column] for row in of.values()], dtype=float)
+
+
+def mean(of: Drives, column: str) -> float:
+    """The mean of a column."""
+    return float(each(of, column).mean())
+
+
+def less(of: Drives, alone: Drives, *columns: str) -> np.ndarray:
+    """By how much each drive has less of a column than the one without advice on the same day.
+
+    What it has less of a second column is taken from that: energy less optimum is saved at equal arrival.
+    """
+    differences = [each(alone, column) - each(of, column) for column in columns]
+    return np.asarray(differences[0] - sum(differences[1:]))
+
+
+ENERGY: Final = ("energy_kwh",)
+AT_EQUAL_ARRIVAL: Final = ("energy_kwh", "energy_optimum_kwh")
+
+
+def presentations(rows: Sequence[Row], scenario: str) -> Iterator[str]:
+    """What each presentation saves the default driver on the days of a scenario."""
+    yield (
+        "| advice shown | late, s | kWh | less than without advice, kWh | saved at equal arrival, kWh | of that less "
+        "friction | friction brake's share | changes a minute | above limits, s |"
+    )
+    yield f"|---|{'---:|' * 8}"
+    found = groups(rows, tuple(Presentation), scenario)
+    for shown, of in zip(Presentation, found, strict=True):
+        cells = [""] * 4
+        if shown is not Presentation.NONE:
+            saved = (with_interval(less(of, found[0], *columns)) for columns in (ENERGY, AT_EQUAL_ARRIVAL))
+            friction = less(of, found[0], "energy_blending_kwh").mean()
+            changes = each(of, "advice_changes_per_min")
+            cells = [*saved, f"{friction:+.1f}", "" if np.isnan(changes).any() else f"{changes.mean():.1f}"]
+        yield (
+            f"| {shown} | {mean(of, 'late_s'):+.0f} | {mean(of, 'energy_kwh'):.1f} | {' | '.join(cells[:3])} | "
+            f"{100.0 * mean(of, 'friction_brake_ratio'):.1f} % | {cells[3]} | {mean(of, 'over_limit_s'):.1f} |"
+        )
+
+
+def worth(rows: Sequence[Row]) -> Iterator[str]:
+    """What the coach saves the default driver, in % of the energy without advice: four ways to compare."""
+    yield f"| both drives | {' | '.join(SCENARIOS)} |"
+    yield f"|---|{'---:|' * len(SCENARIOS)}"
+    for columns, words in ((ENERGY, ""), (AT_EQUAL_ARRIVAL, ", at equal arrival")):
+        for friction, brake in BRAKES.items():
+            pairs = (groups(rows, COMPARED, scenario, friction=friction) for scenario in SCENARIOS)
+            cells = (_percent(of, alone, columns) for alone, of in pairs)
+            yield f"| {brake}{words} | {' | '.join(cells)} |"
+
+
+def _percent(of: Drives, alone: Drives, columns: Sequence[str]) -> str:
+    return with_interval(100.0 * less(of, alone, *columns) / mean(alone, "energy_kwh"))
+
+
+def _share(column: str) -> Callable[[Drives], str]:
+    return lambda of: f"{100.0 * mean(of, column):.1f} %"
+
+
+def _sums(*columns: str) -> Callable[[Drives], str]:
+    return lambda of: ", ".join(f"{each(of, column).sum():.0f}" for column in columns)
+
+
+KEPT: Final[dict[str, Callable[[Drives], str]]] = {
+    "instructions a drive": lambda of: f"{mean(of, 'instructions'):.0f}",
+    "changes a minute: mean, most": lambda of: (
+        f"{mean(of, 'advice_changes_per_min'):.2f}, {each(of, 'advice_changes_per_min').max():.2f}"
+    ),
+    "changes of kind announced in time": _share("announced_ratio"),
+    "brakes shown before they are due": _share("brakes_led_ratio"),
+    "announced changes that came": _share("promises_kept_ratio"),
+    "shortest instruction, s": lambda of: f"{each(of, 'shortest_instruction_s').min():.0f}",
+    "missed coasts, vain accelerations, odd speeds": _sums("missed_coasts", "vain_accelerations", "odd_speeds"),
+    "seconds above a limit of a driver who did what was shown": _sums("above_limit_obeying_s"),
+    "acts of the last word": _sums("last_word_acts"),
+    "seconds with advice": _share("availability_ratio"),
+}
+"""The rules of the coach's grammar, and how the drives of a group kept them."""
+
+
+def grammar(rows: Sequence[Row]) -> Iterator[str]:
+    """How the coach kept its grammar with the default driver; counts are sums over the drives."""
+    yield f"| with the coach | {' | '.join(SCENARIOS)} |"
+    yield f"|---|{'---:|' * len(SCENARIOS)}"
+    found = [groups(rows, (Presentation.COACH,), scenario)[0] for scenario in SCENARIOS]
+    for name, cell in KEPT.items():
+        yield f"| {name} | {' | '.join(map(cell, found))} |"
+
+
+def examples(rows: Sequence[Row]) -> Iterator[str]:
+    """What the coach saves the example drivers on clear days."""
+    yield (
+        "| driver | kWh without advice | less with the coach | saved at equal arrival, % | late without and with, s | "
+        "changes a minute | above limits, s |"
+    )
+    yield f"|---|{'---:|' * 6}"
+    for driver in EXAMPLES:
+        alone, of = groups(rows, COMPARED, driver=str(driver))
+        yield (
+            f"| {driver.name} | {mean(alone, 'energy_kwh'):.1f} | {with_interval(less(of, alone, *ENERGY))} | "
+            f"{_percent(of, alone, AT_EQUAL_ARRIVAL)} | {mean(alone, 'late_s'):+.0f}, {mean(of, 'late_s'):+.0f} | "
+            f"{mean(of, 'advice_changes_per_min'):.1f} | {mean(of, 'over_limit_s'):.1f} |"
+        )
+
+
+def perfect(rows: Sequence[Row]) -> Iterator[str]:
+    """What a perfect driver takes on a clear day."""
+    yield "| advice shown | kWh | above the optimum of its own times, % | late, s |"
+    yield "|---|---:|---:|---:|"
+    for shown, of in zip(FOLLOWED, groups(rows, FOLLOWED, driver="perfect"), strict=True):
+        gap = 100.0 * (each(of, "energy_kwh") / each(of, "energy_optimum_kwh") - 1.0).mean()
+        yield f"| {shown} | {mean(of, 'energy_kwh'):.1f} | {gap:.1f} | {mean(of, 'late_s'):+.0f} |"
+
+
+def tables(rows: Sequence[Row]) -> Iterator[tuple[Path, str, list[str]]]:
+    """Every table: its page, its name there, and its lines."""
+    for scenario in SCENARIOS:
+        yield PAGE, scenario, list(presentations(rows, scenario))
+    for page in (PAGE, DOCS / "explanation" / "coach.md"):
+        yield page, "worth", list(worth(rows))
+    for table in (grammar, examples, perfect):
+        yield PAGE, table.__name__, list(table(rows))
+    yield DOCS / "reference" / "drivers.md", "presentations", list(presentations(rows, CLEAR))
+
+
+def main(names: Sequence[str] = ()) -> None:
+    """Write all tables again, or print those that are named."""
+    made = list(tables(read()))
+    for page, name, lines in made if not names else ():
+        write_table(page, name, lines)
+    printed = {name: lines for _, name, lines in made}
+    for name in names:
+        print("\n".join(printed[name]))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

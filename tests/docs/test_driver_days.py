@@ -1,0 +1,75 @@
+"""The driver days of the release: every table is a group of their rows, and the program still drives as they say."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from docs.studies.driver_days import COLUMNS, FOLDER, PAGE, SEEDS, all_jobs, batches
+from docs.studies.driver_tables import AT_EQUAL_ARRIVAL, Row, groups, less, presentations, read, tables
+from docs.studies.output import plain
+from sim.drivers.kinds import Presentation
+from sim.jobs.batch import make_run
+
+ROWS = read()
+NONE, COACH = Presentation.NONE, Presentation.COACH
+TOLERANCES = {
+    "late_s": 3.0, "energy_kwh": 2.0, "energy_optimum_kwh": 1.0, "friction_brake_ratio": 0.005,
+    "advice_changes_per_min": 0.1, "instructions": 2.0, "announced_ratio": 0.05, "brakes_led_ratio": 0.1,
+    "over_limit_s": 2.0, "last_word_acts": 0.0, "signals_passed": 0.0,
+}  # fmt: skip
+"""By how much a drive may differ from its row; two seeds differ by more."""
+
+
+def test_every_table_is_what_the_rows_give() -> None:
+    for page, name, lines in tables(ROWS):
+        assert f"<!-- {name}: begin -->\n" + "\n".join(lines) + f"\n<!-- {name}: end -->" in page.read_text("utf-8")
+
+
+def test_the_data_set_has_the_drives_of_its_design_and_its_page_counts_them() -> None:
+    def key(row: Row) -> tuple[object, ...]:
+        return tuple(row[name] for name in ("scenario", "driver", "friction_policy", "advice", "seed"))
+
+    design = [(job.scenario_id, str(job.driver), str(job.friction), str(job.advice), job.seed) for job in all_jobs()]
+    assert len(set(design)) == len(design)
+    assert list(ROWS[0]) == list(COLUMNS)
+    assert len({key(row) for row in ROWS}) == len(ROWS)
+    assert {key(row) for row in ROWS} <= set(design)
+    title = re.search(
+        r"^# Driver days of release (\S+): (\d+) simulated drives, seeds 0 to (\d)", PAGE.read_text(), re.M
+    )
+    assert title is not None
+    assert (title[1], int(title[2])) == (FOLDER.name + ".0", len(ROWS))
+    assert int(title[3]) == max(row["seed"] for row in ROWS) <= SEEDS[-1]
+
+
+def test_presentations_are_compared_on_the_days_that_all_have() -> None:
+    """On two days the coach takes 20 and 10 kWh less; the later arrival is worth 4 of them. A third day lacks pairs."""
+
+    def row(advice: Presentation, seed: float, energy_kwh: float, optimum_kwh: float) -> Row:
+        return {
+            "scenario": "day", "driver": "human", "friction_policy": "as-measured", "advice": str(advice), "seed": seed,
+            "energy_kwh": energy_kwh, "energy_optimum_kwh": optimum_kwh, "energy_blending_kwh": 0.4 * energy_kwh,
+            "friction_brake_ratio": 0.141, "over_limit_s": 0.5, "advice_changes_per_min": 1.9, "late_s": 3.0,
+        }  # fmt: skip
+
+    rows = [row(shown, seed, 200.0, 120.0) for shown in Presentation for seed in (0.0, 1.0) if shown is not COACH]
+    rows += [row(COACH, 1.0, 190.0, 116.0), row(COACH, 0.0, 180.0, 116.0), row(COACH, 2.0, 0.0, 0.0)]
+    alone, coach = groups(rows, (NONE, COACH), "day")
+    assert list(coach) == [0, 1]
+    assert less(coach, alone, *AT_EQUAL_ARRIVAL) == pytest.approx([16.0, 6.0])
+    lines = {line.split(" | ")[0]: line for line in presentations(rows, "day")}
+    assert lines["| none"] == "| none | +3 | 200.0 |  |  |  | 14.1 % |  | 0.5 |"
+    assert lines["| coach"] == "| coach | +3 | 185.0 | +15.0 | +11.0 | +6.0 | 14.1 % | 1.9 | 0.5 |"
+
+
+@pytest.mark.slow
+def test_the_program_still_drives_as_the_rows_say() -> None:
+    """The probe: one drive with the coach. If it fails, make the data set again and read the sentences around it."""
+    (job,) = (job for job in next(batches(SEEDS[:1])).jobs() if (job.scenario_id, job.advice) == ("clear-day", COACH))
+    made = plain(make_run(job).row)
+    (kept,) = groups(ROWS, (COACH,))
+    off = {name: float(np.abs(made[name] - kept[SEEDS[0]][name])) for name in TOLERANCES}
+    assert {name: by for name, by in off.items() if by > TOLERANCES[name]} == {}
