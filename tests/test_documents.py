@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 import tomllib
 import unicodedata
+from collections.abc import Callable, Iterable
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -47,10 +46,19 @@ def test_every_safety_rule_names_its_tests_and_they_are_there() -> None:
     assert missing == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_every_file_of_ours_that_a_page_names_is_there(page: Path) -> None:
-    named = {name.rstrip("/") for name in PATH.findall(page.read_text(encoding="utf-8"))}
-    assert sorted(name for name in named if not (ROOT / name).exists()) == []
+def of_all(pages: Iterable[Path], wrong: Callable[[Path], list[str]]) -> dict[str, list[str]]:
+    """What is wrong on each page where something is."""
+    found = {page.relative_to(ROOT).as_posix(): wrong(page) for page in pages}
+    assert found
+    return {name: some for name, some in found.items() if some}
+
+
+def test_every_file_of_ours_that_a_page_names_is_there() -> None:
+    def missing(page: Path) -> list[str]:
+        named = {name.rstrip("/") for name in PATH.findall(page.read_text(encoding="utf-8"))}
+        return sorted(name for name in named if not (ROOT / name).exists())
+
+    assert of_all(PAGES, missing) == {}
 
 
 def anchors(page: Path) -> set[str]:
@@ -75,16 +83,14 @@ def dead_links(page: Path) -> list[str]:
     return dead
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_every_link_leads_to_a_file_and_to_a_heading_in_it(page: Path) -> None:
+def test_every_link_leads_to_a_file_and_to_a_heading_in_it() -> None:
     """Also those of README and its neighbours, which are no pages of mkdocs."""
-    assert dead_links(page) == []
+    assert of_all(PAGES, dead_links) == {}
 
 
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
-def test_a_notebook_links_to_no_page(notebook: Path) -> None:
+def test_a_notebook_links_to_no_page() -> None:
     """It would be dead on the site: mkdocs-jupyter leaves `own-line.md` as it is, and mkdocs does not check it."""
-    assert LINK.findall(notebook.read_text(encoding="utf-8")) == []
+    assert of_all(NOTEBOOKS, lambda notebook: LINK.findall(notebook.read_text(encoding="utf-8"))) == {}
 
 
 def test_a_link_to_a_heading_or_a_file_that_is_gone_is_found(tmp_path: Path) -> None:
@@ -94,12 +100,15 @@ def test_a_link_to_a_heading_or_a_file_that_is_gone_is_found(tmp_path: Path) -> 
     assert dead_links(page) == ["b.md#gone", "c.md"]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_what_belongs_to_an_item_of_a_numbered_list_is_indented_by_four(page: Path) -> None:
+def test_what_belongs_to_an_item_of_a_numbered_list_is_indented_by_four() -> None:
     """By less, Python-Markdown ends the list, and counts the next items from 1 again."""
-    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
-    blocks = re.findall(r"^\d+\. .*?(?=^\S|\Z)", text, re.DOTALL | re.MULTILINE)
-    assert [line for block in blocks for line in re.findall(r"^ {1,3}[-*] .*", block, re.MULTILINE)] == []
+
+    def too_little(page: Path) -> list[str]:
+        text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+        blocks = re.findall(r"^\d+\. .*?(?=^\S|\Z)", text, re.DOTALL | re.MULTILINE)
+        return [line for block in blocks for line in re.findall(r"^ {1,3}[-*] .*", block, re.MULTILINE)]
+
+    assert of_all(PAGES, too_little) == {}
 
 
 def hidden_cells(text: str) -> list[str]:
@@ -113,16 +122,14 @@ def hidden_cells(text: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_every_row_of_a_table_has_the_cells_of_its_header(page: Path) -> None:
-    assert hidden_cells(page.read_text(encoding="utf-8")) == []
+def test_every_row_of_a_table_has_the_cells_of_its_header() -> None:
+    assert of_all(PAGES, lambda page: hidden_cells(page.read_text(encoding="utf-8"))) == {}
     assert hidden_cells("| a | b |\n|---|---|\n| 1 | 2 | 3 |\n") == ["| 1 | 2 | 3 |"]
 
 
-@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "explanation").glob("*.md")), ids=lambda page: page.stem)
-def test_an_explanation_of_over_2000_words_has_a_picture(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    assert len(text.split()) <= 2000 or "![" in text
+def test_an_explanation_of_over_2000_words_has_a_picture() -> None:
+    texts = {page.stem: page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "explanation").glob("*.md")}
+    assert [name for name, text in texts.items() if len(text.split()) > 2000 and "![" not in text] == []
 
 
 def test_every_extra_that_is_named_is_one_of_ours_and_is_installed_from_the_checkout() -> None:

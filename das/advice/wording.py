@@ -72,6 +72,7 @@ def problem(what: Problem) -> str:
         ProblemKind.UNCERTAINTY_IMPOSSIBLE: f"an uncertainty of {value:.4g} is impossible",
         ProblemKind.SPEED_JUMPED: f"the speed jumped by {value / KMH:.0f} km/h",
         ProblemKind.SPEED_UNIT: f"the speeds are {value:g} times what the positions cover: {_UNITS.get(value, '')}",
+        ProblemKind.SPEED_UNCONFIRMED: "the speed is not yet confirmed by the way",
         ProblemKind.JUMPED: f"the position jumped by {value:.0f} m",
         ProblemKind.JUMPED_BACK: f"the position jumped back by {value:.0f} m",
         ProblemKind.FROZEN: f"the position is frozen at {value:.0f} m",

@@ -32,7 +32,7 @@ from typer.main import get_command
 from das import __version__
 from das.command_line.given import options_of
 from das.command_line.printing import one_line
-from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_signals
+from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_signals, interrupted_by_termination
 from das.domain.errors import DasError
 
 EXIT_BAD_INPUT = 2
@@ -293,10 +293,14 @@ def run_app(app: TyperGroup | TyperCommand | typer.Typer, name: str | None = Non
 
 
 def run_command(main: Callable[[], object]) -> None:
-    """Run a command's main function; user errors become one line and exit code 2, Ctrl-C ends with 130."""
+    """Run a command's main function; user errors become one line and exit code 2.
+
+    Ctrl-C, SIGTERM and SIGHUP end it with 130.
+    """
     _replace_unprintable_letters()
     try:
-        code = main()
+        with interrupted_by_termination():
+            code = main()
         if code == EXIT_INTERRUPTED:  # typer turns Ctrl-C into this code
             raise KeyboardInterrupt
         sys.stdout.flush()

@@ -130,14 +130,26 @@ class StopFlag:
         self._signalled = True
 
 
-def interrupt_on_termination() -> None:
-    """Let SIGTERM and SIGHUP end a command as Ctrl-C does, so that its child processes are stopped."""
+@contextlib.contextmanager
+def interrupted_by_termination() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end a block as Ctrl-C does, so that its child processes are stopped.
+
+    Afterwards signals are handled as before. In another thread than the main one nothing changes: Python gives signals
+    to the main thread only.
+    """
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    for number in STOP_SIGNALS:
-        signal.signal(number, interrupt)
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, interrupt) for number in STOP_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 @contextlib.contextmanager

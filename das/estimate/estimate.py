@@ -33,6 +33,8 @@ class ProblemKind(StrEnum):
     """The measured speed is too far from the expected one. The value is by how much it is higher (m/s)."""
     SPEED_UNIT = "speed-unit"
     """The measured speeds are a multiple of what the positions cover. The value is the factor."""
+    SPEED_UNCONFIRMED = "speed-unconfirmed"
+    """The way between the positions has not confirmed the measured speed yet. The value is that speed (m/s)."""
     JUMPED = "jumped"
     """The measured position is too far ahead of the expected one. The value is by how much (m)."""
     JUMPED_BACK = "jumped-back"

@@ -284,7 +284,10 @@ class Localisation:
         if self._clock.doubt_s > SPEED_DOUBTED_S:
             x = x._replace(v=max(x.v, fixed_mps))
         x = x._replace(ss=x.ss + (x.v * self._clock.doubt_s) ** 2)
-        found = self._estimate(now_ns, x, self._monitors.usability.judge(x, age_s, self._problem))
+        problem = self._monitors.usability.judge(x, age_s, self._problem)
+        if problem is None and self._scale.unconfirmed and fixed_mps > self._settings.scale.unconfirmed_mps:
+            problem = Problem(ProblemKind.SPEED_UNCONFIRMED, fixed_mps)
+        found = self._estimate(now_ns, x, problem)
         if self._monitors.usability.is_ahead(age_s):
             self._forget()
         return found

@@ -175,6 +175,11 @@ class SpeedScaleSettings:
     spinning of a wheel, gives it by chance in one of the two only."""
     window_s: float = 10.0
     """The fixes of this last time are compared."""
+    first_window_s: float = 60.0
+    """The fixes of this last time are compared until the speeds are confirmed: a slow train needs longer."""
+    unconfirmed_mps: float = 2.0
+    """A speed up to this is used before it is confirmed: by another unit it would be off by less than this, which is as
+    uncertain as a speed that is used may be."""
     least_fixes: int = 4
     """At least this many fixes are compared, however rarely they come."""
     longest_gap_s: float = 6.0

@@ -1,7 +1,8 @@
 """The unit of the measured speeds: whether they are a known multiple of what the measured positions cover.
 
 A sender of km/h in place of m/s is wrong by 3.6, one of mm/s (or of positions in km) by 1000. Neither the filter nor
-its gates can tell: a speed of 40 is as possible as one of 11.
+its gates can tell: a speed of 40 is as possible as one of 11. Nor can the deviation that the sender states: whoever
+sends another unit is as sure of it. So no speed is used before the way has confirmed it, unless the train stood.
 """
 
 from __future__ import annotations
@@ -29,6 +30,12 @@ class SpeedScale:
         self._fixes: deque[PositionFix] = deque()
         self.factor = 1.0
         """The factor by which the speeds are too high; 1 unless it is a known one."""
+        self._confirmed = False
+
+    @property
+    def unconfirmed(self) -> bool:
+        """Whether speeds are measured, but neither the way nor a train that stood has confirmed their unit yet."""
+        return bool(self._fixes) and not self._confirmed
 
     @property
     def problem(self) -> Problem | None:
@@ -40,15 +47,20 @@ class SpeedScale:
 
         It is a problem until the speeds fit the way again. Any fix may be given, also one that is rejected elsewhere.
         """
-        if fix.quality is Quality.INVALID or not (math.isfinite(fix.s_m) and math.isfinite(fix.speed_mps)):
+        if fix.quality is Quality.INVALID or not math.isfinite(fix.s_m):
             return self.problem
         tuning, fixes = self._settings.scale, self._fixes
         if fixes and not 0 < (fix.time_ns - fixes[-1].time_ns) * NS <= tuning.longest_gap_s:
             if fix.time_ns == fixes[-1].time_ns:
                 return self.problem
             fixes.clear()
+        if not math.isfinite(fix.speed_mps):
+            return self.problem
         fixes.append(fix)
-        while len(fixes) > tuning.least_fixes and (fix.time_ns - fixes[1].time_ns) * NS >= tuning.window_s:
+        if abs(fix.speed_mps) <= self._settings.standstill.expected_slow_mps:
+            self._confirmed = True  # A train that stands has the same speed in every unit.
+        window_s = tuning.window_s if self._confirmed else tuning.first_window_s
+        while len(fixes) > tuning.least_fixes and (fix.time_ns - fixes[1].time_ns) * NS >= window_s:
             fixes.popleft()
         if len(fixes) >= tuning.least_fixes:
             self._compare(list(fixes))
@@ -73,6 +85,7 @@ class SpeedScale:
             return
         ratios = [said / way if way > 0 else math.inf for said, way in zip(said_m, ways_m, strict=True)]
         each = statistics.median(ratios)
+        self._confirmed |= self.factor == 1.0 and way_m - all_m / FACTORS[0] > error_m
         for factor in (1.0, *FACTORS):
             told = factor == 1.0 or all_m - way_m > error_m + late_m
             if told and all(1.0 / tuning.off < ratio / factor < tuning.off for ratio in (all_m / way_m, each)):

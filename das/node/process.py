@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import sys
-import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from das.advice.coach.settings import CoachSettings
@@ -27,9 +27,9 @@ from das.cab.warm_up import warm_up, warm_up_tables
 from das.command_line.files import load_route, load_vehicle, warn_of_braking, warn_unusual
 from das.command_line.options import NODE_ENDPOINT
 from das.command_line.printing import loading_solver, say
-from das.command_line.process import StopFlag, interrupt_on_termination
+from das.command_line.process import StopFlag
 from das.domain.braking import SiteBraking
-from das.domain.clocks import WALL_STOPWATCH
+from das.domain.clocks import MONOTONIC_S, WALL_STOPWATCH
 from das.domain.files.vehicles import read_loss_map
 from das.domain.route import Route, section_stops
 from das.domain.units import KMH
@@ -121,20 +121,25 @@ def _settings(advice: AdviceGiven) -> CabSettings:
     )
 
 
-def run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float) -> None:
-    """Run the node until stopped. With the wall clock, advise once per period and whenever the situation changes."""
-    due, last, said = time.monotonic() + period_s, 0.0, 0.0
+def run(
+    node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float, seconds: Callable[[], float] = MONOTONIC_S
+) -> None:
+    """Run the node until stopped. With the wall clock, advise once per period and whenever the situation changes.
+
+    `seconds` never jump, and tell when a period is over.
+    """
+    due, last, said = seconds() + period_s, 0.0, 0.0
     by_wall = node.clock.is_wall
     while not stop.stopped and not node.finished:
         longest_s = SEARCH_LOOK_S if node.cab.urgent or node.cab.searching else LOOK_S
-        wait_s = min(max(due - time.monotonic(), 0.0), longest_s) if by_wall else LOOK_S
+        wait_s = min(max(due - seconds(), 0.0), longest_s) if by_wall else LOOK_S
         received = node.bus.receive(wait_s, skip_outdated=True)
         node.look_around()
         if received is not None:
             node.take(received)
         for text in refusals.take() if refusals else ():
             node.event(text)
-        now = time.monotonic()
+        now = seconds()
         if by_wall and (now >= due or (node.cab.urgent and now - last >= LEAST_GAP_S)):
             node.tick(node.clock.now_ns())
             last = now
@@ -159,7 +164,6 @@ def serve(options: NodeOptions) -> None:
     file = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
     listen = None if file else check_endpoint(NODE_ENDPOINT if place.listen is None else place.listen)
     prepare_process()
-    interrupt_on_termination()
     plan = plan_cab(options)
     heard = (JOURNEY, RESTRICTION, TARGET, POSITION, DELAY, CONTROL, *([EFFORT] if advice.calibrate else []))
     made = Bus(place.train, listen=listen, connect=place.connect or [], hear=heard, file=file)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from das.command_line.application import Entry, Group, application, run_app
-from das.command_line.process import interrupt_on_termination
 
 NAME = "das-precompute"
 COMMANDS: tuple[Entry | Group, ...] = (
@@ -115,7 +114,6 @@ app = application(NAME, "Solve the time–energy trade-off of a train on a secti
 
 def main() -> None:
     """Entry point of das-precompute."""
-    interrupt_on_termination()
     run_app(app, NAME)
 
 

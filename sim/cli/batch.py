@@ -14,7 +14,6 @@ import typer
 from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy, print_table, tell
-from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import make_folder
 from precompute.workers import Workers
@@ -193,7 +192,6 @@ def sensitivity(
             parameters=None if parameters is None else [name.strip() for name in parameters.split(",")],
         )
         jobs = list(study.jobs())
-    interrupt_on_termination()
     found = sensitivities(study, _runs_made(jobs, workers))
     if as_json:
         print(json.dumps([one.as_dict() for one in found]))

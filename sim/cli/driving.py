@@ -21,7 +21,6 @@ from das.command_line.options import (
     TrainOption,
 )
 from das.command_line.printing import busy, progress_bar
-from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.units import KM
 from sim.cli.options import AdviceOption, JourneyOption, naming_recorded
@@ -100,7 +99,6 @@ def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: 
     from sim.world.outcome import DayResult, outcome
     from sim.world.over_bus import drive_day
 
-    interrupt_on_termination()
     try:
         title = f"{day.service.scenario.id}, {how.driver}"
         first = "starting node and recorder" if out else "driving"

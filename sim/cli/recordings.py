@@ -17,7 +17,6 @@ from das.command_line.files import check_outputs
 from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, progress_bar, tell, typed
-from das.command_line.process import interrupt_on_termination
 from das.domain.files.writing import new_file
 from sim.cli.options import (
     FromTimeOption,
@@ -127,7 +126,6 @@ def reproduce(
 
     The exit code is 1 where something differs, 0 where nothing does.
     """
-    interrupt_on_termination()
     with loading_solver():
         from das.cab.warm_up import warm_up
         from sim.runs.reproduce.reproduce import reproduce as run
@@ -275,7 +273,6 @@ def what_if(
     """
     check_outputs(out, inputs=(file,), overwrite=overwrite)
     asked.otherwise()  # Refuses impossible changes before anything is read or solved.
-    interrupt_on_termination()
     with loading_solver():
         from sim.runs.what_if.difference import changed
         from sim.runs.what_if.origin import Origin

@@ -18,7 +18,6 @@ from das.command_line.options import (
     TrainOption,
 )
 from das.command_line.printing import loading_solver, new_table, one_line, print_table, say, tell, typed
-from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from sim.cli.desk import NEEDS_A_PACE, DeskLooks, drive_at_desk
 from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
@@ -207,7 +206,6 @@ def drive(
     who = named_driver("--driver", driver)
     if isinstance(who, External):
         raise DasError(f"--driver {who}: this is the external driver; expected who drives in it")
-    interrupt_on_termination()
     with loading_solver():
         from das.bus.access import Role
         from das.bus.config import BusFolder, bus_options

@@ -30,7 +30,6 @@ from das.command_line.options import (
     VehicleOption,
 )
 from das.command_line.printing import busy, loading_solver, progress_bar, tell
-from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from das.domain.units import NS, kwh
@@ -150,7 +149,6 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
         job = prepare(trip, options, out, typed_command())
     with busy("estimating the energy of the trip, and how well it is known …"):
         energies = trip_energies(job)
-    interrupt_on_termination()
     with (
         naming_recorded(out),
         progress_bar(f"replaying {trip.name}", "starting node and recorder", "s") as progress,

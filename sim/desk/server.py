@@ -29,7 +29,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketClose, WebSocketDisconnect
 
-from das.command_line.process import interrupt_on_termination
+from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.route import Route as Line
 from sim.desk import peer as on_bus
@@ -278,11 +278,11 @@ def server_of(routes: Sequence[BaseRoute], port: int, token: str) -> uvicorn.Ser
 
 def main() -> None:
     """Serve the desk."""
-    interrupt_on_termination()
     threading.excepthook = _end_with_thread
     try:
-        given = given_of(os.environ.pop(GIVEN, ""))
-        asyncio.run(_serve(given))
+        with interrupted_by_termination():
+            given = given_of(os.environ.pop(GIVEN, ""))
+            asyncio.run(_serve(given))
     except DasError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -24,7 +24,7 @@ from mcap.reader import make_reader
 
 from das.cab.warm_up import warm_up
 from das.command_line.printing import progress_bar
-from das.command_line.process import interrupt_on_termination
+from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, make_folder, write_whole
 from das.domain.levels import Level
@@ -183,9 +183,9 @@ class Runner(Generic[Job]):
         words = self.words
         with Journal(self.folder, holds=f"another {words.command}") as journal:
             left = [job for job in jobs if not is_finished(job, self.folder, journal.rows)]
-            interrupt_on_termination()
             try:
-                self._make(left, len(jobs), journal)
+                with interrupted_by_termination():
+                    self._make(left, len(jobs), journal)
             except KeyboardInterrupt:
                 done = sum(is_finished(job, self.folder, journal.rows) for job in jobs)
                 said = f"{done} of {len(jobs)} {words.jobs} are finished; the same command goes on from there"

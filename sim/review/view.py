@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from das.advice.wording import Language
 from das.bus.recording import Recording
 from das.command_line.files import check_picture, save_figure
-from das.command_line.process import interrupt_on_termination
+from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from das.drawing.meanings import LIGHT, Theme
@@ -91,8 +91,8 @@ def open_view(recording: Recording, chosen: ViewerChoice = PLAIN) -> None:
     _check_installed("rerun", "rerun_cli")
     _check_display()
     scene, port = _scene_of(recording, chosen.beside), _free_port()
-    interrupt_on_termination()
-    run_viewer(port, lambda: _feed_viewer(scene, port, chosen))
+    with interrupted_by_termination():
+        run_viewer(port, lambda: _feed_viewer(scene, port, chosen))
 
 
 def _feed_viewer(scene: ReviewScene, port: int, chosen: ViewerChoice) -> None:

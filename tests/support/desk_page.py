@@ -27,11 +27,11 @@ STATE: Final = "({...document.body.dataset})"
 @contextmanager
 def chromium(**options: Any) -> Iterator[Any]:
     """A browser; skips the test, and says why, where playwright or Chromium is missing."""
-    api = pytest.importorskip("playwright.sync_api", reason="needs playwright (pip install playwright)")
+    api = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
     try:
         program = browser()
     except DasError as error:
-        pytest.skip(f"needs Debian's Chromium: {error}")
+        pytest.skip(f"needs Debian's Chromium (apt-get install chromium): {error}")
     with api.sync_playwright() as tool:
         opened = tool.chromium.launch(executable_path=program, args=["--no-sandbox"], **options)
         try:

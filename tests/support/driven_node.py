@@ -59,11 +59,18 @@ def make_node(sink: Sink, settings: CabSettings | None = None, fronts: Fronts = 
 
 
 class DrivenNode:
-    """A node whose train runs at 20 m/s from second 0 on; it has a journey, and an empty list of restrictions."""
+    """A node whose train runs at 20 m/s from second 0 on; it has a journey, and an empty list of restrictions.
 
-    def __init__(self, settings: CabSettings | None = None, *, told: bool = True, fronts: Fronts = FRONTS) -> None:
+    If the train stood a minute before (`stood`), its speeds are believed from the first.
+    """
+
+    def __init__(
+        self, settings: CabSettings | None = None, *, told: bool = True, stood: bool = True, fronts: Fronts = FRONTS
+    ) -> None:
         self.sink = Sink()
         self.node = make_node(self.sink, settings, fronts)
+        if stood:
+            self.tell(POSITION, das_pb2.Position(time_ns=START_NS - 60 * S, s_m=0.0, speed_mps=0.0))
         if told:
             self.tell(JOURNEY, journey())
             self.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))

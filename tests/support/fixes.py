@@ -10,12 +10,15 @@ import numpy as np
 from das.domain.units import NS
 from das.estimate.fix import PositionFix
 from das.estimate.localisation import Localisation
+from das.estimate.settings import LocalisationSettings, SpeedScaleSettings
 from das.estimate.track_filter import WANDER_S
 from tests.support.making import make_train
 
 T0 = 1_800_000_000_000_000_000
 TRAIN = make_train()
 SD_M, SD_MPS = 3.0, 0.05
+BELIEVED = LocalisationSettings(scale=SpeedScaleSettings(unconfirmed_mps=math.inf))
+"""The usual settings, but a speed is believed before the way has confirmed it: for tests that begin on the way."""
 
 
 def ns(seconds: float) -> int:
@@ -58,7 +61,7 @@ def fixes(
 
 def heard(until_s: float, **more: float) -> Localisation:
     """A localisation that has received usual fixes up to a time (s); `more` is passed on to `fixes`."""
-    localisation = Localisation(TRAIN)
+    localisation = Localisation(TRAIN, BELIEVED)
     for fix in fixes(until_s, **more):  # type: ignore[arg-type]
         localisation.take(fix)
     return localisation

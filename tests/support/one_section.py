@@ -13,6 +13,7 @@ from das.estimate.fix import PositionFix
 from das.estimate.localisation import Localisation
 from das.solver.front import Front
 from das.solver.section import Section
+from tests.support.fixes import BELIEVED
 
 
 class OneSection:
@@ -22,7 +23,7 @@ class OneSection:
         section = front.section
         start, end = Stop(name="start", position_m=section.start_m), Stop(name="end", position_m=section.end_m)
         self.leg = Leg(start, end, section)
-        self.localisation = Localisation(section.vehicle)
+        self.localisation = Localisation(section.vehicle, BELIEVED)
         self.set_front(front, source)
 
     @property

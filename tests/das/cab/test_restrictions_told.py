@@ -79,6 +79,7 @@ def test_the_simulators_node_in_process_is_told_as_over_the_bus(told: bool, tmp_
 
 def asked(bus: Any, child: Any, *, tick: int) -> Any:
     now_ns = START_NS + 60 * S
+    bus.publish(POSITION, das_pb2.Position(time_ns=START_NS, s_m=0.0, speed_mps=0.0))
     bus.publish(POSITION, das_pb2.Position(time_ns=now_ns, s_m=2_600.0, speed_mps=14.0))
     bus.publish(CONTROL, das_pb2.Control(time_ns=now_ns, tick=tick))
     return until(bus, lambda r: r.topic is ADVICE and r.message.tick == tick, child)

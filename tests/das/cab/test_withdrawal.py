@@ -103,7 +103,12 @@ def test_every_withdrawal_but_a_quiet_display_is_a_warning(cause: Cause) -> None
     assert reporting.take() == [Event(time_ns=1, severity=severity, text="no advice: why")]
 
 
-WITHOUT_A_FIGURE = {ProblemKind.NO_POSITION, ProblemKind.MARKED_UNUSABLE, ProblemKind.NOT_A_NUMBER}
+WITHOUT_A_FIGURE = {
+    ProblemKind.NO_POSITION,
+    ProblemKind.MARKED_UNUSABLE,
+    ProblemKind.NOT_A_NUMBER,
+    ProblemKind.SPEED_UNCONFIRMED,
+}
 
 
 @pytest.mark.parametrize("kind", ProblemKind)

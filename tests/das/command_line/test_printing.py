@@ -199,8 +199,10 @@ SOLVE = ("solve", "flat-6km", "re460-ic", "--buffer", "7")
 @pytest.mark.parametrize("after_s", [0.3, 1.5, 4.0, 8.0])
 def test_a_signal_during_the_first_compilation_ends_in_one_line(tmp_path: Path, after_s: float, number: int) -> None:
     """With an empty cache, from the imports to the depths of the compiler."""
-    begin = "from precompute.cli.__main__ import main\nfrom das.command_line.process import interrupt_on_termination\n"
-    begin += "interrupt_on_termination()\nprint('started', flush=True)\nmain()"
+    begin = (
+        "from precompute.cli.__main__ import main\nfrom das.command_line.process import interrupted_by_termination\n"
+    )
+    begin += "with interrupted_by_termination():\n    print('started', flush=True)\n    main()"
     child = subprocess.Popen(
         [sys.executable, "-c", begin, *SOLVE],
         cwd=tmp_path,

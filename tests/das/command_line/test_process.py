@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.process import signals_held
+from das.command_line.process import STOP_SIGNALS, interrupted_by_termination, signals_held
 from tests.support.copies import copy_of, run_copy
 from tests.support.making import wait_until
 
@@ -25,6 +25,31 @@ def interrupts() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+def handlers() -> list[object]:
+    return [signal.getsignal(number) for number in STOP_SIGNALS]
+
+
+@pytest.mark.parametrize("number", STOP_SIGNALS)
+def test_termination_interrupts_a_block_and_leaves_no_handler(number: signal.Signals) -> None:
+    before = handlers()
+    with pytest.raises(KeyboardInterrupt), interrupted_by_termination():
+        signal.raise_signal(number)
+    assert handlers() == before
+
+
+def test_in_another_thread_termination_is_handled_as_before() -> None:
+    before, seen = handlers(), []
+
+    def block() -> None:
+        with interrupted_by_termination():
+            seen.append(handlers())
+
+    other = threading.Thread(target=block)
+    other.start()
+    other.join()
+    assert seen == [before]
 
 
 def test_a_signal_waits_for_the_end_of_the_block() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from das.drawing.meanings import COMPARED, DARK, LIGHT, MODES, VIEWER, Meaning, 
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.review.series import STYLES
+from tests.support.making import REPOSITORY
 
 Floats = NDArray[np.float64]
 THEMES = (DARK, LIGHT, VIEWER)
@@ -107,7 +107,7 @@ def test_colours_of_the_viewer_are_readable_on_its_dark_and_its_light_ground(gro
 )
 def test_what_the_cab_desk_draws_stands_out_by_wcag_aa(least: float, ground: str, drawn: str) -> None:
     """On its canvases, which a browser cannot measure: 4.5 : 1 for words, 3 : 1 for all else that means something."""
-    sheet = Path("sim/desk/page/desk.css").read_text(encoding="utf-8")
+    sheet = (REPOSITORY / "sim/desk/page/desk.css").read_text(encoding="utf-8")
     colors = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", sheet))
     faint = {name: round(contrast(colors[name], colors[ground]), 2) for name in drawn.split()}
     assert {name: ratio for name, ratio in faint.items() if ratio < least} == {}
@@ -116,7 +116,7 @@ def test_what_the_cab_desk_draws_stands_out_by_wcag_aa(least: float, ground: str
 @pytest.mark.parametrize("folder", ["sim/review", "sim/review/report", "sim/trips", "precompute/cli"])
 def test_no_picture_or_page_has_colours_of_its_own(folder: str) -> None:
     """All colours are in das/drawing, each once."""
-    for path in Path(folder).iterdir():
+    for path in (REPOSITORY / folder).iterdir():
         if path.suffix in (".py", ".css", ".j2"):
             assert not re.search(r"#[0-9a-fA-F]{3}(?:[0-9a-fA-F]{3})?\b|\btab:|\"C\d\"", path.read_text()), path
 

@@ -18,7 +18,7 @@ from das.estimate.fix import PositionFix, Quality, deviations
 from das.estimate.localisation import Localisation
 from das.estimate.settings import LOCALISATION, OVERSPEED_RATIO, STALE_AFTER_S
 from das.estimate.track_filter import WANDER_S
-from tests.support.fixes import SD_M, T0, TRAIN, at, fixes, heard, ns, truth
+from tests.support.fixes import BELIEVED, SD_M, T0, TRAIN, at, fixes, heard, ns, truth
 
 
 def taken(localisation: Localisation, fix: PositionFix) -> Estimate:
@@ -74,7 +74,7 @@ def test_repeated_late_and_disordered_fixes_change_nothing() -> None:
 
 def test_a_source_too_slow_is_not_used_and_let_go_by_turns() -> None:
     """With a fix every 5 s, the first gap is a dropout; after that, advice does not come and go with each fix."""
-    localisation, usable = Localisation(TRAIN), []
+    localisation, usable = Localisation(TRAIN, BELIEVED), []
     for second in range(60):
         if second % 5 == 0:
             localisation.take(at(second, 20.0 * second, 20.0))
@@ -134,7 +134,7 @@ def test_an_emergency_brake_is_no_jump() -> None:
 
 def test_where_rejected_fixes_agree_the_state_begins_anew_there() -> None:
     """The first fix was 3 km too far."""
-    localisation = Localisation(TRAIN)
+    localisation = Localisation(TRAIN, BELIEVED)
     localisation.take(at(70.0, truth(70.0)[0] + 3_000.0, 30.0))
     for i in range(LOCALISATION.restart.fixes):
         assert localisation.at(ns(70.0 + i)).restarts == 0
@@ -231,7 +231,7 @@ def test_a_coarse_receiver_is_not_frozen() -> None:
 
 
 def test_the_same_place_after_a_silence_is_not_frozen() -> None:
-    localisation = Localisation(TRAIN)
+    localisation = Localisation(TRAIN, BELIEVED)
     for second in (0, 1_000):
         assert taken(localisation, at(second, 1_000.0, 20.0)).usable
 

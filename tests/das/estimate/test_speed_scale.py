@@ -11,7 +11,7 @@ import pytest
 from das.domain.units import KMH, NS
 from das.estimate.estimate import ProblemKind
 from das.estimate.localisation import Localisation
-from tests.support.fixes import SD_M, T0, TRAIN, at, fixes, truth
+from tests.support.fixes import SD_M, T0, TRAIN, at, fixes, ns, truth
 
 
 @pytest.mark.parametrize("hz", [0.25, 1.0, 10.0])
@@ -43,15 +43,50 @@ def test_a_sender_that_is_put_right_is_heeded_again() -> None:
             assert found.usable == (time_s > 90)
 
 
-def test_a_node_started_on_the_way_does_not_drive_by_km_h() -> None:
-    """A true 40 km/h sent as 40 was taken for 144 km/h, and the friction brake was advised."""
+@pytest.mark.parametrize("stated_mps", [0.0, 0.02, 5.0])
+@pytest.mark.parametrize("sd_m", [SD_M, 10.0, 30.0])
+@pytest.mark.parametrize("way_mps", [2.0, 40 * KMH, 30.0])
+@pytest.mark.parametrize("factor", [3.6, 1000.0])
+def test_a_state_begun_on_the_way_never_drives_by_another_unit(
+    factor: float, way_mps: float, sd_m: float, stated_mps: float
+) -> None:
+    """A true 40 km/h sent as 40 was taken for 144 km/h for three positions, however exact it was said to be."""
     localisation = Localisation(TRAIN)
     for second in range(120):
-        localisation.take(at(second, 40 * KMH * second, 40.0))
-        found = localisation.at(T0 + round(second / NS))
-        if second >= 3:
-            assert found.problem is not None
-            assert found.problem.kind is ProblemKind.SPEED_UNIT
+        said = {"uncertainty_m": sd_m, "speed_uncertainty_mps": stated_mps}
+        localisation.take(at(second, way_mps * second, factor * way_mps, **said))
+        assert not localisation.at(ns(second)).usable
+    found = localisation.at(ns(second)).problem
+    assert found is not None
+    assert found == (ProblemKind.SPEED_UNIT, factor)
+
+
+@pytest.mark.parametrize(
+    ("way_mps", "sd_m", "most_s"),
+    [(40 * KMH, SD_M, 3), (30.0, SD_M, 3), (20.0, 10.0, 4), (3.0, SD_M, 8), (3.0, 8.0, 21)],
+)
+def test_a_state_begun_on_the_way_is_used_once_the_way_has_confirmed_the_speed(
+    way_mps: float, sd_m: float, most_s: int
+) -> None:
+    localisation, usable = Localisation(TRAIN), []
+    for second in range(60):
+        localisation.take(at(second, way_mps * second, way_mps, uncertainty_m=sd_m))
+        found = localisation.at(ns(second))
+        usable.append(found.usable)
+        assert found.usable or found.problem == (ProblemKind.SPEED_UNCONFIRMED, pytest.approx(way_mps))
+        assert found.s_m == pytest.approx(way_mps * second)  # The place is known meanwhile.
+    assert usable == [False] * most_s + [True] * (60 - most_s)
+
+
+def test_a_train_that_stood_or_crawls_or_whose_speed_is_not_measured_need_not_be_confirmed() -> None:
+    stood, crawling, unmeasured = Localisation(TRAIN), Localisation(TRAIN), Localisation(TRAIN)
+    for second in range(20):
+        stood.take(at(second, 0.5 * second**2, float(second)))
+        crawling.take(at(second, 1.5 * second, 1.5, uncertainty_m=30.0))
+        unmeasured.take(at(second, 20.0 * second, 20.0 if second == 0 else math.nan))
+        assert stood.at(ns(second)).usable
+        assert crawling.at(ns(second)).usable
+        assert unmeasured.at(ns(second)).usable == (second > 6)
 
 
 @pytest.mark.parametrize("sd_m", [SD_M, 8.0, 30.0])

@@ -6,11 +6,13 @@ import pytest
 
 from das.advice.advice import Cause
 from das.bus import das_pb2
-from das.bus.topics import EVENT, JOURNEY, POSITION, RESTRICTION
+from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION
 from das.domain.clocks import Clocks
 from das.domain.units import NS
 from das.node.node import BusClock, Node, WallClock
-from tests.support.driven_node import START_NS, DrivenNode, S, journey
+from das.node.options import AdviceGiven
+from das.node.process import run
+from tests.support.driven_node import START_NS, DrivenNode, S, Sink, journey, make_node
 
 
 class Time:
@@ -59,6 +61,39 @@ def test_until_the_next_position_the_way_of_the_step_is_part_of_the_deviation() 
     assert advice().position_sd_m < 2 * usual_m
 
 
+# --- when it advises ---------------------------------------------------------------------------------------------
+
+
+class QuietBus(Sink):
+    """A bus on which nothing comes: time passes while the node listens. It is stopped after a time."""
+
+    def __init__(self, time: Time, ends_s: float) -> None:
+        super().__init__()
+        self.time, self.ends_s = time, ends_s
+
+    def receive(self, wait_s: float, *, skip_outdated: bool) -> None:
+        """Nothing, after the whole time and a little more, as on a machine with other work."""
+        assert skip_outdated
+        self.time.passed_ns += round((wait_s + 0.003) * S)
+
+    @property
+    def stopped(self) -> bool:
+        return self.time.passed_ns >= self.ends_s * S
+
+
+@pytest.mark.parametrize(("rate_hz", "count"), [(AdviceGiven.rate, 10), (0.5, 5), (5.0, 50)])
+def test_a_node_advises_once_a_period_by_its_own_clock(rate_hz: float, count: int) -> None:
+    """Once a second without the option --rate; each interval counts, and no delay adds up."""
+    time = Time()
+    bus = QuietBus(time, 10.05)
+    cab = make_node(bus).cab
+    node = Node(bus, cab, WallClock(time.clocks))  # type: ignore[arg-type]
+    run(node, bus, None, 1.0 / rate_hz, time.clocks.seconds)  # type: ignore[arg-type]
+    advised_s = [(advice.time_ns - START_NS) * NS for advice in bus.of(ADVICE)]
+    assert advised_s == pytest.approx([(number + 1) / rate_hz for number in range(count)], abs=0.01)
+    assert AdviceGiven.rate == 1.0
+
+
 # --- the clock of the positions ----------------------------------------------------------------------------------
 
 SPEED_MPS = 30.0
@@ -66,7 +101,7 @@ SPEED_MPS = 30.0
 
 def driven_with(off_s: float, seconds: int = 60, speed_mps: float = SPEED_MPS) -> DrivenNode:
     """A train whose time stamps are behind the clock by a time; true positions are heard as they are measured."""
-    driven = DrivenNode()
+    driven = DrivenNode(stood=False)
     for second in range(1, seconds):
         stamp_ns = START_NS + round((second - off_s) * S)
         s_m = 200.0 + speed_mps * second

@@ -100,6 +100,7 @@ def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
     with node("--clock", "bus", journey=message) as (bus, child):
 
         def ask(tick: int) -> Any:
+            bus.publish(POSITION, das_pb2.Position(time_ns=START_NS, s_m=0.0, speed_mps=0.0))
             bus.publish(POSITION, position)
             bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=tick, restrictions_ns=5, targets_ns=6))
             return until(bus, lambda r: r.topic is ADVICE and r.message.tick == tick, child)
@@ -267,6 +268,30 @@ def test_node_says_that_positions_are_rejected_and_taken_up_anew() -> None:
         "position: rejected, the position jumped by 500 m",
         "position: taken up anew at 1840 m",
     ]
+
+
+@pytest.mark.parametrize("stated_mps", [0.0, 0.02])
+@pytest.mark.parametrize("factor", [1.0, 3.6])
+def test_a_node_started_on_a_running_train_advises_once_the_way_has_confirmed_the_speed(
+    factor: float, stated_mps: float
+) -> None:
+    """Speeds in km/h were taken for m/s in the first three advices, however exact their sender said they were."""
+    driven, advised, why = DrivenNode(stood=False), [], []
+    for second in range(61, 91):
+        now_ns, said_mps = START_NS + second * S, 11.0 * factor
+        position = das_pb2.Position(
+            time_ns=now_ns, s_m=11.0 * second, speed_mps=said_mps, speed_uncertainty_mps=stated_mps
+        )
+        driven.tell(POSITION, position, "sensors")
+        driven.tell_time(second)
+        advised.append(driven.last_advice().mode != das_pb2.MODE_NONE)
+        why.append(driven.last_advice().reason.text)
+    assert why[:3] == ["the speed is not yet confirmed by the way"] * 3
+    if factor == 1.0:
+        assert advised == [False] * 8 + [True] * 22
+    else:
+        assert not any(advised)
+        assert why[-1].startswith("the speeds are 3.6 times what the positions cover")
 
 
 def stops(*times: tuple[float, float | None, float | None]) -> dict[str, Any]:

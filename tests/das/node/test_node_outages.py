@@ -158,13 +158,14 @@ def test_a_node_that_is_stopped_while_it_compiles_ends_at_once(tmp_path: Path) -
 
 
 class WallNode:
-    """A node without sockets that goes by a clock which the test sets."""
+    """A node without sockets that goes by a clock which the test sets; its train stood two hours before."""
 
     def __init__(self) -> None:
         self.sink, self.clock = Sink(), HandClock(START_NS)
         post = Post(train=TRAIN, route=ROUTE, trains=Trains(VEHICLE, VEHICLE))
         cab = Cab(post, Situation(route=ROUTE, vehicle=VEHICLE), FRONTS)
         self.node = Node(self.sink, cab, WallClock(self.clock.clocks))  # type: ignore[arg-type]
+        self.tell(POSITION, das_pb2.Position(time_ns=START_NS - 7_200 * S, s_m=0.0, speed_mps=0.0))
 
     def tell(self, topic: Any, message: Any) -> None:
         self.node.take(decoded(topic, topic.key(TRAIN), message.SerializeToString(), "simulator"))

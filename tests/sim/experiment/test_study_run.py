@@ -168,7 +168,7 @@ def test_the_validator_of_bids_finds_no_error(study: Path) -> None:
 
 
 @pytest.mark.more
-@pytest.mark.skipif(shutil.which("Rscript") is None, reason="R is not installed")
+@pytest.mark.skipif(shutil.which("Rscript") is None, reason="needs R: apt-get install r-base-core")
 def test_the_tables_open_in_one_line_of_r(study: Path) -> None:
     """The lines are those of the page; a table of Parquet needs a package that is rarely there."""
     page = (REPOSITORY / "docs" / "how-to" / "run-an-experiment.md").read_text(encoding="utf-8")

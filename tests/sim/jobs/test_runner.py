@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from das.command_line.process import STOP_SIGNALS
 from das.domain.errors import DasError
 from precompute.workers import Workers
 from sim.jobs.runner import JobRecording, JobResult, JobWords, Journal, Runner
@@ -87,6 +88,19 @@ def test_a_worker_that_dies_costs_only_its_own_job(tmp_path: Path, capfd: pytest
     assert made == 4
     assert [row.get("square") for row in again] == [49, None, None, 16, 9, 4, 1, 0]
     assert (tmp_path / "squares" / "7").read_text() == "49"
+
+
+def test_a_batch_from_python_leaves_the_handlers_of_signals_as_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A notebook kept the batch's handlers before, and Ctrl-C in it did something else."""
+    before = [signal.getsignal(number) for number in STOP_SIGNALS]
+    during: list[object] = []
+    monkeypatch.setattr(Runner, "_make", lambda *_: during.extend(signal.getsignal(number) for number in STOP_SIGNALS))
+    ran(tmp_path, [NumberJob(1, tmp_path)], Workers(count=1))
+    assert len(during) == len(before)
+    assert not set(during) & set(before)
+    assert [signal.getsignal(number) for number in STOP_SIGNALS] == before
 
 
 def test_a_folder_in_use_is_refused_in_one_line(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from das.bus import topics
+from das.command_line.process import STOP_SIGNALS
 from das.domain.errors import DasError
 from sim.recording.opening import open_recording
 from sim.review import view
@@ -49,6 +51,20 @@ def test_without_rerun_or_display(whole: Path, tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(view.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(DasError, match=r"rerun is not installed.*\[view\]"):
         view.save_view(open_recording(whole), tmp_path / "view.rrd")
+
+
+def test_the_viewer_leaves_the_handlers_of_signals_as_they_were(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before, during = [signal.getsignal(number) for number in STOP_SIGNALS], []
+    monkeypatch.setattr(view, "_check_installed", lambda *_: None)
+    monkeypatch.setattr(view, "_check_display", lambda: None)
+    monkeypatch.setattr(view, "_scene_of", lambda *_: None)
+    monkeypatch.setattr(
+        view, "run_viewer", lambda *_: during.extend(signal.getsignal(number) for number in STOP_SIGNALS)
+    )
+    view.open_view(open_recording(whole))
+    assert len(during) == len(before)
+    assert not set(during) & set(before)
+    assert [signal.getsignal(number) for number in STOP_SIGNALS] == before
 
 
 @pytest.mark.processes

@@ -23,6 +23,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.cli import trips as trip_command
 from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, leg_energies, likely_band, range_above
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import ReplayOptions, TripOptions
 from sim.runs.replay import report as replay_report
 from sim.runs.replay.replay import ReplayOutcome, driven_legs, prepare, stated_parts
@@ -33,7 +34,9 @@ from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
 from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 from sim.world.lockstep import Traffic
+from sim.world.loop import InProcess, World
 from tests.support.dirt import LENGTH_M, Point, all_together, clean, dropouts, late_end, on_route, spikes, write
+from tests.support.flat_days import flat_day
 from tests.support.made_line import north, posts_file, route
 from tests.support.making import das_sim, flat, in_a_process, make_train
 from tests.support.tracks import as_gpx
@@ -134,6 +137,19 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
     assert found["trip_time_s"] == pytest.approx(260, abs=1.0)  # times of stands are known to half a sample
     energy = found["energy"]
     assert energy["energy_low_kwh"] < energy["energy_kwh"] < energy["energy_high_kwh"]
+
+
+def test_the_estimate_finds_the_energy_and_the_losses_of_a_simulated_run() -> None:
+    """The plant integrates force and losses on its own; the estimate knows times, positions and speeds alone."""
+    day = flat_day()
+    states = World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(day.service)).run().states
+    time_s, s_m, speed_mps = (
+        np.array([getattr(one, name) for one in states]) for name in ("time_s", "s_m", "speed_mps")
+    )
+    section = build_section(day.service.route, day.service.vehicle, level=day.service.level)
+    found, truth = estimate_run(section, time_s, s_m, speed_mps).balance, day.plant.balance(states[0], states[-1])
+    assert found.input == pytest.approx(truth.input, rel=0.02)
+    assert found.component_loss == pytest.approx(truth.component_loss, rel=0.03)
 
 
 @pytest.mark.more

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from das.domain.errors import DasError
+from sim.cli.make_scenario import make_scenario
 from sim.world.disturbances import DepartureDelay
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out
@@ -67,4 +69,26 @@ def test_files_that_do_not_fit_write_nothing(own: Path) -> None:
     assert done.returncode == 2
     assert "Nowhere" in done.stderr
     assert not (own / "day.toml").exists()
-    assert das_sim("make-scenario", *args[:-1], "route.toml", cwd=own).returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("out", "said"),
+    [
+        ("day.txt", "day.txt: expected a file name that ends in .toml"),
+        ("day", "day: expected a file name that ends in .toml"),
+        *(
+            (f"{name}.toml", f"{name}.toml: the output file is also an input")
+            for name in ("route", "vehicle", "journey")
+        ),
+    ],
+)
+def test_it_writes_a_toml_file_and_never_over_what_it_reads(
+    own: Path, out: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without this check --overwrite would put the scenario in the place of the line."""
+    monkeypatch.chdir(own)
+    before = {path.name: path.read_bytes() for path in own.iterdir()}
+    with pytest.raises(DasError) as refused:
+        make_scenario("route.toml", "vehicle.toml", Path(out), "journey.toml", overwrite=True)
+    assert str(refused.value) == said
+    assert {path.name: path.read_bytes() for path in own.iterdir()} == before

@@ -315,7 +315,7 @@ def r_of_the_page() -> str:
 
 @pytest.mark.more
 @pytest.mark.processes
-@pytest.mark.skipif(shutil.which("Rscript") is None, reason="R is not installed")
+@pytest.mark.skipif(shutil.which("Rscript") is None, reason="needs R: apt-get install r-base-core")
 def test_the_r_of_the_page_makes_the_tables_of_the_report_again(tmp_path: Path) -> None:
     study = read_study(write_study(made_up_study(Truth(), 1, (compared("vector", "none"),)), tmp_path / "study"))
     found = as_dict(analyse_study(study))
