@@ -1,10 +1,15 @@
-"""Fixtures that tests all over the tree need. They import the program only where they are used."""
+"""Fixtures and hooks for all tests: which file runs first, what is forgotten at a file's end.
+
+Fixtures import the program only where they are used.
+"""
 
 from __future__ import annotations
 
+import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -12,24 +17,74 @@ from hypothesis import settings
 settings.register_profile("untimed", deadline=None)  # a busy machine is not a failure
 settings.load_profile("untimed")
 
+FILE_SECONDS = Path(__file__).parent / "data" / "file_seconds.txt"
+"""CPU seconds of test files in each tier, from 1 s: `uv run pytest -m "" --file-seconds` measures them anew."""
 
-WHOLE_TESTS = 12
-"""A file with more chosen tests than this is dealt out test by test."""
+measured: Counter[str] = Counter()
+
+
+def tier_and_file(item: pytest.Item) -> str:
+    """The tier of a test (one with both markers is nightly) and its file, as in `FILE_SECONDS`."""
+    tier = next((one for one in ("nightly", "slow") if item.get_closest_marker(one)), "default")
+    return f"{tier}:{item.nodeid.split('::')[0]}"
+
+
+def known_seconds() -> Counter[str]:
+    lines = FILE_SECONDS.read_text(encoding="utf-8").splitlines() if FILE_SECONDS.exists() else []
+    return Counter({name: int(seconds) for seconds, name in map(str.split, lines)})
+
+
+def cpu_s() -> float:
+    """CPU seconds of this process and of its children that have ended."""
+    return sum(os.times()[:4])
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--part", metavar="K/N", help="run the Kth of N parts of the chosen tests only")
+    parser.addoption(
+        "--file-seconds", action="store_true", help=f"keep the CPU seconds of test files in {FILE_SECONDS}"
+    )
 
 
 @pytest.hookimpl(trylast=True)  # after `-m` has chosen
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep a part of the tests: whole files, as their tests may build on each other, but those of long files singly."""
-    if config.getoption("--part"):
-        number, parts = map(int, config.getoption("--part").split("/"))
-        sizes = Counter(one.path for one in items)
-        dealt = [one.nodeid if sizes[one.path] > WHOLE_TESTS else str(one.path) for one in items]
-        numbers = {key: k for k, key in enumerate(dict.fromkeys(dealt))}
-        items[:] = [one for one, key in zip(items, dealt, strict=True) if numbers[key] % parts == number - 1]
+    """In parallel the longest files come first: if one of them came last, one worker would run it alone."""
+    if hasattr(config, "workerinput"):
+        known_s, of_file_s = known_seconds(), Counter[Path]()
+        for name, item in {tier_and_file(item): item for item in items}.items():
+            of_file_s[item.path] += known_s[name]
+        items.sort(key=lambda item: -of_file_s[item.path])
+
+
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """At the end of a file, forget what its own `@cache` functions keep: driven days are hundreds of megabytes."""
+    if nextitem is None or nextitem.path != item.path:
+        for one in vars(getattr(item, "module", None) or object).values():
+            if hasattr(one, "cache_clear") and one.__module__ == item.module.__name__:
+                one.cache_clear()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    began_s = cpu_s()
+    try:
+        return (yield)
+    finally:
+        measured[tier_and_file(item)] += cpu_s() - began_s
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    measured.update(getattr(node, "workeroutput", {}).get("file_seconds", {}))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Keep the seconds of the files that were run, and what is known of the others."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["file_seconds"] = dict(measured)
+    elif session.config.getoption("--file-seconds"):
+        both = {name: seconds for name, seconds in (known_seconds() | measured).items() if seconds >= 1}
+        lines = [f"{both[name]:.0f} {name}\n" for name in sorted(both, key=lambda name: -both[name])]
+        FILE_SECONDS.write_text("".join(lines), encoding="utf-8")
 
 
 @pytest.fixture(scope="session")

@@ -208,6 +208,6 @@ def test_what_is_crossed_is_whole_and_has_every_pair_of_values_in_the_default_ru
 def test_numbered_cases_are_all_there_a_quarter_of_them_in_the_default_run(monkeypatch: pytest.MonkeyPatch) -> None:
     first, rest = numbered("DAS_NO_SUCH", 10, first=3)
     assert (first.values, first.marks, rest.values) == ((range(3, 6),), (), (range(6, 13),))
-    assert [mark.name for mark in rest.marks] == ["more"]
+    assert [mark.name for mark in rest.marks] == ["nightly"]
     monkeypatch.setenv("DAS_NO_SUCH", "5")
     assert [one.values for one in numbered("DAS_NO_SUCH", 10)] == [(range(5),)]

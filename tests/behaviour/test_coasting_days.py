@@ -13,6 +13,7 @@ from sim.world.scenario import read_scenario
 from sim.world.service import make_day, prepare_service
 
 pytestmark = pytest.mark.slow
+
 DAY = """
 schema_version = 1
 [scenario]

@@ -55,10 +55,9 @@ def damaged(source: Path, out: Path) -> Path:
     return out
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(one, marks=pytest.mark.more) if one == "view --plot" else one for one in OF_A_TRIP],
+    [pytest.param(one, marks=pytest.mark.nightly) if one == "view --plot" else one for one in OF_A_TRIP],
 )
 def test_damage_is_told_by(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     opening._warned.clear()

@@ -39,6 +39,7 @@ def test_every_driver_arrives_on_a_flat_line(flat: Callable[[str], Path], driver
     assert states[-1].speed_mps == 0
 
 
+@pytest.mark.slow
 def test_a_driver_who_never_gets_there_ends_the_run(flat: Callable[[str], Path]) -> None:
     """A signal that never clears."""
     path = flat("[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86400")
@@ -95,6 +96,7 @@ def test_who_misses_his_marks_by_far_still_keeps_his_stops(flat: Callable[[str],
     assert np.min(missed) < -4.5
 
 
+@pytest.mark.slow
 def test_a_human_does_not_brake_every_few_seconds_downhill(flat: Callable[..., Path]) -> None:
     """On 12 permille down to Zug (3.5 min) he brakes as often as the speed has risen again, not 30 to 50 times."""
     down = 'route = "zurich-luzern"\nfrom = "Thalwil"\nto = "Zug"'

@@ -26,7 +26,6 @@ LOOK_S = 0.2
 """A driver looks five times a second; what he notes at a look is exact to the clock of the run."""
 
 
-@pytest.mark.processes
 def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path], tmp_path: Path) -> None:
     service = service_of(flat("[human]\nlapses_per_h = 20"))
     day, out = make_day(service, 3), tmp_path / "run.mcap"
@@ -59,6 +58,7 @@ def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path
     assert list(Decision.Kind.keys())[1:] == [f"KIND_{name.upper()}" for name in KINDS]
 
 
+@pytest.mark.slow
 def test_the_table_of_a_batch_gives_back_reactions_and_compliance(flat: Callable[[str], Path], tmp_path: Path) -> None:
     """A driver who acts at once on what he sees often enough for statistics: 12 days of the 6 km line."""
     path = flat("[human]\nglance_mean_s = 0.5\nglance_least_s = 0.2\nreaction_median_s = 1.0\nlapses_per_h = 0")

@@ -33,9 +33,7 @@ EARLY_RATIO = 0.2
 """Memory is compared with that after this share of the time, when everything has been used once."""
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_node_drives_for_hours_without_growing(capsys: pytest.CaptureFixture[str]) -> None:
     """Journey after journey on 6 km, restricted now and then, each followed exactly as advised."""
     second, late_s, waited_s, memory_mb = 0, [], [], []
@@ -116,8 +114,7 @@ FEASIBLE_S = 2.0
 """A section is feasible where this is left beyond its least time: a real train builds its effort up."""
 
 
-@pytest.mark.slow
-@pytest.mark.more
+@pytest.mark.nightly
 def test_a_follower_on_late_days_arrives_in_time_for_the_least_energy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -48,9 +48,7 @@ def test_no_notebook_is_left_out() -> None:
     assert set(NOTEBOOKS) == set(PICTURES)
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", PICTURES)
 def test_it_runs_and_puts_out_what_it_was_committed_with(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

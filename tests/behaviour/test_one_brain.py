@@ -1,13 +1,12 @@
 """One brain: a run in this process gives the same advice, byte for byte, as one over the bus with real processes.
 
 One day has the disturbances of every bundled scenario in which something is said or happens on the bus that the others
-do not have. `DAS_ONE_BRAIN=all pytest tests/behaviour/test_one_brain.py` drives every bundled scenario as well.
+do not have. The nightly tests drive every bundled scenario as well.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,6 @@ from sim.world.over_bus import How, OverBus, make_processes
 from sim.world.scenario import bundled_scenarios, read_scenario
 from sim.world.service import Day, make_day, prepare_service
 
-pytestmark = [pytest.mark.slow, pytest.mark.processes]
 SEED = 1
 HOSTILE_EVERY, HOSTILE_FROM, RIGHT_AGAIN = 7, 100, 130
 """Every so many-th tick hears nonsense; restrictions that cannot be heeded come at one tick, right ones at another."""
@@ -123,7 +121,6 @@ EVENTFUL = (
 )
 """Scenarios with delays, restrictions, targets, signals, missing positions, a lost bus or a node that is killed. On the
 other days the node hears the same kinds of messages with other figures."""
-EVERY_SCENARIO = sorted(bundled_scenarios()) if os.environ.get("DAS_ONE_BRAIN") else []
 
 
 def eventful_scenario() -> str:
@@ -144,27 +141,25 @@ def same_advices(scenario: Path, hostile: bool, out: Path) -> list[das_pb2.Advic
     return [das_pb2.Advice.FromString(one) for one in here]
 
 
-@pytest.mark.parametrize(
-    ("name", "hostile"),
-    [
-        pytest.param("eventful", False, marks=pytest.mark.more),
-        ("eventful", True),
-        *((name, False) for name in EVERY_SCENARIO),
-    ],
-)
-def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(
-    name: str, hostile: bool, tmp_path: Path
-) -> None:
-    eventful = tmp_path / "eventful.toml"
-    eventful.write_text(eventful_scenario())
-    scenario = {"eventful": eventful, **bundled_scenarios()}[name]
-    causes = {one.cause for one in same_advices(scenario, hostile, tmp_path / "run.mcap")}
-    if name == "eventful":  # What happens on the day reaches the advice: it is withdrawn, and given again.
-        assert das_pb2.CAUSE_NONE in causes
-        assert len(causes) > 1
+@pytest.mark.slow
+@pytest.mark.parametrize("hostile", [pytest.param(False, marks=pytest.mark.nightly), True])
+def test_on_an_eventful_day_the_advice_is_the_same_byte_for_byte(hostile: bool, tmp_path: Path) -> None:
+    scenario = tmp_path / "eventful.toml"
+    scenario.write_text(eventful_scenario())
+    advices = same_advices(scenario, hostile, tmp_path / "run.mcap")
+    # What happens on the day reaches the advice: it is withdrawn, and given again.
+    causes = {one.cause for one in advices}
+    assert das_pb2.CAUSE_NONE in causes
+    assert len(causes) > 1
 
 
-@pytest.mark.more
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", sorted(bundled_scenarios()))
+def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(name: str, tmp_path: Path) -> None:
+    same_advices(bundled_scenarios()[name], hostile=False, out=tmp_path / "run.mcap")
+
+
+@pytest.mark.nightly
 def test_the_coach_says_the_same_in_process_and_over_the_bus(tmp_path: Path) -> None:
     """On a day with a window, planned with the braking of its drivers; every advice under way has a coach."""
     file = tmp_path / "braking.toml"

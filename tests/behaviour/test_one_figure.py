@@ -141,8 +141,6 @@ def slow_train(folder: Path, max_speed_kmh: int) -> str:
     return str(slow / "re460-ic.toml")
 
 
-@pytest.mark.processes
-@pytest.mark.slow
 def test_a_simulated_day_has_one_set_of_figures(folder: Path) -> None:
     told = json.loads((folder / "none.json").read_text())
     api = sim.run_day(folder / "flat.toml", 1, driver="human", advice="none").outcome
@@ -154,7 +152,6 @@ def test_a_simulated_day_has_one_set_of_figures(folder: Path) -> None:
     assert told["above_optimum_ratio"] == pytest.approx(told["above_optimum_kwh"] / told["energy_optimum_kwh"])
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_what_advice_saved_is_one_figure_at_equal_arrival(folder: Path) -> None:
     """By what-if, comparison, batch and the energies above the optimum."""
@@ -177,9 +174,7 @@ def test_what_advice_saved_is_one_figure_at_equal_arrival(folder: Path) -> None:
     assert same == pytest.approx((other["saved_by_advice_ratio"],) * 3)
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_batch_says_the_same_as_a_run_and_a_what_if(folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     told = run(
@@ -197,9 +192,7 @@ def test_a_batch_says_the_same_as_a_run_and_a_what_if(folder: Path) -> None:
     check_same(batch=figures({**row, "stops": []}), run=figures(json.loads((folder / "none.json").read_text())))
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("trip", ["bundled", "simulated"])
 def test_a_trip_its_replay_and_a_what_if_of_it_have_one_set_of_figures(folder: Path, trip: str) -> None:
     """The what-if of a trip by positions keeps its brakes: motors first, on both sides."""
@@ -220,10 +213,7 @@ def test_a_trip_its_replay_and_a_what_if_of_it_have_one_set_of_figures(folder: P
     of_recording(new)
 
 
-@pytest.mark.more
-@pytest.mark.reference
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("train", ["CH_Stadler_KISS_SBB", "CH_Stadler_FLIRT_TPF", "NL_Intercity_VIRM6"])
 @pytest.mark.parametrize("name", ["clean", "dropouts", "cut"])
 def test_a_real_trip_has_one_set_of_figures_or_one_refusal(tmp_path: Path, name: str, train: str) -> None:
@@ -250,9 +240,7 @@ def test_a_real_trip_has_one_set_of_figures_or_one_refusal(tmp_path: Path, name:
         assert (told["compared_part"] is not None) == (name == "cut")
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("scenario", sorted(bundled_scenarios()))
 def test_a_day_of_every_scenario_has_one_set_of_figures(tmp_path: Path, scenario: str) -> None:
     """Each with one of the presentations of the advice, in turn."""
@@ -262,9 +250,7 @@ def test_a_day_of_every_scenario_has_one_set_of_figures(tmp_path: Path, scenario
     assert compared >= {"energy_kwh", "energy_optimum_kwh", "above_optimum_kwh", "late_s", "over_limit_s"}
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("trip", ["bundled", "simulated"])
 def test_the_wrong_train_is_refused_by_every_command_in_the_same_words(folder: Path, trip: str) -> None:
     """A train that is slower than the trip: its top speed is not the limit of the line."""
@@ -288,7 +274,6 @@ def test_the_wrong_train_is_refused_by_every_command_in_the_same_words(folder: P
     assert second["equal_arrival_not_comparable"] in (why, "the trains differ")
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_a_cut_recording_is_refused_by_every_command_in_the_same_words(folder: Path) -> None:
     whole = (folder / "none.mcap").read_bytes()
@@ -304,9 +289,7 @@ def test_a_cut_recording_is_refused_by_every_command_in_the_same_words(folder: P
     assert (told["compared_part"] is None) == (told["not_comparable"] is not None)
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_open_trip_is_compared_over_one_part_by_every_command(folder: Path) -> None:
     """The record ends as the train rolls: its longest part between equal speeds; or while it starts: no part."""
     assert das_sim("trip", "none.mcap", "-o", "none.csv", cwd=folder).returncode == 0
@@ -330,8 +313,7 @@ def test_an_open_trip_is_compared_over_one_part_by_every_command(folder: Path) -
     assert found[1]["not_comparable"] == NO_PART
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("path", sorted(REFERENCES.glob("*.mcap")), ids=lambda path: path.stem)
 def test_a_reference_has_one_set_of_figures_or_one_refusal(path: Path) -> None:
     found = of_recording(path)

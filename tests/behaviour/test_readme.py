@@ -47,9 +47,7 @@ def run(words: list[str], folder: Path) -> str:
     return done.stdout
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_every_command_line_of_the_pages_works(tmp_path: Path) -> None:
     """One folder for all pages; a command that two pages have is run once."""
     commands = {shlex.join(words): words for page in PAGES for words in lines(page)}

@@ -64,7 +64,6 @@ def recordings(run: tuple[subprocess.CompletedProcess[str], Path]) -> tuple[Path
     return found[0], found[1]
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_das_sim_alone_compares_the_bundled_trip_with_the_coach(
     default_run: tuple[subprocess.CompletedProcess[str], Path],
@@ -82,6 +81,7 @@ def test_das_sim_alone_compares_the_bundled_trip_with_the_coach(
     )
 
 
+@pytest.mark.slow
 def test_the_drive_with_the_coach_is_of_the_same_driver_train_and_brakes(
     default_run: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:
@@ -103,9 +103,7 @@ def test_the_drive_with_the_coach_is_of_the_same_driver_train_and_brakes(
     assert int(percent) == pytest.approx(-100.0 * equal.more_j / optimum_j, abs=0.5)
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_without_the_coach_the_driver_drives_the_recorded_trip_again(
     default_run: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
 ) -> None:
@@ -119,7 +117,7 @@ def test_without_the_coach_the_driver_drives_the_recorded_trip_again(
     assert abs(after.late_s - before.late_s) < 15.0
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_the_recording_holds_every_topic_and_its_inputs(
     default_run: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:
@@ -140,9 +138,7 @@ def test_the_recording_holds_every_topic_and_its_inputs(
     assert all(a.advised_speed_mps <= a.limit_mps + 1e-6 for a in given)
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_replay_is_open_loop_and_repeatable(
     default_run: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
 ) -> None:
@@ -163,9 +159,7 @@ def short_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "made.mcap"
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(short_trip: Path, tmp_path: Path) -> None:
     """The lateness said is the least time minus the time left."""
     done = das_sim(
@@ -181,9 +175,7 @@ def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(sh
     assert advice.reason.late_s > 0.0
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_speed_is_kept_in_real_time(short_trip: Path, tmp_path: Path) -> None:
     """So slow that the wall clock tells it from a replay that does not wait."""
     began = time.monotonic()
@@ -194,9 +186,7 @@ def test_speed_is_kept_in_real_time(short_trip: Path, tmp_path: Path) -> None:
     assert time.monotonic() - began > found["advices"] / 40.4
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_ctrl_c_ends_cleanly_with_a_whole_recording(short_trip: Path, tmp_path: Path) -> None:
     """The recording is complete and the user is told where it is."""
     child = subprocess.Popen(
@@ -218,9 +208,7 @@ def test_ctrl_c_ends_cleanly_with_a_whole_recording(short_trip: Path, tmp_path: 
     assert len(recording.of(ADVICE)) >= 20
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_das_sim_that_is_ended_leaves_no_process_behind(short_trip: Path, tmp_path: Path, number: int) -> None:
     """Terminated or killed: node and recorder end as well, and the recording is complete."""
@@ -345,9 +333,7 @@ def test_plant_runs_down_to_a_standstill_by_resistance_alone() -> None:
     assert state.s_m == pytest.approx(way, rel=2e-3)
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_make_trip_makes_the_bundled_recording_again(tmp_path: Path) -> None:
     """The command in recordings/README.md gives the bundled recording, field by field."""
     done = in_a_process(

@@ -41,9 +41,20 @@ from sim.world.loop import InProcess, Run, Tick, Told, World
 from sim.world.outcome import DayOutcome, DayResult, outcome, print_result
 from sim.world.scenario import bundled_scenarios, load_scenario
 from sim.world.service import Day, Service, make_day
+from tests.support.crossing import few
 from tests.support.flat_days import service_for, service_of
 
 SEED = 1
+IN_DEFAULT_RUN = (
+    "bus-outage",
+    "clear-day",
+    "departure-delay",
+    "gps-dropouts",
+    "node-restart",
+    "restriction-ahead",
+    "signal-stop",
+)
+"""The scenarios whose days the default run drives."""
 TRACKING_MPS = 0.4
 """A driver holds a speed to this."""
 ROUNDED_KWH = 0.05 + 1e-9
@@ -129,8 +140,7 @@ def test_all_bundled_scenarios_share_what_the_tests_solve_once() -> None:
     assert not planned().plans(replace(load_scenario("clear-day"), dwell_s=61.0))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(bundled_scenarios()))
+@pytest.mark.parametrize("name", few(sorted(bundled_scenarios()), IN_DEFAULT_RUN, pytest.mark.slow))
 def test_the_parts_of_the_end_table_sum_to_the_energy_that_it_prints(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -167,7 +177,7 @@ def test_clear_day_goes_as_planned() -> None:
     assert (driven.array("speed_mps")[:-1] <= limits + TRACKING_MPS).all()
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_half_the_step_changes_the_energy_little() -> None:
     service = planned()
     halved = Plant(service.route, service.vehicle, level=service.level, dynamics=Dynamics(step_s=0.025))
@@ -190,6 +200,7 @@ def test_departure_delay_is_made_up_as_far_as_possible() -> None:
     assert driven.figures["energy_kwh"] > drive("clear-day").figures["energy_kwh"]
 
 
+@pytest.mark.slow
 def test_delay_on_the_way_is_known_to_the_driver_alone_and_made_up() -> None:
     driven = drive("delay-on-the-way")
     slow = driven.one(DelayOnTheWay)
@@ -278,7 +289,7 @@ def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stoppin
     assert run.calls[-1].late_s > driven.late_s()[-1] - 1.0
 
 
-@pytest.mark.parametrize("driver", ["perfect", pytest.param("human", marks=pytest.mark.more)])
+@pytest.mark.parametrize("driver", ["perfect", pytest.param("human", marks=pytest.mark.nightly)])
 def test_signal_stop_stops_the_train_until_it_clears(driver: str) -> None:
     driven = drive("signal-stop", driver)
     signal = driven.one(SignalStop)
@@ -302,7 +313,8 @@ BRAKES_MPS2 = 0.2
 """A train that slows down by more than this brakes."""
 
 
-@pytest.mark.parametrize("advice", ["coach", pytest.param("vector", marks=pytest.mark.more)])
+@pytest.mark.slow
+@pytest.mark.parametrize("advice", ["coach", pytest.param("vector", marks=pytest.mark.nightly)])
 def test_nobody_who_brakes_for_a_signal_or_stands_at_it_is_told_to_go_on(advice: str) -> None:
     """From 3 s after the driver begins to brake until the train moves; then the advice is there at once."""
     driven = drive("signal-stop", "human", advice)
@@ -321,7 +333,7 @@ def test_nobody_who_brakes_for_a_signal_or_stands_at_it_is_told_to_go_on(advice:
     assert said[moves + 2].mode in TRACTION
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_dwell_overrun_is_made_up_as_far_as_possible() -> None:
     driven = drive("dwell-overrun")
     zug = driven.run.calls[2]
@@ -335,7 +347,7 @@ def time_to(driven: Driven, speed_mps: float) -> float:
     return float(driven.array("time_s")[np.argmax(driven.array("speed_mps") >= speed_mps)])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_slippery_rail_lengthens_the_run_up() -> None:
     driven, clear = drive("slippery-rail"), drive("clear-day")
     rail = driven.one(SlipperyRail)
@@ -349,7 +361,7 @@ def test_slippery_rail_lengthens_the_run_up() -> None:
     assert driven.figures["energy_kwh"] > clear.figures["energy_kwh"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_head_wind_costs_its_work() -> None:
     """∫ c2·((v + w)² − v²) ds over the windy stretch is what the resistance takes more."""
     driven, clear = drive("head-wind"), drive("clear-day")
@@ -424,8 +436,7 @@ def test_node_restart_leaves_the_driver_without_advice_for_seconds() -> None:
     assert abs(driven.late_s()[-1]) <= 2.0
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_train_heavier_than_planned_is_found_out_and_planned_with(tmp_path: Path) -> None:
     """With the forces measured the node plans with the mass it finds; without, with that of the file."""
     source = load_scenario("clear-day").source.read_text(encoding="utf-8")

@@ -140,8 +140,6 @@ def recording(folder: Path, found: dict[str, Any]) -> Recording:
     return read_recording(folder / found["file"])
 
 
-@pytest.mark.processes
-@pytest.mark.slow
 def test_the_recording_is_whole_and_says_how_it_was_made(recording: Recording, found: dict[str, Any]) -> None:
     assert recording.complete
     heard = (POSITION, EFFORT, DELAY, JOURNEY, RESTRICTION, CONTROL)
@@ -161,7 +159,6 @@ def test_the_recording_is_whole_and_says_how_it_was_made(recording: Recording, f
     assert len(recording.of(TRUTH)) == len(recording.of(CAB)) == found["simulated_s"]
 
 
-@pytest.mark.processes
 def test_the_run_is_what_the_scenario_says(recording: Recording, found: dict[str, Any]) -> None:
     stops = {stop["name"]: stop for stop in found["stops"]}
     assert 2 <= stops["A"]["late_s"] <= 14
@@ -184,7 +181,6 @@ def test_the_run_is_what_the_scenario_says(recording: Recording, found: dict[str
         assert any(text in one for one in said), text
 
 
-@pytest.mark.processes
 def test_energies_of_the_recording_are_those_of_the_result(recording: Recording, found: dict[str, Any]) -> None:
     last = recording.of(TRUTH)[-1].message
     gone_j = last.resistance_j + last.component_loss_j + last.friction_brake_j + last.unreturned_j
@@ -197,7 +193,6 @@ def test_energies_of_the_recording_are_those_of_the_result(recording: Recording,
     assert found["energy_kwh"] > found["energy_optimum_kwh"] > 0
 
 
-@pytest.mark.processes
 def test_the_recording_holds_the_measures_of_the_result_and_gives_them_again(
     recording: Recording, found: dict[str, Any]
 ) -> None:
@@ -214,7 +209,6 @@ def test_the_recording_holds_the_measures_of_the_result_and_gives_them_again(
     assert told == {name: found[name] for name in told}
 
 
-@pytest.mark.processes
 def test_the_recording_holds_what_was_taken_above_the_optimum(recording: Recording, found: dict[str, Any]) -> None:
     (entry,) = recording.of(SAVING)
     said = entry.message
@@ -226,7 +220,6 @@ def test_the_recording_holds_what_was_taken_above_the_optimum(recording: Recordi
     assert sum(one.optimum_j for one in said.sections) == pytest.approx(said.optimum_j)
 
 
-@pytest.mark.processes
 def test_no_advice_is_shown_while_the_node_is_away(recording: Recording) -> None:
     start_ns = recording.of(JOURNEY)[0].message.stops[0].departure_ns
     shown = {
@@ -244,7 +237,6 @@ def test_no_advice_is_shown_while_the_node_is_away(recording: Recording) -> None
     assert shown[109]
 
 
-@pytest.mark.processes
 def test_a_restarted_node_takes_the_journey_again(recording: Recording) -> None:
     ready = [m for m in recording.of(STATUS) if m.message.state == das_pb2.Status.STATE_READY and not m.message.advices]
     assert len(ready) == 2
@@ -254,8 +246,6 @@ def test_a_restarted_node_takes_the_journey_again(recording: Recording) -> None:
     assert all(m.message.solve_s == m.message.last_advice_s == 0 for m in recording.of(STATUS))
 
 
-@pytest.mark.more
-@pytest.mark.processes
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_recording_byte_for_byte(folder: Path, found: dict[str, Any]) -> None:
     """Every topic, in two processes with two nodes and recorders; another seed differs."""
@@ -267,7 +257,7 @@ def test_the_same_seed_gives_the_same_recording_byte_for_byte(folder: Path, foun
         assert messages == second[name], name
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_without_a_bus_the_train_runs_the_same(folder: Path, recording: Recording) -> None:
     service = prepare_service(read_scenario(folder / "eventful.toml"))
     states, links = {}, {}
@@ -288,7 +278,6 @@ def test_without_a_bus_the_train_runs_the_same(folder: Path, recording: Recordin
     assert found.samples >= 2
 
 
-@pytest.mark.processes
 def test_efforts_are_those_of_the_train_with_their_own_noise(folder: Path, recording: Recording) -> None:
     truth = recording.columns(TRUTH, "time_ns", "force_el_n", "force_friction_n")
     effort = recording.columns(EFFORT, "time_ns", "force_el_n", "force_friction_n")
@@ -308,8 +297,7 @@ def test_efforts_are_those_of_the_train_with_their_own_noise(folder: Path, recor
     assert driven[0].states == driven[1].states
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_the_run_can_be_looked_at(folder: Path, recording: Recording) -> None:
     pytest.importorskip("rerun")
     done = das_sim("view", recording.path.name, "--save", "a.rrd", cwd=folder)
@@ -317,8 +305,6 @@ def test_the_run_can_be_looked_at(folder: Path, recording: Recording) -> None:
     assert (folder / "a.rrd").stat().st_size > 50_000
 
 
-@pytest.mark.more
-@pytest.mark.processes
 @pytest.mark.slow
 def test_ctrl_c_ends_a_run_cleanly_with_a_whole_recording(folder: Path) -> None:
     command = ["run", "eventful.toml", "--speed", "20", "--driver", "perfect", "--out", "cut.mcap"]
@@ -335,9 +321,7 @@ def test_ctrl_c_ends_a_run_cleanly_with_a_whole_recording(folder: Path) -> None:
     assert read_recording(folder / "cut.mcap").complete
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_full_disk_ends_the_run_in_one_line_and_what_was_recorded_can_be_read(
     folder: Path, found: dict[str, Any]
 ) -> None:
@@ -363,7 +347,6 @@ def test_tables_of_a_run_in_process(folder: Path) -> None:
     assert sorted(path.suffix for path in folder.iterdir() if path.is_dir()) == []
 
 
-@pytest.mark.processes
 def test_the_list_of_scenarios(folder: Path) -> None:
     listed = json.loads(in_a_process("sim.cli", "scenarios", "--json", cwd=folder).stdout)
     assert len(listed) == 12
@@ -409,8 +392,7 @@ def test_lost_messages_are_counted() -> None:
     assert replace(traffic, ticks=5).lost == 3
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_child_whose_parent_ended_before_it_began_ends_as_well(tmp_path: Path) -> None:
     """Or a run killed while its recorder starts would leave it behind: its parent is not the one it is told of."""
     own, other = (endpoint(port) for port in free_ports(2))

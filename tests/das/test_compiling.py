@@ -55,7 +55,6 @@ def answered(folder: Path, **env: str) -> tuple[int, int, str]:
     return int(value), int(hits), done.stderr
 
 
-@pytest.mark.processes
 def test_a_changed_callee_or_constant_is_seen_without_removing_anything(kernels: Path) -> None:
     assert answered(kernels) == (21, 0, "")
     assert answered(kernels) == (21, 1, "")
@@ -80,7 +79,7 @@ print(sorted(answers), sum(answer.stats.cache_hits.values()))
 """
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_processes_and_threads_that_need_a_kernel_at_a_time_compile_it_once(kernels: Path) -> None:
     """One of the processes compiles it; the others wait for that code and load it."""
     programs = [started_copy(kernels, "-c", TOGETHER.format(package="das")) for _ in range(3)]
@@ -130,7 +129,7 @@ print(sum(sum(one.stats.cache_hits.values()) for one in (checked, first, second)
 """
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_python_and_kernels_may_call_the_same_kernel_in_any_order(tmp_path: Path) -> None:
     """Also the error that a called kernel raises arrives, compiled just now or kept before."""
     copy_of(tmp_path, "das")
@@ -143,16 +142,14 @@ def test_python_and_kernels_may_call_the_same_kernel_in_any_order(tmp_path: Path
         assert said == [*(results if order else results[::-1]), *["negative"] * 3, kept]
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_module_that_the_kernel_does_not_use_changes_nothing(kernels: Path) -> None:
     assert answered(kernels)[:2] == (21, 0)
     (kernels / "das/domain/units.py").write_text((kernels / "das/domain/units.py").read_text() + "MORE = 1\n")
     assert answered(kernels)[:2] == (21, 1)
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_few_old_versions_are_kept(kernels: Path) -> None:
     folder = kernels / "das/__pycache__" / FOLDER / "das.caller"
     for offset in range(2, KEPT_VERSIONS + 4):
@@ -161,8 +158,7 @@ def test_few_old_versions_are_kept(kernels: Path) -> None:
     assert len(list(folder.iterdir())) == KEPT_VERSIONS
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_the_users_folder_is_used(kernels: Path) -> None:
     place = kernels / "mine"
     assert answered(kernels, NUMBA_CACHE_DIR=str(place))[:2] == (21, 0)
@@ -173,8 +169,7 @@ def test_the_users_folder_is_used(kernels: Path) -> None:
     assert not (kernels / "das/__pycache__").exists()
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_an_installation_that_cannot_be_written_to_uses_the_users_folder_of_caches(kernels: Path) -> None:
     (kernels / "das/__pycache__").write_text("a file: no folder can be made here, whoever we are")
     home = {"HOME": str(kernels / "home"), "XDG_CACHE_HOME": str(kernels / "home/caches")}
@@ -183,8 +178,7 @@ def test_an_installation_that_cannot_be_written_to_uses_the_users_folder_of_cach
     assert list((kernels / "home").rglob(f"{FOLDER}/das.caller"))
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_where_nothing_can_be_kept_the_user_is_told_how_to_help(kernels: Path) -> None:
     (kernels / "das/__pycache__").write_text("a file")
     nowhere = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null/caches"}
@@ -193,8 +187,7 @@ def test_where_nothing_can_be_kept_the_user_is_told_how_to_help(kernels: Path) -
     assert said.count("set NUMBA_CACHE_DIR to a folder that can be written to") == 1
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_bounds_checks_have_their_own_compiled_code(kernels: Path) -> None:
     assert answered(kernels)[:2] == (21, 0)
     assert answered(kernels, NUMBA_BOUNDSCHECK="1")[:2] == (21, 0)
@@ -208,7 +201,7 @@ print(answer(10), sum(answer.stats.cache_hits.values()), "numba.np.linalg" in sy
 """
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_a_kept_kernel_is_loaded_without_what_the_compiler_needs(kernels: Path) -> None:
     loaded = [run_copy(kernels, "-c", LOADED.format(package="das")).stdout for _ in range(2)]
     assert loaded == ["21 0 True\n", "21 1 False\n"]
@@ -221,8 +214,7 @@ print(twice(4), answer(10), *(sum(one.stats.cache_hits.values()) for one in (twi
 """
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_kernel_is_compiled_around_one_that_was_kept(kernels: Path) -> None:
     assert run_copy(kernels, "-c", MIXED.format(package="das")).stdout == "8 21 0 0\n"
     edit(kernels / "das/numbers.py", "OFFSET = 1", "OFFSET = 2")

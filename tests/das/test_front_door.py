@@ -59,7 +59,6 @@ def test_functions_take_few_parameters_and_are_typed() -> None:
                 assert thing.__code__.co_argcount + thing.__code__.co_kwonlyargcount <= 6, name
 
 
-@pytest.mark.processes
 @pytest.mark.parametrize(
     ("statement", "not_loaded"),
     [
@@ -80,10 +79,11 @@ def test_packages_say_that_they_are_typed(package: str) -> None:
     assert (files(package) / "py.typed").is_file()
 
 
-EXAMPLES = [das, das.front_door, das.domain.files.load, sim, sim.front_door]
+EXAMPLES = [das, das.front_door, das.domain.files.load]
+DRIVEN_DAYS = [pytest.param(one, marks=pytest.mark.slow) for one in (sim, sim.front_door)]
 
 
-@pytest.mark.parametrize("module", EXAMPLES, ids=lambda module: module.__name__)
+@pytest.mark.parametrize("module", EXAMPLES + DRIVEN_DAYS, ids=lambda module: module.__name__)
 def test_examples_run(module: ModuleType) -> None:
     failed, attempted = doctest.testmod(module, optionflags=doctest.ELLIPSIS)
     assert attempted

@@ -20,7 +20,7 @@ from docs.studies.cases import IGBT_VEHICLE as IGBT
 from docs.studies.made_by import not_on_page
 from tests.support.making import run_here
 
-DRIVEN = pytest.mark.more
+DRIVEN = pytest.mark.nightly
 """For tests that drive the runs of the paper's tables."""
 
 

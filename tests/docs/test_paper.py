@@ -57,8 +57,7 @@ def ours_in(table: str) -> list[float]:
     return [float(number) for number in re.findall(r"→ \**([\d.]+)", table)]
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_four_modes_are_not_called_reduced_and_l3_is(bench: Workbench) -> None:
     vehicle = bench.vehicle(L3)
     runs = {"four modes": baselines.four_modes(bench.section(COMPLETE, L1), bench.time_s(COMPLETE, 7)).trajectory}
@@ -101,8 +100,7 @@ def test_energy_shares_close_and_follow_the_friction(vehicle: Vehicle) -> None:
     assert shares.friction_for(trip, 99.0) is None
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_largest_buffers(bench: Workbench) -> None:
     """Slow runs are dropped at L2 and L3; L0 and L1 go down to the paper's 20 km/h (sections 4.3, 4.5)."""
     for variant in (L2, L3):
@@ -140,8 +138,7 @@ def test_table2_reaches_print_with_its_minima_on_the_diagonal_and_the_savings_of
     assert table2.gains(cells, L3_IGBT)["saves_against_second_best_ratio"] >= 0.01
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("wanted", cases.SAVINGS, ids=lambda s: f"{s.case}-{s.buffer_percent:g}")
 def test_savings_at_the_named_buffers(bench: Workbench, wanted: cases.PrintedSaving) -> None:
     found = figures_energy.saving(bench, wanted)

@@ -10,10 +10,8 @@ from docs.studies import real_trips
 from docs.studies.real_trips import PARTS, TRIPS, _lost_j, above_table, place_table, trip_attributions
 from tests.support.benchmark import shared_data
 
-pytestmark = [pytest.mark.reference, pytest.mark.slow, pytest.mark.processes]
 
-
-@pytest.mark.more
+@pytest.mark.nightly
 def test_a_real_trip_is_accounted_for_and_the_page_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     trip = next(iter(TRIPS))
     monkeypatch.setattr(real_trips, "TRIPS", {trip: TRIPS[trip]})

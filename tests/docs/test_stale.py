@@ -149,6 +149,7 @@ def test_every_quick_command_is_checked_and_every_slow_one_says_what_it_depends_
             assert [path for path in paths if not (ROOT / path).exists()] == []
 
 
+@pytest.mark.slow
 def test_slow_figures_whose_code_has_changed_are_told() -> None:
     """A warning: `-W error::docs.studies.made_by.StaleFigures` makes it a failure, as before a release."""
     changed = list(made_by.changed_since(MARKS))
@@ -227,7 +228,6 @@ def test_sensitivity(tmp_path: Path) -> None:
     assert same_picture(DOCS / "images" / "sensitivity.png", tmp_path / "picture.png")
 
 
-@pytest.mark.slow
 def test_a_journey(tmp_path: Path) -> None:
     made = printed(tmp_path, "journey", "stops", "zurich-luzern", "re460-ic", "--buffer", "7").splitlines()
     page = text_of("explanation/journeys.md")
@@ -242,13 +242,13 @@ def test_what_the_relaxation_allows(tmp_path: Path) -> None:
     assert relaxed_loss.lower_hull(x, np.array([0.0, 5.0, 1.0, 3.0])) == pytest.approx([0.0, 0.5, 1.0, 3.0])
 
 
+@pytest.mark.slow
 def test_a_picture_of_the_study(tmp_path: Path) -> None:
     paper.make(["fig4"], Output(tmp_path))
     assert same_picture(DOCS / "images" / "study" / "fig4.png", tmp_path / "fig4.png")
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_picture_and_page_of_the_study(tmp_path: Path) -> None:
     paper.make(list(paper.ITEMS), Output(tmp_path))
     pictures = [
@@ -260,9 +260,7 @@ def test_every_picture_and_page_of_the_study(tmp_path: Path) -> None:
         assert not_on_page(page.read_text(encoding="utf-8"), made.splitlines()) == []
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_the_report_of_the_smallest_study(tmp_path: Path) -> None:
     assert das_sim("experiment", "run", "smoke", "--out", "smoke", cwd=tmp_path).returncode == 0
     assert das_sim("experiment", "analyse", "smoke", "-o", "smoke.html", cwd=tmp_path).returncode == 0

@@ -10,7 +10,6 @@ import pytest
 from tests.support.making import in_a_process, printed
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_a_map_goes_to_csv_and_back_with_the_same_figures(tmp_path: Path) -> None:
     files = ("--out", "m.csv", "--plot", "m.png")

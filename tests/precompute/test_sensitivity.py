@@ -337,9 +337,7 @@ def test_variations_that_cannot_be_are_refused(text: str, expected: str) -> None
 COMMAND = ("sensitivity", "flat-6km", "re460-ic")
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_command_writes_json_csv_and_a_picture(tmp_path: Path) -> None:
     files = ("--out", "rows.csv", "--plot", "rows.png")
     vary = "mass=±10%,+900%,resistance=0%,receptivity=0.5,wind=-20..20"

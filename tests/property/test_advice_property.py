@@ -154,7 +154,6 @@ def drawn(random: np.random.Generator, section: Section) -> tuple[float, float, 
     return s_m, min(v_mps, 50.0), float((END_M - s_m) / 25.0 * random.uniform(-0.5, 4.0))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("states", WORLDS)
 def test_no_advice_is_above_limit_or_brake_curve(states: range) -> None:
     """Random states, restrictions and times: advised speeds against limits and a brake curve of this file's own."""
@@ -211,6 +210,7 @@ def test_following_the_advice_arrives_and_never_above_what_is_allowed(states: ra
             assert advisor.plan.solution.feasible
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restrictions", [(), (Restriction(start_m=4000.0, end_m=5000.0, limit_mps=15.0),)])
 def test_advice_is_continuous_in_what_is_heard(restrictions: tuple[Restriction, ...]) -> None:
     """A little further, faster or later changes the speeds of the next 30 s a little.
@@ -239,7 +239,7 @@ def test_the_fastest_run_needs_no_front() -> None:
     assert least_time_s(section, 3000.0, 20.0) == whole.least_time_s(3000.0, 20.0)
 
 
-@pytest.mark.parametrize("number", [pytest.param(i, marks=pytest.mark.more if i > 6 else ()) for i in range(20)])
+@pytest.mark.parametrize("number", [pytest.param(i, marks=pytest.mark.nightly if i > 6 else ()) for i in range(20)])
 def test_a_train_that_is_too_fast_has_no_horizon_above_a_limit_ahead(number: int) -> None:
     random = np.random.default_rng([25, number])
     start_m = float(random.uniform(1500.0, 6000.0))

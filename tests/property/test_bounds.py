@@ -100,7 +100,7 @@ def test_no_gap_is_negative(posed: Posed) -> None:
             assert math.isnan(run.gap_ratio)
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 @drawn
 @given(posed_sections())
 def test_every_run_keeps_the_relaxation_of_every_other(posed: Posed) -> None:
@@ -151,7 +151,7 @@ def test_any_multipliers_prove_a_bound(posed: Posed, seed: int) -> None:
                 assert bound_j <= run.balance.input + 1e-6 * abs(bound_j)
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 @drawn
 @given(posed_sections(), st.floats(0.05, 0.95))
 def test_other_runs_in_time_are_above_the_bound(posed: Posed, share: float) -> None:

@@ -25,7 +25,6 @@ from sim.world.scenario import load_scenario
 from sim.world.service import Service, make_day, prepare_service
 from tests.support.crossing import numbered
 
-pytestmark = pytest.mark.slow
 SECTIONS = (
     ("flat-6km", "A", "B"),
     ("zurich-luzern", "Zürich HB", "Thalwil"),
@@ -133,6 +132,7 @@ def problems(run: Run, replans: int, service: Service) -> list[str]:
     return [f"{name}: {value:.2f} > {most:.2f}" for name, (value, most) in bounds.items() if not value <= most]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("numbers", numbered("DAS_PROPERTY_DRIVERS", 9))
 def test_no_driver_is_made_to_oscillate(numbers: range) -> None:
     """Reversals, changes, replans and swings of the speed of every driver, and changes in the mean."""

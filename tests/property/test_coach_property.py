@@ -28,7 +28,6 @@ from das.estimate.estimate import Estimate
 from das.solver.solve import solve_front
 from tests.support.crossing import numbered
 
-pytestmark = pytest.mark.slow
 STATES_OF_A_LEG, LEGS_OF_A_WORLD = 25, 5
 T0 = 1_800_000_000_000_000_000
 TRAIN = load_vehicle("re460-ic")

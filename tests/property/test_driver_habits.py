@@ -30,6 +30,7 @@ from tests.support.driver_habits import (
 from tests.support.flat_days import service_for
 
 pytestmark = pytest.mark.slow
+
 SEEDS = int(os.environ.get("DAS_PROPERTY_SEEDS", "3"))
 BURSTS_PER_MIN = 0.1
 """So many bursts a minute there may be."""
@@ -43,7 +44,7 @@ def service() -> Service:
 
 
 PRESENTATIONS = [
-    pytest.param(one, marks=() if one in (Presentation.VECTOR, Presentation.COACH) else pytest.mark.more)
+    pytest.param(one, marks=() if one in (Presentation.VECTOR, Presentation.COACH) else pytest.mark.nightly)
     for one in Presentation
 ]
 """Every presentation; in the default run only the two that show most."""

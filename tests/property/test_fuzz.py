@@ -190,7 +190,6 @@ def _can_be_said(s_m: float, speed_mps: float, uncertainty_m: float) -> bool:
     return _can_be(nearest_m, 0.0 if math.isnan(speed_mps) else speed_mps)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("numbers", numbered("DAS_FUZZ", 20_000))
 def test_no_crash_no_hang_no_advice_from_garbage(numbers: range) -> None:
     """Random hostile messages between true ones: the node lives and advises only from what a witness holds true."""

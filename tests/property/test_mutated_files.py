@@ -362,8 +362,6 @@ def read_mutated(numbers: range, folder: Path) -> tuple[Counter[str], list[Wrong
     return counts, wrong
 
 
-@pytest.mark.slow
-@pytest.mark.processes
 @pytest.mark.parametrize("numbers", numbered("DAS_MUTATED_FILES", 400, FIRST))
 def test_mutated_files_are_refused_in_one_line_or_used(numbers: range, tmp_path: Path) -> None:
     """In a process of its own: the bounds of time and memory are not for what other tests have left in this one."""

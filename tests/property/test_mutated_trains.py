@@ -39,7 +39,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize(("name", "count"), [(name, 50) for name in KINDS] + [
-    pytest.param(name, 10_000, marks=[pytest.mark.more, pytest.mark.slow]) for name in KINDS
+    pytest.param(name, 10_000, marks=pytest.mark.nightly) for name in KINDS
 ])  # fmt: skip
 def test_mutated_trains_are_refused_in_one_line_or_used(name: str, count: int, tmp_path: Path) -> None:
     """No other error, no warning of a computation, and nothing that takes 10 s."""

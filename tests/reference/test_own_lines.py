@@ -20,8 +20,6 @@ from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.route_file import route_toml
 from tests.support.made_maps import same_line, written
 
-pytestmark = pytest.mark.reference
-
 
 @pytest.fixture(scope="module")
 def lines(shared: Path) -> list[Route]:
@@ -48,7 +46,7 @@ def test_paris_lyon_is_as_long_as_the_kilometre_posts_say(lines: list[Route]) ->
     assert lines[2].length_m == pytest.approx(511_364, abs=600)
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_a_real_map_drawn_otherwise_gives_the_same_line(lines: list[Route], shared: Path, tmp_path: Path) -> None:
     """Ways cut and shuffled; their numbers of nodes stay."""
     source = REAL_LINES[0]

@@ -29,7 +29,6 @@ from tests.support.made_line import counts, matched
 from tests.support.making import das_sim, in_a_process
 from tests.support.tracks import as_gpx
 
-pytestmark = pytest.mark.reference
 TRIPS = shared_data() / "trips"
 POSTS = TRIPS / "kolback_vasteras_kmposts.csv"
 
@@ -104,9 +103,7 @@ def test_a_real_trip_without_its_speeds_is_the_same_trip() -> None:
     assert np.sqrt(np.mean(off_mps**2)) < 1.0
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The report of a real record, its cleaned file read again without findings, and the energy as driven."""
     monkeypatch.setenv("COLUMNS", "140")  # No phrase is broken over lines.
@@ -140,9 +137,7 @@ def dirtied(rows: list[list[str]]) -> Iterator[list[str]]:
             yield [latitude, longitude, speed, ms]
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_dirty_track_becomes_a_reviewed_recording(tmp_path: Path) -> None:
     """The real record with planted defects, turned into GPX without speeds: replay, then view."""
     rows = [line.split(",") for line in Path(kolback("dropouts")[0]).read_text().split()]
@@ -179,9 +174,7 @@ def real_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[dict[
     return runs
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["clean", "dropouts"])
 def test_real_trips_replay_without_loss(real_runs: dict[str, tuple[dict[str, Any], Path]], name: str) -> None:
     """The whole chain on a real record: nothing lost, no advice above a limit, a plausible energy above the optimum."""
@@ -202,9 +195,7 @@ def test_real_trips_replay_without_loss(real_runs: dict[str, tuple[dict[str, Any
     assert (folder / "run.rrd").stat().st_size > 100_000
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_quality_of_positions_survives_a_replay_of_a_replay(
     real_runs: dict[str, tuple[dict[str, Any], Path]],
 ) -> None:

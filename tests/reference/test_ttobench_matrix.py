@@ -28,7 +28,6 @@ from tests.support.making import REPOSITORY, csv_rows
 from tests.support.raw_data import Floats, G, Line, Train
 from tests.support.verifier import Finding, verify
 
-pytestmark = pytest.mark.reference
 BUFFERS_RATIO = (0.0, 0.05, 0.15)
 AMPLE_RATIO = 1e4
 """So much buffer that the least-energy run results. These trains idle for nothing, so it creeps: see `verify`."""

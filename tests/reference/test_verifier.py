@@ -230,7 +230,6 @@ def test_units_of_toml_files(true: tuple[Line, Train]) -> None:
     assert ours.inertia_kg == pytest.approx(194.4e3)
 
 
-@pytest.mark.reference
 def test_a_track_is_the_same_from_both_formats(shared: Path) -> None:
     one, other = Line.read(track_path("CH_StGallen_Wil")), Line.read(shared / "ttobench/tracks/CH_StGallen_Wil.json")
     at = np.linspace(0.0, one.stops_m[-1], 1000)

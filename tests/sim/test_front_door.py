@@ -78,9 +78,7 @@ def test_the_example_is_written_whole(tmp_path: Path) -> None:
     assert (folder / "trip.csv").stat().st_size > 10_000
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_recorded_day_is_the_day_of_run_day_and_can_be_reported(tmp_path: Path) -> None:
     drive = sim.record_day("clear-day", tmp_path / "day.mcap", seed=1, driver="perfect", advice="vector")
     day = sim.run_day("clear-day", seed=1, driver="perfect", advice="vector")

@@ -36,7 +36,6 @@ from das.bus.topics import (
 from das.cab.heard import JourneyHeard
 from sim.world.lockstep import Lockstep, Processes
 
-pytestmark = pytest.mark.processes
 TRAIN = "T1"
 TIMEOUT_S = 120.0
 LOG_TIMEOUT_S = 20.0
@@ -192,7 +191,7 @@ def test_without_a_certificate_nobody_gets_in(site: Site) -> None:
     assert advised(site).s_m < 1_500.0
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_a_cab_that_says_where_the_train_is_has_no_effect_and_is_logged(site: Site) -> None:
     everything = {
         POSITION.key(TRAIN): FALSE_POSITION,
@@ -209,7 +208,7 @@ def test_a_cab_that_says_where_the_train_is_has_no_effect_and_is_logged(site: Si
     assert advised(site).s_m < 1_500.0
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_a_simulator_that_advises_is_not_heard_and_is_logged(site: Site) -> None:
     assert tried(attacker(site.folder / "simulator.json5"), {ADVICE.key(TRAIN): FALSE_ADVICE}) >= 2
     site.until_logged("recorder", f"bus: refused: simulator.{TRAIN} may not put das/{TRAIN}/advice")
@@ -230,8 +229,7 @@ def test_sensors_and_operator_may_not_say_what_the_other_one_says(
     assert advised(site).s_m < 1_500.0
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_sensors_and_an_operator_with_certificates_of_their_own_get_advice(tmp_path: Path) -> None:
     ports = dict(zip(LISTENERS, free_ports(len(LISTENERS)), strict=True))
     folder, log = tmp_path / "bus", tmp_path / "node.log"
@@ -255,7 +253,7 @@ def test_sensors_and_an_operator_with_certificates_of_their_own_get_advice(tmp_p
             node.wait()
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_two_who_may_say_where_the_train_is_withdraw_the_advice(site: Site) -> None:
     """A second simulator has the right certificate: only the node can see that one of them is wrong."""
     with zenoh.open(attacker(site.folder / "simulator.json5")) as session:
@@ -268,7 +266,7 @@ def test_two_who_may_say_where_the_train_is_withdraw_the_advice(site: Site) -> N
     assert advised(site).s_m < 1_500.0
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_floods_and_giants_of_the_right_sender_do_not_stop_the_advice(site: Site) -> None:
     """10 000 positions at once, a journey of 1 MB and one the bus does not even take."""
     for _ in range(10_000):
@@ -283,8 +281,7 @@ def test_floods_and_giants_of_the_right_sender_do_not_stop_the_advice(site: Site
     assert advised(site).s_m < 1_500.0
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_simulation_runs_with_an_identity_for_each_of_its_processes(tmp_path: Path) -> None:
     ports = dict(zip(LISTENERS, free_ports(len(LISTENERS)), strict=True))
     write_bus_folder(tmp_path / "bus", TRAIN, ports, days=1.0)
@@ -311,8 +308,7 @@ def test_a_simulation_runs_with_an_identity_for_each_of_its_processes(tmp_path: 
     assert lockstep.traffic.lost == 0
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_what_was_recorded_is_what_the_right_ones_said(site: Site) -> None:
     """Last: ends node and recorder."""
     for process in site.processes.values():

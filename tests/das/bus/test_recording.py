@@ -151,6 +151,7 @@ def truths_before(cut: Path) -> int:
     return 0
 
 
+@pytest.mark.slow
 def test_every_cut_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
     content = write_recording(tmp_path / "short.mcap", seconds=2).read_bytes()
     cut = tmp_path / "cut.mcap"

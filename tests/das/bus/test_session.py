@@ -161,8 +161,7 @@ def source_once_connected(speaker: Bus, hearer: Bus) -> str:
     return first.source
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_message_that_comes_while_the_session_is_closed_is_heard_or_dropped_but_no_error(
     capfd: pytest.CaptureFixture[str],
 ) -> None:

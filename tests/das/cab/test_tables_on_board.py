@@ -37,7 +37,6 @@ def tables(made_tables: Path, tmp_path: Path) -> Path:
     return tmp_path / "tables"
 
 
-@pytest.mark.slow
 def test_a_table_answers_where_its_hash_matches(tables: Path) -> None:
     made = trip(Fronts(tables, threads=1))
     by_table, solved = at(made, 60, 1500.0, 24.0), at(trip(), 60, 1500.0, 24.0)

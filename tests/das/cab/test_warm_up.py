@@ -83,21 +83,20 @@ def run(program: str) -> str:
     return done.stdout
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_no_kernel_is_compiled_once_a_node_is_ready() -> None:
     """On a slow machine the first advice would come too late: one kernel of the coach took 10 s."""
     assert run(DRIVEN).split() == []
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_kept_kernels_bring_neither_linear_algebra_nor_scipy_along() -> None:
     # The first start may have to compile the kernels, and the compiler needs it all.
     said = [run(WARMED) for _ in range(2)]
     assert said[1].split() == []
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_what_is_compiled_beside_a_command_is_what_the_command_needs() -> None:
     """A kernel compiled for other types would be compiled in vain."""
     assert run(LATE) == "True\n"

@@ -159,8 +159,7 @@ def complete(words: str) -> list[str]:
     return done.stdout.split()
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_shell_completes_commands_options_and_values() -> None:
     assert complete("das-precompute so") == ["solve"]
     assert complete("das-precompute solve --lev") == ["--level"]
@@ -186,21 +185,18 @@ def imported(module: str, commands: list[list[str]]) -> set[str]:
     return set(done.stdout.rsplit("IMPORTED", 1)[1].split())
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 @pytest.mark.parametrize("module", PROGRAMS)
 def test_a_program_prints_its_help_without_anything_heavy(module: str) -> None:
     assert imported(module, [["-h"], ["--help"]]) == set()
 
 
-@pytest.mark.processes
 @pytest.mark.parametrize("module", PROGRAMS)
 def test_the_help_of_no_command_waits_for_compiler_science_or_bus(module: str) -> None:
     commands = [[entry.name, "--help"] for entry in PROGRAMS[module]] or [["tls-init", "--help"]]
     assert imported(module, commands) & {"numba", "scipy", "zenoh", "matplotlib", "rerun"} == set()
 
 
-@pytest.mark.processes
 def test_the_version_of_the_installed_program(tmp_path: Path) -> None:
     done = in_a_process("precompute.cli", "--version", cwd=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"das-precompute {__version__}\n", "")

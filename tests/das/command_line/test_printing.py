@@ -163,7 +163,6 @@ def on_a_terminal(command: list[str], folder: Path) -> tuple[int, str]:
     return child.wait(timeout=60), shown.decode(errors="replace")
 
 
-@pytest.mark.processes
 def test_compiling_is_said_only_when_something_is_compiled(tmp_path: Path) -> None:
     (tmp_path / "kernel.py").write_text(KERNEL)
     command = [sys.executable, "-c", PROGRAM]
@@ -177,8 +176,7 @@ def test_compiling_is_said_only_when_something_is_compiled(tmp_path: Path) -> No
     assert "compiling" not in again
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_elsewhere_compiling_is_said_in_one_line_and_scipy_is_not_loaded(tmp_path: Path) -> None:
     (tmp_path / "kernel.py").write_text(KERNEL)
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": f"{ROOT}:{tmp_path}"}
@@ -193,8 +191,7 @@ def test_elsewhere_compiling_is_said_in_one_line_and_scipy_is_not_loaded(tmp_pat
 SOLVE = ("solve", "flat-6km", "re460-ic", "--buffer", "7")
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("after_s", [0.3, 1.5, 4.0, 8.0])
 def test_a_signal_during_the_first_compilation_ends_in_one_line(tmp_path: Path, after_s: float, number: int) -> None:

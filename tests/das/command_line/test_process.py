@@ -96,7 +96,6 @@ def test_without_a_signal_all_is_as_before() -> None:
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == mask
 
 
-@pytest.mark.processes
 def test_a_process_started_meanwhile_is_born_deaf() -> None:
     asks = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
     with signals_held([signal.SIGINT]):
@@ -104,7 +103,6 @@ def test_a_process_started_meanwhile_is_born_deaf() -> None:
     assert said.strip() == "True"
 
 
-@pytest.mark.processes
 def test_ctrl_c_while_the_program_is_being_imported_ends_cleanly(tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text("import time\nprint('importing', flush=True)\ntime.sleep(60)\n")
     command = [sys.executable, "-c", "from das.command_line.process import start\nstart('slow')"]
@@ -140,22 +138,19 @@ def started(folder: Path, **env: str) -> tuple[str, list[Path]]:
     return done.stdout.strip(), [path.relative_to(folder) for path in folder.rglob("units.*.pyc")]
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_bytecode_is_kept_apart_where_none_may_be_written_beside_the_sources(tmp_path: Path) -> None:
     heeds, (kept,) = started(copy_without_bytecode(tmp_path))
     assert heeds == "False"
     assert kept.is_relative_to(PLACE)
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_python_does_as_told_where_the_user_says_where_bytecode_belongs(tmp_path: Path) -> None:
     assert started(copy_without_bytecode(tmp_path), PYTHONPYCACHEPREFIX=str(tmp_path / "mine")) == ("True", [])
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_python_does_as_told_where_bytecode_was_installed_or_cannot_be_kept(tmp_path: Path) -> None:
     copy_without_bytecode(tmp_path)
     (tmp_path / "das/__pycache__").write_text("a file: no folder can be made here, whoever we are")
@@ -170,7 +165,6 @@ def test_python_does_as_told_where_bytecode_was_installed_or_cannot_be_kept(tmp_
 BESIDE = "from pathlib import Path\nimport time\ndef main():\n    Path('begun').touch()\n    time.sleep(60)\n"
 
 
-@pytest.mark.processes
 def test_a_process_beside_runs_a_main_and_ends_with_the_one_that_started_it(tmp_path: Path) -> None:
     copy_of(tmp_path, "das")
     (tmp_path / "late.py").write_text(BESIDE)

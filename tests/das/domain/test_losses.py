@@ -258,7 +258,6 @@ def test_the_deviation_along_a_line_is_relative_to_the_fit() -> None:
         deviation_ratio(loss_map(), fit, 300e3, 10.0)
 
 
-@pytest.mark.reference
 def test_the_virm6_map_gives_the_values_of_its_file(shared: Path) -> None:
     path = shared / "loss_maps" / "NL_Intercity_VIRM6_chain.csv"
     virm = read_loss_map(path)

@@ -209,8 +209,7 @@ def test_what_is_possible_but_unusual_is_a_warning(tmp_path: Path) -> None:
     assert warnings_of(fast) == (f"{fast.source}: speed_limits[0] = 450 km/h: 3 to 400 km/h is usual",)
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_command_says_once_what_is_unusual_and_refuses_in_one_line(tmp_path: Path) -> None:
     fast = file_of(tmp_path, LINE, ("160.0]", "450.0]"))
     node = [sys.executable, "-m", "das.node", "--train", "T1", "--listen", endpoint(free_ports(1)[0])]

@@ -105,7 +105,6 @@ def test_fronts_are_drawn_through_their_points(fronts: tuple[das.Front, das.Fron
     np.testing.assert_array_equal(time_s, points["time_s"])
 
 
-@pytest.mark.slow
 def test_a_journey_is_drawn_with_its_stops_and_windows() -> None:
     route, train = das.load_route("zurich-luzern"), das.load_vehicle("re460-ic")
     plan = das.plan_journey(das.load_journey("zurich-luzern", route), route, train, level="l0-reg")

@@ -199,6 +199,7 @@ def test_the_stated_confidence_is_true() -> None:
     assert (every[..., 0] / every[..., 1]).std() > 0.3
 
 
+@pytest.mark.slow
 def test_the_pages_have_these_figures() -> None:
     pages = DOCS / "explanation"
     made = {

@@ -40,8 +40,6 @@ from tests.support.node_process import FLAT, START_NS, TRAIN, a_journey, node, p
 READY = das_pb2.Status.STATE_READY
 
 
-@pytest.mark.processes
-@pytest.mark.slow
 def test_node_takes_a_journey_advises_at_ticks_and_finishes_when_told() -> None:
     with node("--clock", "bus", journey=a_journey()) as (bus, child):
         ready = until(bus, status(READY), child)
@@ -68,8 +66,6 @@ def test_node_takes_a_journey_advises_at_ticks_and_finishes_when_told() -> None:
         assert child.wait(20) == 0
 
 
-@pytest.mark.more
-@pytest.mark.processes
 @pytest.mark.slow
 def test_node_advises_once_a_second_by_the_wall_clock_and_does_not_obey_control() -> None:
     with node() as (bus, child):
@@ -88,7 +84,6 @@ def test_node_advises_once_a_second_by_the_wall_clock_and_does_not_obey_control(
         assert child.wait(20) == 0
 
 
-@pytest.mark.processes
 def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
     """Kept for late subscribers, so that a node that was restarted knows them; a tick waits until they are heard."""
     one = das_pb2.Restrictions.Restriction(start_m=2_500.0, end_m=3_500.0, limit_mps=15.0)
@@ -118,8 +113,6 @@ def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
         assert "restrictions cannot be applied" in ask(2).reason.text
 
 
-@pytest.mark.processes
-@pytest.mark.slow
 def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
     one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=3_500.0, limit_mps=15.0)
     ours, theirs = (endpoint(port) for port in free_ports(2))
@@ -142,8 +135,7 @@ def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
                 assert until(bus, advised, child, stand).advised_speed_mps <= 15.0
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -159,8 +151,7 @@ def test_node_refuses_bad_arguments_in_one_line(arguments: list[str], message: s
     assert message in refused("das.node", *FLAT, *arguments)
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_node_says_when_its_port_is_taken() -> None:
     taken = endpoint(free_ports(1)[0])
     with Bus(TRAIN, listen=taken):
@@ -169,8 +160,7 @@ def test_node_says_when_its_port_is_taken() -> None:
     assert "in use" in said
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_the_example_of_the_documentation_is_advised() -> None:
     text = (REPOSITORY / "docs" / "how-to" / "connect-to-the-bus.md").read_text(encoding="utf-8")
     example = text.split("```python\n")[1].split("```")[0]
@@ -211,7 +201,6 @@ def own_publisher(old: str = "", new: str = "") -> Iterator[tuple[Bus, subproces
             user.communicate()
 
 
-@pytest.mark.processes
 def test_the_publisher_of_the_documentation_is_heeded_and_not_complained_of() -> None:
     """The page's program uses Zenoh alone; the node advises from it and complains of nothing."""
     begun: list[int] = []
@@ -230,8 +219,7 @@ def test_the_publisher_of_the_documentation_is_heeded_and_not_complained_of() ->
     assert [word for word in wrong if word in said] == []
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("old", "new", "cure"),
     [

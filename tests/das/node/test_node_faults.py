@@ -259,8 +259,7 @@ def test_the_recorder_survives_times_that_its_file_cannot_hold(tmp_path: Path) -
     assert len(recording.of(EVENT)) == len(recording.of(CONTROL)) == 1
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_zenohs_log_is_read_on_when_nobody_reads_what_we_say() -> None:
     """A full pipe would stop Zenoh, and with it the node."""
     said = "2026-11-21T00:00:00Z  WARN ThreadId(01) zenoh_link_tls::unicast: no certificates\n"

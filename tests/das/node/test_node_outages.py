@@ -70,9 +70,7 @@ def withdrawn(received: Received) -> bool:
     return received.topic is ADVICE and received.message.mode == das_pb2.MODE_NONE
 
 
-@pytest.mark.processes
-@pytest.mark.slow
-@pytest.mark.more
+@pytest.mark.nightly
 def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -> None:
     """Every process in turn, the log of all of them on a full disk."""
     node_at, simulator_at, recorder_at, cab_at = (endpoint(port) for port in free_ports(4))
@@ -112,8 +110,7 @@ def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -
         assert node.wait(20) == 0
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_disk_that_is_full_when_only_the_summary_is_missing_is_said(tmp_path: Path) -> None:
     """The recorder may write as many bytes as one message takes, but not what makes the file whole."""
     resource = pytest.importorskip("resource")
@@ -143,8 +140,7 @@ def test_a_disk_that_is_full_when_only_the_summary_is_missing_is_said(tmp_path: 
             recorder.finish()
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_node_that_is_stopped_while_it_compiles_ends_at_once(tmp_path: Path) -> None:
     ours, theirs = (endpoint(port) for port in free_ports(2))
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}

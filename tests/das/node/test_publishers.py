@@ -85,7 +85,6 @@ def seen(bus: Bus) -> Presence:
     raise AssertionError("nothing was seen")
 
 
-@pytest.mark.processes
 def test_the_bus_tells_a_node_of_another_but_not_of_itself() -> None:
     first, second = (endpoint(port) for port in free_ports(2))
     with Bus(TRAIN, listen=first) as one:
@@ -128,8 +127,7 @@ def sources(bus: Bus, senders: list[zenoh.Session]) -> set[str]:
     return set(found.values())
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_the_bus_tells_senders_without_time_stamps_from_those_that_stamp() -> None:
     place = endpoint(*free_ports(1))
     with Bus(TRAIN, listen=place, hear=[POSITION]) as bus, ExitStack() as stack:
@@ -141,8 +139,7 @@ def test_the_bus_tells_senders_without_time_stamps_from_those_that_stamp() -> No
         assert sources(bus, [stamping]) == {str(stamping.zid())}
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 @pytest.mark.parametrize("topic", [JOURNEY, RESTRICTION, TARGET], ids=lambda topic: topic.name)
 def test_the_bus_tells_operators_without_time_stamps_as_well(topic: Topic) -> None:
     place = endpoint(*free_ports(1))

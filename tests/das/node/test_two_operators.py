@@ -337,8 +337,7 @@ def operator(at: str, node_at: str, *limits: str) -> Iterator[subprocess.Popen[b
         child.wait()
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_operators_that_are_killed_and_come_back_over_the_bus() -> None:
     node_at, simulator_at, first_at, second_at = (endpoint(port) for port in free_ports(4))
     connect = [word for at in (simulator_at, first_at, second_at) for word in ("--connect", at)]
@@ -364,8 +363,7 @@ def test_operators_that_are_killed_and_come_back_over_the_bus() -> None:
                 until(simulator, contested, child)
 
 
-@pytest.mark.slow
-@pytest.mark.more
+@pytest.mark.nightly
 def test_nodes_that_are_started_anew_agree_that_two_living_operators_differ() -> None:
     """Whichever of the two lists each of them hears first."""
     node_at, simulator_at, first_at, second_at = (endpoint(port) for port in free_ports(4))

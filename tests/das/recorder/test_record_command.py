@@ -21,7 +21,6 @@ from tests.support.node_process import refused, until
 from tests.support.recordings import START_NS
 
 
-@pytest.mark.processes
 def test_a_session_is_recorded_beside_what_is_there_already(tmp_path: Path) -> None:
     """Without --out the file is named after the train; Ctrl-C ends the recording."""
     (tmp_path / "IC1.mcap").write_bytes(b"mine")
@@ -75,8 +74,7 @@ def send_and_record(out: Path, ticks: int) -> None:
     assert child.wait(20) == 0
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_everything_is_written_in_order_and_a_recorder_started_anew_keeps_it(tmp_path: Path) -> None:
     runs = {"run.mcap": 500, "run-2.mcap": 30}
     for ticks in runs.values():
@@ -89,8 +87,7 @@ def test_everything_is_written_in_order_and_a_recorder_started_anew_keeps_it(tmp
         assert recording.of(CONTROL)[-1].log_time_ns == START_NS + ticks * 10**9
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_file_that_cannot_be_written_is_named() -> None:
     said = refused("das.recorder", "--listen", endpoint(free_ports(1)[0]), "--out", "/nowhere/x.mcap")
     assert said.strip() == "error: /nowhere/x.mcap: cannot be written (No such file or directory)"

@@ -79,8 +79,6 @@ def on_disk(path: Path) -> int:
     return len(places)
 
 
-@pytest.mark.slow
-@pytest.mark.processes
 @pytest.mark.parametrize("kill", range(KILLS))
 def test_a_kill_costs_at_most_a_second(kill: int, tmp_path: Path) -> None:
     random.seed(kill)
@@ -102,9 +100,7 @@ def test_a_kill_costs_at_most_a_second(kill: int, tmp_path: Path) -> None:
         assert len(after.of(POSITION)) == saved
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 @pytest.mark.parametrize("kill", range(KILLS))
 def test_a_recorder_killed_while_it_starts_leaves_no_empty_file(kill: int, tmp_path: Path) -> None:
     """It may not have come to make a file; one that is there can be told from an empty one."""

@@ -110,7 +110,7 @@ def needs(solution: Solution) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("vehicle", ["CH_Stadler_FLIRT_TPF", pytest.param("re460-ic", marks=pytest.mark.more)])
+@pytest.mark.parametrize("vehicle", ["CH_Stadler_FLIRT_TPF", pytest.param("re460-ic", marks=pytest.mark.nightly)])
 def test_force_and_power_as_curves_give_the_same_answers(vehicle: str) -> None:
     """Fastest run, table, refined run, baseline and bound: two ways through the kernels, one train."""
     short, curves = (solve_front(section) for section in pair(vehicle))
@@ -162,8 +162,7 @@ def test_no_run_needs_less_than_its_bound_and_none_exceeds_its_curve(name: str, 
     assert 0.0 <= run.gap_ratio < 0.015
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_tight_bound_of_a_loss_map_knows_the_curve() -> None:
     """Without the curve its gap would stay that of the quick bound, about 1 %."""
     route, train = load_route("flat-6km"), load_vehicle("re460-ic")

@@ -462,7 +462,6 @@ def st_gallen(train: str) -> tuple[Journey, Route, Vehicle]:
     return load_journey(str(journey_path()), route), route, load_vehicle(str(train_path(train)))
 
 
-@pytest.mark.reference
 @pytest.mark.parametrize("train", ["CH_Stadler_KISS_SBB", "CH_Stadler_FLIRT_TPF"])
 def test_the_journey_of_the_benchmark_asks_for_more_than_the_limits_allow(train: str) -> None:
     """Earliest at 20 000 m: 1200 s, latest at the end: 1450 s. At the limits, without braking: 345.5 s."""
@@ -481,7 +480,6 @@ def test_the_journey_of_the_benchmark_asks_for_more_than_the_limits_allow(train:
 
 
 @pytest.mark.slow
-@pytest.mark.reference
 @pytest.mark.parametrize("train", ["CH_Stadler_KISS_SBB", "CH_Stadler_FLIRT_TPF"])
 def test_the_journey_of_the_benchmark_with_a_later_end_is_planned(train: str) -> None:
     asked, route, vehicle = st_gallen(train)
@@ -507,7 +505,6 @@ def assert_driven(section: SectionPlan, line: Line, train: Train, loss: Loss) ->
 
 
 @pytest.mark.slow
-@pytest.mark.reference
 def test_the_metro_of_the_benchmark_is_planned_over_its_13_sections() -> None:
     route = load_route(str(track_path("CN_Songjiazhuang_Yizhuang")))
     train = load_vehicle(str(train_path("CN_Beijing_Subway")))

@@ -103,7 +103,6 @@ def refined_of(line: str, level: Level, buffer_ratio: float) -> Solution:
     return refined(run_of(line, level, buffer_ratio))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("line", "level", "buffer_ratio"), CASES)
 def test_a_refined_run_is_possible_in_time_and_needs_less(line: str, level: Level, buffer_ratio: float) -> None:
     """Time and energy are those of the trajectory; the wanted time is used to within the solver's tolerance."""
@@ -117,7 +116,7 @@ def test_a_refined_run_is_possible_in_time_and_needs_less(line: str, level: Leve
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "level", "buffer_ratio"),
-    [pytest.param(*one, marks=() if number % 3 == 0 else pytest.mark.more) for number, one in enumerate(CASES)],
+    [pytest.param(*one, marks=() if number % 3 == 0 else pytest.mark.nightly) for number, one in enumerate(CASES)],
 )
 def test_a_wider_and_finer_tube_finds_next_to_nothing_more(line: str, level: Level, buffer_ratio: float) -> None:
     found = refined_of(line, level, buffer_ratio)
@@ -141,7 +140,6 @@ def test_nothing_is_wrong_with_a_refined_run(level: Level) -> None:
     assert_possible(found, section)
 
 
-@pytest.mark.reference
 @pytest.mark.slow
 def test_every_refined_benchmark_row_needs_less_than_the_public_optimiser() -> None:
     """Constant efficiencies; time kept, nothing that the independent verifier finds wrong. Measured: −0.05 to −1 %."""
@@ -170,7 +168,6 @@ def test_the_fastest_run_is_its_own_refinement() -> None:
     assert refined(late) is late
 
 
-@pytest.mark.slow
 def test_a_run_of_least_energy_may_take_the_time_that_was_asked_for_and_no_more() -> None:
     early = run_of("hilly", Level.L3, 2.0)
     assert early.fit is Fit.EARLY
@@ -204,7 +201,6 @@ def test_a_refined_run_is_hardly_refined_any_more() -> None:
     assert found.balance.input * (1.0 - 5e-4) <= again.balance.input <= found.balance.input
 
 
-@pytest.mark.slow
 def test_a_run_from_under_way_is_refined_from_there() -> None:
     """From the middle of the line at a speed: the state's own place and speed are kept."""
     front = front_of("hilly", Level.L3)

@@ -194,6 +194,7 @@ def test_packed_while_swept_is_packed_afterwards(threads: int, block_nodes: int,
     assert np.array_equal(packed.value_j, front.value_j.astype(np.float32))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("buffer_ratio", [0.005, 0.03, 0.1, 0.3])
 def test_a_run_from_packed_policies_needs_the_same_energy(buffer_ratio: float) -> None:
     packed = solve_front(SECTION, lambda_w=LADDER_W, packed=True)

@@ -353,14 +353,13 @@ def assert_no_worse(results: list[ReferenceResult], map_path: Path | None = None
         assert verify(run, line, train, loss, ends_m=ends_m, end_speeds_mps=(1.0, 1.0), claim=claim) == [], key
 
 
-@pytest.mark.reference
 def test_public_benchmark_with_constant_efficiencies() -> None:
     results = [result for result in reference_results() if result.losses != "map"]
     assert len(results) == 14
     assert_no_worse(results)
 
 
-@pytest.mark.reference
+@pytest.mark.slow
 def test_public_benchmark_with_the_loss_map_of_the_virm6(shared: Path) -> None:
     """The loss map is a third party's table of 11 569 points; it stays in ../shared."""
     results = [result for result in reference_results() if result.losses == "map"]
@@ -368,7 +367,6 @@ def test_public_benchmark_with_the_loss_map_of_the_virm6(shared: Path) -> None:
     assert_no_worse(results, shared / "loss_maps" / "NL_Intercity_VIRM6_chain.csv")
 
 
-@pytest.mark.reference
 def test_least_times_of_the_public_benchmark() -> None:
     """Against an independent calculation in fine steps: within 0.05 %, never optimistic by more than 0.1 s."""
     assert len(least_times()) == 4

@@ -79,8 +79,7 @@ def command(folder: Path, *words: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_table_of_other_code_is_not_used_and_built_again(built: Path, tmp_path: Path) -> None:
     copy_of(tmp_path, "das", "precompute", "tests")
     shutil.copytree(built / "tables", tmp_path / "tables")
@@ -123,7 +122,7 @@ def _bound_j(folder: Path) -> float:
     return found.front.trajectory(300.0).table_bound_j
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_comments_and_docstrings_do_not_matter_and_the_domain_does(tmp_path: Path) -> None:
     copy_of(tmp_path, "das")
 
@@ -145,8 +144,7 @@ def test_comments_and_docstrings_do_not_matter_and_the_domain_does(tmp_path: Pat
     assert found() != solver_code_sha256()
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_without_source_files_no_table_is_trusted(built: Path, tmp_path: Path) -> None:
     copy_of(tmp_path, "das", "precompute")
     shutil.copytree(built / "tables", tmp_path / "tables")

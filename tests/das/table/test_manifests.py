@@ -241,8 +241,7 @@ def test_the_commands_say_it_in_one_line(copied: Path, tmp_path: Path) -> None:
         assert f"{Path('table') / MANIFEST}: is not a regular file" in done.stdout
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_huge_table_takes_no_memory(copied: Path) -> None:
     """A table that claims to hold terabytes is refused in words, before anything is allocated for it."""
     seal_anew(copied, put("grid", value={"decision_nodes": 190_000, "speeds": 4_900, "integration_nodes": 4_900_000}))

@@ -27,6 +27,8 @@ from tests.support.making import csv_rows, make_route, make_train
 from tests.support.raw_data import Line, Train
 from tests.support.verifier import verify
 
+pytestmark = pytest.mark.slow
+
 MASS_KG, FORCE_N = 1e5, 1e5
 TIMED = (Strategy.FASTEST, Strategy.RMS, Strategy.FOUR_MODE)
 SOLVER_RATIO = 2e-3
@@ -130,7 +132,6 @@ def test_fastest_is_half_acceleration_half_braking() -> None:
     assert run.requested_s == run.least_time_s == run.time_s
 
 
-@pytest.mark.slow
 def test_four_modes_with_dissipative_brakes_and_no_resistance() -> None:
     """Without resistance, energy only buys speed and no brake gives it back: least energy is the least top speed that
     makes the time, held to the brake point, which is the RMS run; E = m·v²/2."""
@@ -247,7 +248,7 @@ def test_four_modes_are_the_optimum_of_constant_efficiency() -> None:
     assert np.count_nonzero(~np.logical_or.reduce([*modes, held])) <= 3
 
 
-@pytest.mark.parametrize("buffer_ratio", [0.03, pytest.param(0.1, marks=pytest.mark.more), 0.3])
+@pytest.mark.parametrize("buffer_ratio", [0.03, pytest.param(0.1, marks=pytest.mark.nightly), 0.3])
 def test_a_hilly_section(hilly: Section, hilly_front: Front, buffer_ratio: float) -> None:
     time_s = fastest(hilly).time_s * (1 + buffer_ratio)
     optimal_j = hilly_front.trajectory(time_s).balance.input
@@ -304,9 +305,7 @@ def test_a_hill_that_needs_momentum() -> None:
 TRACKS = {"CH_Fribourg_Bern": "CH_Stadler_FLIRT_TPF", "SE_Vasteras_Kolback": "NL_Intercity_VIRM6"}
 
 
-@pytest.mark.slow
-@pytest.mark.reference
-@pytest.mark.more
+@pytest.mark.nightly
 @pytest.mark.parametrize("track", TRACKS)
 def test_public_tracks(track: str) -> None:
     """Limits, gradients and both brakes of real lines; the forces once more by the independent integrator."""
@@ -384,9 +383,7 @@ def test_a_train_that_stalls_is_named(hilly: Section) -> None:
         fastest(steep)
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.reference
+@pytest.mark.nightly
 def test_four_modes_on_a_metro_section_stay_near_the_optimum() -> None:
     # With hills a coasting arc grazes the base run: a little more speed must not end it there.
     route = load_route(str(track_path("CN_Songjiazhuang_Yizhuang")))

@@ -163,9 +163,7 @@ def test_the_plain_front_is_the_front() -> None:
 # --- the command ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_figure_has_a_baseline_and_a_true_bound_or_none() -> None:
     assert list(figures_by_name()) == list(NAMES)
     result = measure(list(NAMES), longest_section("flat-6km", "re460-ic"), 2, quick=True)
@@ -187,9 +185,7 @@ def test_every_figure_has_a_baseline_and_a_true_bound_or_none() -> None:
     assert result["roofline"]["threads"] == 1
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_command_prints_json(tmp_path: Path) -> None:
     words = ("bench", "--quick", "--only", "memory,trajectory", "--threads", "1", "--json")
     run = in_a_process("precompute.cli", *words, cwd=tmp_path)

@@ -40,7 +40,6 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.processes
 def test_a_trip_of_a_feed_becomes_a_journey_without_a_route(folder: Path) -> None:
     done = in_a_process("precompute.cli", "journey", "import", "feed.zip", "--trip", "101", "-o", "j.toml", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")

@@ -133,7 +133,6 @@ def test_what_is_printed_fits_80_columns_and_explains_its_abbreviations(
     assert [one for one in PRINTED[command] if one not in out] == []
 
 
-@pytest.mark.processes
 def test_the_catalogue_is_what_the_files_say(tmp_path: Path) -> None:
     done = in_a_process("precompute.cli", "catalogue", "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")

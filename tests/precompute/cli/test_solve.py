@@ -18,7 +18,6 @@ from tests.support.making import in_a_process, printed
 from tests.support.raw_data import Line, Train, read_loss_map, read_rows
 from tests.support.verifier import verify
 
-pytestmark = pytest.mark.processes
 SOLVE = ("solve", "flat-6km", "re460-ic")
 MASS_KG, FORCE_N, POWER_W, LIMIT_MPS, LENGTH_M = 440e3, 300e3, 6.1e6, 160 / 3.6, 6000.0
 Solved = tuple[dict[str, Any], Path]
@@ -35,7 +34,6 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Solved:
     return json.loads(done.stdout), folder
 
 
-@pytest.mark.slow
 def test_solve_prints_one_json_object_and_draws_a_picture(solved: Solved) -> None:
     result = solved[0]
     numbers = ("min_time_s", "time_s", "energy_kwh", "energy_irreversible_kwh", "gap_ratio", "solve_s")
@@ -101,6 +99,7 @@ def test_solve_for_people_says_what_it_wrote_and_how_a_baseline_drives(tmp_path:
     assert re.search(r"^coasts from km 1\.\d{3} to km 5\.\d{3}$", out, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_more_time_never_costs_more(tmp_path: Path, solved: Solved) -> None:
     words = ("front", *SOLVE[1:], "--buffers", "0,2,7,20", "--plot", "front.png", "--json")
     result = json.loads(printed(tmp_path, *words))
@@ -143,6 +142,7 @@ def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: Solved
     assert found[0]["time_s"] >= solved[0]["time_s"]
 
 
+@pytest.mark.slow
 def test_baseline_strategies(tmp_path: Path, solved: Solved) -> None:
     """Same keys, time and files as the optimal run, and each needs more energy than the better one."""
     energies = []

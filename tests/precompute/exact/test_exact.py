@@ -153,7 +153,7 @@ def test_brute_force(made: Callable[[], Section], buffer_ratio: float, grid: Gri
     assert_front(solve_exact(section, buffer_ratio, grid=grid), section, grid, buffer_ratio)
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 @settings(max_examples=12, deadline=None)
 @given(
     traction=st.floats(0.7, 1.0),
@@ -223,7 +223,7 @@ def test_supported_and_swept_runs_are_close_and_nothing_is_below_the_front_or_it
     assert ((paper.energy_j - paper.bound_j) / paper.energy_j).mean() < 0.001
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_buckets_give_runs_between_the_exact_front_and_a_little_more(paper: ExactFront) -> None:
     near = solve_exact(paper.section, 0.1, limits=Limits(bucket_ms=20.0))
     exact_j = paper.energy_j[[paper.index_at(time_s) for time_s in near.time_s]]

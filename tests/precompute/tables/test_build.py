@@ -196,9 +196,7 @@ def solve_all(
     return outcomes
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_killed_worker_costs_one_attempt_and_a_poison_job_only_itself(tmp_path: Path) -> None:
     jobs = [job(i) for i in range(12)]
     jobs.insert(3, job(20, PoisonJob))
@@ -225,7 +223,6 @@ def test_a_killed_worker_costs_one_attempt_and_a_poison_job_only_itself(tmp_path
     assert not multiprocessing.active_children()
 
 
-@pytest.mark.processes
 def test_workers_that_cannot_start_are_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pool, "serve", os.abort)
     with pytest.raises(DasError, match="workers cannot be started: 3 in a row ended at once"):
@@ -255,7 +252,6 @@ def test_tables_for_other_braking_or_buffers_stay_beside_those_of_a_new_plan(tmp
     assert not table_folders(tmp_path)
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     """One section cannot be driven; the others are built, kept, and built anew where an input has changed."""
@@ -338,9 +334,7 @@ def tables_of(folder: Path) -> dict[str, int]:
     return {path.name: path.stat().st_mtime_ns for path in table_folders(folder)}
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_stopped_and_a_killed_build_go_on_where_they_were(tmp_path: Path) -> None:
     """No section is lost, none is solved twice, and no worker outlives the build."""
     tables = tmp_path / "tables"
@@ -391,9 +385,7 @@ def killed_a_worker(client: Client) -> bool:
     return False
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_path: Path) -> None:
     """A worker is killed in mid-build, a poison job kills others: all else is built, and nothing stays behind."""
     jobs = [job(i) for i in range(8)]
@@ -417,8 +409,7 @@ def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_pa
             assert path.read_bytes() == (far / path.name).read_bytes()
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_cluster_that_differs_is_refused(address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Client(address, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=60)

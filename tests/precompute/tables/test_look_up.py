@@ -22,6 +22,7 @@ def look_up(section: Section, folder: Path) -> LookUp:
     return LookUp(read_front(folder, section))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("from_table", [True, False], ids=["from a table", "from memory"])
 def test_look_up_agrees_with_the_roll_out(look_up: LookUp, front: Front, from_table: bool) -> None:
     answer, scale_j = look_up if from_table else LookUp(front), abs(front.fastest().balance.input)

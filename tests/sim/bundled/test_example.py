@@ -199,7 +199,6 @@ def test_fronts_journeys_and_sensitivity(folder: Path) -> None:
         assert run(folder, line)
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_tables_are_built_shown_and_verified_and_a_node_starts_with_them(folder: Path) -> None:
     for line in commands(folder, "das-precompute build", "das-precompute show", "das-precompute verify"):
@@ -222,9 +221,7 @@ def test_tables_are_built_shown_and_verified_and_a_node_starts_with_them(folder:
     assert "Traceback" not in said
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_day_is_driven_drawn_and_batched(folder: Path) -> None:
     for line in commands(folder, "das-sim run", "das-sim view day", "das-sim batch"):
         assert run(folder, line)
@@ -232,9 +229,7 @@ def test_a_day_is_driven_drawn_and_batched(folder: Path) -> None:
     assert (folder / "runs" / "runs.parquet").is_file()
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_the_recorded_trip_is_replayed_and_drawn(folder: Path) -> None:
     for line in commands(folder, "das-sim replay", "das-sim view replay"):
         said = run(folder, line)

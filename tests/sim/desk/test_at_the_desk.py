@@ -17,7 +17,7 @@ from sim.world.scenario import load_scenario
 from sim.world.service import make_day, prepare_service
 from tests.support.desk_page import FLAT_DAY, DeskPage, chromium, desk_command
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow, pytest.mark.processes]
+pytestmark = pytest.mark.nightly
 
 
 def driven_anew(recording: Recording) -> list[tuple[float, float]]:

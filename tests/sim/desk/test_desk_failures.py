@@ -13,7 +13,7 @@ from das.bus.recording import read_recording
 from das.bus.topics import LOG, MARK
 from tests.support.desk_page import FLAT_DAY, DeskPage, chromium, desk_command
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow, pytest.mark.processes]
+pytestmark = pytest.mark.nightly
 
 
 def renderers() -> list[psutil.Process]:

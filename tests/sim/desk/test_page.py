@@ -26,7 +26,7 @@ from tests.support.desk_server import TOKEN, MadeUpBus, Visitor, desk_server, un
 from tests.support.flat_days import service_of
 from tests.support.making import REPOSITORY
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = pytest.mark.nightly
 
 HILLS = (
     (REPOSITORY / "sim" / "experiment" / "studies" / "days" / "zug-luzern.toml").read_text(encoding="utf-8")

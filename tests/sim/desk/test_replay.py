@@ -106,8 +106,7 @@ def test_what_the_desk_cannot_show_is_refused_in_one_line(
     assert said in refusal("desk", *arguments, "--no-open", cwd=tmp_path_factory.mktemp("refused"))
 
 
-@pytest.mark.browser
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_keyboard_plays_stops_and_jumps_from_bookmark_to_bookmark() -> None:
     with played() as visitor, chromium() as browser:
         page = DeskPage(

@@ -314,7 +314,6 @@ def test_a_slow_page_loses_old_cabs_and_nothing_else() -> None:
     assert socket.closed == TAKEN
 
 
-@pytest.mark.processes
 def test_a_server_that_cannot_join_the_bus_ends_and_says_why(tmp_path: Path) -> None:
     """Or the run would wait for its driver for good, and the page for the run."""
     lost = str(tmp_path / "desk.json5")

@@ -104,7 +104,6 @@ def test_speeds_above_the_limit_and_signals_passed_are_found_in_positions() -> N
     assert violations_of(trip, np.full(10, 20.0), []) == Violations()
 
 
-@pytest.mark.processes
 def test_events_and_notes_do_without_the_solver() -> None:
     code = (
         "import sys\nfrom pathlib import Path\nfrom sim.cli.trips import bundled_recording\n"

@@ -374,6 +374,7 @@ def test_a_human_arrives_stops_at_the_mark_and_keeps_limits(
     assert case.plant.balance(run.states[0], run.states[-1]).residual_ratio < 1e-6
 
 
+@pytest.mark.slow
 def test_advice_helps_a_human_to_save_energy_and_be_on_time(zug_luzern: Case) -> None:
     case = zug_luzern
     advised = [case.ride(HumanDriver(case.line, seed=s), case.advise(Presentation.VECTOR)) for s in range(2)]
@@ -576,9 +577,7 @@ for seed, stream in ((11, 0), (12, 0), (11, 1)):
 """
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_seed_and_a_stream_drive_the_same_to_the_last_bit_in_two_processes() -> None:
     def digests(hash_seed: str) -> list[str]:
         environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONHASHSEED": hash_seed}
@@ -618,7 +617,6 @@ def test_every_parameter_is_documented_with_its_source() -> None:
     assert parameter_markdown() in page, said
 
 
-@pytest.mark.processes
 def test_das_sim_lists_the_drivers(tmp_path: Path) -> None:
     done = in_a_process("sim.cli", "drivers", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

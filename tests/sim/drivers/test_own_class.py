@@ -89,7 +89,6 @@ def driven(folder: Path, driver: str, *more: str) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.slow
 def test_the_driver_of_the_page_drives(folder: Path) -> None:
     assert len((folder / "my_driver.py").read_text().splitlines()) <= 30
     found = driven(folder, "my_driver:Gentle", "--advice", "four-mode")
@@ -126,7 +125,6 @@ def test_a_bundled_class_drives_the_same_whoever_names_it(folder: Path) -> None:
         ("needs:Gentle", "{folder}/needs.py, line 1, raised: ModuleNotFoundError: No module named 'nothing_of_this'"),
     ],
 )  # fmt: skip
-@pytest.mark.slow
 def test_what_is_wrong_with_a_class_is_said_in_one_line(folder: Path, driver: str, said: str) -> None:
     done = das_sim("run", "flat.toml", "--driver", driver, "--in-process", cwd=folder)
     assert done.returncode == 2
@@ -180,9 +178,7 @@ def test_names_of_drivers() -> None:
             named_driver("--driver", text)
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_batch_takes_a_class_and_names_the_hash_of_its_file(folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     asked = ("batch", "flat.toml", "--seeds", "1", "--advice", "none", "-o", "runs", "--workers", "1", "--json")

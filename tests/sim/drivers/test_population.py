@@ -170,8 +170,7 @@ def test_values_that_contradict_each_other_name_the_participant(flat: Callable[[
         read_scenario(path).human.participant(Participant(population=found, number=3), path)
 
 
-@pytest.mark.slow
-@pytest.mark.more
+@pytest.mark.nightly
 def test_runs_of_a_participant_are_paired(tmp_path: Path) -> None:
     (tmp_path / "flat.toml").write_text(FLAT)
     asked = ("run", "flat.toml", "--in-process", "--json", "--advice", "none")
@@ -212,9 +211,7 @@ def test_options_that_cannot_be_meant_are_refused_in_one_line(
     assert said in refusal(*options, cwd=tmp_path)
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_batch_has_a_row_for_every_participant(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     (tmp_path / "flat.toml").write_text(FLAT)

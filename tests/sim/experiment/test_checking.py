@@ -23,6 +23,7 @@ def sensed(designed: Designed, fixed: str, *factors: str, scenario: str = "flat-
     return [test.of(factor) for factor in design.factors]
 
 
+@pytest.mark.slow
 def test_what_a_human_driver_goes_by_is_admitted(designed: Designed) -> None:
     found = sensed(
         designed,
@@ -36,6 +37,7 @@ def test_what_a_human_driver_goes_by_is_admitted(designed: Designed) -> None:
     assert all(one.days <= DAYS_TRIED for one in found)
 
 
+@pytest.mark.slow
 def test_a_reason_is_sensed_by_drivers_whom_it_makes_refuse_less(designed: Designed, tmp_path: Path) -> None:
     day = study_days()["flat-6km"].read_text() + "\n[human]\nreason_refusal_ratio = 0\ncomply_coast_ratio = 0.2\n"
     (tmp_path / "day.toml").write_text(day)
@@ -49,12 +51,12 @@ def test_a_reason_is_sensed_by_drivers_whom_it_makes_refuse_less(designed: Desig
 @pytest.mark.parametrize(
     ("factor", "fixed"),
     [
-        pytest.param("name = 'reason'\nlevels = [true, false]", "presentation = 'coach'", marks=pytest.mark.more),
+        pytest.param("name = 'reason'\nlevels = [true, false]", "presentation = 'coach'", marks=pytest.mark.nightly),
         ("name = 'hold_s'\nlevels = [0, 20]", "presentation = 'none'"),
         pytest.param(
             "name = 'friction'\nlevels = ['as-measured', 'electric-first']",
             "driver = 'perfect'",
-            marks=pytest.mark.more,
+            marks=pytest.mark.nightly,
         ),
     ],
 )
@@ -89,8 +91,7 @@ def test_a_driver_senses_the_preview(designed: Designed, driver: str) -> None:
     assert found == Sensed(factor="preview_s", days=1, alike=())
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_level_that_cannot_be_driven_is_said(designed: Designed, tmp_path: Path) -> None:
     (tmp_path / "stuck.toml").write_text(
         "schema_version = 1\n[scenario]\nid = 'stuck'\ntitle = 'T'\nroute = 'flat-6km'\nvehicle = 're460-ic'\n"

@@ -28,6 +28,8 @@ from sim.jobs.runner import Journal, attempted
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim, refusal, wait_until
 
+pytestmark = pytest.mark.slow
+
 pandas = pytest.importorskip("pandas")
 parquet = pytest.importorskip("pyarrow.parquet")
 
@@ -54,7 +56,6 @@ levels = ["none", "vector"]
 [analysis]
 measures = ["gap_to_optimum_ratio", "speed_rmse_mps", "power_brake_reversals"]
 """
-pytestmark = [pytest.mark.slow, pytest.mark.processes]
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +104,7 @@ def test_what_is_finished_is_not_driven_again_and_the_bytes_are_the_same(place: 
     assert (study / TRIALS_TABLE).read_bytes() == before
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: Path) -> None:
     folder = place / "killed"
     words = ["experiment", "run", "small.toml", "-o", "killed", "--workers", "1"]
@@ -122,7 +123,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: P
     assert (folder / TRIALS_TABLE).read_bytes() == (study / TRIALS_TABLE).read_bytes()
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_a_factor_that_is_not_sensed_is_refused_before_anything_is_driven(place: Path) -> None:
     (place / "idle.toml").write_text(
         DESIGN.replace('"presentation"', '"reason"').replace('["none", "vector"]', "[true, false]")
@@ -167,7 +168,7 @@ def test_the_validator_of_bids_finds_no_error(study: Path) -> None:
     assert found["summary"]["totalFiles"] >= 16  # what BIDS has no place for is ignored, the rest is not
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 @pytest.mark.skipif(shutil.which("Rscript") is None, reason="needs R: apt-get install r-base-core")
 def test_the_tables_open_in_one_line_of_r(study: Path) -> None:
     """The lines are those of the page; a table of Parquet needs a package that is rarely there."""
@@ -202,7 +203,7 @@ def test_provenance_and_design_are_kept(study: Path) -> None:
     assert (bool(description["BIDSVersion"]), description["Name"]) == (True, "A small study")
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp_path: Path) -> None:
     design = designed(place)
     jobs = jobs_of(design, Keep.MEASURES, tmp_path)
@@ -228,7 +229,7 @@ def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp
     assert not list(tmp_path.rglob("*_series.parquet"))
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_a_cluster_drives_the_same(place: Path, study: Path, tmp_path: Path) -> None:
     with running_cluster(tmp_path, 1) as address:
         done = das_sim(
@@ -239,7 +240,7 @@ def test_a_cluster_drives_the_same(place: Path, study: Path, tmp_path: Path) -> 
     assert len(list((place / "far").rglob("*_series.parquet"))) == 6
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: Path, tmp_path: Path) -> None:
     jobs = jobs_of(designed(place), Keep.RECORDINGS, tmp_path)
     some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("vector",)][:1]

@@ -87,7 +87,6 @@ def first(folder: Path) -> First:
     return First(found, rows(path), path.read_bytes())
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_the_table_has_a_row_for_every_run(first: First) -> None:
     assert (first.found["runs"], first.found["made"]) == (8, 8)
@@ -117,7 +116,7 @@ def test_every_column_is_documented() -> None:
     assert [name for name in COLUMNS if f"`{name}`" not in said] == []
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First) -> None:
     failed = attempted(make_run, jobs(folder, scenarios=[str(folder / "stuck.toml")])[0]).row
     write_table(folder / "failed.parquet", [failed, first.table[0]])
@@ -130,7 +129,6 @@ def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First) ->
     assert [(group["failed"], group["error"]) for group in groups] == [(1, row["error"]), (0, None)]
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_finished_runs_are_not_made_again_unless_an_input_changed(folder: Path, first: First) -> None:
     table, scenario = folder / "a" / "runs.parquet", folder / "late.toml"
@@ -153,9 +151,7 @@ def finished(folder: Path) -> int:
     return len(path.read_bytes().splitlines()) if path.exists() else 0
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number: int) -> None:
     name = f"stopped-{number}"
@@ -181,9 +177,7 @@ def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number
     assert all(theirs[seed] == first.row("vector", seed) for seed in range(4))
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: First) -> None:
     asked = ("late.toml", "--seeds", "1", "--drivers", "perfect", "--advice", "vector", "--record", "-o", "b")
     assert made(*asked, cwd=folder)["made"] == 1
@@ -257,7 +251,7 @@ def test_bad_input_of_batch_is_one_line(folder: Path, arguments: list[str], mess
     assert not (folder / "x").exists()
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
     done = batch(*ASKED, "-o", "a", cwd=folder)
     for text in ("8 runs, 0 of them made now", "late, perfect, vector", "written: a/runs.parquet", "comfort"):
@@ -265,9 +259,7 @@ def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
     assert "…" not in done.stdout
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_ctrl_c_at_a_terminal_spares_workers_that_are_being_started(folder: Path) -> None:
     """It goes to all processes of the command; a worker must not die of it before it knows to ignore it."""
     asked = ["late.toml", "--seeds", "0-9", "--drivers", "perfect", "--workers", "1", "-o", "started"]

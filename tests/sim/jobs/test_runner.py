@@ -66,7 +66,6 @@ def ran(folder: Path, jobs: list[NumberJob], workers: Workers) -> tuple[int, lis
     return made, found
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_a_worker_that_dies_costs_only_its_own_job(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Once it is made again; a job that kills every worker is given up, and all others come to what they should."""

@@ -50,7 +50,6 @@ def alone() -> Recording:
     return recording
 
 
-@pytest.mark.slow
 def test_line_and_forces_are_filled_in(alone: Recording) -> None:
     scene, inputs = ReviewScene.of(Drive(source=alone)), inputs_of(alone)
     assert "estimated from positions" in scene.filled_from

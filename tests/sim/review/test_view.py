@@ -67,7 +67,6 @@ def test_the_viewer_leaves_the_handlers_of_signals_as_they_were(whole: Path, mon
     assert [signal.getsignal(number) for number in STOP_SIGNALS] == before
 
 
-@pytest.mark.processes
 def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch) -> None:
     command = view.viewer_command(1234)
     assert command[command.index("--bind") + 1] == "127.0.0.1"

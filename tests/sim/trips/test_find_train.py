@@ -161,8 +161,7 @@ def test_one_train_and_several_are_two_questions(tmp_path: Path) -> None:
             trip_command(tmp_path / "x.csv", TripOptions(route="flat-6km", **said), vehicles="all")  # type: ignore[arg-type]
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_command_says_which_train_it_was_and_a_replay_without_one_offers_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -192,8 +191,7 @@ def _named(found: Sequence[FoundTrain]) -> set[str]:
     return {name for one in found if one.possible for name in one.names}
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_planted_trains_are_found_and_the_page_says_so() -> None:
     """A drive of each train, one of the four in its row of the page: what is found is as good as the row says."""
     page = PAGE.read_text(encoding="utf-8")

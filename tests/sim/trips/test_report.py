@@ -108,8 +108,6 @@ def test_dirt_hardly_changes_the_energy(tmp_path: Path, driven: tuple[Trip, Sect
     assert energy_j == pytest.approx(found.estimate_j, rel=0.01)
 
 
-@pytest.mark.processes
-@pytest.mark.slow
 def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A made-up trip with many defects: they are named, the picture is drawn, and the cleaned file has none left."""
     monkeypatch.setenv("COLUMNS", "140")  # No phrase is broken over lines.
@@ -152,8 +150,7 @@ def test_the_estimate_finds_the_energy_and_the_losses_of_a_simulated_run() -> No
     assert found.component_loss == pytest.approx(truth.component_loss, rel=0.03)
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> None:
     """The plant integrates on its own: its true energy against that from a track without speeds, and the direction."""
     made = das_sim(

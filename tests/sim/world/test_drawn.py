@@ -51,7 +51,6 @@ def write_map(path: Path, times: float) -> None:
     path.write_text("\n".join(["speed_kmh,force_kn,loss_kw", *rows]) + "\n")
 
 
-@pytest.mark.slow
 def test_another_loss_map_costs_what_it_says_and_moves_nothing(flat: Callable[[str], Path]) -> None:
     """Losses do not act on the wheels, and nobody on board sees them: only the energy is another."""
     path = flat("[truth]\nloss_map = 'worn.csv'")

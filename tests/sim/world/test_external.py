@@ -110,9 +110,8 @@ def driven(day: Day, place: str, out: Path, shown: Presentation, patience: Patie
     return drive_day(day, ExternalDriver(day, patience=patience), how, out)
 
 
-@pytest.mark.processes
 @pytest.mark.slow
-@pytest.mark.parametrize("shown", [pytest.param(Presentation.VECTOR, marks=pytest.mark.more), Presentation.COACH])
+@pytest.mark.parametrize("shown", [pytest.param(Presentation.VECTOR, marks=pytest.mark.nightly), Presentation.COACH])
 def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
     folder: Path, tmp_path: Path, shown: Presentation
 ) -> None:
@@ -135,9 +134,7 @@ def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
     assert recorded_stability(recording).as_dict() == run.stability.as_dict()  # of one look a second
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_program_of_the_page_drives(folder: Path) -> None:
     place = endpoint(*free_ports(1))
     with process(folder, "page.py", place) as other:
@@ -152,9 +149,7 @@ def test_the_program_of_the_page_drives(folder: Path) -> None:
     assert abs(found["stops"][-1]["missed_m"]) < 10
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_driver_that_falls_silent_is_braked_for_and_may_come_back(folder: Path, tmp_path: Path) -> None:
     """Silent for 30 looks; it answers again while the train brakes, and drives on after a stand."""
     day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
@@ -177,9 +172,7 @@ def test_a_driver_that_falls_silent_is_braked_for_and_may_come_back(folder: Path
     assert len(braked) > 5
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
     """The second one begins when the run has begun, and would not move the train; the states are those of the first."""
     runs = []
@@ -195,9 +188,7 @@ def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
     assert "another process answers as well; the first one drives" in words
 
 
-@pytest.mark.more
-@pytest.mark.processes
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_driver_that_is_gone_ends_the_run_with_its_recording(folder: Path, tmp_path: Path) -> None:
     day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
     with process(folder, "silent.py", place, "400", "99999"), pytest.raises(DasError) as raised:

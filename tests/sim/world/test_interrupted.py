@@ -14,7 +14,6 @@ from sim.cli import driving
 from tests.support.making import das_sim
 
 
-@pytest.mark.processes
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_run_that_is_asked_to_end_leaves_a_whole_recording(
     flat: Callable[..., Path], number: signal.Signals, monkeypatch: pytest.MonkeyPatch

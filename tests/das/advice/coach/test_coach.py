@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
@@ -24,7 +25,6 @@ from tests.support.coach import Keeping, coach_front, goal_of, ns, started
 from tests.support.coach import keeper_of as keeper_of_section
 from tests.support.few_switch import BUNDLED, asked_s, section_of
 
-pytestmark = pytest.mark.slow
 LINE = BUNDLED[2]
 ENABLED = CoachSettings(enabled=True)
 FREE = SpeedsAllowed(60.0, 60.0)
@@ -34,6 +34,7 @@ def coach_of() -> Coach:
     return Coach(section_of(LINE), coach_front(LINE), DEFAULT)
 
 
+@cache
 def train_of() -> Keeping:
     """A train that keeps the reference of its section with a buffer of 15 %."""
     _, train = started(keeper_of_section(LINE), LINE, goal_of(LINE, 0.15))

@@ -26,7 +26,6 @@ from das.solver.section import build_section
 from tests.support.coach import Keeping, coach_front, goal_of, keeper_of, ns, started
 from tests.support.few_switch import BUNDLED, Which, section_of
 
-pytestmark = pytest.mark.slow
 LINE = BUNDLED[2]
 """17 km, the middle section of Zürich–Luzern."""
 BUFFER = 0.15

@@ -17,7 +17,6 @@ from tests.support.coach import coach_front
 from tests.support.crossing import crossed
 from tests.support.few_switch import BUNDLED, Which, asked_s, front_of, section_of
 
-pytestmark = pytest.mark.slow
 EARLY_S = 0.5
 """A point may be passed this long before its window (the keeper's least margin is four times as long)."""
 
@@ -52,6 +51,7 @@ def test_a_reference_is_in_time_and_near_the_optimum(which: Which, buffer_ratio:
     assert -5e-4 <= found.forecast.energy_j / bound_j - 1.0 <= most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("which", "buffer_ratio", "share", "slower"),
     crossed(BUNDLED, [0.08, 0.15, 0.3], [0.2, 0.5, 0.8], [1.05, 1.2, 1.5]),
@@ -72,6 +72,7 @@ def test_a_point_is_not_passed_before_its_window(
     assert (found.forecast.speeds_mps <= section_of(which).envelope_mps + 1e-9).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("which", "slower"), crossed(BUNDLED[1:], [1.3, 1.6, 2.0]))
 def test_a_train_too_fast_for_the_window_of_a_point_brakes_and_does_not_accelerate(which: Which, slower: float) -> None:
     """The driver did not slow down when told to, and coasting alone would bring him to the point too early."""
@@ -97,6 +98,7 @@ def test_where_no_speed_is_slow_enough_for_a_window_the_train_is_not_told_to_acc
     assert passed_s(found, wanted) >= 1.5 * (place_m(which, 0.6) - wanted.s_m) / 20.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("which", "share"), crossed(BUNDLED, [0.2, 0.5, 0.8]))
 def test_a_point_is_passed_by_its_latest_time_where_that_can_be(which: Which, share: float) -> None:
     """The latest time is half-way between that of the fastest run with usual braking and that without the window.

@@ -30,7 +30,6 @@ from das.solver.section import Section, build_section
 from tests.support.coach import Keeping, ns
 from tests.support.few_switch import BUNDLED, section_of
 
-pytestmark = pytest.mark.slow
 FREE = SpeedsAllowed(math.inf, math.inf)
 TOP_MPS = 100 * KMH
 """The speed that the schedule of this file accelerates to and holds."""

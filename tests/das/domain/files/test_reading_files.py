@@ -149,8 +149,7 @@ def outcome(read: Read, path: Path) -> str:
     return ""
 
 
-@pytest.mark.more
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_mutated_files_are_read_or_refused_in_one_line(tmp_path: Path) -> None:
     """Every value of our own formats becomes one of the wrong type, size or sign; nothing else than a refusal comes."""
     route = load_route("zurich-luzern")

@@ -345,7 +345,6 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], P
     return json.loads(done.stdout), folder
 
 
-@pytest.mark.processes
 @pytest.mark.slow
 def test_the_bundled_journey_keeps_its_windows(planned: tuple[dict[str, Any], Path]) -> None:
     result, sections = planned[0], planned[0]["hops"]
@@ -380,8 +379,7 @@ def test_the_bundled_journey_keeps_its_windows(planned: tuple[dict[str, Any], Pa
     )
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_the_csv_is_the_whole_journey_on_its_clock(planned: tuple[dict[str, Any], Path]) -> None:
     with (planned[1] / "run.csv").open() as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]

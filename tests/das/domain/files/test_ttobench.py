@@ -31,7 +31,6 @@ TRAIN_FIGURES = {  # mass kg, kN and kW of traction, R(72 km/h) in kN by hand, b
 LIBRARY_IS_HERE = SHARED.is_dir()
 
 
-@pytest.mark.reference
 def test_every_file_of_the_library_is_in_these_tests(shared: Path) -> None:
     """Without the library its tracks and trains are tested by this file's own and by those of tests/data alone."""
     assert {p.stem for p in (shared / "ttobench" / "tracks").glob("*.json")} == set(TRACKS)
@@ -59,7 +58,6 @@ def same(one: Any, other: Any, where: str = "") -> None:
         assert one == (pytest.approx(other, rel=1e-14) if isinstance(other, float) else other), where
 
 
-@pytest.mark.reference
 def test_the_figures_of_tests_data_are_those_of_the_library(shared: Path) -> None:
     """Routes and journey of tests/data and bundled trains say what the library says, to the last bit of a position."""
     carried = [track for track in TRACKS if track_path(track).suffix == ".toml"]

@@ -190,8 +190,7 @@ def test_the_build_refuses_a_link_as_a_lock(tmp_path: Path) -> None:
     assert (tmp_path / "victim").read_text() == VICTIM
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_the_other_process_is_named_and_its_end_frees_the_folder(tmp_path: Path) -> None:
     code = (
         "import sys, time; from pathlib import Path; from das.domain.files.writing import folder_held\n"

@@ -24,7 +24,6 @@ from tests.support.making import csv_rows
 from tests.support.raw_data import Line, Train
 from tests.support.verifier import verify
 
-pytestmark = pytest.mark.slow
 BOUND_RATIO = 5e-4
 """A run is integrated more finely than the table behind the bound, and may be below it by this share."""
 PRICES_S = (0.003, 0.03, 0.3)

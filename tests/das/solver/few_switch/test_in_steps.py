@@ -33,7 +33,6 @@ def rounded(which: Which, buffer_ratio: float, choice: Choice) -> tuple[Schedule
     return asked.polished, in_steps(asked.polished, asked.time_s, start_m, 0.0, rounding), asked.time_s
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("which", BUNDLED)
 @pytest.mark.parametrize("buffer_ratio", BUFFERS)
 def test_every_speed_is_a_step_or_a_limit_and_costs_little_more(which: Which, buffer_ratio: float) -> None:
@@ -43,7 +42,6 @@ def test_every_speed_is_a_step_or_a_limit_and_costs_little_more(which: Which, bu
     assert after.cost_j(time_s) <= before.cost_j(time_s) + max(1.0 * KWH, 0.01 * abs(before.forecast.energy_j))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("which", BUNDLED)
 def test_the_lower_step_is_never_faster_and_the_higher_never_slower(which: Which) -> None:
     for choice, sign in ((Choice.LOWER, 1.0), (Choice.HIGHER, -1.0)):
@@ -51,7 +49,6 @@ def test_the_lower_step_is_never_faster_and_the_higher_never_slower(which: Which
         assert sign * (after.forecast.time_s - before.forecast.time_s) >= -0.1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("which", BUNDLED)
 def test_no_speed_to_hold_is_told_to_a_train_that_rolls_faster_all_the_way(which: Which) -> None:
     """Where it would, as down a slight descent, the higher step is taken: who holds the lower one would brake."""

@@ -33,7 +33,6 @@ from tests.support.few_switch import (
 from tests.support.making import make_route
 from tests.support.small_trips import TRAIN
 
-pytestmark = pytest.mark.slow
 SETTINGS = ScheduleSettings()
 RUNS = [(which, buffer) for which in BUNDLED for buffer in BUFFERS]
 WORST_RATIO, MEAN_RATIO = 0.0105, 0.0065
@@ -61,6 +60,7 @@ def test_a_schedule_is_in_time_near_the_optimum_and_can_be_followed(which: Which
     assert len(asked.scheduled.schedule.phases) <= changes + 4
 
 
+@pytest.mark.slow
 def test_schedules_are_near_the_optimum_in_the_mean() -> None:
     """The bundled sections and four buffers, before and after polishing."""
     asked = [(which, schedules(which, buffer)) for which, buffer in RUNS]

@@ -80,8 +80,10 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
     ("fault", "cause"),
     [
         pytest.param(lambda driver: CoastsLate(driver, 20.0), EnergyCause.LATE_COASTING),
-        pytest.param(BrakesByFriction, EnergyCause.FRICTION, marks=pytest.mark.more),
-        pytest.param(lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE, marks=pytest.mark.more),
+        pytest.param(BrakesByFriction, EnergyCause.FRICTION, marks=pytest.mark.nightly),
+        pytest.param(
+            lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE, marks=pytest.mark.nightly
+        ),
     ],
     ids=["coasts-late", "friction", "faster"],
 )
@@ -111,7 +113,7 @@ def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_energy_attribut
 
 
 def test_why_a_drive_cannot_be_compared() -> None:
-    fits = faultless().above.sections[0]
+    fits = attribution(flat_day(), PerfectDriver(flat_day().service.line)).above.sections[0]
     late = replace(fits, late_s=2.5)
     assert why_not_comparable([fits, fits]) == ""
     assert why_not_comparable([fits, late]).endswith("the optimum is its fastest run, 2.5 s later")

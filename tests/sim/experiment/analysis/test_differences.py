@@ -97,6 +97,7 @@ def test_one_driver_who_differs_is_no_difference() -> None:
     assert found.interval[1] > 0.3
 
 
+@pytest.mark.slow
 def test_the_interval_of_the_size_holds_the_truth_as_often_as_it_says() -> None:
     """Bonett's interval allows for groups that differ in variance: the true size is 1 over the root of 2.5."""
     rng = np.random.default_rng(4)

@@ -214,6 +214,7 @@ def test_the_order_is_told_as_it_was_driven() -> None:
     assert driven(level) == "not balanced: a condition followed another 1 to 3 times"
 
 
+@pytest.mark.slow
 def test_drivers_who_are_all_the_same_have_a_page_without_intervals() -> None:
     """A perfect driver has no spread: a difference, but nothing to judge it by."""
     truth = Truth(drivers=6, noise=(0.0, 0.0, 0.0), level_sd=0.0, effect_sd=0.0, day_sd=0.0)
@@ -246,8 +247,7 @@ def test_a_small_study_has_a_page_and_names_cannot_become_markup(study: RunStudy
     assert "<script>" not in said
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_the_commands_analyse_a_folder_and_plan_the_next_study(tmp_path: Path) -> None:
     write_study(made_up_study(Truth(drivers=12), 1, COMPARISONS), tmp_path / "study")
     done = das_sim("experiment", "analyse", "study", "-o", "report.html", "--effect", "0.78", "--json", cwd=tmp_path)
@@ -313,8 +313,7 @@ def r_of_the_page() -> str:
     return "\n".join(re.findall(r"```r\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL))
 
 
-@pytest.mark.more
-@pytest.mark.processes
+@pytest.mark.nightly
 @pytest.mark.skipif(shutil.which("Rscript") is None, reason="needs R: apt-get install r-base-core")
 def test_the_r_of_the_page_makes_the_tables_of_the_report_again(tmp_path: Path) -> None:
     study = read_study(write_study(made_up_study(Truth(), 1, (compared("vector", "none"),)), tmp_path / "study"))

@@ -87,6 +87,7 @@ def test_a_pilot_has_the_spread_between_drivers_and_between_their_pairs() -> Non
         assert values.mean() == pytest.approx(0.0, abs=0.001)
 
 
+@pytest.mark.slow
 def test_a_planted_difference_of_groups_is_found_as_often_as_power_predicts() -> None:
     """Skewed drivers, one group twice as wide as the other; a pilot of 400 in each group."""
     rng = np.random.default_rng(5)
@@ -101,6 +102,7 @@ def test_a_planted_difference_of_groups_is_found_as_often_as_power_predicts() ->
     assert np.mean(found < 0.05) == pytest.approx(predicted, abs=0.07)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("skewed", [False, True])
 def test_without_a_difference_of_groups_3_5_to_6_5_percent_of_studies_find_one(skewed: bool) -> None:
     """One group is twice as wide as the other; its drivers are those of a pilot of 4000."""

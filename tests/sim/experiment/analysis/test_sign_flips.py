@@ -64,6 +64,7 @@ def test_patterns_drawn_at_random_come_near_to_all_patterns() -> None:
     assert paired_estimate(np.append(values, 0.1), np.random.default_rng(1)).method == SOME_FLIPS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drivers", SIZES)
 @pytest.mark.parametrize("name", list(NULLS)[:3])
 def test_without_a_difference_3_5_to_6_5_percent_of_studies_find_one(name: str, drivers: int) -> None:

@@ -54,8 +54,13 @@ NUMBER_AS_TEXT = re.compile(r"[+−-]?\d[\d.:]*( ?(s|m|km|kWh|%|km/h|ms|MB|min).
 
 
 @cache
+def recorded(name: str) -> ReviewedDrive:
+    """The drive of a recording of this repository."""
+    return subject_of(RECORDINGS / f"{name}.mcap")
+
+
 def bundled() -> ReviewedDrive:
-    return subject_of(BUNDLED)
+    return recorded("zurich-zug-late")
 
 
 def in_json(subject: ReviewedDrive) -> dict[str, Any]:
@@ -222,7 +227,7 @@ def test_a_signal_that_was_passed_at_danger_is_the_first_finding() -> None:
 
 
 def test_a_drive_that_is_not_comparable_says_so_with_its_reason() -> None:
-    found = subject_of(RECORDINGS / "references" / "departure-delay.mcap")
+    found = recorded("references/departure-delay")
     reason = found.drive.not_comparable
     arrival, driven, above, over = page_figures(found.drive)
     assert (above.value, above.beside) == ("not comparable", reason)
@@ -283,9 +288,16 @@ def numbers_as_texts(value: Any, name: str = "") -> list[str]:
     return [name] if isinstance(value, str) and NUMBER_AS_TEXT.fullmatch(value) else []
 
 
-@pytest.mark.parametrize("name", ["zurich-zug-late", "references/train-ahead", "references/departure-delay"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "zurich-zug-late",
+        pytest.param("references/train-ahead", marks=pytest.mark.slow),
+        "references/departure-delay",
+    ],
+)
 def test_the_json_has_a_number_wherever_a_number_is_meant(name: str) -> None:
-    told = in_json(subject_of(RECORDINGS / f"{name}.mcap"))
+    told = in_json(recorded(name))
     # Times of day beside those in ns, versions, and reasons of an advice in words.
     allowed = {"time_utc", "simulator", "node", "recorder", "version", "reason"}
     assert set(numbers_as_texts(told)) <= allowed

@@ -86,7 +86,7 @@ def assert_they_sum(parts: list[str], whole: str) -> None:
     assert sum(map(in_kwh, parts)) == pytest.approx(in_kwh(whole), abs=rounding_kwh)
 
 
-@pytest.mark.more
+@pytest.mark.nightly
 def test_the_parts_that_report_and_view_print_sum_to_the_energy_that_they_print() -> None:
     """Of every reference that holds a drive from stop to stop, and of the bundled replay."""
     drives = [Drive.read(path) for path in (*sorted(RECORDINGS.glob("references/*.mcap")), BUNDLED)]
@@ -289,6 +289,7 @@ def test_drives_of_other_lines_are_not_compared_and_it_is_said(tmp_path: Path) -
     assert as_dict(subjects, aligned, why_not)["not_compared"] == why_not
 
 
+@pytest.mark.slow
 def test_the_command_reports_on_a_trip_that_was_recorded_by_positions_alone(tmp_path: Path) -> None:
     done = das_sim("report", str(BUNDLED), "-o", "report.html", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

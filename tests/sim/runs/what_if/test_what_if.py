@@ -112,9 +112,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 @pytest.mark.parametrize("again", [open_loop, anew])
 def test_with_nothing_otherwise_every_message_is_the_same_byte_for_byte(
     recorded: Path, again: type[None], tmp_path: Path
@@ -133,9 +131,7 @@ def test_with_nothing_otherwise_every_message_is_the_same_byte_for_byte(
     assert found.aligned.is_same(1)
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_an_open_loop_keeps_the_drive_and_changes_the_advice(recorded: Path, tmp_path: Path) -> None:
     new = open_loop(recorded, tmp_path / "level.mcap", Otherwise(cab=CabOtherwise(level=Level.L0_NOREG)))
     before, after = payloads(recorded), payloads(new)
@@ -149,9 +145,7 @@ def test_an_open_loop_keeps_the_drive_and_changes_the_advice(recorded: Path, tmp
     assert reproduce(new, quiet).same  # its node arguments are those that it was advised with
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_another_train_and_restriction_are_in_the_new_recording(recorded: Path, tmp_path: Path) -> None:
     new = Otherwise(cab=CabOtherwise(vehicle="re460-ic-igbt"), restrictions=(ONE_MORE,), without_restrictions=True)
     found = read_recording(open_loop(recorded, tmp_path / "train.mcap", new))
@@ -169,9 +163,7 @@ def told(recording: Recording, index: int) -> list[Restriction]:
     return [Restriction(one.start_m, one.end_m, one.limit_mps) for one in listed]
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
+@pytest.mark.nightly
 def test_a_what_if_of_a_what_if_keeps_what_was_otherwise(recorded: Path, tmp_path: Path) -> None:
     """The train keeps its true losses where its advice is planned with others, also the second time."""
     new = Otherwise(
