@@ -15,7 +15,7 @@ from das.cab.preparation import News, Preparation
 from das.cab.situation import AS_PLANNED, Situation
 from das.cab.withdrawal import LastWords
 from das.domain.conditions import Conditions
-from das.domain.errors import DasError
+from das.domain.errors import DasError, RunawayError
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.route import Stop
@@ -136,13 +136,18 @@ class Legs:
         self._note_change()
 
     def set_conditions(self, conditions: Conditions) -> None:
-        """Take over what differs from the files; if the train could not drive with it, only report that."""
+        """Take over what differs from the files; if the train could not drive with it, only report that.
+
+        A train that its brakes would not hold on a descent is no case to ignore: its advice is withdrawn.
+        """
         situation = replace(self.situation, conditions=conditions)
         now = situation.at(self._now_ns)
         try:
             for leg in self.legs[self.index : self.index + 2]:
                 start_m, end_m = leg.start.position_m, leg.end.position_m
                 now.between(start_m, end_m).section(start_m, end_m)
+        except RunawayError:
+            pass  # The leg refuses it by name.
         except DasError as error:
             self.preparation.report(News(event_wording.calibration_ignored(error), True))
             return

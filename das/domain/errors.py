@@ -45,6 +45,10 @@ class InfeasibleError(DasError):
     """The train cannot do what is asked on this section (climb, brake, or arrive in time)."""
 
 
+class RunawayError(InfeasibleError):
+    """A train that its brakes do not hold on a descent."""
+
+
 def is_seen(text: str) -> bool:
     """Whether all characters of a text can be printed on one line: no control characters, no line breaks."""
     return not any(unicodedata.category(character) in _UNSEEN for character in text)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.braking import SERVICE_SHARE, ServiceBraking
-from das.domain.errors import DasError, InfeasibleError
+from das.domain.errors import DasError, InfeasibleError, RunawayError
 from das.domain.levels import Level
 from das.domain.losses import LossMap, LossModel, outside_map
 from das.domain.route import NEUTRAL, Route
@@ -417,7 +417,7 @@ def _runs_away(
     i: int,
     v_mps: float,
     service: ServiceParams | None,
-) -> InfeasibleError:
+) -> RunawayError:
     """The error for a train that its brakes cannot hold in interval i: the place, and the key that would change it."""
     here = on_supply(train, float(profile.supply[i]))
     resisting_n = mean_resistance(0.0, v_mps, profile.tunnel_n_per_mps2[i], here) + profile.constant_n[i]
@@ -432,7 +432,7 @@ def _runs_away(
         wanted.append(f"friction_brake.max_force_kn = {friction_n / KN:g}: expected at least {least_kn}")
     with_what = "" if service is None else f" with {100 * share:.0f} % of its brakes"
     why = f"{vehicle.source}: {', '.join(wanted)}" if wanted else "wheels and rails take no more force"
-    return InfeasibleError(
+    return RunawayError(
         f"{route.source}: the train cannot brake on the descent at {profile.node_m[i]:.0f} m "
         f"({1e3 * profile.grade_ratio[i]:.1f} ‰){with_what}: {why}"
     )

@@ -10,10 +10,11 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.table import Table
 
 from das.domain.journey import Passing
 from das.domain.units import NS
-from sim.recording.course import known
+from sim.recording.course import known, minutes
 
 PASSINGS: Final = "passings"
 """The key of a recording's metadata for the passings of its journey."""
@@ -126,3 +127,19 @@ def _checked(due: DuePassing) -> DuePassing:
     if not isinstance(due.name, str) or not all(0 <= number < 2**63 for number in numbers):
         raise ValueError(due)
     return due
+
+
+def table(kept: Sequence[KeptPassing], zero_ns: int) -> Table:
+    """A table of when the train was at the passings of its journey, on a clock that shows 0 at `zero_ns`."""
+    found = Table(title="passings", title_justify="left")
+    found.add_column("point")
+    for name in ("due", "passed", "late", ""):
+        found.add_column(name, justify="right")
+    for row, one in zip(as_rows(kept, zero_ns), kept, strict=True):
+        ends = ["…" if row[key] is None else minutes(row[key]) for key in ("earliest_s", "latest_s")]
+        due = "" if ends == ["…", "…"] else ends[0] if ends[0] == ends[1] else " – ".join(ends)
+        due += f" ± {one.due.tolerance_s:g} s" if one.due.wish else ""
+        passed = "" if row["passed_s"] is None else minutes(row["passed_s"])
+        late = "" if row["late_s"] is None else f"{row['late_s']:+.0f} s"
+        found.add_row(one.due.name, due, passed, late, one.words)
+    return found

@@ -14,6 +14,7 @@ from rich.table import Table
 from das.command_line.printing import print_table, tell, typed
 from das.domain.braking import ServiceBraking
 from das.domain.conditions import Conditions
+from das.domain.errors import InfeasibleError
 from das.domain.trajectory import PART_WORDS, EnergyBalance
 from das.domain.units import NS, kmh, kwh
 from das.solver.front import Front
@@ -25,6 +26,7 @@ from sim.drive.calls import as_rows
 from sim.drive.drive import Drive, RunFigures
 from sim.drive.passings import KeptPassing, keep
 from sim.drive.passings import as_rows as passing_rows
+from sim.drive.passings import table as passing_table
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentation
 from sim.recording.course import minutes
@@ -110,14 +112,15 @@ class RunEnergies:
     Driven = optimum + `blending_j` + `profile_j`, where `blending_j` went to friction brakes although the motors could
     have braked, and `profile_j` is what the speed profile cost. `own_braking_j` is the optimum for the same times under
     the braking and the margin below limits that a human driver intends or, for other drivers, that the advice plans.
-    Its difference from the optimum is what such braking costs.
+    Its difference from the optimum is what such braking costs; None, and why, if it cannot hold the train.
     """
 
     above: AboveOptimum
     at_stops_j: float
     planned_j: float
     blending_j: float
-    own_braking_j: float
+    own_braking_j: float | None
+    no_own_braking: str = ""
 
     @property
     def driven_j(self) -> float:
@@ -142,7 +145,7 @@ class RunEnergies:
             "energy_planned_kwh": kwh(self.planned_j),
             "energy_blending_kwh": kwh(self.blending_j),
             "energy_profile_kwh": kwh(self.profile_j),
-            "energy_own_braking_kwh": kwh(self.own_braking_j),
+            "energy_own_braking_kwh": None if self.own_braking_j is None else kwh(self.own_braking_j),
         }
 
 
@@ -205,7 +208,7 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
     service = day.service
     whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)
-    braking = optimum_as_driven(fronts_of_braking(day, driver), run)
+    own_braking_j, no_own_braking = _own_braking(day, run, driver)
     figures = RunFigures(
         calls=run.calls, above=above, violations=run.violations, stability=run.stability, instructions=run.instructions
     )
@@ -220,13 +223,23 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
             at_stops_j=whole.input - above.driven_j,
             planned_j=sum(solution.balance.input for solution in service.planned),
             blending_j=sum(arrived.blending_j - departed.blending_j for departed, arrived in run.legs),
-            own_braking_j=sum(solution.balance.input for solution in braking),
+            own_braking_j=own_braking_j,
+            no_own_braking=no_own_braking,
         ),
         balance=whole,
         counts=run.counts,
         simulated_s=len(run.states) - 1,
         passings=_passings(service, run),
     )
+
+
+def _own_braking(day: Day, run: Run, driver: DriverName | None) -> tuple[float | None, str]:
+    """`RunEnergies.own_braking_j`, or why it is not known: the train that drove may be another than the planned one."""
+    try:
+        braking = optimum_as_driven(fronts_of_braking(day, driver), run)
+    except InfeasibleError as error:
+        return None, str(error)
+    return sum(solution.balance.input for solution in braking), ""
 
 
 def _passings(service: Service, run: Run) -> tuple[KeptPassing, ...]:
@@ -334,7 +347,7 @@ def print_result(result: DayResult) -> None:
     """Print the table of stops, the figures, notes on them, warnings, and where the recording is."""
     print_table(_stops(result), STOP_LEGEND)
     if result.outcome.passings:
-        print_table(_passed(result.outcome))
+        print_table(passing_table(result.outcome.passings, result.outcome.drive.calls[0].due_departure_ns))
     table = Table(show_header=False)
     table.add_column()
     table.add_column(justify="right", no_wrap=True)
@@ -365,27 +378,10 @@ def _stops(result: DayResult) -> Table:
     return table
 
 
-def _passed(found: DayOutcome) -> Table:
-    """When the train was at the passings of its journey."""
-    table = Table(title="passings", title_justify="left")
-    table.add_column("point")
-    for name in ("due", "passed", "late", ""):
-        table.add_column(name, justify="right")
-    zero_ns = found.drive.calls[0].due_departure_ns
-    for row, one in zip(passing_rows(found.passings, zero_ns), found.passings, strict=True):
-        ends = ["…" if row[key] is None else minutes(row[key]) for key in ("earliest_s", "latest_s")]
-        due = "" if ends == ["…", "…"] else ends[0] if ends[0] == ends[1] else " – ".join(ends)
-        due += f" ± {one.due.tolerance_s:g} s" if one.due.wish else ""
-        passed = "" if row["passed_s"] is None else minutes(row["passed_s"])
-        late = "" if row["late_s"] is None else f"{row['late_s']:+.0f} s"
-        table.add_row(one.due.name, due, passed, late, one.words)
-    return table
-
-
 def _rows(result: DayResult) -> list[tuple[str, str]]:
     """Rows of energies, where they went, the advice and the messages."""
     found, energies = result.outcome, result.outcome.energies
-    braking = "this driver" if result.driver is DriverKind.HUMAN else "advised"
+    braking, own_j = "this driver" if result.driver is DriverKind.HUMAN else "advised", energies.own_braking_j
     rows = [
         ("energy, departures to arrivals", f"{kwh(energies.driven_j):.1f} kWh"),
         ("  optimum of the plan", f"{kwh(energies.planned_j):.1f} kWh"),
@@ -393,7 +389,7 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
         ("  above that optimum", energies.above.words),
         ("    friction where motors could brake", f"{kwh(energies.blending_j):+.1f} kWh"),
         ("    speed profile", f"{kwh(energies.profile_j):+.1f} kWh"),
-        (f"  optimum braking as {braking}", f"{kwh(energies.own_braking_j):.1f} kWh"),
+        (f"  optimum braking as {braking}", "not known" if own_j is None else f"{kwh(own_j):.1f} kWh"),
     ]
     rows += _balance_rows(found)
     counts, recorded = found.counts, result.recorded
@@ -438,6 +434,8 @@ def _notes(result: DayResult) -> list[str]:
         notes.append(f"{violations.over_limit_s:.0f} s above limits, by up to {over_kmh:.0f} km/h")
     if found.energies.above.why_not:
         notes.append(f"{NOT_COMPARABLE}: {found.energies.above.why_not}")
+    if why := found.energies.no_own_braking:
+        notes.append(f"optimum with such braking not known: {why}")
     if found.counts.above_limit:
         notes.append(f"{found.counts.above_limit} advices were above the limit: please report this")
     return notes

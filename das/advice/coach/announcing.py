@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
-from das.advice.coach.shown_brakes import SAME_MPS, ShownBrakes, announced_brake
+from das.advice.coach.shown_brakes import SAME_MPS, ShownBrakes, announced_brake, nearer_limit_mps
 from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, FULL_RATIO, KIND_OF, TRACTION, InstructionKind, Regime
 from das.advice.shown import TARGET_STEP_MPS
@@ -231,13 +231,14 @@ def _after_brake(
 
 
 def allowed(
-    following: tuple[Instruction, ...], now: Instruction, s_m: float, section: Section
+    following: tuple[Instruction, ...], now: Instruction, s_m: float, brakes: ShownBrakes, foreseen: Foreseen
 ) -> tuple[Instruction, ...]:
     """The announced instructions, with no speed above the limit where it applies, none that repeats the one before it.
 
-    The speed of a brake or of coasting applies at its end; any other speed, where the instruction is due.
+    The speed of a brake or of coasting applies at its end; any other speed, where the instruction is due. An
+    acceleration to a speed that a nearer limit forbids leads to this limit; it is left out if the train is as fast.
     """
-    kept = [now]
+    kept, section = [now], brakes.ahead.section
     for k, one in enumerate(following):
         ends = k + 1 < len(following) and one.mode in (*BRAKES, Regime.COAST)
         ways_m = one.way_m, following[k + 1].way_m if ends else one.way_m
@@ -246,6 +247,12 @@ def allowed(
         limit_mps = float(section.limit_mps[first : last + 1].max())
         if one.speed_mps > limit_mps:
             one = replace(one, speed_mps=limit_mps)  # noqa: PLW2901
+        if one.mode in TRACTION:
+            at_m = s_m + one.way_m + BEGUN_M
+            nearer_mps = nearer_limit_mps(brakes.ahead, one.speed_mps, at_m)
+            if nearer_mps < one.speed_mps and foreseen.speed_mps(at_m) > nearer_mps - SAME_MPS:
+                continue
+            one = replace(one, speed_mps=nearer_mps)  # noqa: PLW2901
         if not _repeats(one, kept[-1]):
             kept.append(one)
     return tuple(kept[1:])

@@ -13,7 +13,7 @@ from das.advice.advice import Instruction
 from das.advice.braking import BrakingAhead
 from das.advice.coach.announcing import Foreseen, Notices, aim_mps, told_mps, traction
 from das.advice.coach.settings import ShowingSettings
-from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes
+from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, nearer_limit_mps
 from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, target_below
@@ -114,7 +114,10 @@ class PhaseNow:
         highest = highest_mps(schedule, number, state.s_m)
         if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
             target = target_below(highest) if target > highest + SAME_READING_MPS else target
-            target = _before_limit(self._scene.brakes.ahead, state, told_mps(target, schedule.section, target))
+            target = told_mps(target, schedule.section, target)
+            nearer_mps = nearer_limit_mps(scene.brakes.ahead, target, state.braked_m)
+            # A faster train is not slowed down here: the brake is an instruction of its own.
+            target = nearer_mps if v_mps < nearer_mps + SAME_MPS else target
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
@@ -355,17 +358,6 @@ class PhaseNow:
 def _is_braked_soon(ahead: BrakingAhead, state: TrainState, settings: ShowingSettings) -> bool:
     """Whether a limit leaves a train no time to coast back to its speed."""
     return ahead.is_due(state.braked_m, state.v_mps, settings.limit.brakes_back_in_s + settings.lead.braking_s)
-
-
-def _before_limit(ahead: BrakingAhead, state: TrainState, target: float) -> float:
-    """The speed to reach (m/s): the target, or that of a lower limit so near that a train as fast would brake for it.
-
-    A train that is already faster than that limit is not slowed down here: the brake is an instruction of its own.
-    """
-    if target <= ahead.lowest_mps(state.braked_m):
-        return target
-    limit_mps = min(ahead.needed(state.braked_m, target).target_mps, target)
-    return limit_mps if state.v_mps < limit_mps - SAME_MPS else target
 
 
 def coasting(to_mps: float) -> Instruction:

@@ -218,8 +218,9 @@ class Showing:
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
             following = (rest, *following[: self._settings.ahead - 1])
         if put_off is None or put_off.in_s < 1.0 or (following and following[0].in_s <= put_off.in_s):
-            return allowed(following, now, state.s_m, schedule.section)
-        return allowed((put_off, *following[: self._settings.ahead - 1]), now, state.s_m, schedule.section)
+            return allowed(following, now, state.s_m, self._brakes, foreseen)
+        put_first = (put_off, *following[: self._settings.ahead - 1])
+        return allowed(put_first, now, state.s_m, self._brakes, foreseen)
 
     def _put_off(self, now: Instruction, state: TrainState) -> Instruction | None:
         """A change that waits until it has been announced long enough; None if there is none, or too fast for there."""

@@ -309,6 +309,14 @@ class ShownBrakes:
         return needed.target_mps > SAME_MPS and 0.0 < above_mps <= OVERSPEED_MPS
 
 
+def nearer_limit_mps(ahead: BrakingAhead, to_mps: float, s_m: float) -> float:
+    """The speed to reach from a place (m) on: at most that of a lower limit that is too near.
+
+    A limit is too near if a train as fast as `to_mps` would have to brake for it at the place.
+    """
+    return min(ahead.needed(s_m, to_mps).target_mps, to_mps) if ahead.is_due(s_m, to_mps) else to_mps
+
+
 def _no_faster(wanted: Instruction, most_mps: float, v_mps: float, near_mps: float) -> Instruction:
     """The instruction with no higher speed than `most_mps`; an acceleration becomes coasting, or holding if near it."""
     to_mps = min(wanted.speed_mps, most_mps)

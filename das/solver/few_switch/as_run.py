@@ -304,11 +304,14 @@ def with_boards(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, ...]
     A limit that the trajectory passes well below it stays part of the brake for what lies behind it.
     """
     found: list[Phase] = []
+    falls = np.diff(run.envelope_mps) < 0.0
+    feet = np.flatnonzero(falls[:-1] & ~falls[1:]) + 1
+    binding = feet[run.speeds_mps[feet] > run.envelope_mps[feet] - HARDLY_MPS].tolist()
     for one, end in zip(phases, ends_of(phases, run), strict=True):
         found.append(one)
         if one.kind not in BRAKES or one.share > 0.0:
             continue
-        for _, foot in _braked_by_limits(run):
+        for foot in binding:
             if found[-1].begin < foot < end and run.speeds_mps[foot] > one.target_mps + SLOWER_MPS:
                 found[-1] = found[-1]._replace(target_mps=float(run.envelope_mps[foot]))
                 found.append(one._replace(begin=foot))

@@ -221,6 +221,21 @@ def test_conditions_the_train_could_not_drive_under_are_ignored_and_reported() -
     assert at(made, 61, 1524.0, 24.0).energy_to_go_j < before.energy_to_go_j
 
 
+def test_a_train_found_too_heavy_for_its_brakes_on_a_descent_gets_no_advice_until_they_hold_it() -> None:
+    """The advice of the lighter train went on: "brake to 60" for a train that nothing holds at 60."""
+    hill = Stretches(start_m=np.array([0.0, 2000.0, 4000.0]), value=np.array([0.0, -0.03, 0.0]))
+    made = SmallTrip(Situation(route=replace(LINE, gradients_ratio=hill), vehicle=TRAIN), FRONTS)
+    made.begin(LINE.stops, DUE)
+    assert at(made, 60, 1500.0, 24.0).mode is not Regime.NONE
+    made.set_conditions(Conditions(mass_ratio=10.0))
+    silent = at(made, 61, 1524.0, 24.0)
+    assert silent.mode is Regime.NONE
+    assert "cannot brake on the descent" in silent.reason.text
+    assert "friction_brake.max_force_kn" in silent.reason.text
+    made.set_conditions(Conditions())
+    assert at(made, 62, 1548.0, 24.0).mode is not Regime.NONE
+
+
 def test_trains_are_found_by_id_and_load_and_stay_the_same_object() -> None:
     base = replace(TRAIN, id="ours", loads={"full": Load(mass_kg=1.4e5)})
     trains = Trains(base.loaded("full"), base, others=["re460-ic"])

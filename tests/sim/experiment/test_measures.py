@@ -177,6 +177,7 @@ def test_a_perfect_driver_has_no_lever_and_no_diary_and_nearly_no_gap() -> None:
     assert found["control_movements_per_min"] is None
     assert found["glances_per_min"] is None
     assert found["gap_to_optimum_ratio"] == pytest.approx(energies.driven_j / energies.optimum_as_driven_j - 1.0)
+    assert energies.own_braking_j is not None
     assert energies.optimum_as_driven_j < energies.own_braking_j < energies.driven_j < 1.01 * energies.own_braking_j
 
 

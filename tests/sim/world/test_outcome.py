@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from das.domain.errors import InfeasibleError
 from das.domain.levels import Level
 from das.domain.units import KMH, KWH
 from sim.drive.above_optimum import AboveOptimum
@@ -186,3 +187,21 @@ def test_another_scenario_of_the_same_service_has_its_own_truth(flat: Callable[[
     assert other.true_fronts == {}
     assert true_fronts(make_day(other, 1))[0].section.level is Level.L2
     assert heavy[0].section.level is Level.L3
+
+
+def test_a_true_train_that_such_braking_cannot_hold_costs_one_figure_only(
+    plain: tuple[Day, Run], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    day, run = plain
+    whole = outcome(day, run).as_dict()
+
+    def refused(*_: object) -> None:
+        raise InfeasibleError("line.toml: the train cannot brake on the descent at 900 m")
+
+    monkeypatch.setattr("sim.world.outcome.fronts_of_braking", refused)
+    found = outcome(day, run)
+    assert found.as_dict() == {**whole, "energy_own_braking_kwh": None}
+    print_result(result_of(day, found))
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert "not known" in said
+    assert "the train cannot brake on the descent at 900 m" in said

@@ -1136,8 +1136,23 @@ def test_no_announced_instruction_repeats_the_one_before_it() -> None:
         (coasts, (replace(coasts, speed_mps=15.0),), (replace(coasts, speed_mps=15.0),)),
     ):
         placed = tuple(replace(one, way_m=100.0 * (k + 1)) for k, one in enumerate(coming))
-        found = allowed(placed, now, 100.0, here)
+        foreseen = Foreseen(np.array([0.0, 90.0]), np.array([100.0, 1000.0]), np.full(2, 10.0), as_shown=True)
+        found = allowed(placed, now, 100.0, ShownBrakes(here, SETTINGS), foreseen)
         assert tuple(replace(one, way_m=0.0) for one in found) == left
+
+
+def test_no_acceleration_is_announced_to_a_speed_that_a_nearer_limit_forbids() -> None:
+    """foreign/04: 90 km/h was announced for the 20 m before a board of 70; here 135 km/h, 50 m before 125."""
+    here = section_of(("zurich-luzern", 2))
+    brakes = ShownBrakes(here, SETTINGS)
+    pulls = Instruction(mode=Regime.FULL_TRACTION, speed_mps=135 * KMH, effort_ratio=1.0)
+    now = Instruction(mode=Regime.CRUISE, speed_mps=50 * KMH)
+    for way_m, v_kmh, told in ((50.0, 124, []), (50.0, 60, [125]), (800.0, 124, [135])):
+        at_m = np.array([47000.0 - way_m, 47596.0])
+        foreseen = Foreseen(np.array([0.0, 20.0]), at_m, np.full(2, v_kmh * KMH), as_shown=True)
+        placed = replace(pulls, way_m=47596.0 - way_m - at_m[0], in_s=9.0)
+        found = allowed((placed,), now, float(at_m[0]), brakes, foreseen)
+        assert [round(one.speed_mps / KMH) for one in found] == told
 
 
 def test_an_acceleration_that_a_limit_soon_brakes_is_not_begun() -> None:
@@ -1247,7 +1262,7 @@ def test_to_a_driver_who_holds_a_speed_neither_a_brake_to_it_nor_the_same_again_
         replace(holds, way_m=57.0, in_s=2.5),
         replace(to_60, way_m=500.0, in_s=22.0),
     )
-    found = allowed(in_time(coming, holds, brakes, state, foreseen), holds, state.s_m, here)
+    found = allowed(in_time(coming, holds, brakes, state, foreseen), holds, state.s_m, brakes, foreseen)
     assert [round(one.speed_mps / KMH) for one in found] == [60]
 
 

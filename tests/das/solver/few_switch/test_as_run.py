@@ -187,7 +187,10 @@ def test_a_brake_past_a_limit_that_binds_names_it() -> None:
     envelope = np.array([30.0, 30, 30, 30, 26, 22, 20, 20, 20, 12, 0])
     on_curve = RunAtNodes.of(np.minimum(envelope, 29.0), envelope, STEP_M)
     merged = (hold(0, 29.0), brake(3, 0.0))
-    assert with_boards(merged, on_curve) == (hold(0, 29.0), brake(3, 20.0), brake(6, 0.0))
+    named = (hold(0, 29.0), brake(3, 20.0), brake(6, 0.0))
+    assert with_boards(merged, on_curve) == named
+    beside_curve = RunAtNodes.of(np.maximum(np.minimum(envelope, 29.0) - 0.3, 0.0), envelope, STEP_M)
+    assert with_boards(merged, beside_curve) == named, "foreign/01: braked 1 km/h below the curve, past a board of 30"
     below = RunAtNodes.of(np.array([24.0, 24, 24, 22, 20, 18, 16, 14, 12, 8, 0]), envelope, STEP_M)
     assert with_boards(merged, below) == merged, "a limit passed well below it is not named"
     assert with_boards((hold(0, 29.0), brake(3, 0.0, 0.5)), on_curve)[1:] == (brake(3, 0.0, 0.5),), "one effort"
