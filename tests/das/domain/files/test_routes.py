@@ -432,12 +432,6 @@ def test_all_stops_are_a_journey_and_the_table_says_what_it_saves(capsys: pytest
         ),
         (
             "zurich-luzern",
-            "zurich-luzern",
-            {"dwell_s": 9.0},
-            r"--time, --buffer and --dwell belong to 'stops': zurich-",
-        ),
-        (
-            "zurich-luzern",
             "flat-6km",
             {},
             r".*zurich-luzern\.toml: journey\.route = 'zurich-luzern': expected flat-6km",
