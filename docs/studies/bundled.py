@@ -1,6 +1,6 @@
 """The report of the smallest bundled study, and what other scripts need of commands and reports.
 
-`python -m docs.studies.bundled smoke` runs the study and writes its report into docs/reports (half a minute).
+`python -m docs.studies.bundled` runs the study in the working folder, and writes its report there, smoke.html.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Final
 
@@ -41,13 +40,6 @@ def first_page(pdf: Path, picture: Path) -> None:
     Image.open(picture).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(picture, optimize=True)
 
 
-def main() -> None:
-    """Run the study and write its report, which states its command: no path of this machine is in it."""
-    with tempfile.TemporaryDirectory(prefix="das-smoke-") as name:
-        das_sim("experiment", "run", "smoke", "--out", "smoke", folder=Path(name))
-        report = DOCS / "reports" / "smoke.html"
-        das_sim("experiment", "analyse", "smoke", "-o", report, "--overwrite", folder=Path(name))
-
-
 if __name__ == "__main__":
-    main()
+    das_sim("experiment", "run", "smoke", "--out", "smoke", folder=Path.cwd())
+    das_sim("experiment", "analyse", "smoke", "-o", "smoke.html", folder=Path.cwd())

@@ -38,10 +38,8 @@ from das.solver.warm_up import warm_up
 from docs.studies import calibration_targets as paper
 from docs.studies.calibration_targets import Figures, Runs
 from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE, TABLE2_LEVELS
-from docs.studies.output import DOCS, write_table
 from precompute.loss_maps import cruising_deviation_ratio
 
-PAGE: Final = DOCS / "explanation" / "loss-maps.md"
 TABLE_2_CELL: Final = re.compile(r"Table 2: \S+ at (\S+)$")
 STAGE_1_START: Final[Mapping[str, float]] = MappingProxyType(
     {"auxiliaries.base_w": 35e3, "transformer.copper_w": 190e3, "converter.line_ratio": 0.05, "gear.churning_w": 20e3}
@@ -216,9 +214,6 @@ def calibrate(
     check: Annotated[
         bool, typer.Option("--check", help="Only hold the bundled vehicles against the targets (seconds).")
     ] = False,
-    page: Annotated[
-        bool, typer.Option("--page", help="With --check: write the table of docs/explanation/loss-maps.md again.")
-    ] = False,
     out: OutFolderOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -227,8 +222,6 @@ def calibrate(
     Prints the targets with what is reached; the exit code is 1 where one is missed. The vehicle files with the new
     parameters go to the folder of --out. This takes a few minutes.
     """
-    if page and not check:
-        raise DasError("--page belongs to --check")
     if out is not None and check:
         raise DasError("--check writes nothing: leave out --out, or --check")
     if out is not None and not out.is_dir():
@@ -246,10 +239,7 @@ def calibrate(
         runs = paper.other_runs(vehicles[GTO_VEHICLE])
     with busy("evaluating …"):
         figures = paper.evaluate(vehicles[GTO_VEHICLE], chains[GTO_VEHICLE], vehicles[IGBT_VEHICLE], runs)
-    if page:
-        write_table(PAGE, "reached", reached_table(figures))
-    else:
-        print("\n".join(reached_table(figures)))
+    print("\n".join(reached_table(figures)))
     missed = [target.name for target in paper.TARGETS if not target.met(figures[target.name])]
     for name in missed:
         print(f"missed: {name}")

@@ -1,6 +1,6 @@
 """What few changes of the controller cost, as `das-precompute few-switch` finds it.
 
-`python -m docs.studies.coach price` writes the table into docs/explanation/coach.md again (seconds).
+`python -m docs.studies.coach price` prints the table of docs/explanation/coach.md.
 """
 
 from __future__ import annotations
@@ -12,11 +12,9 @@ from das.command_line.files import load_route, load_vehicle
 from das.domain.route import section_stops
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from docs.studies.output import DOCS, write_table
 from precompute.cli.few_switch import PRICES_S, few_switch_fronts, few_switch_rows, two_digits
 from precompute.cli.options import numbers
 
-PAGE: Final = DOCS / "explanation" / "coach.md"
 BUFFERS_PERCENT: Final = (4.0, 7.0)
 
 
@@ -42,4 +40,5 @@ def price_table() -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    write_table(PAGE, "price", price_table())
+    for row in price_table():
+        print(row)

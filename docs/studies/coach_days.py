@@ -1,6 +1,6 @@
 """What a driver is shown on two days, before (vector) and after (coach), as pictures for the documentation.
 
-`python -m docs.studies.coach_days` draws docs/images/coach/*.png again (about half a minute).
+`python -m docs.studies.coach_days` draws a picture of each into the working folder.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from das.advice.advice import Advice
 from das.advice.regimes import Regime, mode_name
 from das.command_line.files import offscreen_pyplot, save_figure
 from das.domain.units import KM, KMH, kwh
-from docs.studies.output import DOCS
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import present, presenter_of
 from sim.world.loop import InProcess, Run, Tick, World
@@ -28,7 +27,6 @@ from sim.world.service import Day, Service, make_day, prepare_service
 
 DAYS: Final = ("clear-day", "restriction-ahead")
 SEED: Final = 1
-FOLDER: Final = DOCS / "images" / "coach"
 BEFORE_AND_AFTER: Final = (Presentation.VECTOR, Presentation.COACH)
 SIZE_IN, DPI = (11.0, 7.2), 100
 HEADROOM: Final = 1.1
@@ -106,20 +104,15 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
     return found
 
 
-def draw_day(path: Path, scenario: str) -> list[float]:
-    """Draw a day of a scenario as the default human drove it with vector and with the coach: the same day for both.
-
-    Returns the energies of the two runs (kWh).
-    """
+def draw_day(path: Path, scenario: str) -> None:
+    """Draw a day of a scenario as the default human drove it with vector and with the coach: the same day for both."""
     service = prepare_service(load_scenario(scenario))
     pyplot = offscreen_pyplot()
     figure, axes = pyplot.subplots(4, 1, figsize=SIZE_IN, sharex=True, height_ratios=(8, 1, 8, 1), layout="constrained")
-    energies: list[float] = []
     for presentation, pair in zip(BEFORE_AND_AFTER, (axes[:2], axes[2:]), strict=True):
         one = watched_run(service, SEED, presentation)
         came = outcome(one.day, one.run)
         _draw_run(pair, one, presentation, came)
-        energies.append(kwh(came.energies.driven_j))
     axes[-1].set_xlabel("position, km")
     lines, names = axes[0].get_legend_handles_labels()
     strips = [Patch(facecolor=color, edgecolor=INK, linewidth=0.4) for color in MODES.values()]
@@ -130,7 +123,6 @@ def draw_day(path: Path, scenario: str) -> list[float]:
     figure.suptitle(f"{scenario}, seed {SEED}, default human driver: what was shown before and with the coach", size=13)
     save_figure(path, figure, dpi=DPI)
     pyplot.close(figure)
-    return energies
 
 
 def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, came: DayOutcome) -> None:
@@ -183,4 +175,4 @@ def _places(axis: Any, one: WatchedRun, top: float) -> None:
 
 if __name__ == "__main__":
     for name in DAYS:
-        draw_day(FOLDER / f"{name}.png", name)
+        draw_day(Path(f"{name}.png"), name)

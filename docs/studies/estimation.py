@@ -1,13 +1,14 @@
 """How well localisation and calibration on board estimate a simulated drive whose truth is known.
 
-`python -m docs.studies.estimation` writes the tables of docs/explanation/localisation.md and calibration.md again
-(about ten seconds). The drives are those of tests/das/estimate/test_calibration.py.
+`python -m docs.studies.estimation` writes localisation.md and calibration.md, the tables of the pages of these names,
+into the working folder. The drives are those of tests/das/estimate/test_calibration.py.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,7 +18,6 @@ from das.domain.files.load import load_vehicle
 from das.domain.units import NS
 from das.estimate.fix import PositionFix
 from das.estimate.localisation import Localisation
-from docs.studies.output import DOCS, write_table
 from sim.plant.kernels import PlantState
 
 Floats = NDArray[np.float64]
@@ -92,9 +92,12 @@ def main() -> None:
     """Write both tables."""
     from tests.das.estimate import test_calibration as drives
 
-    pages = DOCS / "explanation"
-    write_table(pages / "calibration.md", "accuracy", calibration_table(drives.all_errors))
-    write_table(pages / "localisation.md", "accuracy", localisation_table(drives.driven()))
+    tables = {
+        "calibration.md": calibration_table(drives.all_errors),
+        "localisation.md": localisation_table(drives.driven()),
+    }
+    for name, lines in tables.items():
+        Path(name).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """The exact front of the paper's complete case, as `das-precompute front flat-6km re460-ic --exact` finds it.
 
-`python -m docs.studies.exact_front` writes the tables into docs/explanation/exact-front.md again (about five minutes
+`python -m docs.studies.exact_front` writes the tables into docs/results/0.2/exact-front.md again (about five minutes
 on two cores).
 """
 
@@ -21,7 +21,7 @@ from docs.studies.output import DOCS, write_table
 from precompute.exact.front import ExactFront, Limits, solve_exact
 from precompute.exact.grid import Grid
 
-PAGE: Final = DOCS / "explanation" / "exact-front.md"
+PAGE: Final = DOCS / "results" / "0.2" / "exact-front.md"
 LEVELS: Final = (Level.L0_NOREG, Level.L1, Level.L2, Level.L3)
 BUFFERS: Final = (0.02, 0.05, 0.07, 0.1)
 LENGTHS_KM: Final = (2.0, 3.0, 4.0, 5.0, 6.0)

@@ -1,7 +1,6 @@
 """How often the analysis of an experiment finds a difference where there is none, on made-up differences of drivers.
 
-`python -m docs.studies.null_experiments` prints the table and writes it into docs/explanation/experiment-statistics.md
-again, in about half a minute.
+`python -m docs.studies.null_experiments` prints the table of docs/explanation/experiment-statistics.md.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from docs.studies.output import DOCS, write_table
 from sim.experiment.analysis.reading import Floats
 from sim.experiment.analysis.sign_flips import ALL_PATTERNS, probabilities, signs_of
 
@@ -73,4 +71,5 @@ def null_table() -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    write_table(DOCS / "explanation" / "experiment-statistics.md", "null-experiments", null_table())
+    for row in null_table():
+        print(row)

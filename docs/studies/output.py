@@ -14,12 +14,9 @@ import numpy as np
 
 from das.domain.errors import DasError
 from das.domain.files.writing import make_folder, write_whole
-from docs.studies.made_by import MARK, code_hash, code_paths, stamped, today
 
 DOCS: Final = Path(__file__).resolve().parents[1]
 """The folder of the documentation."""
-STUDY: Final = "python -m docs.studies.paper --out study"
-"""The command of the study of the paper, as the marks of its pages and pictures have it."""
 PNG_DPI = 100
 COLOURS_OF_A_PNG = 256
 
@@ -40,10 +37,6 @@ class Output:
     def text(self, name: str, content: str) -> None:
         """Write a text file."""
         self._write(name, content.encode())
-
-    def page(self, name: str, content: str) -> None:
-        """Write a page of the study of the paper, with the mark that says which command made it."""
-        self.text(name, f"<!-- made by: {STUDY} -->\n{content}")
 
     def json(self, name: str, content: Any) -> None:
         """Write JSON; numbers that are not finite become null."""
@@ -99,23 +92,17 @@ def _cell(value: object) -> str:
 def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
     """Put lines between the marks `<!-- NAME: begin -->` and `<!-- NAME: end -->` of a page; prints each as it comes.
 
-    A mark of `docs.studies.made_by` on the line before, if it has a code, gets that of today and the date. Raises
-    DasError if the page has no marks of begin and end, before the first line is made.
+    Raises DasError if the page has no such marks, before the first line is made.
     """
     marks = re.compile(rf"(<!-- {name}: begin -->\n).*?(<!-- {name}: end -->)", re.DOTALL)
-    before = page.read_text(encoding="utf-8")
-    if not marks.search(before):
+    if not marks.search(page.read_text(encoding="utf-8")):
         raise DasError(f"{page}: no marks <!-- {name}: begin --> and <!-- {name}: end -->")
-    made = re.search(rf"{MARK.pattern}\n<!-- {name}: begin -->", before)
-    code = None if made is None or made["code"] is None else code_hash(code_paths(made["command"]))
     found = []
     for line in lines:
         print(line, flush=True)
         found.append(f"{line}\n")
     # The page is read again: making the lines may take a quarter of an hour.
     text = marks.sub(lambda marked: f"{marked[1]}{''.join(found)}{marked[2]}", page.read_text(encoding="utf-8"))
-    if made is not None and code is not None:
-        text = text.replace(made[0], stamped(made[0], made["command"], code, today()))
     write_whole(page, text.encode())
 
 

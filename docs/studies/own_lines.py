@@ -1,9 +1,9 @@
 """`python -m docs.studies.own_lines [DATA]`: real lines imported, and what altitudes mean for energies.
 
-It writes docs/explanation/own-lines.md.
+It writes docs/results/0.2/lines.md.
 
 DATA is the folder with the public data (lines), by default ../shared/data. The tables of the page and
-docs/images/own-line-*.png are written; the data stay where they are.
+own-line-*.png beside it are written; the data stay where they are.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.tables import LineTable
 from tests.support.benchmark import SHARED
 
-PAGE: Final = DOCS / "explanation" / "own-lines.md"
-PICTURES: Final = DOCS / "images"
+PAGE: Final = DOCS / "results" / "0.2" / "lines.md"
+PICTURES: Final = PAGE.parent
 BUFFER: Final = 1.07
 NOISE_M, NOISE_LENGTH_M, EVERY_M, SEEDS = 4.0, 250.0, 50.0, (1, 2, 3, 4)
 """Noise of altitudes: standard deviation (m) of points so far apart (m), joined by straight lines."""

@@ -1,4 +1,4 @@
-"""The tables of docs/reference/results.md: peers, the solver's table, refinement and proven bounds side by side.
+"""The tables of docs/results/0.2/solver.md: peers, the solver's table, refinement and proven bounds side by side.
 
 `python -m docs.studies.peers` solves all rows again, which takes about ten minutes, and writes the tables into the
 page. It needs the third-party data beside the checkout (../shared).
@@ -29,7 +29,7 @@ from tests.das.solver.test_solver import pose_reference
 from tests.support.benchmark import SHARED, ReferenceResult, reference_results
 from tests.support.making import make_route
 
-PAGE = DOCS / "reference" / "results.md"
+PAGE = DOCS / "results" / "0.2" / "solver.md"
 MAP = SHARED / "loss_maps" / "NL_Intercity_VIRM6_chain.csv"
 LEVELS = (Level.L0_REG, Level.L1, Level.L2, Level.L3)
 SEED = 14

@@ -1,53 +1,53 @@
-"""The pictures of recordings in README and in the how-to guides, drawn from days and trips that are made for them.
+"""The pictures of recordings in the pages, drawn from drives that are made for them, into the working folder.
 
-`python -m docs.studies.pictures NAME` (review, what-if or report) draws docs/images/NAME.png again, in a minute; review
-draws first-minute.png as well, and writes what the first minute prints. The first page of a report needs Chromium and
-pdftoppm (poppler).
+`python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt), first-minute.png
+and review.png; `what-if` what-if.txt and what-if.png. `report` draws report.png, and needs Chromium and pdftoppm
+(poppler): its picture is one of release 0.2, in docs/results/0.2/screens.
 """
 
 from __future__ import annotations
 
 import argparse
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
 from docs.studies.bundled import das_sim, first_page
-from docs.studies.output import DOCS, write_table
-
-IMAGES: Final = DOCS / "images"
 
 
-def review(folder: Path) -> None:
+def first_minute(folder: Path) -> None:
     """The first minute: what it prints, its two drives beside each other, and all about the one with the coach."""
     said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
-    write_table(DOCS / "tutorials" / "first-replay.md", "first-minute", ("```text", *said, "```"))
+    (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
     recorded, coached = (folder / f"{name}.mcap" for name in ("as recorded", "with the coach"))
     (made,) = (folder / "recordings").glob("*-coach.mcap")
     made.with_name(made.name.replace("-coach", "")).rename(recorded)
     made.rename(coached)
-    das_sim("compare", recorded, coached, "--plot", IMAGES / "first-minute.png", "--overwrite")
-    das_sim("view", coached, "--beside", recorded, "--plot", IMAGES / "review.png", "--overwrite")
+    das_sim("compare", recorded, coached, "--plot", folder / "first-minute.png")
+    das_sim("view", coached, "--beside", recorded, "--plot", folder / "review.png")
 
 
 def what_if(folder: Path) -> None:
-    """The day with a restriction of the guide, and two what-ifs of it."""
-    recorded, coach, without = (folder / f"{name}.mcap" for name in ("recorded", "coach-shown", "no-restriction"))
+    """The day with a restriction of the guide, and the same day without it, compared."""
+    recorded, without = (folder / f"{name}.mcap" for name in ("recorded", "no-restriction"))
     das_sim("run", "restriction-ahead", "--seed", "1", "--advice", "vector", "-o", recorded)
-    das_sim("what-if", recorded, "--advice", "coach", "-o", coach)
     das_sim("what-if", recorded, "--without-restrictions", "--driven-anew", "-o", without)
-    das_sim("compare", recorded, coach, without, "--plot", IMAGES / "what-if.png", "--overwrite")
+    said = das_sim("compare", recorded.name, without.name, "--plot", "what-if.png", folder=folder)
+    (folder / "what-if.txt").write_text(said, encoding="utf-8")
 
 
 def report(folder: Path) -> None:
     """The first page of the report of a day with a restriction."""
     das_sim("run", "restriction-ahead", "--seed", "1", "-o", folder / "run.mcap")
     das_sim("report", folder / "run.mcap", "-o", folder / "report.pdf")
-    first_page(folder / "report.pdf", IMAGES / "report.png")
+    first_page(folder / "report.pdf", folder / "report.png")
 
 
-PICTURES: Final[dict[str, Callable[[Path], None]]] = {"review": review, "what-if": what_if, "report": report}
+PICTURES: Final[dict[str, Callable[[Path], None]]] = {
+    "first-minute": first_minute,
+    "what-if": what_if,
+    "report": report,
+}
 
 
 def main(args: Sequence[str] | None = None) -> None:
@@ -55,8 +55,7 @@ def main(args: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m docs.studies.pictures", description=__doc__)
     parser.add_argument("names", nargs="+", choices=list(PICTURES), metavar="NAME", help=", ".join(PICTURES))
     for name in parser.parse_args(args).names:
-        with tempfile.TemporaryDirectory(prefix="das-pictures-") as folder:
-            PICTURES[name](Path(folder))
+        PICTURES[name](Path.cwd())
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 A human driver without advice drives the bundled line with each train, on four journeys. A GPS receiver with noise sees
 him, and `find_train` tries all bundled trains on its record. `python -m docs.studies.planted_trains` writes the table
-into docs/explanation/find-train.md again, in about 6 min on one core.
+into docs/results/0.2/find-train.md again, in about 6 min on one core.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from sim.world.loop import InProcess, World
 from sim.world.scenario import read_scenario
 from sim.world.service import make_day, prepare_service
 
-PAGE: Final = DOCS / "explanation" / "find-train.md"
+PAGE: Final = DOCS / "results" / "0.2" / "find-train.md"
 LINE: Final = "zurich-luzern"
 TRAINS: Final = (
     "re460-ic", "CH_Stadler_KISS_SBB", "CH_Stadler_FLIRT_TPF", "NL_Intercity_VIRM6", "CN_Beijing_Subway",

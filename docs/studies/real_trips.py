@@ -1,7 +1,7 @@
-"""`python -m docs.studies.real_trips [DATA]`: review two real trips again, for docs/explanation/real-trips.md.
+"""`python -m docs.studies.real_trips [DATA]`: review two real trips again, for docs/results/0.2/real-trips.md.
 
 DATA is the folder with the public data sets (trips, ttobench), by default ../shared/data. The tables of the page and
-docs/images/real-trips-*.png are written; the data stay where they are.
+real-trips-*.png beside it are written; the data stay where they are.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from sim.review.canvas import INK, light_figure, named, page_legend
 from sim.runs.replay.replay import prepare, replay
 from tests.support.benchmark import SHARED
 
-PAGE: Final = DOCS / "explanation" / "real-trips.md"
-PICTURES: Final = DOCS / "images"
+PAGE: Final = DOCS / "results" / "0.2" / "real-trips.md"
+PICTURES: Final = PAGE.parent
 TRIPS: Final = {"29 July 2016": "kolback_vasteras_clean.csv", "5 August 2016": "kolback_vasteras_dropouts.csv"}
 ROUTE, POSTS = "SE_Vasteras_Kolback.json", "kolback_vasteras_kmposts.csv"
 TRAINS: Final = {

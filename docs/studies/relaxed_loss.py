@@ -1,6 +1,6 @@
 """What the convex relaxation of a loss map allows: the picture of docs/explanation/bounds.md.
 
-`python -m docs.studies.relaxed_loss` draws docs/images/relaxed-loss.png again (seconds).
+`python -m docs.studies.relaxed_loss` draws relaxed-loss.png into the working folder.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.units import KMH
 from das.drawing.colors import SEVERAL
-from docs.studies.output import DOCS
 from sim.review.canvas import light_figure, named, page_legend
 
 Floats = NDArray[np.float64]
-PICTURE: Final = DOCS / "images" / "relaxed-loss.png"
+PICTURE: Final = Path("relaxed-loss.png")
 SPEEDS_MPS: Final = np.arange(79.0, 160.0, 0.2) * KMH
 KWH_PER_KM: Final = 1.0 / 3600.0
 """1 N is 1 J/m, which is this many kWh/km."""
@@ -61,10 +60,5 @@ def relaxed_figure() -> Figure:
     return figure
 
 
-def main(picture: Path = PICTURE) -> None:
-    """Draw the picture again."""
-    save_figure(picture, relaxed_figure())
-
-
 if __name__ == "__main__":
-    main()
+    save_figure(PICTURE, relaxed_figure())

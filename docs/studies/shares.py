@@ -142,7 +142,7 @@ def energy_shares(_bench: object, output: Output) -> dict[str, Any]:
             "print_scaled_to_our_resistance": _scaled_print(drawn[driver][0], trip.time_s),
         }
     output.csv("shares.csv", *_rows(drawn))
-    output.page("shares.md", _markdown(drawn))
+    output.text("shares.md", _markdown(drawn))
     output.picture("shares", _draw(drawn))
     return result
 

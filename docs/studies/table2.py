@@ -91,7 +91,7 @@ def table2(bench: Workbench, output: Output) -> dict[str, Any]:
     output.csv(
         "table2.csv", CSV_COLUMNS, [(c.trajectory, c.level, c.printed, c.ours, c.deviation_ratio) for c in found]
     )
-    output.page("table2.md", markdown(found))
+    output.text("table2.md", markdown(found))
     deviations = [(abs(c.deviation_ratio), c) for c in found if c.deviation_ratio is not None]
     worst = max(deviations, key=lambda item: item[0])[1]
     return {

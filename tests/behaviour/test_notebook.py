@@ -14,7 +14,7 @@ import nbformat
 import pytest
 
 from docs.studies.notebooks import NOTEBOOKS, executed
-from tests.docs.test_stale import kept_cells, stale_cells
+from tests.support.kept_figures import kept_cells, stale_cells
 from tests.support.making import REPOSITORY
 
 MOST_LINES = 45

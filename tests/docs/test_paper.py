@@ -27,11 +27,11 @@ from docs.studies.cases import (
     lowest_running_speed_mps,
 )
 from docs.studies.drawing import style
-from docs.studies.made_by import SAME_PICTURE, picture_difference
 from docs.studies.output import DOCS, Output
 from precompute.baselines import strategies as baselines
+from tests.support.kept_figures import SAME_PICTURE, picture_difference
 
-TABLES = DOCS / "reference" / "study"
+TABLES = DOCS / "results" / "0.2" / "paper"
 """The pages that hold tables of the study."""
 NEAR = 2e-3
 """The cells of these pages are as near (relative) to what the script gives: L0 REG's optimum is hardly determined."""
@@ -150,7 +150,7 @@ def test_igbt_drives_longer_and_more_gently(bench: Workbench, tmp_path: Path) ->
     """Section 4.6, fig. 10, whose picture is that of the page."""
     with style():
         found = figures_runs.fig10(bench, Output(tmp_path))
-    pictures = [(folder / "fig10.png").read_bytes() for folder in (DOCS / "images" / "study", tmp_path)]
+    pictures = [(folder / "fig10.png").read_bytes() for folder in (TABLES, tmp_path)]
     assert picture_difference(*pictures) < SAME_PICTURE
     assert found["igbt_longer"] == {"driving": True, "braking": True}
     assert found["igbt_more_gently"] == {"driving": True, "braking": True}

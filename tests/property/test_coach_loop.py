@@ -33,9 +33,12 @@ SECTIONS = (
 )
 MORE_REVERSALS = 3
 """A section may have so many reversals between traction and brake more than its optimum (of 150 drivers, one had 3)."""
-CHANGES_PER_MIN, MEAN_CHANGES_PER_MIN, REPLANS_PER_MIN = 4.0, 3.0, 2.0
+CHANGES_PER_MIN = 4.0
+MEAN_CHANGES_PER_MIN = 3.0
+REPLANS_PER_MIN = 2.0
 """What is shown changes no more often than this, for one driver and in the mean of all."""
-SWING_MPS, MORE_SWINGS = 8.0 * KMH, 4
+SWING_MPS = 8.0 * KMH
+MORE_SWINGS = 4
 """The speed may turn so many times more than the optimum's, counted where it goes back by more than this."""
 LATE_S = 60.0
 """An arrival later than this is not the driver's alone: he was told to creep, or to stand."""

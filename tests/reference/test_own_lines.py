@@ -10,14 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from das.domain.files.load import load_route
 from das.domain.plausibility import FEW_POINTS, FLAT, NOISY, SMOOTHED
 from das.domain.route import Route
 from docs.studies import own_lines
-from docs.studies.own_lines import REAL_LINES, line_of, line_table
+from docs.studies.own_lines import REAL_LINES, KnownSection, altitude_table, line_of, line_table
 from precompute.route_import.altitudes import climb_and_fall_m
 from precompute.route_import.importing import imported
 from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.route_file import route_toml
+from tests.support.kept_figures import not_on_page
 from tests.support.made_maps import same_line, written
 
 
@@ -68,6 +70,13 @@ def test_a_real_map_drawn_otherwise_gives_the_same_line(lines: list[Route], shar
 def test_the_page_says_what_the_import_finds(lines: list[Route]) -> None:
     page = own_lines.PAGE.read_text(encoding="utf-8")
     assert [row for row in line_table(lines) if row not in page] == []
+
+
+@pytest.mark.slow
+def test_the_page_says_what_altitudes_mean_on_a_bundled_section() -> None:
+    """The probe of the results of 0.2."""
+    *_, row = altitude_table([KnownSection(load_route("zurich-luzern"), 0, 1)])
+    assert not_on_page(own_lines.PAGE.read_text(encoding="utf-8"), [row]) == []
 
 
 def test_what_commands_say_of_altitudes_are_the_figures_of_the_page() -> None:

@@ -1,6 +1,6 @@
 """All tracks × trains of the public benchmark library: solved and verified, or refused for the true reason.
 
-`python -m tests.reference.test_ttobench_matrix` prints the table of docs/reference/results.md.
+`python -m tests.reference.test_ttobench_matrix` prints the table of docs/results/0.2/solver.md.
 """
 
 from __future__ import annotations
@@ -104,8 +104,8 @@ def solve_and_verify(case: Case) -> Answer:
 
 
 def published() -> dict[str, list[str]]:
-    """Rows of the table in docs/reference/results.md by track: the number of sections, then one cell a train."""
-    text = (REPOSITORY / "docs" / "reference" / "results.md").read_text(encoding="utf-8")
+    """Rows of the table in docs/results/0.2/solver.md by track: the number of sections, then one cell a train."""
+    text = (REPOSITORY / "docs" / "results" / "0.2" / "solver.md").read_text(encoding="utf-8")
     rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
     return {row[0]: row[1:] for row in rows if row[0] in TRACKS and len(row) == 2 + len(TRAINS)}
 
@@ -113,7 +113,7 @@ def published() -> dict[str, list[str]]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("track", "train"), crossed(tracks_here(), TRAINS))
 def test_every_track_and_train_is_solved_and_verified(track: str, train: str) -> None:
-    """Every run against the independent verifier; times and energies against the table of docs/reference/results.md."""
+    """Every run against the independent verifier; times and energies against the table of the page."""
     answer = solve_and_verify(Case.read(track, train))
     row = published()[track]
     said = [float(number) for number in re.findall(r"[\d.]+", row[1 + TRAINS.index(train)])]
@@ -211,7 +211,7 @@ def test_the_overloaded_trains_meet_both_obstacles() -> None:
     assert [found and found[0] for found in met] == ["cannot brake on the descent", "stalls", None]
 
 
-# --- the table of docs/reference/results.md ---------------------------------------------------------------------
+# --- the table of docs/results/0.2/solver.md ---------------------------------------------------------------------
 
 
 def table() -> str:

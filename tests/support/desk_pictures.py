@@ -1,6 +1,7 @@
 """Draws the pictures of the cab desk for the documents: `python -m tests.support.desk_pictures` (some minutes).
 
-The browser tests of the page draw what they look at; this takes some of it, in 256 colours, into `docs/images/desk`.
+The browser tests of the page draw what they look at; this takes some of it, in 256 colours, into
+`docs/results/0.2/screens`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from PIL import Image
 
 from tests.support.making import REPOSITORY
 
-IMAGES: Final = REPOSITORY / "docs" / "images" / "desk"
+IMAGES: Final = REPOSITORY / "docs" / "results" / "0.2" / "screens"
 TAKEN: Final = {
     "desk-en-restriction": "restriction", "desk-en-arriving": "arriving", "desk-en-braked": "braked",
     "tablet-fr-signal": "tablet-fr", "upright-de-coasting": "upright-de", "replay": "replay",

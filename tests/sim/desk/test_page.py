@@ -1,6 +1,6 @@
 """The page of the cab desk in Chromium: every presentation, language and size, and every way to move the lever.
 
-With `DAS_DESK_PICTURES=FOLDER` it writes what it looks at as pictures; those of `docs/images/desk` are made so.
+With `DAS_DESK_PICTURES=FOLDER` it writes what it looks at as pictures; those of `docs/results/0.2/screens` are made so.
 """
 
 from __future__ import annotations

@@ -1,0 +1,178 @@
+"""Figures of the pages, made when the site is built: a hook of mkdocs that replaces marks in the Markdown.
+
+    {{ figures: COMMAND }}            what a command prints
+    {{ figures: COMMAND -> FILE }}    a text that it writes into its folder, or the path of a picture or report of its
+    {{ value: MODULE.NAME }}          a constant of the code or of a test; {{ value: MODULE.NAME * 100 }} in per cent
+
+A command begins with das-sim, das-precompute or python, and runs once, in an empty folder. What it leaves is kept in
+build/figures, under a hash of the command, the sources of the project, and its main libraries.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import os
+import posixpath
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+KEPT: Final = ROOT / "build" / "figures"
+SOURCES: Final = ("das", "sim", "precompute", "docs/studies", "recordings/zurich-zug-late.mcap")
+"""Folders and files that decide what a command prints and draws."""
+LIBRARIES: Final = ("numpy", "numba", "scipy", "matplotlib")
+PROGRAMS: Final = {
+    "das-sim": ("-m", "sim.cli"),
+    "das-precompute": ("-m", "precompute.cli"),
+    "python": (),
+}
+"""Words that come after this Python for the first word of a command."""
+PRINTED: Final = "printed.txt"
+MAKING: Final = "making-"
+COPIED: Final = (".png", ".html")
+"""Ends of the names of files that become files of the site; others are put into the page as text."""
+URL: Final = "figures"
+"""Folder of the site for what is copied."""
+MARK: Final = re.compile(r"\{\{ figures: (?P<command>[^{}\n]+?)(?: -> (?P<file>[\w.-]+))? \}\}")
+VALUE: Final = re.compile(r"\{\{ value: (?P<module>[\w.]+)\.(?P<name>\w+)(?: \* (?P<factor>[\d.]+))? \}\}")
+EXPECTED: Final = "expected {{ figures: COMMAND }}, {{ figures: COMMAND -> FILE }} or {{ value: MODULE.NAME }}"
+BEGINS: Final = re.compile(r"\{\{ *(?:figures|value)\b")
+
+_made: dict[str, Path] = {}
+"""Folder of each command's output in the build that is running."""
+
+
+class BadMarkError(PluginError):
+    """A mark that cannot be read, or a command that fails: the build ends."""
+
+
+def marks_of(text: str, page: str) -> list[tuple[str, str | None]]:
+    """The commands of a page, each with the file that is asked for; raises BadMarkError where a mark cannot be read."""
+    found = [(one["command"], one["file"]) for one in MARK.finditer(text)]
+    values = VALUE.findall(text)
+    if len(found) + len(values) != len(BEGINS.findall(text)):
+        raise BadMarkError(f"{page}: a mark cannot be read; {EXPECTED}")
+    return found
+
+
+def input_hash(sources: tuple[str, ...] = SOURCES, root: Path = ROOT) -> str:
+    """A hash of all sources that decide figures, of this Python, and of the libraries."""
+    found = hashlib.sha256(sys.version.encode())
+    for name in LIBRARIES:
+        found.update(f"{name} {version(name)}\n".encode())
+    for path in sorted(file for name in sources for file in (root / name, *(root / name).rglob("*"))):
+        if path.is_file() and "__pycache__" not in path.parts:
+            found.update(f"{path.relative_to(root).as_posix()}\n".encode())
+            found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
+
+
+def made(command: str, inputs: str, kept: Path) -> Path:
+    """The folder with what a command printed and wrote; the command runs only if that is not there.
+
+    Raises BadMarkError if the command is of no program of ours, or fails.
+    """
+    folder = kept / hashlib.sha256(f"{inputs}\n{command}".encode()).hexdigest()[:16]
+    if folder.is_dir():
+        return folder
+    program, *words = shlex.split(command)
+    if program not in PROGRAMS:
+        raise BadMarkError(f"{command}: expected a command that begins with {', '.join(PROGRAMS)}")
+    kept.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=kept, prefix=MAKING) as name:
+        work = Path(name) / "work"
+        work.mkdir()
+        paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+        done = subprocess.run(
+            [sys.executable, *PROGRAMS[program], *words], cwd=work, capture_output=True, text=True, check=False,
+            env={**os.environ, "PYTHONPATH": paths, "COLUMNS": "80", "NO_COLOR": "1", "MPLBACKEND": "agg"},
+        )  # fmt: skip
+        if done.returncode != 0:
+            said = (done.stderr or done.stdout).strip().splitlines() or ["it says nothing"]
+            raise BadMarkError(f"{command}: exit code {done.returncode}: {said[-1]}")
+        (work / PRINTED).write_text(done.stdout, encoding="utf-8")
+        work.replace(folder)
+    return folder
+
+
+def value_of(module: str, name: str, factor: str | None = None, root: Path = ROOT) -> str:
+    """The literal that a module assigns to a name, times a factor; raises BadMarkError if there is none."""
+    path = root / f"{module.replace('.', '/')}.py"
+    if not path.is_file():
+        raise BadMarkError(f"{module}.{name}: no such module")
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        if any(isinstance(one, ast.Name) and one.id == name for one in targets):
+            try:
+                value = ast.literal_eval(getattr(node, "value"))  # noqa: B009
+            except ValueError as error:
+                raise BadMarkError(f"{module}.{name}: expected a literal") from error
+            return f"{value * float(factor or 1):g}"
+    raise BadMarkError(f"{module}.{name}: the module assigns no such name")
+
+
+def copied(wanted: Iterable[tuple[str, str | None]]) -> dict[str, Path]:
+    """Each picture and report that pages ask for, by its name; raises BadMarkError if two commands write one name."""
+    found: dict[str, Path] = {}
+    for command, name in wanted:
+        if name is None or not name.endswith(COPIED):
+            continue
+        path = written(command, name)
+        if found.setdefault(name, path) != path:
+            raise BadMarkError(f"{name}: two commands write a file of this name")
+    return found
+
+
+def written(command: str, name: str) -> Path:
+    """A file that a command wrote; raises BadMarkError if it did not."""
+    path = _made[command] / name
+    if not path.is_file():
+        raise BadMarkError(f"{command}: it writes no {name}")
+    return path
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Run all commands that pages name, and add their pictures and reports to the site."""
+    asked = [one for page in files.documentation_pages() if page.src_uri.endswith(".md") for one in _asked(page)]
+    inputs = input_hash()
+    commands = list(dict.fromkeys(command for command, _ in asked))
+    _made.clear()
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        _made.update(zip(commands, pool.map(lambda command: made(command, inputs, KEPT), commands), strict=True))
+    for name, path in copied(asked).items():
+        files.append(File.generated(config, f"{URL}/{name}", abs_src_path=str(path)))
+    for old in set(KEPT.glob("*")) - set(_made.values()):
+        if not old.name.startswith(MAKING):
+            shutil.rmtree(old)
+    return files
+
+
+def _asked(page: Any) -> list[tuple[str, str | None]]:
+    return marks_of(page.content_string, page.src_uri)
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Put figures and values in the place of their marks."""
+
+    def figure(mark: re.Match[str]) -> str:
+        name = mark["file"] or PRINTED
+        path = written(mark["command"], name)
+        if name.endswith(COPIED):
+            return posixpath.relpath(f"{URL}/{name}", posixpath.dirname(page.file.src_uri))
+        return path.read_text(encoding="utf-8").strip("\n")
+
+    text = MARK.sub(figure, markdown)
+    return VALUE.sub(lambda mark: value_of(mark["module"], mark["name"], mark["factor"]), text)
