@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -414,6 +414,7 @@ def test_a_point_that_is_not_on_the_route_is_refused() -> None:
 @pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 10_000))
+@example(seed=6891)  # no multipliers are found that prove a bound, and the plan says so
 def test_windows_are_kept_or_the_journey_is_refused(seed: int) -> None:
     """Random windows and speeds around a timetable of 5 to 40 % buffer."""
     rng = random.Random(seed)
@@ -442,8 +443,8 @@ def test_windows_are_kept_or_the_journey_is_refused(seed: int) -> None:
         assert re.search(r"\d s too (tight|late): after", message)
         return
     assert_kept(plan)
-    assert -5e-3 < plan.table_gap_ratio < 3e-2
-    assert plan.gap_reason or plan.gap_ratio >= 0.0
+    assert plan.table_gap_ratio > -5e-3
+    assert plan.gap_reason or (plan.table_gap_ratio < 3e-2 and plan.gap_ratio >= 0.0)
     assert plan.input_j <= planner.plan(Split.PROPORTIONAL).input_j * (1 + 1e-3)
 
 
