@@ -82,7 +82,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput["file_seconds"] = dict(measured)
     elif session.config.getoption("--file-seconds"):
-        both = {name: seconds for name, seconds in (known_seconds() | measured).items() if seconds >= 1}
+        both = {name: seconds for name, seconds in {**known_seconds(), **measured}.items() if seconds >= 1}
         lines = [f"{both[name]:.0f} {name}\n" for name in sorted(both, key=lambda name: -both[name])]
         FILE_SECONDS.write_text("".join(lines), encoding="utf-8")
 
