@@ -141,7 +141,7 @@ def same_advices(scenario: Path, hostile: bool, out: Path) -> list[das_pb2.Advic
     return [das_pb2.Advice.FromString(one) for one in here]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("hostile", [pytest.param(False, marks=pytest.mark.nightly), True])
 def test_on_an_eventful_day_the_advice_is_the_same_byte_for_byte(hostile: bool, tmp_path: Path) -> None:
     scenario = tmp_path / "eventful.toml"

@@ -141,7 +141,7 @@ def test_all_bundled_scenarios_share_what_the_tests_solve_once() -> None:
     assert not planned().plans(replace(load_scenario("clear-day"), dwell_s=61.0))
 
 
-@pytest.mark.parametrize("name", few(sorted(bundled_scenarios()), IN_DEFAULT_RUN, pytest.mark.slow))
+@pytest.mark.parametrize("name", few(sorted(bundled_scenarios()), IN_DEFAULT_RUN, pytest.mark.nightly))
 def test_the_parts_of_the_end_table_sum_to_the_energy_that_it_prints(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -71,7 +71,7 @@ def test_every_result_says_in_its_title_of_which_release_data_seed_commit_and_da
     assert [page.name for page in pages if not TITLE.search(page.read_text(encoding="utf-8"))] == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_picture_of_readme_is_that_of_its_command(tmp_path: Path) -> None:
     folder = made("python -m docs.studies.pictures first-minute", "test", tmp_path)
     assert same_picture(DOCS / "images" / "first-minute.png", folder / "first-minute.png")
@@ -85,7 +85,7 @@ def test_readme_says_what_the_notebook_finds() -> None:
     assert re.findall(r"(\d+) % less with 10 % more time", readme) == [f"{100.0 * (1.0 - buffered / fastest):.0f}"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_outputs_of_the_notebook() -> None:
     notebook = json.loads(NOTEBOOKS["first-steps"].read_text(encoding="utf-8"))
     kept, now = kept_cells(notebook), made_cells(notebook)
@@ -112,7 +112,7 @@ def test_a_picture_of_the_study(tmp_path: Path) -> None:
     assert same_picture(PAPER / "fig4.png", tmp_path / "fig4.png")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_picture_and_page_of_the_study(tmp_path: Path) -> None:
     paper.make(list(paper.ITEMS), Output(tmp_path))
     assert [path.name for path in PAPER.glob("*.png") if not same_picture(path, tmp_path / path.name)] == []

@@ -210,7 +210,7 @@ def test_following_the_advice_arrives_and_never_above_what_is_allowed(states: ra
             assert advisor.plan.solution.feasible
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("restrictions", [(), (Restriction(start_m=4000.0, end_m=5000.0, limit_mps=15.0),)])
 def test_advice_is_continuous_in_what_is_heard(restrictions: tuple[Restriction, ...]) -> None:
     """A little further, faster or later changes the speeds of the next 30 s a little.

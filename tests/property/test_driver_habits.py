@@ -29,7 +29,7 @@ from tests.support.driver_habits import (
 )
 from tests.support.flat_days import service_for
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 SEEDS = int(os.environ.get("DAS_PROPERTY_SEEDS", "3"))
 BURSTS_PER_MIN = 0.1
@@ -43,12 +43,8 @@ def service() -> Service:
     return service_for(load_scenario("clear-day"))
 
 
-PRESENTATIONS = [
-    pytest.param(one, marks=() if one in (Presentation.VECTOR, Presentation.COACH) else pytest.mark.nightly)
-    for one in Presentation
-]
-"""Every presentation; in the default run only the two that show most."""
-OF_MODES = [one for one in PRESENTATIONS if one.values[0] in WITH_MODES]
+PRESENTATIONS = list(Presentation)
+OF_MODES = [one for one in PRESENTATIONS if one in WITH_MODES]
 
 
 @cache

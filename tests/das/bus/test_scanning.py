@@ -110,7 +110,7 @@ def test_a_flipped_byte_is_harmless_or_reported(whole: Path, tmp_path: Path, sha
         check_flip(tmp_path / "flipped.mcap", content, random.randrange(len(content)), random.randrange(1, 256), sound)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_byte_of_the_beginning_flipped(whole: Path, tmp_path: Path) -> None:
     """Header, attachment, metadata and the first chunks, every byte of them, in a cut file."""
     content, sound = sound_part(whole, tmp_path, 0.5)

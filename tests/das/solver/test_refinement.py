@@ -113,7 +113,7 @@ def test_a_refined_run_is_possible_in_time_and_needs_less(line: str, level: Leve
     assert (found.trajectory.s_m == given.trajectory.s_m).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("line", "level", "buffer_ratio"),
     [pytest.param(*one, marks=() if number % 3 == 0 else pytest.mark.nightly) for number, one in enumerate(CASES)],

@@ -99,7 +99,7 @@ def test_solve_for_people_says_what_it_wrote_and_how_a_baseline_drives(tmp_path:
     assert re.search(r"^coasts from km 1\.\d{3} to km 5\.\d{3}$", out, re.MULTILINE)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_more_time_never_costs_more(tmp_path: Path, solved: Solved) -> None:
     words = ("front", *SOLVE[1:], "--buffers", "0,2,7,20", "--plot", "front.png", "--json")
     result = json.loads(printed(tmp_path, *words))
@@ -142,7 +142,7 @@ def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: Solved
     assert found[0]["time_s"] >= solved[0]["time_s"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_baseline_strategies(tmp_path: Path, solved: Solved) -> None:
     """Same keys, time and files as the optimal run, and each needs more energy than the better one."""
     energies = []
@@ -167,7 +167,7 @@ def test_baseline_strategies(tmp_path: Path, solved: Solved) -> None:
     assert solved[0]["energy_kwh"] < energies[0] < energies[1] < energies[2]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_exact_front_beside_the_solver(tmp_path: Path) -> None:
     words = ("front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "2", "--out", "front.csv", "--json")
     result = json.loads(printed(tmp_path, *words))

@@ -193,13 +193,13 @@ def test_the_recorded_trip_is_looked_at(folder: Path) -> None:
     assert (folder / "trip.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_fronts_journeys_and_sensitivity(folder: Path) -> None:
     for line in commands(folder, "das-precompute front", "das-precompute journey", "das-precompute sensitivity"):
         assert run(folder, line)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_tables_are_built_shown_and_verified_and_a_node_starts_with_them(folder: Path) -> None:
     for line in commands(folder, "das-precompute build", "das-precompute show", "das-precompute verify"):
         assert run(folder, line)

@@ -21,7 +21,7 @@ def study(path: Path, *parameters: str) -> Study:
     )  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_what_matters_is_found_and_what_does_not_changes_nothing(flat: Callable[[str], Path]) -> None:
     """Without advice nobody complies with any: on the same days with the same chances the runs are the same."""
     asked = study(flat(""), "haste_ratio", "comply_hold_ratio", "friction_ratio")

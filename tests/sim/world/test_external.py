@@ -110,7 +110,7 @@ def driven(day: Day, place: str, out: Path, shown: Presentation, patience: Patie
     return drive_day(day, ExternalDriver(day, patience=patience), how, out)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("shown", [pytest.param(Presentation.VECTOR, marks=pytest.mark.nightly), Presentation.COACH])
 def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
     folder: Path, tmp_path: Path, shown: Presentation

@@ -103,7 +103,7 @@ def test_the_shortest_path_is_below_a_brute_dynamic_program_and_near_it(share: f
     assert paths[2] == pytest.approx(brute, rel=5e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_cells_that_a_better_run_goes_through_stay_open() -> None:
     """The cells of the given run are open after each pass, and most others are closed."""
     task = task_of(run(), run().time_s)

@@ -60,7 +60,7 @@ def check_sums(found: Attribution) -> None:
             np.testing.assert_array_equal(places.start_m[1:], places.end_m[:-1])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
     """What he needs above the optimum is the price of braking as the advice plans; it counts as driven as advised."""
     found, fronts = faultless(), fronts_of_braking(clear_day(), None)
@@ -75,7 +75,7 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
     assert all(abs(one_j) < small_j for one_j in others_j.values()), others_j
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [

@@ -22,7 +22,7 @@ from sim.experiment.plan import VariedFactor
 from tests.support.made_up_study import MEASURE, NOISE, VECTOR, Truth, made_up_study, positive
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "truth",
     [

@@ -50,7 +50,7 @@ def test_the_mixed_model_agrees_with_the_pairs() -> None:
     assert fit_mixed_model(study, VECTOR).effect == pytest.approx(pairs.means.mean(), abs=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_singular_fit_is_made_again_with_less_or_hidden() -> None:
     """Where drivers do not differ at all, fits end at a variance of 0, or at a correlation of 1."""
     truth = Truth(level_sd=0.0, effect_sd=0.0, day_sd=0.0, noise=(0.02, 0.02, 0.02))
@@ -63,7 +63,7 @@ def test_a_singular_fit_is_made_again_with_less_or_hidden() -> None:
     assert any("singular" in one for one in said)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_without_noise_in_one_condition_the_fit_is_made_again_with_one_noise() -> None:
     """The whole model ended at +1.4 instead of +6.96 points, said to have converged, without a standard error."""
     fit = fit_mixed_model(eight_drivers(), APART)

@@ -214,7 +214,7 @@ def test_the_order_is_told_as_it_was_driven() -> None:
     assert driven(level) == "not balanced: a condition followed another 1 to 3 times"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_drivers_who_are_all_the_same_have_a_page_without_intervals() -> None:
     """A perfect driver has no spread: a difference, but nothing to judge it by."""
     truth = Truth(drivers=6, noise=(0.0, 0.0, 0.0), level_sd=0.0, effect_sd=0.0, day_sd=0.0)

@@ -38,7 +38,7 @@ from tests.support.made_up_study import (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_planted_point_is_found_as_often_as_power_predicts() -> None:
     """The prediction comes from a pilot of 400 drivers, so that it is not off because its pilot was small."""
     truth = Truth(drivers=48, means=(0.26, 0.25, 0.25), effect_sd=0.02)

@@ -31,7 +31,7 @@ def planted(skewed: bool) -> Floats:
     return np.array(found)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("skewed", "share"), [(False, 0.87), (True, 0.8)])
 def test_the_planted_spread_of_drivers_is_recovered_within_a_fifth(skewed: bool, share: float) -> None:
     """On average it is recovered. How often in a single study is bounded by what 60 drivers can tell: 0.93 at best."""

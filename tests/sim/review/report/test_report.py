@@ -289,7 +289,7 @@ def test_drives_of_other_lines_are_not_compared_and_it_is_said(tmp_path: Path) -
     assert as_dict(subjects, aligned, why_not)["not_compared"] == why_not
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_command_reports_on_a_trip_that_was_recorded_by_positions_alone(tmp_path: Path) -> None:
     done = das_sim("report", str(BUNDLED), "-o", "report.html", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -233,7 +233,7 @@ def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_pa
     assert inputs.vehicle.train_length_m == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_repeated_open_loop_of_a_replay_is_the_same_file(tmp_path: Path) -> None:
     once, twice = (open_loop(REPLAY, tmp_path / name) for name in ("once.mcap", "twice.mcap"))
     assert once.read_bytes() == twice.read_bytes()
