@@ -55,6 +55,7 @@ def answered(folder: Path, **env: str) -> tuple[int, int, str]:
     return int(value), int(hits), done.stderr
 
 
+@pytest.mark.slow
 def test_a_changed_callee_or_constant_is_seen_without_removing_anything(kernels: Path) -> None:
     assert answered(kernels) == (21, 0, "")
     assert answered(kernels) == (21, 1, "")

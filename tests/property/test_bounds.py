@@ -84,6 +84,7 @@ def worst_constraint(program: Program, run: RelaxedRun) -> float:
     return worst
 
 
+@pytest.mark.slow
 @drawn
 @given(posed_sections())
 def test_no_gap_is_negative(posed: Posed) -> None:
@@ -126,6 +127,7 @@ def test_every_run_keeps_the_relaxation_of_every_other(posed: Posed) -> None:
                 assert (force >= -program.efforts.electric_force * (1 + 1e-6)).all()
 
 
+@pytest.mark.slow
 @drawn
 @given(posed_sections(), st.integers(0, 2**32 - 1))
 def test_any_multipliers_prove_a_bound(posed: Posed, seed: int) -> None:
@@ -176,6 +178,7 @@ def test_other_runs_in_time_are_above_the_bound(posed: Posed, share: float) -> N
             assert energy_j >= certificate.bound_j - 1e-6 * abs(energy_j)
 
 
+@pytest.mark.slow
 @settings(drawn, max_examples=max(SECTIONS // 3, 1))
 @given(posed_sections(levels=(Level.L3,)), st.floats(0.1, 10.0))
 def test_no_run_undercuts_the_cells_of_speeds(posed: Posed, factor: float) -> None:

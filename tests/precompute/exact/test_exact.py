@@ -143,6 +143,7 @@ def of_the_paper() -> Section:
 COARSE = Grid(step_m=500.0, speed_kmh=5.0, coast_kmh=1.0, lowest_kmh=60.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("made", "buffer_ratio", "grid"),
     [(hills, 0.4, TINY), (dissipating, 1.0, TINY), (run_up, 0.5, TINY), (of_the_paper, 0.15, COARSE)],

@@ -42,6 +42,7 @@ def test_look_up_agrees_with_the_roll_out(look_up: LookUp, front: Front, from_ta
         assert found.force_n == pytest.approx(force_n + other_n, abs=0.05 * front.section.train.traction_force_n)
 
 
+@pytest.mark.slow
 def test_look_up_says_late_and_early(look_up: LookUp, front: Front) -> None:
     least_s = front.fastest().time_s
     start_m = front.section.start_m

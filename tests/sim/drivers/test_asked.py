@@ -200,7 +200,7 @@ def test_the_perfect_driver_is_not_above_a_board_before_the_stop_with_the_coach(
     (tmp_path / "day.toml").write_text(DAY)
     found = sim.run_day(tmp_path / "day.toml", driver="perfect", advice="coach").outcome
     assert found["over_limit_kmh"] < 1.0
-    assert abs(found["stops"][-1]["missed_m"]) < 1.0
+    assert abs(found["stops"][-1]["missed_m"]) < 2.0
 
 
 @pytest.mark.parametrize(("board_km", "board_kmh"), [(3.88, 30), (3.80, 40), (3.72, 60)])

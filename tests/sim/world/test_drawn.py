@@ -51,6 +51,7 @@ def write_map(path: Path, times: float) -> None:
     path.write_text("\n".join(["speed_kmh,force_kn,loss_kw", *rows]) + "\n")
 
 
+@pytest.mark.slow
 def test_another_loss_map_costs_what_it_says_and_moves_nothing(flat: Callable[[str], Path]) -> None:
     """Losses do not act on the wheels, and nobody on board sees them: only the energy is another."""
     path = flat("[truth]\nloss_map = 'worn.csv'")
@@ -135,6 +136,7 @@ def test_the_driver_of_the_scenario_drives(flat: Callable[[str], Path]) -> None:
     assert settings <= {n / 4 for n in range(-4, 5)}
 
 
+@pytest.mark.slow
 def test_a_row_and_a_run_say_what_was_drawn(flat: Callable[[str], Path], tmp_path: Path) -> None:
     path = flat(
         "[human]\nreaction_median_s = {min = 1, max = 4}\ntrips = 3\n"

@@ -364,6 +364,7 @@ def test_a_reference_that_could_not_be_made_in_the_background_is_asked_for_again
     assert keeper.keep(TrainState(0, section_of(LINE).start_m, 0.0), goal) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("earlier_s", "later_s"), [(40.0, None), (25.0, 60.0), (None, -6.0)])
 def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None, later_s: float | None) -> None:
     """The window counts from when the train would pass without one; keeping the reference, it gets no other one."""
@@ -438,6 +439,7 @@ def test_without_a_front_there_is_no_reference_and_after_forgetting_it_starts_an
     assert kept.reference.replan.cause is ReplanCause.START
 
 
+@pytest.mark.slow
 def test_the_same_inputs_give_the_same_references() -> None:
     goal, found = goal_of(LINE, BUFFER), []
     for _ in range(2):

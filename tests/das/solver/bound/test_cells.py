@@ -160,6 +160,7 @@ def test_the_bound_gets_tighter_and_stays_below_the_run() -> None:
     assert energy_j - found_j < 0.5 * (energy_j - quick.bound_j)
 
 
+@pytest.mark.slow
 def test_a_search_without_time_leaves_the_quick_bound() -> None:
     assert tightened(run(), 1e-9).certificate == certificate(run())
 

@@ -134,6 +134,7 @@ def test_a_verdict_has_size_interval_and_chance() -> None:
     )
 
 
+@pytest.mark.slow
 def test_one_method_decides_and_others_that_disagree_are_named() -> None:
     study = eight_drivers()
     ((_, said),) = in_short(analysed(study))
