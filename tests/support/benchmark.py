@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
 from das.domain.files.load import locate_vehicle
 from tests.support.making import REPOSITORY
+from tests.support.needs import missing
 
 DATA = REPOSITORY / "tests" / "data"
 SHARED = REPOSITORY.parent / "shared" / "data"
@@ -32,12 +30,7 @@ def shared_data(*, module: bool = True) -> Path:
     With `module` the whole test file is skipped, for files that test only these data.
     """
     if not SHARED.is_dir():
-        if os.environ.get("CI"):
-            pytest.fail(f"{SHARED} is missing, and CI is set", pytrace=False)
-        pytest.skip(
-            f"{SHARED} is not here: third-party data beside the checkout, not part of the project",
-            allow_module_level=module,
-        )
+        missing(f"{SHARED} is missing: third-party data beside the checkout, not part of the project", module=module)
     return SHARED
 
 

@@ -16,6 +16,7 @@ import pytest
 from das.command_line.pdf import browser
 from das.domain.errors import DasError
 from tests.support.making import REPOSITORY
+from tests.support.needs import missing
 
 FLAT_DAY: Final = REPOSITORY / "sim" / "experiment" / "studies" / "days" / "flat-6km.toml"
 STRONGEST_MPS2: Final = 1.62
@@ -26,12 +27,12 @@ STATE: Final = "({...document.body.dataset})"
 
 @contextmanager
 def chromium(**options: Any) -> Iterator[Any]:
-    """A browser; skips the test, and says why, where playwright or Chromium is missing."""
+    """A browser; a test without playwright or Chromium ends as `missing` says."""
     api = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
     try:
         program = browser()
     except DasError as error:
-        pytest.skip(f"needs Debian's Chromium (apt-get install chromium): {error}")
+        missing(f"Chromium is missing: apt-get install chromium ({error})")
     with api.sync_playwright() as tool:
         opened = tool.chromium.launch(executable_path=program, args=["--no-sandbox"], **options)
         try:

@@ -7,7 +7,6 @@ import io
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -27,6 +26,7 @@ from sim.experiment.trials import Keep, TrialJob, jobs_of, make_trial, run_study
 from sim.jobs.runner import Journal, attempted
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim, refusal, wait_until
+from tests.support.needs import need_r
 
 pytestmark = pytest.mark.slow
 
@@ -169,9 +169,9 @@ def test_the_validator_of_bids_finds_no_error(study: Path) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.skipif(shutil.which("Rscript") is None, reason="needs R: apt-get install r-base-core")
 def test_the_tables_open_in_one_line_of_r(study: Path) -> None:
     """The lines are those of the page; a table of Parquet needs a package that is rarely there."""
+    need_r()
     page = (REPOSITORY / "docs" / "how-to" / "run-an-experiment.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```r\n(.*?)```", page, re.DOTALL)
     lines = [line for line in code.splitlines() if "parquet" not in line]

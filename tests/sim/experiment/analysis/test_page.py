@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import re
-import shutil
 import subprocess
 from contextlib import chdir, redirect_stdout
 from dataclasses import replace
@@ -34,6 +33,7 @@ from tests.support.made_up_study import (
     write_study,
 )
 from tests.support.making import das_sim, refusal
+from tests.support.needs import missing, need_r
 
 COMPARISONS = (compared("vector", "none"), compared("vector", "top-speed"))
 PAGE = Path(__file__).parents[4] / "docs" / "how-to" / "analyse-an-experiment.md"
@@ -315,8 +315,8 @@ def r_of_the_page() -> str:
 
 
 @pytest.mark.nightly
-@pytest.mark.skipif(shutil.which("Rscript") is None, reason="needs R: apt-get install r-base-core")
 def test_the_r_of_the_page_makes_the_tables_of_the_report_again(tmp_path: Path) -> None:
+    need_r()
     study = read_study(write_study(made_up_study(Truth(), 1, (compared("vector", "none"),)), tmp_path / "study"))
     found = as_dict(analyse_study(study))
     (tmp_path / "page.R").write_text(r_of_the_page() + TOLD, encoding="utf-8")
@@ -324,7 +324,7 @@ def test_the_r_of_the_page_makes_the_tables_of_the_report_again(tmp_path: Path) 
         ["Rscript", "--vanilla", "page.R"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
     )
     if "no package called" in done.stderr:
-        pytest.skip("R has no nlme")
+        missing("nlme is missing: apt-get install r-recommended")
     assert done.returncode == 0, done.stderr
     lines = {name: rest for name, *rest in (line.split() for line in done.stdout.splitlines() if line.strip())}
     told = {name: [float(one) for one in lines[name]] for name in (*LEVELS, "difference", "model", "spreads")}
