@@ -78,11 +78,16 @@ def pytest_testnodedown(node: Any) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Keep the seconds of the files that were run, and what is known of the others."""
+    """Keep the seconds of the files that were run, and what is known of the others.
+
+    Where all tiers were run, nothing is kept of a tier that a file no longer has.
+    """
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput["file_seconds"] = dict(measured)
     elif session.config.getoption("--file-seconds"):
-        both = {name: seconds for name, seconds in {**known_seconds(), **measured}.items() if seconds >= 1}
+        whole = set() if session.config.getoption("-m") else {name.split(":")[1] for name in measured}
+        others = {name: seconds for name, seconds in known_seconds().items() if name.split(":")[1] not in whole}
+        both = {name: seconds for name, seconds in {**others, **measured}.items() if seconds >= 1}
         lines = [f"{both[name]:.0f} {name}\n" for name in sorted(both, key=lambda name: -both[name])]
         FILE_SECONDS.write_text("".join(lines), encoding="utf-8")
 

@@ -64,7 +64,7 @@ def recordings(run: tuple[subprocess.CompletedProcess[str], Path]) -> tuple[Path
     return found[0], found[1]
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_das_sim_alone_compares_the_bundled_trip_with_the_coach(
     default_run: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:

@@ -43,7 +43,7 @@ from sim.world.outcome import DayOutcome, DayResult, outcome, print_result
 from sim.world.scenario import bundled_scenarios, load_scenario
 from sim.world.service import Day, Service, make_day
 from tests.support.crossing import few
-from tests.support.flat_days import service_for, service_of
+from tests.support.flat_days import flat_day, service_for, service_of, signal_at
 
 SEED = 1
 IN_DEFAULT_RUN = (
@@ -118,10 +118,12 @@ def planned() -> Service:
 
 @cache
 def drive(name: str, driver: str = "perfect", advice: str = "vector", seed: int = SEED) -> Driven:
-    service = planned().on(load_scenario(name))
-    day = make_day(service, seed)
-    said = Witness(service, coach=advice == Presentation.COACH)
-    run = World(day, make_driver(DriverKind(driver), service.line, seed=seed), Presentation(advice), said).run()
+    return driven_day(make_day(planned().on(load_scenario(name)), seed), driver, advice, seed)
+
+
+def driven_day(day: Day, driver: str, advice: str, seed: int = SEED) -> Driven:
+    said = Witness(day.service, coach=advice == Presentation.COACH)
+    run = World(day, make_driver(DriverKind(driver), day.service.line, seed=seed), Presentation(advice), said).run()
     found = outcome(day, run)
     return Driven(day, run, said, found.as_dict(), found)
 
@@ -315,10 +317,13 @@ BRAKES_MPS2 = 0.2
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("advice", ["coach", pytest.param("vector", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("advice", ["coach", "vector"])
 def test_nobody_who_brakes_for_a_signal_or_stands_at_it_is_told_to_go_on(advice: str) -> None:
-    """From 3 s after the driver begins to brake until the train moves; then the advice is there at once."""
-    driven = drive("signal-stop", "human", advice)
+    """From 3 s after the driver begins to brake until the train moves; then the advice is there at once.
+
+    On the flat line of 6 km.
+    """
+    driven = driven_day(flat_day(signal_at(3_000, 1_500)), "human", advice)
     signal, told, said = driven.one(SignalStop), driven.said.told, driven.said.advices
     speed_mps, slows_mps2 = driven.array("speed_mps")[:-1], -driven.array("acceleration_mps2")[:-1]
     stands = np.flatnonzero((speed_mps <= 0) & (np.abs(driven.array("s_m")[:-1] - signal.at_m) < 20))
@@ -348,7 +353,7 @@ def time_to(driven: Driven, speed_mps: float) -> float:
     return float(driven.array("time_s")[np.argmax(driven.array("speed_mps") >= speed_mps)])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_slippery_rail_lengthens_the_run_up() -> None:
     driven, clear = drive("slippery-rail"), drive("clear-day")
     rail = driven.one(SlipperyRail)
@@ -362,7 +367,7 @@ def test_slippery_rail_lengthens_the_run_up() -> None:
     assert driven.figures["energy_kwh"] > clear.figures["energy_kwh"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_head_wind_costs_its_work() -> None:
     """∫ c2·((v + w)² − v²) ds over the windy stretch is what the resistance takes more."""
     driven, clear = drive("head-wind"), drive("clear-day")

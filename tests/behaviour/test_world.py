@@ -260,18 +260,15 @@ def test_the_same_seed_gives_the_same_recording_byte_for_byte(folder: Path, foun
 @pytest.mark.slow
 def test_without_a_bus_the_train_runs_the_same(folder: Path, recording: Recording) -> None:
     service = prepare_service(read_scenario(folder / "eventful.toml"))
-    states, links = {}, {}
-    for seed in (4, 5):
-        driver, links[seed] = make_driver(DriverKind.HUMAN, service.line, seed=seed), InProcess(service, coach=True)
-        states[seed] = World(make_day(service, seed), driver, Presentation.COACH, links[seed]).run().states
+    driver, link = make_driver(DriverKind.HUMAN, service.line, seed=4), InProcess(service, coach=True)
+    states = World(make_day(service, 4), driver, Presentation.COACH, link).run().states
     truth = recording.columns(TRUTH, "time_ns", "s_m", "speed_mps", "energy_input_j")
-    assert [state.s_m for state in states[4][:-1]] == truth["s_m"].tolist()
-    assert [state.speed_mps for state in states[4][:-1]] == truth["speed_mps"].tolist()
-    assert [state.input_j for state in states[4][:-1]] == truth["energy_input_j"].tolist()
+    assert [state.s_m for state in states[:-1]] == truth["s_m"].tolist()
+    assert [state.speed_mps for state in states[:-1]] == truth["speed_mps"].tolist()
+    assert [state.input_j for state in states[:-1]] == truth["energy_input_j"].tolist()
     assert (np.diff(truth["time_ns"]) == 10**9).all()
-    assert [state.s_m for state in states[5]] != [state.s_m for state in states[4]]
-    assert links[4].cab.learning.calibrator is not None
-    found, told = links[4].cab.learning.calibrator.estimates, recording.of(ESTIMATE)[-1].message
+    assert link.cab.learning.calibrator is not None
+    found, told = link.cab.learning.calibrator.estimates, recording.of(ESTIMATE)[-1].message
     assert (found.mass_ratio, found.resistance_ratio, found.samples) == (
         *(told.mass_ratio, told.resistance_ratio, told.samples),
     )

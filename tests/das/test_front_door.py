@@ -80,7 +80,7 @@ def test_packages_say_that_they_are_typed(package: str) -> None:
 
 
 EXAMPLES = [das, das.front_door, das.domain.files.load]
-DRIVEN_DAYS = [pytest.param(one, marks=pytest.mark.slow) for one in (sim, sim.front_door)]
+DRIVEN_DAYS = [pytest.param(sim, marks=pytest.mark.nightly), pytest.param(sim.front_door, marks=pytest.mark.slow)]
 
 
 @pytest.mark.parametrize("module", EXAMPLES + DRIVEN_DAYS, ids=lambda module: module.__name__)

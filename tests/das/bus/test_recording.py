@@ -156,7 +156,7 @@ def test_every_cut_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
     content = write_recording(tmp_path / "short.mcap", seconds=2).read_bytes()
     cut = tmp_path / "cut.mcap"
     counts = []
-    for size in (*range(0, len(content) - 11, 11), *range(len(content) - 11, len(content))):
+    for size in (*range(0, len(content) - 31, 31), *range(len(content) - 31, len(content))):
         cut.write_bytes(content[:size])
         counts.append(truths_before(cut))
     assert counts == sorted(counts)

@@ -207,7 +207,7 @@ def test_best_cruising_speed_and_coasting_point_by_brute_force(time_s: float) ->
         low, high = 0.6, float(cruise_mps)
         if driven(cruise_mps, high)[0] > time_s:
             continue
-        for _ in range(30):
+        for _ in range(20):
             middle = 0.5 * (low + high)
             taken_s = driven(cruise_mps, middle)[0]
             if taken_s > time_s:  # too slow, or the coasting does not fit in
@@ -270,8 +270,9 @@ def test_the_hilly_section_has_what_makes_it_hard(hilly: Section) -> None:
 
 @pytest.mark.parametrize(("level", "reverse"), crossed(list(Level)[:5], (False, True)))
 def test_the_bundled_route_at_every_level(level: Level, reverse: bool) -> None:
-    route = load_route("zurich-luzern")
-    section = build_section(route.reversed() if reverse else route, load_vehicle("re460-ic"), level=level)
+    """Its first 12 km, or the first 28 km of the way back."""
+    route = load_route("zurich-luzern").reversed() if reverse else load_route("zurich-luzern")
+    section = build_section(route, load_vehicle("re460-ic"), end_m=route.stops[1].position_m, level=level)
     time_s = fastest(section).time_s * 1.07
     run, rms = both(section, time_s)
     optimal_j = solve_front(section).trajectory(time_s).balance.input

@@ -26,7 +26,7 @@ def look_up(section: Section, folder: Path) -> LookUp:
 @pytest.mark.parametrize("from_table", [True, False], ids=["from a table", "from memory"])
 def test_look_up_agrees_with_the_roll_out(look_up: LookUp, front: Front, from_table: bool) -> None:
     answer, scale_j = look_up if from_table else LookUp(front), abs(front.fastest().balance.input)
-    for s_m, v_mps, time_s in states(front, 40):
+    for s_m, v_mps, time_s in states(front, 20):
         found, run = answer(s_m, v_mps, time_s), front.trajectory(time_s, s_m, v_mps)
         assert found.fit == run.fit
         assert found.energy_to_go_j == pytest.approx(run.balance.input, abs=2e-3 * scale_j)

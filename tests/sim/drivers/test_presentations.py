@@ -25,9 +25,8 @@ from sim.experiment.study_files import level_words
 from sim.recording.course import DrivenCourse
 from sim.review.lanes import lanes
 from sim.review.words import cards
-from sim.world.scenario import load_scenario
-from sim.world.service import make_day, prepare_service
 from tests.support import presentations as made_up
+from tests.support.flat_days import flat_day
 from tests.support.recorded_days import recorded_day
 from tests.support.ride import shown
 
@@ -49,7 +48,7 @@ def traffic_light(monkeypatch: pytest.MonkeyPatch) -> Iterator[Presentation]:
 def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentation) -> None:
     """A day is driven with it; the recording, the lane, the card and the words of a study know it."""
     assert chosen(Presentation, "run_day", "advice", "traffic-light") is traffic_light
-    day = make_day(prepare_service(load_scenario("clear-day")), 3)
+    day = flat_day("[[disturbances]]\nkind = 'sensor-fault'\nfault = 'dropout'\nfrom_s = 80\nfor_s = 10\n")
     driver = day.driver(DriverKind.HUMAN)
     assert isinstance(driver, HumanDriver)
     recording = recorded_day(day, driver, traffic_light)

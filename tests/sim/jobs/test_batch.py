@@ -17,10 +17,13 @@ import pytest
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.levels import Level
+from precompute.pool import Made
+from precompute.workers import Workers
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.jobs.batch import COLUMNS, Batch, BatchJob, make_run, parse_seeds, write_table
 from sim.jobs.report import summary
 from sim.jobs.runner import attempted
+from sim.world import loop
 from sim.world.outcome import SHARES
 from tests.support.flat_days import FLAT
 from tests.support.making import REPOSITORY, das_sim, refusal, wait_until
@@ -117,7 +120,9 @@ def test_every_column_is_documented() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First) -> None:
+def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop, "LONGEST_S", 60.0)
+    monkeypatch.setattr(loop, "LONGEST_RATIO", 1.0)
     failed = attempted(make_run, jobs(folder, scenarios=[str(folder / "stuck.toml")])[0]).row
     write_table(folder / "failed.parquet", [failed, first.table[0]])
     row, other = rows(folder / "failed.parquet")
@@ -130,7 +135,11 @@ def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First) ->
 
 
 @pytest.mark.slow
-def test_finished_runs_are_not_made_again_unless_an_input_changed(folder: Path, first: First) -> None:
+def test_finished_runs_are_not_made_again_unless_an_input_changed(
+    folder: Path, first: First, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In this process: `first` has been made by workers."""
+    monkeypatch.setattr(Workers, "made", lambda _, make, jobs, **__: (Made(job=job, result=make(job)) for job in jobs))
     table, scenario = folder / "a" / "runs.parquet", folder / "late.toml"
     assert made(*ASKED, "-o", "a", "--workers", "1", cwd=folder)["made"] == 0
     assert table.read_bytes() == first.content

@@ -136,10 +136,10 @@ def test_a_verdict_has_size_interval_and_chance() -> None:
 
 @pytest.mark.slow
 def test_one_method_decides_and_others_that_disagree_are_named() -> None:
-    study = eight_drivers()
-    ((_, said),) = in_short(analysed(study))
+    of_eight = analysed(eight_drivers())
+    ((_, said),) = in_short(of_eight)
     assert "The difference stands out from chance (corrected p 0.031). Not every method agrees (Student's t" in said
-    (row,) = as_dict(analysed(study))["differences"]
+    (row,) = as_dict(of_eight)["differences"]
     assert (row["method"], row["disagreeing"]) == ("exact sign flips", ["Student's t", "the mixed model"])
     (agreed, _) = as_dict(found())["differences"]
     assert agreed["disagreeing"] == []

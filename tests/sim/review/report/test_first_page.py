@@ -292,7 +292,7 @@ def numbers_as_texts(value: Any, name: str = "") -> list[str]:
     "name",
     [
         "zurich-zug-late",
-        pytest.param("references/train-ahead", marks=pytest.mark.slow),
+        pytest.param("references/train-ahead", marks=pytest.mark.nightly),
         "references/departure-delay",
     ],
 )

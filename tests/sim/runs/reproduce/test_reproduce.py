@@ -27,13 +27,13 @@ from sim.options import NodeSaid
 from sim.runs.reproduce.hearing import Said
 from sim.runs.reproduce.reproduce import COMPARED, IGNORED, TOLERANCES, Reproduction, compare, reproduce, tolerance
 from sim.world.scenario import bundled_scenarios
-from tests.support.crossing import few
 from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER, REPLAY, names
 
 REFERENCE = FOLDER / f"{REPLAY}.mcap"
-DEFAULT = (REPLAY,)
-"""The reference that the default run reproduces."""
+SLOW = ("bus-outage", "gps-dropouts", "node-restart", "restriction-ahead", "signal-stop")
+"""The references in which a cab hears or misses more than positions and delays; the others are nightly."""
+TIERS = {REPLAY: (), **dict.fromkeys(SLOW, pytest.mark.slow)}
 KEPT_S = 60
 Change = Callable[[list[RecordedMessage]], Sequence[RecordedMessage]]
 
@@ -42,7 +42,7 @@ def heard_again(path: Path, node: str | None = None) -> Reproduction:
     return reproduce(path, lambda _done, _all: None, node=node)
 
 
-@pytest.mark.parametrize("name", few(names(), DEFAULT, pytest.mark.slow))
+@pytest.mark.parametrize("name", [pytest.param(name, marks=TIERS.get(name, pytest.mark.nightly)) for name in names()])
 def test_a_reference_is_reproduced(name: str) -> None:
     """Where this fails and the change is meant: `python -m tests.support.reference_recordings`."""
     found = heard_again(FOLDER / f"{name}.mcap")
