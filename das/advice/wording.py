@@ -54,7 +54,9 @@ def withdrawal(why: Withdrawal) -> str:
 
 _UNITS: Final = {
     3.6: "send m/s, not km/h",
+    1.0 / 3.6: "send m/s, converted once",
     1000.0: "send speeds in m/s, not mm/s, and positions in m, not km",
+    0.001: "send speeds in m/s, not km/s, and positions in m, not mm",
 }
 """What the sender of speeds that are too high by a factor has to do."""
 
@@ -71,7 +73,7 @@ def problem(what: Problem) -> str:
         ProblemKind.TOO_UNCERTAIN: f"the position is too uncertain: {value:.4g} m",
         ProblemKind.UNCERTAINTY_IMPOSSIBLE: f"an uncertainty of {value:.4g} is impossible",
         ProblemKind.SPEED_JUMPED: f"the speed jumped by {value / KMH:.0f} km/h",
-        ProblemKind.SPEED_UNIT: f"the speeds are {value:g} times what the positions cover: {_UNITS.get(value, '')}",
+        ProblemKind.SPEED_UNIT: f"the speeds are {value:.3g} times what the positions cover: {_UNITS.get(value, '')}",
         ProblemKind.SPEED_UNCONFIRMED: "the speed is not yet confirmed by the way",
         ProblemKind.JUMPED: f"the position jumped by {value:.0f} m",
         ProblemKind.JUMPED_BACK: f"the position jumped back by {value:.0f} m",

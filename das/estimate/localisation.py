@@ -122,12 +122,12 @@ class ClockSteps:
         usual_s, settings = self._usual_s, self._settings
         if usual_s is None or abs(since_s - usual_s) <= settings.least_s:
             return 0.0
-        off_m = fix.s_m - x.s - x.b - (x.v + 0.5 * x.a * span_s) * span_s
+        off_m = fix.s_m - x.s - x.b - x.g * (x.v + 0.5 * x.a * span_s) * span_s
         steps_s = (since_s - count * usual_s for count in range(1, settings.lost_fixes + 2))
-        step_s = min(steps_s, key=lambda step_s: abs(off_m + x.v * step_s))
-        way_m = x.v * abs(step_s)
+        step_s = min(steps_s, key=lambda step_s: abs(off_m + x.speed_mps * step_s))
+        way_m = x.speed_mps * abs(step_s)
         can_be = abs(step_s) <= settings.largest_s and way_m > math.sqrt(x.bb)
-        return step_s if can_be and abs(off_m + x.v * step_s) < 0.5 * way_m else 0.0
+        return step_s if can_be and abs(off_m + x.speed_mps * step_s) < 0.5 * way_m else 0.0
 
 
 class Usability:
@@ -157,7 +157,7 @@ class Usability:
         rare = self._stale and min(self._intervals_s) > tuning.stale_after_s
         self._stale = age_s > tuning.stale_after_s or rare
         ratio = tuning.recovered_ratio if self._vague else 1.0
-        position_sd_m, speed_sd_mps = math.sqrt(x.ss), math.sqrt(x.vv)
+        position_sd_m, speed_sd_mps = math.sqrt(x.ss), math.sqrt(x.speed_variance)
         place_vague = position_sd_m > ratio * tuning.largest_position_sd_m
         speed_vague = speed_sd_mps > ratio * tuning.largest_speed_sd_mps
         self._vague = place_vague or speed_vague
@@ -242,7 +242,7 @@ class Localisation:
         x, span_s = self._track, (fix.time_ns - self._time_ns) * NS
         if x is not None:
             step_s = self._monitors.steps.take(fix, x, span_s)
-            x, span_s = x._replace(ss=x.ss + (x.v * step_s) ** 2), span_s - step_s
+            x, span_s = x._replace(ss=x.ss + (x.speed_mps * step_s) ** 2), span_s - step_s
             if span_s <= 0:
                 return
         self._clock.receive(fix.time_ns, received_ns)
@@ -283,10 +283,12 @@ class Localisation:
             x = self._motion.carried_on(x, min(max(age_s, 0.0), self._settings.restart.silence_s))
         if self._clock.doubt_s > SPEED_DOUBTED_S:
             x = x._replace(v=max(x.v, fixed_mps))
-        x = x._replace(ss=x.ss + (x.v * self._clock.doubt_s) ** 2)
+        x = x._replace(ss=x.ss + (x.speed_mps * self._clock.doubt_s) ** 2)
+        unit_sd_mps, sensed_sd_mps = self._scale.unit_sd_mps(x.speed_mps), math.sqrt(x.speed_variance)
+        x = x._replace(vv=x.vv + (unit_sd_mps / x.g) ** 2)
         problem = self._monitors.usability.judge(x, age_s, self._problem)
-        if problem is None and self._scale.unconfirmed and fixed_mps > self._settings.scale.unconfirmed_mps:
-            problem = Problem(ProblemKind.SPEED_UNCONFIRMED, fixed_mps)
+        if problem and problem.kind is ProblemKind.SPEED_UNCERTAIN and unit_sd_mps > sensed_sd_mps:
+            problem = Problem(ProblemKind.SPEED_UNCONFIRMED, x.speed_mps)
         found = self._estimate(now_ns, x, problem)
         if self._monitors.usability.is_ahead(age_s):
             self._forget()
@@ -311,9 +313,9 @@ class Localisation:
             self._counted(now_ns, problem),
             fix_time_ns=self._time_ns,
             s_m=x.s,
-            speed_mps=min(x.v, self._motion.fastest_mps),
+            speed_mps=min(x.speed_mps, self._motion.fastest_mps),
             position_sd_m=math.sqrt(x.ss),
-            speed_sd_mps=self._settings.standstill.slow_mps if stands else math.sqrt(x.vv),
+            speed_sd_mps=self._settings.standstill.slow_mps if stands else math.sqrt(x.speed_variance),
         )
 
     def _take_next(self, fix: PositionFix, x: Track, span_s: float) -> None:
@@ -333,7 +335,7 @@ class Localisation:
             return
         if stood:
             expected = self._motion.set_off(x, fix, span_s)
-        self._accept(fix, self._motion.corrected(expected, fix, span_s))
+        self._accept(fix, self._motion.corrected(expected, fix))
 
     def _begin(self, fix: PositionFix) -> None:
         """Begin the state from this fix alone."""

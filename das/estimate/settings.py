@@ -30,9 +30,9 @@ class SensorSettings:
     """A stated standard deviation of the position below this is raised to it: no receiver is believed to be better."""
     least_speed_sd_mps: float = 0.02
     """A stated standard deviation of the speed below this is raised to it: no odometer is believed to be better."""
-    odometer_ratio: float = 0.01
-    """A speed whose sender states no deviation is wrong by this share of it, as is the way while no position is
-    measured: one standard deviation for worn wheels and slip."""
+    scale_sd: float = 0.05
+    """Every speed is wrong by a share that the positions have to tell, whatever deviation its sender states: one
+    standard deviation for worn wheels (8 % between new and worn), a wrong diameter and slip."""
     speed_late_s: float = 1.75
     """A speed whose sender states no deviation is late by this: one standard deviation for receivers that filter their
     speeds (two recorded trips: 0.75 and 2.5 s)."""
@@ -177,18 +177,17 @@ class SpeedScaleSettings:
     """The fixes of this last time are compared."""
     first_window_s: float = 60.0
     """The fixes of this last time are compared until the speeds are confirmed: a slow train needs longer."""
-    unconfirmed_mps: float = 2.0
-    """A speed up to this is used before it is confirmed: by another unit it would be off by less than this, which is as
-    uncertain as a speed that is used may be."""
+    other_unit_probability: float = 0.5
+    """A sender may send another unit with this probability before anything is compared: nobody knows."""
     least_fixes: int = 4
     """At least this many fixes are compared, however rarely they come."""
     longest_gap_s: float = 6.0
     """After a longer time without a fix, the comparison begins anew."""
     sds: float = 4.0
-    """The way by the speeds must be further than the way by the positions by more than this many standard deviations
-    of the difference of two positions."""
+    """The way by the speeds must differ from the way by the positions by more than this many standard deviations of the
+    difference of two positions, to find another unit or to rule all others out for good."""
     least_m: float = 10.0
-    """It must be further by at least this, however exact the sensors claim to be."""
+    """It must differ by at least this, however exact the sensors claim to be."""
 
 
 @dataclass(frozen=True, kw_only=True)

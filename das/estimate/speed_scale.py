@@ -1,8 +1,9 @@
 """The unit of the measured speeds: whether they are a known multiple of what the measured positions cover.
 
-A sender of km/h in place of m/s is wrong by 3.6, one of mm/s (or of positions in km) by 1000. Neither the filter nor
-its gates can tell: a speed of 40 is as possible as one of 11. Nor can the deviation that the sender states: whoever
-sends another unit is as sure of it. So no speed is used before the way has confirmed it, unless the train stood.
+A sender of km/h in place of m/s is wrong by 3.6, one of mm/s (or of positions in km) by 1000, one that converts twice
+by 1/3.6. Neither the filter nor its gates can tell: a speed of 40 is as possible as one of 11. Nor can the deviation
+that the sender states: whoever sends another unit is as sure of it. Until the way has told the unit, a speed is as
+uncertain as the units that the way leaves make it, unless the train stood.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ from das.estimate.estimate import Problem, ProblemKind
 from das.estimate.fix import PositionFix, Quality, deviations
 from das.estimate.settings import LocalisationSettings
 
-FACTORS: Final = (3.6, 1000.0)
-"""Speeds in km/h in place of m/s; speeds in mm/s, or positions in km in place of m."""
+FACTORS: Final = (3.6, 1.0 / 3.6, 1000.0, 0.001)
+"""Speeds in km/h for m/s, or m/s converted once too often; speeds in mm/s or positions in km, or the reverse."""
+NEAREST: Final = FACTORS[:2]
+"""The way rules out the other factors long before these."""
 
 
 class SpeedScale:
@@ -31,11 +34,11 @@ class SpeedScale:
         self.factor = 1.0
         """The factor by which the speeds are too high; 1 unless it is a known one."""
         self._confirmed = False
+        self._unit_sd_ratio = 0.0
 
-    @property
-    def unconfirmed(self) -> bool:
-        """Whether speeds are measured, but neither the way nor a train that stood has confirmed their unit yet."""
-        return bool(self._fixes) and not self._confirmed
+    def unit_sd_mps(self, speed_mps: float) -> float:
+        """Return one standard deviation of a speed (m/s) by the units that neither way nor standstill has ruled out."""
+        return 0.0 if self._confirmed or not self._fixes else self._unit_sd_ratio * speed_mps
 
     @property
     def problem(self) -> Problem | None:
@@ -47,14 +50,14 @@ class SpeedScale:
 
         It is a problem until the speeds fit the way again. Any fix may be given, also one that is rejected elsewhere.
         """
-        if fix.quality is Quality.INVALID or not math.isfinite(fix.s_m):
+        tuning, fixes, most = self._settings.scale, self._fixes, self._settings.possible.largest_m
+        if fix.quality is Quality.INVALID or not abs(fix.s_m) <= most:
             return self.problem
-        tuning, fixes = self._settings.scale, self._fixes
         if fixes and not 0 < (fix.time_ns - fixes[-1].time_ns) * NS <= tuning.longest_gap_s:
             if fix.time_ns == fixes[-1].time_ns:
                 return self.problem
             fixes.clear()
-        if not math.isfinite(fix.speed_mps):
+        if not abs(fix.speed_mps) <= most:
             return self.problem
         fixes.append(fix)
         if abs(fix.speed_mps) <= self._settings.standstill.expected_slow_mps:
@@ -62,8 +65,7 @@ class SpeedScale:
         window_s = tuning.window_s if self._confirmed else tuning.first_window_s
         while len(fixes) > tuning.least_fixes and (fix.time_ns - fixes[1].time_ns) * NS >= window_s:
             fixes.popleft()
-        if len(fixes) >= tuning.least_fixes:
-            self._compare(list(fixes))
+        self._compare(list(fixes))
         return self.problem
 
     def _compare(self, fixes: list[PositionFix]) -> None:
@@ -79,14 +81,26 @@ class SpeedScale:
         sensors = self._settings.sensors
         position_sd_m = deviations(fixes[-1], sensors).position_m
         error_m = max(tuning.sds * math.sqrt(2.0) * position_sd_m, tuning.least_m)
-        # Speeds that come late are too high while the train brakes.
-        late_m = 2.0 * sensors.speed_late_s * max(fixes[0].speed_mps - fixes[-1].speed_mps, 0.0)
-        if way_m <= 0 or max(way_m, all_m) <= error_m:
+        self._weigh(way_m, all_m, error_m / tuning.sds)
+        if len(fixes) < tuning.least_fixes or way_m <= 0 or max(way_m, all_m) <= error_m:
             return
         ratios = [said / way if way > 0 else math.inf for said, way in zip(said_m, ways_m, strict=True)]
         each = statistics.median(ratios)
-        self._confirmed |= self.factor == 1.0 and way_m - all_m / FACTORS[0] > error_m
+        # Speeds that come late are too high while the train brakes, too low while it gains speed.
+        late_m = 2.0 * sensors.speed_late_s * (fixes[0].speed_mps - fixes[-1].speed_mps)
         for factor in (1.0, *FACTORS):
-            told = factor == 1.0 or all_m - way_m > error_m + late_m
+            sign = math.copysign(1.0, factor - 1.0)
+            told = factor == 1.0 or sign * (all_m - way_m) > error_m + max(sign * late_m, 0.0)
             if told and all(1.0 / tuning.off < ratio / factor < tuning.off for ratio in (all_m / way_m, each)):
                 self.factor = factor
+
+    def _weigh(self, way_m: float, said_m: float, sd_m: float) -> None:
+        """Weigh the nearest other units by how well each explains the way (Bayes), whose deviation is `sd_m`."""
+        tuning = self._settings.scale
+        least = 0.5 * ((way_m - said_m) / sd_m) ** 2
+        against = [0.5 * ((way_m - said_m / factor) / sd_m) ** 2 - least for factor in NEAREST]
+        self._confirmed |= self.factor == 1.0 and min(against) > 0.5 * tuning.sds**2
+        other = tuning.other_unit_probability / len(NEAREST)
+        odds = [other * math.exp(min(-one, 700.0)) for one in against]
+        squares = sum(odd * (1.0 - 1.0 / factor) ** 2 for odd, factor in zip(odds, NEAREST, strict=True))
+        self._unit_sd_ratio = math.sqrt(squares / (1.0 - tuning.other_unit_probability + sum(odds)))

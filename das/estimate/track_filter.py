@@ -1,15 +1,18 @@
 """A Kalman filter along the track for the position, speed and acceleration, and for the slow errors of the sensors.
 
-State x = (s, v, a, b, c). Between fixes the acceleration is a random walk driven by white jerk of density q. The errors
-b of the measured position and c of the measured speed wander (first-order Gauss–Markov with time constant τ and
-standard deviations σ_b and σ_c):
+State x = (s, v, a, b, c, g): the position, the speed and the acceleration as the speeds are measured, and three errors.
+Between fixes the acceleration is a random walk driven by white jerk of density q. The errors b of the measured position
+and c of the measured speed wander (first-order Gauss–Markov with time constant τ and standard deviations σ_b and σ_c).
+So does, far more slowly, the way g that the train runs for each metre by its speeds: wheels wear, diameters are set
+wrong.
 
-    s' = v, v' = a, a' = white noise of density q, b(t + dt) = e^(−dt/τ)·b + noise of variance σ_b²·(1 − e^(−2·dt/τ))
-    c(t + dt) = e^(−dt/τ)·c + noise of variance σ_c²·(1 − e^(−2·dt/τ))
+    s' = g·v, v' = a, a' = white noise of density q
+    b(t + dt) = e^(−dt/τ)·b + noise of variance σ_b²·(1 − e^(−2·dt/τ)), c and g − 1 likewise
 
 Sensors measure s + b and v + c, each with fresh noise of its own (Bar-Shalom, Li & Kirubarajan, Estimation with
-Applications to Tracking and Navigation, 2001, sections 6.2.3 and 8.3). The matrices are written out in floats, because
-calling a matrix library takes longer than all of the computation.
+Applications to Tracking and Navigation, 2001, sections 6.2.3, 8.3 and 10.3). The positions tell g, so that no speed
+outweighs them for long, however exact its sender says it is. The matrices are written out in floats, because calling a
+matrix library takes longer than all of the computation.
 """
 
 from __future__ import annotations
@@ -23,31 +26,51 @@ from das.estimate.settings import LocalisationSettings
 
 WANDER_S = 30.0
 """Time constant (s) with which the errors of a receiver's position and speed wander (assumption)."""
+SCALE_WANDER_S = 3600.0
+"""Time constant (s) with which the scale of the speeds wanders: slip changes, a wheel does not (assumption)."""
 
 
 class Track(NamedTuple):
-    """The mean of the state (s and b in m, v and c in m/s, a in m/s²) and the upper half of its covariance."""
+    """The mean of the state (s and b in m, v and c in m/s, a in m/s², g) and the upper half of its covariance."""
 
     s: float
     v: float
     a: float
     b: float
     c: float
+    g: float
     ss: float
     sv: float
     sa: float
     sb: float
     sc: float
+    sg: float
     vv: float
     va: float
     vb: float
     vc: float
+    vg: float
     aa: float
     ab: float
     ac: float
+    ag: float
     bb: float
     bc: float
+    bg: float
     cc: float
+    cg: float
+    gg: float
+
+    @property
+    def speed_mps(self) -> float:
+        """The speed of the train over ground."""
+        return self.g * self.v
+
+    @property
+    def speed_variance(self) -> float:
+        """The variance (m²/s²) of the speed over ground."""
+        g, v = self.g, self.v
+        return g * g * self.vv + 2.0 * g * v * self.vg + v * v * self.gg
 
 
 def begin(
@@ -56,58 +79,70 @@ def begin(
     v_mps: float,
     speed_sd_mps: float,
     acceleration_sd_mps2: float,
-    speed_wander_sd_mps: float = 0.0,
+    scale_sd: float = 0.0,
 ) -> Track:
-    """Return the state after a first fix; all of its position error may be a wandering one."""
-    var, speed_var = position_sd_m**2, speed_wander_sd_mps**2
+    """Return the state after a first fix; all of its position error may be a wandering one, none of its speed error."""
+    var = position_sd_m**2
     return Track(
-        s=s_m, v=v_mps, a=0.0, b=0.0, c=0.0,
-        ss=var, sv=0.0, sa=0.0, sb=-var, sc=0.0,
-        vv=speed_sd_mps**2 + speed_var, va=0.0, vb=0.0, vc=-speed_var,
-        aa=acceleration_sd_mps2**2, ab=0.0, ac=0.0,
-        bb=var, bc=0.0,
-        cc=speed_var,
+        s=s_m, v=v_mps, a=0.0, b=0.0, c=0.0, g=1.0,
+        ss=var, sv=0.0, sa=0.0, sb=-var, sc=0.0, sg=0.0,
+        vv=speed_sd_mps**2, va=0.0, vb=0.0, vc=0.0, vg=0.0,
+        aa=acceleration_sd_mps2**2, ab=0.0, ac=0.0, ag=0.0,
+        bb=var, bc=0.0, bg=0.0,
+        cc=0.0, cg=0.0,
+        gg=scale_sd**2,
     )  # fmt: skip
 
 
-def predict(x: Track, dt: float, jerk_psd_m2ps5: float, wander_sd_m: float, speed_wander_sd_mps: float) -> Track:
+def predict(
+    x: Track, dt: float, jerk_psd_m2ps5: float, wander_sd_m: float, speed_wander_sd_mps: float, scale_sd: float
+) -> Track:
     """Return the state `dt` seconds (>= 0) later, with P ← F·P·Fᵀ + Q; a train stops at v = 0 and never rolls back."""
-    h, q, keep = 0.5 * dt * dt, jerk_psd_m2ps5, math.exp(-dt / WANDER_S)
+    q, h, keep, hold = jerk_psd_m2ps5, 0.5 * dt * dt, math.exp(-dt / WANDER_S), math.exp(-dt / SCALE_WANDER_S)
     fresh = 1.0 - keep * keep
-    s, v, a = x.s + x.v * dt + x.a * h, x.v + x.a * dt, x.a
+    way_m, v, a = x.v * dt + x.a * h, x.v + x.a * dt, x.a
     if v < 0:
-        s, v, a = x.s + 0.5 * x.v * x.v / -x.a, 0.0, 0.0
-    # The entries of F·P above the diagonal, which the product with Fᵀ needs again.
-    sv, sa = x.sv + dt * x.vv + h * x.va, x.sa + dt * x.va + h * x.aa
+        way_m, v, a = 0.5 * x.v * x.v / -x.a, 0.0, 0.0
+    # The row of F that gives s; then the entries of F·P above the diagonal, which the product with Fᵀ needs again.
+    g_v, g_a = x.g * dt, x.g * h
+    sv, sa = x.sv + g_v * x.vv + g_a * x.va + way_m * x.vg, x.sa + g_v * x.va + g_a * x.aa + way_m * x.ag
+    sg = x.sg + g_v * x.vg + g_a * x.ag + way_m * x.gg
     va = x.va + dt * x.aa
     return Track(
-        s=s,
+        s=x.s + x.g * way_m,
         v=v,
         a=a,
         b=keep * x.b,
         c=keep * x.c,
-        ss=x.ss + dt * x.sv + h * x.sa + dt * sv + h * sa + q * dt**5 / 20.0,
-        sv=sv + dt * sa + q * dt**4 / 8.0,
-        sa=sa + q * dt**3 / 6.0,
-        sb=keep * (x.sb + dt * x.vb + h * x.ab),
-        sc=keep * (x.sc + dt * x.vc + h * x.ac),
+        g=1.0 + hold * (x.g - 1.0),
+        ss=x.ss + g_v * (x.sv + sv) + g_a * (x.sa + sa) + way_m * (x.sg + sg) + q * x.g**2 * dt**5 / 20.0,
+        sv=sv + dt * sa + q * x.g * dt**4 / 8.0,
+        sa=sa + q * x.g * dt**3 / 6.0,
+        sb=keep * (x.sb + g_v * x.vb + g_a * x.ab + way_m * x.bg),
+        sc=keep * (x.sc + g_v * x.vc + g_a * x.ac + way_m * x.cg),
+        sg=hold * sg,
         vv=x.vv + dt * x.va + dt * va + q * dt**3 / 3.0,
         va=va + q * h,
         vb=keep * (x.vb + dt * x.ab),
         vc=keep * (x.vc + dt * x.ac),
+        vg=hold * (x.vg + dt * x.ag),
         aa=x.aa + q * dt,
         ab=keep * x.ab,
         ac=keep * x.ac,
+        ag=hold * x.ag,
         bb=keep * keep * x.bb + wander_sd_m**2 * fresh,
         bc=keep * keep * x.bc,
+        bg=keep * hold * x.bg,
         cc=keep * keep * x.cc + speed_wander_sd_mps**2 * fresh,
+        cg=keep * hold * x.cg,
+        gg=hold * hold * x.gg + scale_sd**2 * (1.0 - hold * hold),
     )
 
 
 def stand(x: Track, dt: float, wander_sd_m: float) -> Track:
     """Return the state of a standing train `dt` seconds later: only the receiver's position error has wandered."""
-    moving = ("v", "a", "c", "sv", "sa", "sc", "vv", "va", "vb", "vc", "aa", "ab", "ac", "bc", "cc")
-    return predict(x._replace(**dict.fromkeys(moving, 0.0)), dt, 0.0, wander_sd_m, 0.0)
+    moving = ("v", "a", "c", "sv", "sa", "sc", "vv", "va", "vb", "vc", "vg", "aa", "ab", "ac", "ag", "bc", "cc", "cg")
+    return predict(x._replace(**dict.fromkeys(moving, 0.0)), dt, 0.0, wander_sd_m, 0.0, math.sqrt(x.gg))
 
 
 def set_off(x: Track, speed_sd_mps: float, acceleration_sd_mps2: float) -> Track:
@@ -132,20 +167,20 @@ def speed_variance(x: Track) -> float:
 
 def with_position(x: Track, s_m: float, variance_m2: float) -> Track:
     """Return the state corrected by a measured position with fresh noise of this variance (> 0)."""
-    column = (x.ss + x.sb, x.sv + x.vb, x.sa + x.ab, x.sb + x.bb, x.sc + x.bc)
+    column = (x.ss + x.sb, x.sv + x.vb, x.sa + x.ab, x.sb + x.bb, x.sc + x.bc, x.sg + x.bg)
     return _corrected(x, column, s_m - x.s - x.b, position_variance(x) + variance_m2)
 
 
 def with_speed(x: Track, speed_mps: float, variance_m2ps2: float) -> Track:
     """Return the state corrected by a measured speed with fresh noise of this variance (> 0)."""
-    column = (x.sv + x.sc, x.vv + x.vc, x.va + x.ac, x.vb + x.bc, x.vc + x.cc)
+    column = (x.sv + x.sc, x.vv + x.vc, x.va + x.ac, x.vb + x.bc, x.vc + x.cc, x.vg + x.cg)
     return _corrected(x, column, speed_mps - x.v - x.c, speed_variance(x) + variance_m2ps2)
 
 
-def _corrected(x: Track, column: tuple[float, float, float, float, float], innovation: float, variance: float) -> Track:
+def _corrected(x: Track, column: tuple[float, ...], innovation: float, variance: float) -> Track:
     """Return x ← x + k·y/S and P ← P − k·kᵀ/S, with the column k = P·Hᵀ, the innovation y and its variance S."""
-    s, v, a, b, c = column
-    gain_s, gain_v, gain_a, gain_b, gain_c = (one / variance for one in column)
+    s, v, a, b, c, g = column
+    gain_s, gain_v, gain_a, gain_b, gain_c, gain_g = (one / variance for one in column)
     speed = x.v + gain_v * innovation
     return Track(
         s=x.s + gain_s * innovation,
@@ -153,21 +188,28 @@ def _corrected(x: Track, column: tuple[float, float, float, float, float], innov
         a=x.a + gain_a * innovation,
         b=x.b + gain_b * innovation,
         c=x.c + gain_c * innovation,
+        g=x.g + gain_g * innovation,
         ss=x.ss - gain_s * s,
         sv=x.sv - gain_s * v,
         sa=x.sa - gain_s * a,
         sb=x.sb - gain_s * b,
         sc=x.sc - gain_s * c,
+        sg=x.sg - gain_s * g,
         vv=x.vv - gain_v * v,
         va=x.va - gain_v * a,
         vb=x.vb - gain_v * b,
         vc=x.vc - gain_v * c,
+        vg=x.vg - gain_v * g,
         aa=x.aa - gain_a * a,
         ab=x.ab - gain_a * b,
         ac=x.ac - gain_a * c,
+        ag=x.ag - gain_a * g,
         bb=x.bb - gain_b * b,
         bc=x.bc - gain_b * c,
+        bg=x.bg - gain_b * g,
         cc=x.cc - gain_c * c,
+        cg=x.cg - gain_c * g,
+        gg=x.gg - gain_g * g,
     )
 
 
@@ -183,7 +225,6 @@ class TrainMotion:
         self._jerk_psd = 2.0 * self._acceleration_sd_mps2**2 / tuning.effort_lasts_s
         self._manoeuvre_sds, self._sensors = tuning.manoeuvre_sds, settings.sensors
         self._wander_sd_m: float | None = None
-        self._blind_m = 0.0
 
     def begin(self, fix: PositionFix) -> Track:
         """Return the state from this fix alone; without a measured speed, any speed of the train is possible."""
@@ -191,26 +232,31 @@ class TrainMotion:
         speed_mps = max(fix.speed_mps, 0.0)
         if math.isnan(fix.speed_mps):
             speed_mps, speed_sd_mps = 0.0, 0.5 * self.fastest_mps
-        self._wander_sd_m, self._blind_m = position_sd_m, 0.0
-        speed_wander_sd_mps = self._speed_wander_sd_mps(fix, speed_mps, 0.0)
-        return begin(fix.s_m, position_sd_m, speed_mps, speed_sd_mps, self._acceleration_sd_mps2, speed_wander_sd_mps)
+        self._wander_sd_m = position_sd_m
+        scale_sd = self._sensors.scale_sd
+        return begin(fix.s_m, position_sd_m, speed_mps, speed_sd_mps, self._acceleration_sd_mps2, scale_sd)
 
     def carried_on(self, x: Track, span_s: float) -> Track:
         """Return the state `span_s` (>= 0) after the last fix, without another fix."""
-        return predict(x, span_s, self._jerk_psd, 0.0, 0.0)
+        return predict(x, span_s, self._jerk_psd, 0.0, 0.0, 0.0)
 
     def expected(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected when a fix comes, `span_s` after the last one.
 
         The driver is expected to hold the effort; where the measured speed contradicts that, the effort is unknown.
         """
-        wander_sd_m, speed_sd_mps = self._wandering_sd_m(fix), deviations(fix, self._sensors).speed_mps
-        speed_wander_sd_mps = self._speed_wander_sd_mps(fix, x.v, x.a)
-        y = predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps)
+        speed_wander_sd_mps = self._speed_wander_sd_mps(fix, x.a)
+        y = self._predicted(x, fix, span_s, speed_wander_sd_mps)
+        speed_sd_mps = deviations(fix, self._sensors).speed_mps
         if abs(fix.speed_mps - y.v - y.c) > self._manoeuvre_sds * math.sqrt(speed_variance(y) + speed_sd_mps**2):
             x = unknown_acceleration(x, self._acceleration_sd_mps2)
-            y = predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps)
+            y = self._predicted(x, fix, span_s, speed_wander_sd_mps)
         return y
+
+    def _predicted(self, x: Track, fix: PositionFix, span_s: float, speed_wander_sd_mps: float) -> Track:
+        """Return the state `span_s` later, with the errors of the fix's sensors wandering."""
+        wander_sd_m = self._wandering_sd_m(fix)
+        return predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps, self._sensors.scale_sd)
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state of a standing train at a fix: it stays where it was, and the fix does not move it."""
@@ -220,31 +266,22 @@ class TrainMotion:
     def set_off(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected at a fix of a train that has set off since the last fix."""
         x = set_off(x, deviations(fix, self._sensors).speed_mps, self._acceleration_sd_mps2)
-        return predict(x, span_s, self._jerk_psd, self._wandering_sd_m(fix), 0.0)  # It stood: c begins at 0.
+        return self._predicted(x, fix, span_s, 0.0)  # It stood: c begins at 0.
 
-    def corrected(self, y: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the expected state corrected by the measurements of the fix.
-
-        Without a measured position the way follows from the speeds, and the error of the odometer is added.
-        """
+    def corrected(self, y: Track, fix: PositionFix) -> Track:
+        """Return the expected state corrected by the measurements of the fix."""
         self._wander_sd_m = self._wandering_sd_m(fix)
         sds = deviations(fix, self._sensors)
         if not math.isnan(fix.speed_mps):
             y = with_speed(y, fix.speed_mps, sds.speed_mps**2)
-        if not math.isnan(fix.s_m):
-            self._blind_m = 0.0
-            return with_position(y, fix.s_m, sds.position_m**2)
-        before_m, self._blind_m = self._blind_m, self._blind_m + y.v * span_s
-        return y._replace(ss=y.ss + self._sensors.odometer_ratio**2 * (self._blind_m**2 - before_m**2))
+        return y if math.isnan(fix.s_m) else with_position(y, fix.s_m, sds.position_m**2)
 
-    def _speed_wander_sd_mps(self, fix: PositionFix, v_mps: float, a_mps2: float) -> float:
+    def _speed_wander_sd_mps(self, fix: PositionFix, a_mps2: float) -> float:
         """Return the standard deviation of the part of a speed's error that wanders; 0 if the sender states its error.
 
-        A worn wheel is wrong by a share of the speed, and a receiver that filters its speeds sends them late.
+        A receiver that filters its speeds sends them late.
         """
-        if fix.speed_uncertainty_mps > 0:
-            return 0.0
-        return math.hypot(self._sensors.odometer_ratio * v_mps, self._sensors.speed_late_s * a_mps2)
+        return 0.0 if fix.speed_uncertainty_mps > 0 else abs(self._sensors.speed_late_s * a_mps2)
 
     def _wandering_sd_m(self, fix: PositionFix) -> float:
         """Return the standard deviation of the part of a position's error that wanders.

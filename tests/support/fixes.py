@@ -17,7 +17,7 @@ from tests.support.making import make_train
 T0 = 1_800_000_000_000_000_000
 TRAIN = make_train()
 SD_M, SD_MPS = 3.0, 0.05
-BELIEVED = LocalisationSettings(scale=SpeedScaleSettings(unconfirmed_mps=math.inf))
+BELIEVED = LocalisationSettings(scale=SpeedScaleSettings(other_unit_probability=0.0))
 """The usual settings, but a speed is believed before the way has confirmed it: for tests that begin on the way."""
 
 

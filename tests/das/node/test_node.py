@@ -276,7 +276,7 @@ def test_a_node_started_on_a_running_train_advises_once_the_way_has_confirmed_th
         why.append(driven.last_advice().reason.text)
     assert why[:3] == ["the speed is not yet confirmed by the way"] * 3
     if factor == 1.0:
-        assert advised == [False] * 8 + [True] * 22
+        assert advised == [False] * 5 + [True] * 25
     else:
         assert not any(advised)
         assert why[-1].startswith("the speeds are 3.6 times what the positions cover")
