@@ -73,7 +73,8 @@ class Leg:
         """The last state of the train on this leg; None if that one cannot be used."""
         self._settings = settings
         self._arrived_ns: int | None = None
-        self._progress = _Progress()
+        self.progress = _Progress()
+        """How far the train has come on this leg."""
 
     @property
     def section(self) -> Section:
@@ -89,7 +90,7 @@ class Leg:
             departure_ns=goal.departure_ns,
             is_timed=goal.due_ns > 0,
             refusal=refusal,
-            stood_short=self._progress.stood_short,
+            stood_short=self.progress.stood_short,
         )
 
     def use(self, basis: PlanBasis) -> None:
@@ -128,15 +129,15 @@ class Leg:
             return
         short_m = self.section.start_m - here.s_m
         if here.speed_mps < STANDSTILL_MPS:
-            self._progress.stood_short = short_m > self._settings.stop.short_m
+            self.progress.stood_short = short_m > self._settings.stop.short_m
         elif short_m < self._settings.stop.standstill_m:
-            self._progress.stood_short = False
+            self.progress.stood_short = False
 
     def refresh_goal(self) -> None:
         """Bring the goal up to date: the arrival, and the next point ahead of the last known position."""
         if self.here is not None:
-            self._progress.reached_m = self.here.s_m
-        passing = next((point for point in self.points if point.s_m > self._progress.reached_m), None)
+            self.progress.reached_m = self.here.s_m
+        passing = next((point for point in self.points if point.s_m > self.progress.reached_m), None)
         before = self.goal
         if self.arrival_ns == before.target_ns and passing == before.passing:
             return
@@ -154,8 +155,8 @@ class Leg:
         """The advice for a usable state, at its time; raises NoPlanError if no plan finishes the section from it."""
         stop, planner = self._settings.stop, self.planner
         state = self._state(here)
-        self._progress.too_fast = is_too_fast(state.v_mps - planner.allowed_for(state), told=self._progress.too_fast)
-        scene = Scene(state, here, planner, self.goal, too_fast=self._progress.too_fast)
+        self.progress.too_fast = is_too_fast(state.v_mps - planner.allowed_for(state), told=self.progress.too_fast)
+        scene = Scene(state, here, planner, self.goal, too_fast=self.progress.too_fast)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -stop.at_stop_m:
             self._arrived_ns = None
@@ -192,7 +193,7 @@ class Leg:
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
         """Withdraw the advice: the answer states the cause. The plan is forgotten, unless the display is only quiet."""
-        self._progress.too_fast = False
+        self.progress.too_fast = False
         if not why.cause.is_quiet:
             self._forget()
         elif self.coach is not None:
@@ -227,7 +228,7 @@ class Leg:
             return None
         planner = self.planner
         limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
-        place = SpeedsAllowed(planner.allowed_for(state), limit_mps, self._progress.too_fast)
+        place = SpeedsAllowed(planner.allowed_for(state), limit_mps, self.progress.too_fast)
         show = self.coach.departs if stands else self.coach.show
         return show(kept, state, self.goal, place)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -105,7 +106,8 @@ class Legs:
             situation = replace(situation, conditions=AS_PLANNED)
         known = {(leg.start.position_m, leg.end.position_m): leg for leg in self.legs}
         free = replace(situation, restrictions=())
-        legs = [known.get((a.position_m, b.position_m)) or self._new_leg(free, a, b) for a, b in pairwise(stops)]
+        s_m = -math.inf if moment is None else moment[0]
+        legs = [known.get((a.position_m, b.position_m)) or self._new_leg(free, a, b, s_m) for a, b in pairwise(stops)]
         _set_timetables(legs, timetables)
         for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
             leg.start, leg.end = start, end  # The places are the same; the names may differ.
@@ -125,9 +127,12 @@ class Legs:
         self.preparation.drop(self.legs)
         self.legs, self._index = (), None
 
-    def _new_leg(self, free: Situation, start: Stop, end: Stop) -> Leg:
-        """A leg that is not prepared yet; raises DasError if it cannot be driven even without restrictions."""
-        section = free.section(start.position_m, end.position_m)
+    def _new_leg(self, free: Situation, start: Stop, end: Stop, s_m: float) -> Leg:
+        """A leg that is not prepared yet, for a train at a position (m).
+
+        Raises DasError if it cannot be driven even without restrictions.
+        """
+        section = free.section_ahead(start.position_m, end.position_m, s_m)
         return Leg(start, end, section, self._settings, self.preparation.coach_worker)
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
@@ -145,7 +150,7 @@ class Legs:
         try:
             for leg in self.legs[self.index : self.index + 2]:
                 start_m, end_m = leg.start.position_m, leg.end.position_m
-                now.between(start_m, end_m).section(start_m, end_m)
+                now.between(start_m, end_m).section_ahead(start_m, end_m, leg.progress.reached_m)
         except RunawayError:
             pass  # The leg refuses it by name.
         except DasError as error:

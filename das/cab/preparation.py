@@ -7,6 +7,7 @@ stands still during a search, as in a simulation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from das.cab import event_wording
 from das.cab.fronts import Found, Fronts, onboard_ladder
 from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
-from das.domain.errors import DasError
+from das.domain.errors import DasError, RunawayError
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.few_switch.few_switch import FewSwitchFront
@@ -62,6 +63,8 @@ class _Prepared:
     why: str = ""
     served: PassingTarget | None = None
     """The point to pass for which the front was found, or is being searched for."""
+    held_from_m: float = math.inf
+    """From where on (m) the brakes hold the train, if the leg is refused for a descent; it is judged again there."""
     ready: bool = False
     search: Future[_Answer] | None = None
     few_switch: Future[FewSwitchFront | str] | None = None
@@ -179,7 +182,7 @@ class Preparation:
     def _ensure(self, leg: Leg, one: _Prepared, situation: Situation, now_ns: int) -> None:
         """Bring a leg up to date with the situation: its safe limits at once, then its front."""
         wanted = situation.between(leg.start.position_m, leg.end.position_m)
-        if not wanted.is_like(one.situation):
+        if not wanted.is_like(one.situation) or leg.progress.reached_m >= one.held_from_m:
             _change_situation(leg, one, wanted)
         point = leg.goal.passing
         if point is not None and point != one.served:
@@ -228,14 +231,17 @@ class Preparation:
 
 def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
     """Take over another situation: its safe limits hold at once."""
-    why, refusal = difference(one.situation, wanted), ""
+    why, refusal, held_from_m = difference(one.situation, wanted), "", math.inf
     one.give_up()
     try:
-        leg.use_meanwhile(wanted.section(leg.start.position_m, leg.end.position_m))
+        start_m, end_m = leg.start.position_m, leg.end.position_m
+        leg.use_meanwhile(wanted.section_ahead(start_m, end_m, leg.progress.reached_m))
     except DasError as error:
         refusal = event_wording.impossible_now(why, error)
+        held_from_m = error.held_from_m if isinstance(error, RunawayError) else math.inf
     # Only after the leg has taken over the situation: if that fails, the leg does not count as prepared.
     one.situation, one.refusal, one.failed_ns, one.why = wanted, refusal, None, why
+    one.held_from_m = held_from_m
 
 
 def _release(leg: Leg, one: _Prepared) -> None:

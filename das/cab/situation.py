@@ -9,7 +9,7 @@ import numpy as np
 from das.cab import event_wording
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.conditions import Conditions
-from das.domain.errors import DasError
+from das.domain.errors import DasError, RunawayError
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.route import Route
@@ -83,6 +83,19 @@ class Situation:
         if np.any(bounded.envelope_mps**2 > allowed_w + SAME_W):
             raise DasError(event_wording.HILL_NEEDS_BRAKES)
         return replace(bounded, allowed_mps=np.minimum(section.allowed_mps, np.sqrt(allowed_w)))
+
+    def section_ahead(self, start_m: float, end_m: float, s_m: float) -> Section:
+        """A section for a train that has come as far as `s_m` (m); raises as `build_section` does.
+
+        It begins behind a descent on which the brakes would not hold the train, if that is behind the train already.
+        """
+        while True:
+            try:
+                return self.section(start_m, end_m)
+            except RunawayError as error:
+                if not start_m < error.held_from_m < end_m or error.held_from_m > s_m:
+                    raise
+                start_m = error.held_from_m
 
     def _section(self, conditions: Conditions, start_m: float, end_m: float) -> Section:
         return build_section(

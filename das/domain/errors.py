@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import unicodedata
 from pathlib import Path
 
@@ -46,7 +47,11 @@ class InfeasibleError(DasError):
 
 
 class RunawayError(InfeasibleError):
-    """A train that its brakes do not hold on a descent."""
+    """A train that its brakes do not hold on a descent; they hold it from `held_from_m` on (m; infinity: not said)."""
+
+    def __init__(self, text: str, held_from_m: float = math.inf) -> None:
+        super().__init__(text)
+        self.held_from_m = held_from_m
 
 
 def is_seen(text: str) -> bool:

@@ -434,7 +434,8 @@ def _runs_away(
     why = f"{vehicle.source}: {', '.join(wanted)}" if wanted else "wheels and rails take no more force"
     return RunawayError(
         f"{route.source}: the train cannot brake on the descent at {profile.node_m[i]:.0f} m "
-        f"({1e3 * profile.grade_ratio[i]:.1f} ‰){with_what}: {why}"
+        f"({1e3 * profile.grade_ratio[i]:.1f} ‰){with_what}: {why}",
+        float(profile.node_m[i + 1]),
     )
 
 

@@ -196,7 +196,7 @@ def check_design(design: Design, clock: Callable[[], float] = time.perf_counter)
         def said(done: int) -> None:
             progress(done, max(done + 1, _least_drives(design)))
 
-        lengths_s = _lengths_s(design)
+        lengths_s = _lengths_s(design, trials)
         spans_s = _spans_s(design, trials, lengths_s)
         test = SensingTest(design=design, said=said, clock=clock)
         sensed = tuple(test.of(factor) for factor in design.factors)
@@ -219,16 +219,19 @@ def _least_drives(design: Design) -> int:
     return 1 + sum(len(factor.levels) - 1 for factor in design.factors)
 
 
-def _lengths_s(design: Design) -> dict[Setting, float]:
+def _lengths_s(design: Design, trials: Sequence[StudyTrial]) -> dict[Setting, float]:
     """How long a trial of each setting takes by its timetable (s), as simulated time.
 
     What is unusual about a line or train, and a timetable that its advice cannot keep, are warnings on standard error.
+    Raises DasError for a true train of a trial that cannot be driven.
     """
     found = {}
     for setting in sorted(set(design.settings()), key=str):
         service = service_of(setting)
         warn_unusual(service.route, service.vehicle)
         warn_once(*service.unkept())
+        for seed in dict.fromkeys(trial.seed for trial in trials if trial.setting == setting):
+            service.check_train(service.scenario.truth.draw(seed))
         found[setting] = BEFORE_S + service.clock_s(service.timetables[-1].arrival_ns) + AFTER_S
     return found
 

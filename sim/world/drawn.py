@@ -103,6 +103,13 @@ class Truth:
         others = (self.adhesive_mass_kg, self.vehicle, self.load, self.level, self.loss_map)
         return all(one is None for one in others)
 
+    @property
+    def of_every_day(self) -> Conditions | None:
+        """The conditions of every day; None if each seed draws its own."""
+        if any(drawn.low != drawn.high for drawn in self.conditions.values()):
+            return None
+        return Conditions(**{name: drawn.low for name, drawn in self.conditions.items()})
+
     def draw(self, seed: int) -> Conditions:
         """Draw the conditions of a seed's day."""
         random = np.random.default_rng([seed, TRUTH_STREAM])

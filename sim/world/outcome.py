@@ -18,7 +18,7 @@ from das.domain.errors import InfeasibleError
 from das.domain.trajectory import PART_WORDS, EnergyBalance
 from das.domain.units import NS, kmh, kwh
 from das.solver.front import Front
-from das.solver.section import build_section, with_braking
+from das.solver.section import with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, SectionEnergy
@@ -32,6 +32,7 @@ from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentati
 from sim.recording.course import minutes
 from sim.world.loop import Counts, Run
 from sim.world.service import Day, Service
+from sim.world.true_train import true_sections
 
 
 def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
@@ -43,7 +44,7 @@ def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]
 
 
 def above_optimum(day: Day, run: Run) -> AboveOptimum:
-    """The energy above the optimum of the true train, by section; raises DasError if `true_fronts` does."""
+    """The energy above the optimum of the true train, by section."""
     sections = zip(pairwise(day.service.stops), run.legs, optimum_as_driven(true_fronts(day), run), strict=True)
     return AboveOptimum.measured_on(
         [
@@ -59,20 +60,16 @@ def true_fronts(day: Day) -> tuple[Front, ...]:
     """The fronts of the sections for the true train under the day's conditions; the plan's if both are as planned.
 
     These fronts ignore what happens on the way: signals, restrictions, slippery rail and wind on a part of the line.
-    Raises DasError for losses that do not cover what the train can do.
     """
     service, truth = day.service, day.service.scenario.truth
     if truth.is_as_planned and day.conditions.changes_nothing:
         return service.fronts
     kept = service.true_fronts
     if day.conditions not in kept:
-        vehicle, level = truth.train(service.vehicle, service.level)
-        route, vehicle = day.conditions.line(service.route), day.conditions.train(vehicle)
+        planned = service.vehicle, service.level
+        sections = true_sections(service.scenario, service.route, service.stops, planned, day.conditions)
         kept.clear()  # Each day of a service may have its own conditions; one set of fronts is enough to keep.
-        kept[day.conditions] = tuple(
-            solve_front(build_section(route, vehicle, level=level, start_m=a.position_m, end_m=b.position_m))
-            for a, b in pairwise(service.stops)
-        )
+        kept[day.conditions] = tuple(solve_front(section) for section in sections)
     return kept[day.conditions]
 
 

@@ -41,6 +41,7 @@ from sim.recording.inputs import input_files, sha256, vehicle_files
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures
 from sim.world.drawn import Truth
 from sim.world.scenario import Scenario
+from sim.world.true_train import check_train
 
 KEPT_BYTES = 300_000_000
 """Largest total size (bytes) of the fronts that runs without a bus keep."""
@@ -113,6 +114,10 @@ class Service:
         """The moment (ns) at which the run's clock shows a time (s)."""
         return self.timetables[0].departure_ns + round(clock_s / NS)
 
+    def check_train(self, conditions: Conditions) -> None:
+        """Raise DasError if the true train under these conditions cannot be driven (see `true_sections`)."""
+        check_train(self.scenario, self.route, self.stops, (self.vehicle, self.level), conditions)
+
     def timed(self, timetables: Sequence[Timetable]) -> Service:
         """The same service with other timetables, one for each section."""
         tables = tuple(timetables)
@@ -180,7 +185,10 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
 
 
 def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, Vehicle, tuple[Stop, ...]]:
-    """Read line, train and stops of a scenario without solving anything; raises DasError for anything unusable."""
+    """Read line, train and stops of a scenario without solving anything.
+
+    Raises DasError for anything unusable, and for a true train that cannot be driven on any day.
+    """
     scenario_files(scenario)
     route, vehicle = load_route(scenario.route), load_vehicle(scenario.vehicle)
     route = route.reversed() if scenario.reverse else route
@@ -195,6 +203,8 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
         found, expected = f"{len(scenario.running_s)} times", f"one for each of the {len(stops) - 1} sections"
         raise InputError(scenario.source, "timetable.running_s", found, expected)
     _check_day(scenario, vehicle, level, stops)
+    if scenario.truth.of_every_day is not None:
+        check_train(scenario, route, stops, (vehicle, level), scenario.truth.of_every_day)
     return route, vehicle, stops
 
 
@@ -371,12 +381,13 @@ class Day:
 def make_day(service: Service, seed: int, participant: Participant | None = None) -> Day:
     """The day of a seed; its human driver is the participant or, without one, drawn by the seed as well.
 
-    Raises DasError for what cannot happen on this line or with this train, and for a participant whom the scenario
-    would change from day to day.
+    Raises DasError for what cannot happen on this line or with this train, for a true train that cannot be driven on
+    it, and for a participant whom the scenario would change from day to day.
     """
     disturbances = service.scenario.day(seed)
     human, of_human = service.scenario.human.of(seed, participant, service.scenario.source)
     truth = service.scenario.truth.draw(seed)
+    service.check_train(truth)
     return Day(
         service=service,
         seed=seed,

@@ -236,7 +236,8 @@ def allowed(
     """The announced instructions, with no speed above the limit where it applies, none that repeats the one before it.
 
     The speed of a brake or of coasting applies at its end; any other speed, where the instruction is due. An
-    acceleration to a speed that a nearer limit forbids leads to this limit; it is left out if the train is as fast.
+    acceleration to a speed that a nearer limit forbids, or its hold, leads to this limit; it is left out if the train
+    is as fast.
     """
     kept, section = [now], brakes.ahead.section
     for k, one in enumerate(following):
@@ -247,7 +248,7 @@ def allowed(
         limit_mps = float(section.limit_mps[first : last + 1].max())
         if one.speed_mps > limit_mps:
             one = replace(one, speed_mps=limit_mps)  # noqa: PLW2901
-        if one.mode in TRACTION:
+        if one.mode in (*TRACTION, Regime.CRUISE):
             at_m = s_m + one.way_m + BEGUN_M
             nearer_mps = nearer_limit_mps(brakes.ahead, one.speed_mps, at_m)
             if nearer_mps < one.speed_mps and foreseen.speed_mps(at_m) > nearer_mps - SAME_MPS:

@@ -341,10 +341,11 @@ def _without_repeats(phases: list[Phase]) -> list[Phase]:
 
 
 def _braked_by_limits(run: RunAtNodes) -> list[tuple[int, int]]:
-    """Where a trajectory brakes along the braking curve: first and last nodes of every such stretch."""
+    """Where a trajectory brakes along the braking curve, or down to it: first and last nodes of every such stretch."""
     speeds, envelope = run.speeds_mps, run.envelope_mps
     met = np.isfinite(speeds) & (speeds > envelope - NEAR_MPS)
-    brakes = met[1:] & (speeds[1:] < speeds[:-1]) & (envelope[1:] < envelope[:-1])
+    above = speeds[:-1] > envelope[:-1] + NEAR_MPS
+    brakes = met[1:] & (speeds[1:] < speeds[:-1]) & ((envelope[1:] < envelope[:-1]) | above)
     return [(begin, end) for begin, end in _stretches(brakes) if speeds[begin] - speeds[end] > IDLE_MPS]
 
 

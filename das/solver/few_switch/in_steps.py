@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from das.domain.errors import InfeasibleError
 from das.domain.units import KMH
-from das.solver.few_switch.as_run import with_all_brakes
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import ends_of
 from das.solver.few_switch.schedule import Schedule, Scheduled
@@ -68,7 +67,7 @@ def in_steps(found: Scheduled, time_s: float, s_m: float, v_mps: float, rounding
         better = moved(best, time_s, s_m, v_mps, whole).as_run(s_m, v_mps)
         better = _slower(_rounded(better, time_s, s_m, v_mps, rounding), time_s, s_m, v_mps, step_mps)
         best = better if better.cost_j(time_s) < best.cost_j(time_s) else best
-    return best if best.says_its_brakes else best.changed(with_all_brakes, s_m, v_mps)
+    return best.with_its_brakes(s_m, v_mps)
 
 
 def _rounded(found: Scheduled, time_s: float, s_m: float, v_mps: float, rounding: Rounding) -> Scheduled:

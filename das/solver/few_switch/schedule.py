@@ -244,7 +244,11 @@ class Scheduled(NamedTuple):
                 break
         joined = found.changed(with_one_brake, s_m, v_mps)
         found = joined if joined.says_its_brakes else found
-        found = found if found.says_its_brakes else found.changed(with_all_brakes, s_m, v_mps)
+        return found.with_its_brakes(s_m, v_mps)
+
+    def with_its_brakes(self, s_m: float, v_mps: float) -> Scheduled:
+        """The schedule from a state with a phase to brake wherever limits ahead demand it, each limit named."""
+        found = self if self.says_its_brakes else self.changed(with_all_brakes, s_m, v_mps)
         return found.changed(with_boards, s_m, v_mps)
 
     @property

@@ -236,6 +236,37 @@ def test_a_train_found_too_heavy_for_its_brakes_on_a_descent_gets_no_advice_unti
     assert at(made, 62, 1548.0, 24.0).mode is not Regime.NONE
 
 
+STEEP = replace(LINE, gradients_ratio=Stretches(start_m=np.array([0.0, 2000.0, 3000.0]), value=np.array([0, -0.06, 0])))
+TOO_HEAVY = Conditions(mass_ratio=10.0)
+
+
+def test_advice_comes_back_where_the_descent_is_behind_a_train_that_its_brakes_would_not_hold_on_it() -> None:
+    """The advice was withdrawn to the end of the leg: a heavy train drove its last kilometres without any."""
+    made = SmallTrip(Situation(route=STEEP, vehicle=TRAIN), FRONTS)
+    made.begin(STEEP.stops, DUE)
+    made.set_conditions(TOO_HEAVY)
+    silent, on_it, back = (at(made, (1500 + way_m) / 25.0, 1500.0 + way_m, 25.0) for way_m in (0.0, 1000.0, 1600.0))
+    assert (silent.mode, on_it.mode) == (Regime.NONE, Regime.NONE)
+    assert back.mode is not Regime.NONE
+    assert 0.0 < back.advised_speed_mps <= back.limit_mps
+
+
+def test_a_mass_found_behind_the_descent_takes_no_advice_away_nor_does_a_journey_changed_there() -> None:
+    made = SmallTrip(Situation(route=STEEP, vehicle=TRAIN), FRONTS)
+    made.begin(STEEP.stops, DUE)
+    light = at(made, 60, 3100.0, 24.0)
+    made.set_conditions(TOO_HEAVY)
+    heavy = at(made, 61, 3124.0, 24.0)
+    assert light.mode is not Regime.NONE
+    assert heavy.mode is not Regime.NONE
+    assert heavy.horizon_speed_mps != light.horizon_speed_mps, "the mass counts"
+    sooner = (STEEP.stops[0], replace(STEEP.stops[-1], position_m=STEEP.stops[-1].position_m - 200.0))
+    with pytest.raises(DasError, match="cannot brake on the descent"):
+        made.legs.begin(sooner, DUE[:1], moment=(1500.0, False))
+    made.legs.begin(sooner, DUE[:1], moment=(3124.0, False))
+    assert at(made, 62, 3148.0, 24.0).mode is not Regime.NONE
+
+
 def test_trains_are_found_by_id_and_load_and_stay_the_same_object() -> None:
     base = replace(TRAIN, id="ours", loads={"full": Load(mass_kg=1.4e5)})
     trains = Trains(base.loaded("full"), base, others=["re460-ic"])

@@ -1155,6 +1155,21 @@ def test_no_acceleration_is_announced_to_a_speed_that_a_nearer_limit_forbids() -
         assert [round(one.speed_mps / KMH) for one in found] == told
 
 
+def test_no_speed_is_announced_to_be_held_that_a_nearer_limit_forbids() -> None:
+    """A restriction told too late: "hold 70 in 194 m" was announced where 40 applies from 200 m on."""
+    line, train = section_of(("zurich-luzern", 2)).route, section_of(("zurich-luzern", 2)).vehicle
+    board = Restriction(start_m=40_200.0, end_m=41_000.0, limit_mps=40 * KMH)
+    brakes = ShownBrakes(build_section(line.with_restrictions((board,)), train), SETTINGS)
+    now = Instruction(mode=Regime.FRICTION_BRAKE, speed_mps=40 * KMH, effort_ratio=-1.0)
+    holds = Instruction(mode=Regime.CRUISE, speed_mps=70 * KMH, way_m=194.0, in_s=10.0)
+    for v_kmh, told in ((65, []), (30, [40])):
+        foreseen = Foreseen(
+            np.array([0.0, 20.0]), np.array([40_000.0, 40_400.0]), np.full(2, v_kmh * KMH), as_shown=True
+        )
+        found = allowed((holds,), now, 40_000.0, brakes, foreseen)
+        assert [round(one.speed_mps / KMH) for one in found] == told
+
+
 def test_an_acceleration_that_a_limit_soon_brakes_is_not_begun() -> None:
     """The schedule has no phase to brake for it: at 24.5 m/s, 300 m before 25 m/s, the speed is held instead."""
     here = section_of(("zurich-luzern", 2))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from das.solver.few_switch.as_run import phases_as_run, speeds_as_held, with_boards
+from das.solver.few_switch.as_run import phases_as_run, speeds_as_held, with_all_brakes, with_boards
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase, RunAtNodes
 
@@ -180,6 +180,14 @@ def test_an_acceleration_before_a_brake_is_left_out_where_it_gains_no_second(ste
     said = [Phase(HOLD, 0.0, 0, 20.0), Phase(TRACTION, 1.0, 2, 23.0), Phase(BRAKE, 0.0, 5, 14.0)]
     run = RunAtNodes.of(speeds, np.full(11, 30.0), np.full(10, step_m))
     assert (TRACTION in [one.kind for one in speeds_as_held(said, run, 0.6)]) is kept
+
+
+def test_a_brake_for_a_limit_that_was_told_too_late_lasts_until_the_train_is_as_slow() -> None:
+    """The brake was said to end where the limit begins, and the speed before to be held from there."""
+    envelope = np.array([25.0, 25, 21, 16, 11, 11, 11, 11, 11, 11, 11])
+    speeds = np.array([20.0, 20, 19, 18, 17, 15, 13, 11, 11, 11, 11])
+    late = RunAtNodes.of(speeds, envelope, np.array([50.0] * 7 + [500.0] * 3))
+    assert with_all_brakes((hold(0, 20.0),), late) == (hold(0, 20.0), brake(2, 11.0), hold(7, 20.0))
 
 
 def test_a_brake_past_a_limit_that_binds_names_it() -> None:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from das.domain.units import KMH
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.in_steps import Choice, Rounding, in_steps, rounded_mps
-from das.solver.few_switch.schedule import Scheduled
+from das.solver.few_switch.phases import Phase
+from das.solver.few_switch.schedule import Schedule, Scheduled, known_run
 from das.solver.few_switch.settings import PolishSettings
+from das.solver.section import build_section
 from tests.support.few_switch import BUFFERS, BUNDLED, Which, schedules, section_of
+from tests.support.making import make_route
+from tests.support.small_trips import TRAIN
 
 STEP_MPS = 5.0 * KMH
 KWH = 3.6e6
@@ -68,3 +73,18 @@ def test_a_speed_at_the_end_of_a_phase_is_a_limit_or_a_step_that_is_allowed() ->
     ):  # fmt: skip
         found = rounded_mps(speed * KMH, STEP_MPS, limit * KMH, highest * KMH)
         assert found == pytest.approx(told * KMH), (speed, limit, highest)
+
+
+@pytest.mark.parametrize("before_stop_m", [60.0, 90.0])
+def test_a_brake_that_is_added_in_the_end_names_the_board_before_the_stop(before_stop_m: float) -> None:
+    """It was one brake to 0 past a board of 30 km/h that binds, as hardly any time lies between the two."""
+    line = make_route(4000.0, [(0.0, 25.0), (4000.0 - before_stop_m, 30 * KMH)])
+    section = build_section(line, TRAIN)
+    phases = (Phase(NotchRegime.TRACTION, 1.0, 0, 25.0), Phase(NotchRegime.HOLD, 0.0, 60, 25.0))
+    known = known_run(section, np.full(len(section.node_m), 25.0))
+    raw = Schedule(section=section, phases=phases, known=known, back_share=0.7)
+    silent = Scheduled(*raw.settled(0.0, 0.0), 1e6)
+    assert not silent.says_its_brakes
+    found = in_steps(silent, 200.0, 0.0, 0.0, Rounding(STEP_MPS, Choice.LOWER, PolishSettings()))
+    brakes = [one.target_mps / KMH for one in found.schedule.phases if one.kind is NotchRegime.BRAKE]
+    assert brakes == pytest.approx([30.0, 0.0])

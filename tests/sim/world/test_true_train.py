@@ -1,0 +1,191 @@
+"""A true train that cannot be driven is refused before it sets off, whoever drives it: one line names what to change.
+
+The figures of a run need its optimum; before, they were lost after the whole drive.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.domain.errors import DasError
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.experiment.checking import check_design
+from sim.experiment.design import read_design
+from sim.jobs.batch import Batch, make_run
+from sim.jobs.runner import attempted
+from sim.world.scenario import read_scenario
+from sim.world.service import Service, lay_out, make_day, prepare_service
+from tests.support.making import refusal
+
+LINE = """
+schema_version = 1
+[route]
+id = "steep"
+name = "steep"
+length_km = 9
+[[stops]]
+name = "Top"
+position_km = 0
+[[stops]]
+name = "Bottom"
+position_km = 9
+[speed_limits]
+columns = ["position_km", "limit_kmh"]
+rows = [[0, 60]]
+[gradients]
+columns = ["position_km", "gradient_permille"]
+rows = [[0, 0], [0.5, -30], [7.5, 0]]
+"""
+TRAIN = """
+schema_version = 1
+[vehicle]
+id = "freight"
+name = "freight"
+source = "invented"
+mass_t = 1350
+rotating_mass_ratio = 0.05
+length_m = 520
+max_speed_kmh = 100
+[resistance]
+c0_kn = 22
+c1_kn_per_mps = 0.15
+c2_kn_per_mps2 = 0.055
+[traction]
+max_force_kn = 300
+max_power_kw = 5600
+[electric_brake]
+max_force_kn = 150
+max_power_kw = 2600
+[friction_brake]
+max_force_kn = 320
+[losses]
+default = "own"
+[losses.own]
+mean_efficiency_ratio = 0.85
+"""
+DAY = """
+schema_version = 1
+[scenario]
+id = "steep"
+title = "Steep"
+route = "line.toml"
+vehicle = "train.toml"
+[truth]
+"""
+DRAWN = "mass_ratio = {min = 0.9, max = 1.9}"
+HELD, TOO_HEAVY = 1, 2
+"""Seeds whose mass the brakes hold, and do not hold, if it is `DRAWN`."""
+PLACE = r"the true train: \S*line.toml: the train cannot brake on the descent at \d+ m \(-\d\d.\d ‰\)"
+KEY = r"\S*.toml: friction_brake.max_force_kn = 320: expected at least \d+"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "line.toml").write_text(LINE)
+    (tmp_path / "train.toml").write_text(TRAIN)
+    (tmp_path / "heavy.toml").write_text(TRAIN.replace("mass_t = 1350", "mass_t = 2025"))
+    return tmp_path
+
+
+def day(folder: Path, truth: str) -> Path:
+    path = folder / "day.toml"
+    path.write_text(DAY + truth)
+    return path
+
+
+def drawn(folder: Path) -> Service:
+    return prepare_service(read_scenario(day(folder, DRAWN)))
+
+
+def of_batch(scenario: Path, seeds: tuple[int, ...]) -> Batch:
+    return Batch(
+        scenarios=[str(scenario)],
+        drivers=[DriverKind.PERFECT],
+        advice=[Presentation.NONE],
+        seeds=seeds,
+        level=None,
+        record=False,
+        folder=scenario.parent,
+    )
+
+
+def never(*_: Any, **__: Any) -> None:
+    raise AssertionError("driven")
+
+
+@pytest.mark.parametrize(
+    ("truth", "said"),
+    [
+        ("mass_ratio = 1.5", r"truth.mass_ratio = 1.5 \(expected at most 1.\d\d\)"),
+        ('vehicle = "heavy.toml"', r"truth.vehicle = \S*heavy.toml"),
+        (
+            'vehicle = "heavy.toml"\nmass_percent = 99',
+            r"truth.mass_ratio = 0.99 \(expected at most 0.\d\d\), truth.vehicle = \S*heavy.toml",
+        ),
+    ],
+)
+def test_a_train_too_heavy_for_its_brakes_is_refused_with_place_and_keys(folder: Path, truth: str, said: str) -> None:
+    with pytest.raises(DasError, match=rf"day.toml: {said}: {PLACE}: {KEY}$"):
+        lay_out(read_scenario(day(folder, truth)))
+
+
+def test_the_mass_that_is_expected_is_the_largest_that_the_brakes_hold(folder: Path) -> None:
+    with pytest.raises(DasError) as error:
+        lay_out(read_scenario(day(folder, "mass_ratio = 1.5")))
+    (most,) = re.findall(r"at most (\S+)\)", str(error.value))
+    lay_out(read_scenario(day(folder, f"mass_ratio = {most}")))
+    with pytest.raises(DasError):
+        lay_out(read_scenario(day(folder, f"mass_ratio = {float(most) + 0.01}")))
+
+
+def test_a_mass_does_not_help_where_it_is_not_what_was_changed(folder: Path) -> None:
+    """A train of the planned mass on ice; a train that stalls."""
+    with pytest.raises(DasError, match=rf"day.toml: truth.adhesion_ratio = 0.01: {PLACE}: {KEY}$"):
+        lay_out(read_scenario(day(folder, "adhesion_ratio = 0.01\nadhesive_mass_t = 90")))
+    (folder / "line.toml").write_text(LINE.replace("-30", "12"))
+    with pytest.raises(DasError, match=r"truth.mass_ratio = 9: the true train: \S*line.toml: the train stalls at"):
+        lay_out(read_scenario(day(folder, "mass_ratio = 9")))
+
+
+def test_run_refuses_it_in_one_line_before_the_drive(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.world.over_bus.drive_day", never)
+    for truth, said in (("mass_ratio = 1.5", "= 1.5 (expected"), (DRAWN, ", drawn from 0.9 to 1.9 (expected at most ")):
+        line = refusal("run", str(day(folder, truth)), "--seed", str(TOO_HEAVY), "--in-process", cwd=folder)
+        assert said in line
+        assert "cannot brake on the descent at" in line
+
+
+def test_only_the_days_that_draw_such_a_train_are_refused(folder: Path) -> None:
+    service = drawn(folder)
+    make_day(service, HELD)
+    with pytest.raises(DasError, match=r"truth.mass_ratio = 1.\d+, drawn from 0.9 to 1.9 \(expected at most 1.\d\d\)"):
+        make_day(service, TOO_HEAVY)
+
+
+def test_a_batch_is_refused_if_no_day_can_be_driven_else_the_day_is_an_error(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(DasError, match=PLACE):
+        list(of_batch(day(folder, "mass_ratio = 1.5"), (1,)).jobs())
+    monkeypatch.setattr("sim.jobs.batch.drive_day", never)
+    bad, good = (
+        attempted(make_run, job).row["error"] for job in of_batch(day(folder, DRAWN), (TOO_HEAVY, HELD)).jobs()
+    )
+    assert re.search(PLACE, bad)
+    assert good == "AssertionError: driven"
+
+
+@pytest.mark.parametrize("truth", ["mass_ratio = 1.5", DRAWN])
+def test_an_experiment_is_refused_before_any_trial(folder: Path, truth: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    day(folder, truth)
+    design = folder / "design.toml"
+    factor = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'vector']\n"
+    head = "schema_version = 1\n[experiment]\nname = 'try'\ntitle = 'T'\nseed = 7\n[participants]\ncount = 8\n"
+    design.write_text(f"{head}[fixed]\nscenario = 'day.toml'\n[procedure]\ndays = 'own'\n{factor}")
+    monkeypatch.setattr("sim.experiment.checking.drive", never)
+    with pytest.raises(DasError, match=PLACE):
+        check_design(read_design(design))
