@@ -209,7 +209,5 @@ def test_numbered_cases_are_all_there_a_quarter_of_them_in_the_default_run(monke
     first, rest = numbered("DAS_NO_SUCH", 10, first=3)
     assert (first.values, first.marks, rest.values) == ((range(3, 6),), (), (range(6, 13),))
     assert [mark.name for mark in rest.marks] == ["nightly"]
-    cases = [(one.values, [mark.name for mark in one.marks]) for one in numbered("DAS_NO_SUCH", 10, slow=True)]
-    assert cases == [((range(3),), []), ((range(3, 6),), ["slow"]), ((range(6, 10),), ["nightly"])]
     monkeypatch.setenv("DAS_NO_SUCH", "5")
     assert [one.values for one in numbered("DAS_NO_SUCH", 10)] == [(range(5),)]

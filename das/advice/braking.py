@@ -79,8 +79,9 @@ class BrakingAhead:
         self._falls = np.append(envelope[1:] < envelope[:-1] - LEVEL_MPS, False)
         feet = np.flatnonzero(np.append(False, self._falls[:-1]) & ~self._falls)
         self._foot_m, self._foot_mps = section.node_m[feet], envelope[feet]
-        brakes = np.array([_most_n(self.section, self._train, i, 1.0) > 0.0 for i in range(len(section.step_m))])
-        self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes))
+        _, firsts, which = np.unique(section.supply, return_index=True, return_inverse=True)
+        brakes = np.array([_most_n(section, self._train, i, 1.0) > 0.0 for i in firsts.tolist()])
+        self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
         """Whether a train that keeps its speed will be above a braking curve within a time (s).

@@ -186,6 +186,7 @@ def read_table(path: Path) -> dict[str, NDArray[np.float64]]:
     return {name: np.array([float(row[name] or "nan") for row in rows]) for name in numbers}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("shared_drives")
 def test_the_bundled_recording_has_one_number_for_each_quantity(tmp_path: Path) -> None:
     recording = bundled_recording()

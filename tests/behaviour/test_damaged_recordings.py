@@ -55,15 +55,24 @@ def damaged(source: Path, out: Path) -> Path:
     return out
 
 
+@pytest.fixture(scope="module")
+def trip_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return damaged(bundled_recording(), tmp_path_factory.mktemp("trip") / "damaged.mcap")
+
+
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(one, marks=pytest.mark.nightly) if one == "view --plot" else one for one in OF_A_TRIP],
+    [
+        pytest.param("view --plot", marks=pytest.mark.nightly),
+        pytest.param("view --save", marks=pytest.mark.slow),
+        *("trip", "replay", "check", "recover", "export"),
+    ],
 )
-def test_damage_is_told_by(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_damage_is_told_by(name: str, trip_file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     opening._warned.clear()
     exits = pytest.raises(typer.Exit) if name == "check" else nullcontext()
     with exits:
-        OF_A_TRIP[name](damaged(bundled_recording(), tmp_path / "damaged.mcap"), tmp_path)
+        OF_A_TRIP[name](trip_file, tmp_path)
     said = "".join(capfd.readouterr())
     assert "a chunk" in said
     assert "bytes" in said

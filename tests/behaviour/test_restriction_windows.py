@@ -75,7 +75,7 @@ def test_a_restriction_that_ends_while_the_train_is_in_it_lets_it_go(
     assert max(one.limit_mps for one in advices if FROM_M < one.s_m < TO_M) > 40.0
 
 
-@pytest.mark.parametrize("presentation", ["vector", "coach"])
+@pytest.mark.parametrize("presentation", ["vector", pytest.param("coach", marks=pytest.mark.slow)])
 def test_a_restriction_that_begins_before_the_train_passes_is_kept(
     flat: Callable[[str], Path], presentation: str
 ) -> None:

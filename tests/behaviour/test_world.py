@@ -34,14 +34,16 @@ from das.bus.topics import (
     STATUS,
     TRUTH,
 )
+from das.cab.heard import EffortHeard, Heard, PositionHeard
 from das.domain.units import KMH, NS, kwh
 from sim.drive.drive import Drive
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.world.lockstep import Traffic
-from sim.world.loop import InProcess, World
+from sim.world.loop import InProcess, Tick, World
 from sim.world.scenario import read_scenario
 from sim.world.service import make_day, prepare_service
+from tests.support.flat_days import Alone, service_of
 from tests.support.making import das_sim, in_a_process, refusal, wait_until
 from tests.support.recordings import advices_so_far
 
@@ -110,6 +112,16 @@ rows = [[0.0, 90.0], [3.0, 110.0]]
 columns = ["position_km", "gradient_permille"]
 rows = [[0.0, 2.0], [2.0, -3.0]]
 """
+
+
+class Hears(Alone):
+    """A link that keeps what the node would be told."""
+
+    def __init__(self) -> None:
+        self.heard: list[Heard] = []
+
+    def exchange(self, tick: Tick) -> None:
+        self.heard += tick.told
 
 
 def payloads(path: Path) -> dict[str, list[bytes]]:
@@ -286,12 +298,15 @@ def test_efforts_are_those_of_the_train_with_their_own_noise(folder: Path, recor
     assert abs(off.mean()) < 4 * 0.02 / np.sqrt(works.sum())
     # The day, its positions and what the train does are the same without them.
     (folder / "silent.toml").write_text(EVENTFUL.replace("force_noise_percent = 2", ""))
-    silent, said = (prepare_service(read_scenario(folder / name)) for name in ("silent.toml", "eventful.toml"))
-    driven = [
-        World(make_day(one, 4), make_driver(DriverKind.PERFECT, one.line), Presentation.VECTOR, InProcess(one)).run()
-        for one in (silent, said)
-    ]
-    assert driven[0].states == driven[1].states
+    driven, told = [], []
+    for name in ("silent.toml", "eventful.toml"):
+        service, link = service_of(folder / name), Hears()
+        driver = make_driver(DriverKind.TIMETABLE, service.line)
+        driven.append(World(make_day(service, 4), driver, Presentation.NONE, link).run().states)
+        told.append(link.heard)
+    assert driven[0] == driven[1]
+    assert any(isinstance(one, PositionHeard) for one in told[0])
+    assert told[0] == [one for one in told[1] if not isinstance(one, EffortHeard)] != told[1]
 
 
 @pytest.mark.nightly

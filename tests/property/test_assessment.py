@@ -17,27 +17,41 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from das.advice.advice import Cause
 from tests.support.assessment import Assessor, drawn_days, table
-from tests.support.crossing import numbered
 
-FIRST = int(os.environ.get("DAS_ASSESSMENT_FIRST", "0"))
-
+FIRST, DAYS = int(os.environ.get("DAS_ASSESSMENT_FIRST", "0")), int(os.environ.get("DAS_ASSESSMENT_DAYS", "50"))
 FAILED_ONCE = (97, 100)
 """Days that failed before a mend: a stop 11 m short, an announcement that the last word left out."""
+QUICK = (1, 3, 4, 6, 9, 11, *FAILED_ONCE)
+"""The days of the default run: every presentation, wrong speeds, jumps, frozen positions, a rival operator."""
 
 
-@pytest.mark.parametrize("days", numbered("DAS_ASSESSMENT_DAYS", 50, FIRST, slow=True))
-def test_no_advice_is_above_limit_or_brakes_whatever_fails(tmp_path: Path, days: range) -> None:
+def numbers() -> list[Any]:
+    """The numbers of days, as parameters: the quick ones, and the rest marked; all if the environment says how many."""
+    days = range(FIRST, FIRST + DAYS)
+    if "DAS_ASSESSMENT_DAYS" in os.environ:
+        return [pytest.param(days, id="all")]
+    rest = [day for day in days if day not in QUICK]
+    half = DAYS // 2 - len(QUICK)
+    return [
+        pytest.param(QUICK, id="quick"),
+        pytest.param(rest[:half], id="half", marks=pytest.mark.slow),
+        pytest.param(rest[half:], id="rest", marks=pytest.mark.nightly),
+    ]
+
+
+@pytest.mark.parametrize("days", numbers())
+def test_no_advice_is_above_limit_or_brakes_whatever_fails(tmp_path: Path, days: Sequence[int]) -> None:
     """Random days with failures: none of them has an advice that the witness refuses, or a stop that is missed."""
     assessor = Assessor(tmp_path)
-    verdicts = [assessor.assess(drawn) for drawn in drawn_days(days.start, len(days))]
-    if days.start == FIRST:
-        verdicts += [assessor.assess(drawn) for day in FAILED_ONCE for drawn in drawn_days(day, 1)]
+    verdicts = [assessor.assess(drawn) for day in days for drawn in drawn_days(day, 1)]
     counts: Counter[str] = sum((one.counts for one in verdicts), Counter())
     print(dict(counts))
     print(table(verdicts))

@@ -32,21 +32,18 @@ def crossed(*lists: Sequence[Any]) -> list[Any]:
     ]
 
 
-def numbered(variable: str, usual: int, first: int = 0, *, slow: bool = False) -> list[Any]:
-    """The numbers of random cases, as parameters of a test: a quarter in the default run, the rest `nightly`.
+def numbered(variable: str, usual: int, first: int = 0, rest: pytest.MarkDecorator = pytest.mark.nightly) -> list[Any]:
+    """The numbers of random cases, as parameters of a test: a quarter in the default run, the rest marked.
 
-    With `slow` the second quarter has the marker `slow`. If the environment variable is set, it gives the number of
-    cases, and all of them are in the default run.
+    If the environment variable is set, it gives the number of cases, and all of them are in the default run.
     """
     if variable in os.environ:
         return [pytest.param(range(first, first + int(os.environ[variable])), id="all")]
-    quarter = -(-usual // 4)
-    second = [("second", 2 * quarter, pytest.mark.slow)] if slow else []
-    found, start = [], 0
-    for name, end, marks in [("first", quarter, ()), *second, ("rest", usual, pytest.mark.nightly)]:
-        found.append(pytest.param(range(first + start, first + end), id=name, marks=marks))
-        start = end
-    return found
+    middle = first + -(-usual // 4)
+    return [
+        pytest.param(range(first, middle), id="first"),
+        pytest.param(range(middle, first + usual), id="rest", marks=rest),
+    ]
 
 
 def few(values: Iterable[Any], kept: Container[Any], rest: pytest.MarkDecorator = pytest.mark.nightly) -> list[Any]:

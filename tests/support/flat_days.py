@@ -10,7 +10,7 @@ from tempfile import mkdtemp
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import PlantState
-from sim.world.loop import InProcess, Run, World
+from sim.world.loop import InProcess, Run, Tick, Told, World
 from sim.world.scenario import Scenario, read_scenario
 from sim.world.service import Day, Service, make_day, prepare_service
 
@@ -65,7 +65,8 @@ def run_of(path: Path, driver: str, advice: str = "vector") -> Run:
     """The whole run of the day with seed 1; its service is prepared from the file each time."""
     service = prepare_service(read_scenario(path))
     made = make_driver(DriverKind(driver), service.line, seed=1)
-    return World(make_day(service, 1), made, Presentation(advice), InProcess(service)).run()
+    link = Alone() if advice == Presentation.NONE else InProcess(service)
+    return World(make_day(service, 1), made, Presentation(advice), link).run()
 
 
 def standing_m(run: Run) -> list[float]:
@@ -76,3 +77,19 @@ def standing_m(run: Run) -> list[float]:
 def signal_at(at_m: float, seen_m: float) -> str:
     """A disturbance for a scenario file: a signal at danger that clears 2 min after the driver sees it."""
     return f"[[disturbances]]\nkind = 'signal-stop'\nat_m = {at_m}\nseen_m = {seen_m}\nclears_after_s = 120\n"
+
+
+class Alone:
+    """The link of a train without an on-board system, for drivers who are shown nothing."""
+
+    def exchange(self, tick: Tick) -> None:
+        """No advice."""
+
+    def newest(self) -> None:
+        """No advice."""
+
+    def tell(self, now_ns: int, told: Told) -> None:
+        """Nobody records it."""
+
+    def restart(self) -> None:
+        """There is nothing to start."""

@@ -101,16 +101,33 @@ PRINTED = {
     "catalogue": ("levels: ",),
     "solve flat-6km re460-ic --buffer 7": ("λ: ", "gap: ", "fit: "),
     "solve flat-6km re460-ic --buffer 7 --strategy rms": ("fit: ",),
-    "front zurich-luzern re460-ic --to Thalwil --level l2": ("λ: ", "gap: ", "saved: "),
+    "front zurich-luzern re460-ic --to Thalwil --level l2 --refine off": ("λ: ", "gap: ", "saved: "),
     "front flat-6km re460-ic --exact --max-buffer 1": ("supported: ", "solver: "),
     "few-switch flat-6km re460-ic --prices 0.03": ("price: ", "chg: ", "/min: ", "short: ", "more: "),
-    "journey zurich-luzern zurich-luzern re460-ic": ("λ: ", "buffer: ", "≥, ≤, =: "),
+    "journey short.toml zurich-luzern re460-ic": ("λ: ", "buffer: ", "≥, ≤, =: "),
     "sensitivity flat-6km re460-ic --buffer 7 --vary 'mass=±10%, wind=-20..20'": (
         "per step: ", "off plan: ", "on time: ", "saved: ",
     ),
     "loss-map re460-ic": ("mean/in: ", "|cruising|"),
 }  # fmt: skip
 """What a command explains below its table."""
+
+SHORT_JOURNEY = """
+schema_version = 1
+[journey]
+id = "short"
+name = "Zürich HB – Thalwil, 07:10 (illustrative)"
+[[stops]]
+stop = "Zürich HB"
+departure = "07:10:00"
+[[passings]]
+name = "In the Zimmerberg tunnel"
+position_km = 6.0
+earliest = "07:15:45"
+[[stops]]
+stop = "Thalwil"
+arrival = "07:19:30"
+"""
 
 
 LONG = (
@@ -125,6 +142,7 @@ def test_what_is_printed_fits_80_columns_and_explains_its_abbreviations(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
+    (tmp_path / "short.toml").write_text(SHORT_JOURNEY, encoding="utf-8")
     out = printed(tmp_path, *shlex.split(command))
     tables = [line for line in out.splitlines() if ".toml" not in line]  # paths are as long as they are
     assert max(len(line.rstrip()) for line in tables) <= 80
