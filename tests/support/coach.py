@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from functools import cache
 
 import numpy as np
@@ -58,12 +59,50 @@ class Keeping:
         return TrainState(ns(second), float(self._node_m[i] + 0.5 * (v0 + v_mps) * spent), float(v_mps))
 
 
-def started(keeper: Keeper, which: Which, goal: Goal, *, at_s: float = 5.0) -> tuple[Kept, Keeping]:
-    """The reference that a keeper makes for a train that has just departed, and a train that keeps it."""
-    start_m = section_of(which).start_m
-    standing = keeper.keep(TrainState(ns(0), start_m, 0.0), goal)
-    assert standing is not None
-    state = Keeping(standing.reference.schedule, standing.forecast, 0.0, start_m).at(at_s)
+def stood(keeper: Keeper, which: Which, goal: Goal) -> Kept:
+    """The reference that a keeper has made, or makes now, for the train before it departs."""
+    kept = keeper.keep(TrainState(ns(0), section_of(which).start_m, 0.0), goal)
+    assert kept is not None
+    return kept
+
+
+def departed(keeper: Keeper, which: Which, goal: Goal) -> tuple[Kept, Keeping]:
+    """The reference that a keeper makes for a train that departed 5 s ago, and a train that keeps it."""
+    standing = stood(keeper, which, goal)
+    state = Keeping(standing.reference.schedule, standing.forecast, 0.0, section_of(which).start_m).at(5.0)
     kept = keeper.keep(state, goal)
     assert kept is not None
-    return kept, Keeping(kept.reference.schedule, kept.forecast, at_s, state.s_m)
+    return kept, Keeping(kept.reference.schedule, kept.forecast, 5.0, state.s_m)
+
+
+def copied(keeper: Keeper, which: Which) -> Keeper:
+    """A keeper that goes on from where another is; the reference, the section and its front are the same objects."""
+    same = (section_of(which), coach_front(which), keeper.reference)
+    return deepcopy(keeper, {id(one): one for one in same})
+
+
+@cache
+def _waiting(which: Which, goal: Goal, settings: CoachSettings) -> Keeper:
+    keeper = keeper_of(which, settings)
+    stood(keeper, which, goal)
+    return keeper
+
+
+@cache
+def _on_the_way(which: Which, goal: Goal, settings: CoachSettings) -> tuple[Keeper, Kept, Keeping]:
+    keeper = waiting(which, goal, settings)
+    return keeper, *departed(keeper, which, goal)
+
+
+def waiting(which: Which, goal: Goal, settings: CoachSettings = DEFAULT) -> Keeper:
+    """A keeper that has made the reference of a train that has not departed yet.
+
+    A reference takes a quarter of a second: it is made once a process, and each caller has a copy of its keeper.
+    """
+    return copied(_waiting(which, goal, settings), which)
+
+
+def started(which: Which, goal: Goal, settings: CoachSettings = DEFAULT) -> tuple[Keeper, Kept, Keeping]:
+    """A keeper whose train departed 5 s ago, its reference, and a train that keeps it; made once, as for `waiting`."""
+    keeper, kept, train = _on_the_way(which, goal, settings)
+    return copied(keeper, which), kept, train

@@ -84,33 +84,36 @@ def test_node_advises_once_a_second_by_the_wall_clock_and_does_not_obey_control(
         assert child.wait(20) == 0
 
 
-def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
-    """Kept for late subscribers, so that a node that was restarted knows them; a tick waits until they are heard."""
+def test_node_heeds_restrictions_targets_train_and_level() -> None:
+    """A tick waits until the restrictions and targets that were sent before it are heard."""
     one = das_pb2.Restrictions.Restriction(start_m=2_500.0, end_m=3_500.0, limit_mps=15.0)
-    target = das_pb2.Targets.Target(stop="B", arrival_ns=START_NS + 300 * S)
-    now = START_NS + 60 * S
-    position = das_pb2.Position(time_ns=now, s_m=2_600.0, speed_mps=14.0)
-    message = a_journey()
-    message.vehicle_id, message.level = "re460-ic-igbt", "l2"
-    with node("--clock", "bus", journey=message) as (bus, child):
+    target = das_pb2.Targets.Target(stop="B", arrival_ns=START_NS + 320 * S)
+    driven = DrivenNode(told=False)
+    driven.tell(JOURNEY, driven_node.journey(vehicle_id="re460-ic-igbt", level="l2"))
+    assert "re460-ic-igbt, l2" in driven.sink.of(STATUS)[-1].section
+    driven.tell(POSITION, das_pb2.Position(time_ns=START_NS, s_m=0.0, speed_mps=0.0))
 
-        def ask(tick: int) -> Any:
-            bus.publish(POSITION, das_pb2.Position(time_ns=START_NS, s_m=0.0, speed_mps=0.0))
-            bus.publish(POSITION, position)
-            bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=tick, restrictions_ns=5, targets_ns=6))
-            return until(bus, lambda r: r.topic is ADVICE and r.message.tick == tick, child)
+    def ask(tick: int) -> None:
+        told_ns = START_NS + tick * S
+        driven.tell(POSITION, das_pb2.Position(time_ns=told_ns + 60 * S, s_m=2_600.0 + 14.0 * tick, speed_mps=14.0))
+        told = {"restrictions_ns": told_ns, "targets_ns": START_NS + S}
+        driven.tell(CONTROL, das_pb2.Control(time_ns=told_ns + 60 * S, tick=tick, **told))
 
-        assert "re460-ic-igbt, l2" in until(bus, status(READY), child).section
-        bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=5, restrictions=[one]))
-        bus.publish(TARGET, das_pb2.Targets(time_ns=6, targets=[target]))
-        advice = ask(1)
-        assert advice.limit_mps == 15.0
-        assert advice.advised_speed_mps <= 15.0
-        assert advice.predicted_arrival_ns >= START_NS + 298 * S
-        one.limit_mps = -1.0
-        bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=7, restrictions=[one]))
-        until(bus, lambda r: r.topic is EVENT and "restriction" in r.message.message, child)
-        assert "restrictions cannot be applied" in ask(2).reason.text
+    ask(1)
+    driven.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS + S, restrictions=[one]))
+    assert driven.sink.of(ADVICE) == []
+    driven.tell(TARGET, das_pb2.Targets(time_ns=START_NS + S, targets=[target]))
+    advice = driven.last_advice()
+    assert advice.tick == 1
+    assert advice.limit_mps == 15.0
+    assert advice.advised_speed_mps <= 15.0
+    assert advice.predicted_arrival_ns >= START_NS + 318 * S
+    ask(2)
+    one.limit_mps = -1.0
+    driven.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS + 2 * S, restrictions=[one]))
+    assert "restriction" in driven.sink.events()
+    assert driven.last_advice().tick == 2
+    assert "restrictions cannot be applied" in driven.last_advice().reason.text
 
 
 def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:

@@ -152,13 +152,14 @@ def test_a_recording_gives_the_measures_of_its_run(presentation: Presentation) -
     run, recording = run_and_recording(day, day.driver(DriverKind.HUMAN), presentation)
     measured, again = run.stability, recorded_stability(recording)
     assert dataclasses.asdict(again) == pytest.approx(dataclasses.asdict(measured), nan_ok=True)
+    told = summary(Drive(source=recording))
     if presentation is Presentation.NONE:
         assert measured.shown_s == 0
-        assert "shortest mode" not in summary(Drive(source=recording))
+        assert "shortest mode" not in told
     else:
         assert measured.changes > 0
-        assert f"| {measured.changes_per_min:.1f} times a minute |" in summary(Drive(source=recording))
-        assert ("| warning |" in summary(Drive(source=recording))) == (measured.warning is not None)
+        assert f"| {measured.changes_per_min:.1f} times a minute |" in told
+        assert ("| warning |" in told) == (measured.warning is not None)
 
 
 def test_a_recording_older_than_the_shown_speed_is_measured_by_the_advised_one() -> None:

@@ -179,16 +179,16 @@ schema_version = 1
 [route]
 id = "board"
 name = "board"
-length_km = 4.0
+length_km = 2.5
 [[stops]]
 name = "A"
 position_km = 0
 [[stops]]
 name = "B"
-position_km = 4.0
+position_km = 2.5
 [speed_limits]
 columns = ["position_km", "limit_kmh"]
-rows = [[0, 120], [3.88, 30]]
+rows = [[0, 120], [2.38, 30]]
 [gradients]
 columns = ["position_km", "gradient_permille"]
 rows = [[0, 0]]
@@ -203,12 +203,12 @@ def test_the_perfect_driver_is_not_above_a_board_before_the_stop_with_the_coach(
     assert abs(found["stops"][-1]["missed_m"]) < 2.0
 
 
-@pytest.mark.parametrize(("board_km", "board_kmh"), [(3.88, 30), (3.80, 40), (3.72, 60)])
+@pytest.mark.parametrize(("board_km", "board_kmh"), [(2.38, 30), (2.30, 40), (2.22, 60)])
 def test_whoever_does_what_the_card_says_keeps_a_board_before_the_stop(
     tmp_path: Path, board_km: float, board_kmh: int
 ) -> None:
     """The driver knows nothing but the card, so the card has to name the board, with an effort up to it."""
-    (tmp_path / "line.toml").write_text(BOARDS.replace("[3.88, 30]", f"[{board_km}, {board_kmh}]"))
+    (tmp_path / "line.toml").write_text(BOARDS.replace("[2.38, 30]", f"[{board_km}, {board_kmh}]"))
     (tmp_path / "day.toml").write_text(DAY)
     found = sim.run_day(tmp_path / "day.toml", driver="literal", advice="coach").outcome
     assert found["over_limit_kmh"] < 0.5 * 3.6

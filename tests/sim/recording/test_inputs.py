@@ -13,15 +13,17 @@ from das.domain.files.load import catalogue, load_route, load_vehicle
 from das.domain.levels import Level
 from sim.recording.inputs import AttachedFiles, vehicle_files
 from tests.sim.world.test_drawn import write_map
-from tests.support.recordings import with_run
-from tests.support.reference_recordings import FOLDER
+from tests.support.recordings import with_run, write_recording
 
+COARSE = (3, 7)
+"""Steps of the bundled map's 202 speeds and 603 forces that are one step of a written map."""
 BUNDLED = catalogue("vehicles")["re460-ic"].read_text(encoding="utf-8")
 
 
 def attached(tmp_path: Path, *files: tuple[str, bytes]) -> AttachedFiles:
     """The attached files of a recording that brings these along; their private folder is `tmp_path / "private"`."""
-    path = with_run(FOLDER / "replay.mcap", tmp_path / "run.mcap", *files, without=True)
+    little = write_recording(tmp_path / "little.mcap", seconds=1)
+    path = with_run(little, tmp_path / "run.mcap", *files, without=True)
     return AttachedFiles(read_recording(path), tmp_path / "private")
 
 
@@ -58,7 +60,7 @@ def test_a_loss_map_outside_the_private_folder_is_not_opened(name: str, tmp_path
 @pytest.mark.parametrize("name", ["own.csv", "../maps/own.csv"])
 def test_a_loss_map_that_is_brought_along_is_put_where_the_vehicle_says(name: str, tmp_path: Path) -> None:
     own_map = tmp_path / "own.csv"
-    write_map(own_map, 1.2)
+    write_map(own_map, 1.2, COARSE)
     files = attached(tmp_path, ("own.toml", with_map(name)), ("own.csv", own_map.read_bytes()))
     vehicle, _, _ = files.find("vehicles", "own", load_vehicle)
     at = np.array([1e5]), np.array([20.0])
@@ -69,7 +71,7 @@ def test_a_loss_map_that_is_brought_along_is_put_where_the_vehicle_says(name: st
 def test_effort_curves_are_brought_along_and_put_where_the_vehicle_says(tmp_path: Path) -> None:
     """Beside a loss map, which is found by its hash and must not take their place."""
     (tmp_path / "effort.csv").write_text("speed_kmh,force_kn\n0,280\n60,280\n200,100\n")
-    write_map(tmp_path / "own.csv", 1.0)
+    write_map(tmp_path / "own.csv", 1.0, COARSE)
     own = with_map("own.csv").decode()
     own = own.replace("max_force_kn = 300.0\nmax_power_kw = 6100.0\n", 'curve = "effort.csv"\n', 1)
     (tmp_path / "own.toml").write_text(own)

@@ -17,6 +17,7 @@ from sim.drive.drive import Drive
 from sim.recording.opening import open_recording
 from sim.review import view
 from sim.review.scene import ReviewScene
+from tests.support.crossing import crossed
 from tests.support.hand_recorded import day, recorded
 from tests.support.making import das_sim
 from tests.support.recordings import write_recording
@@ -70,8 +71,7 @@ def test_the_whole_picture_has_every_panel() -> None:
     assert len(picture_of(day()).axes) == 3 + len(full)
 
 
-@pytest.mark.parametrize("only", [(topics.POSITION,), (topics.ADVICE,), topics.RECORDED])
-@pytest.mark.parametrize("seconds", [1, 30])
+@pytest.mark.parametrize(("only", "seconds"), crossed([(topics.POSITION,), (topics.ADVICE,), topics.RECORDED], [1, 30]))
 def test_png_of_little(tmp_path: Path, only: tuple[topics.Topic, ...], seconds: int) -> None:
     write_recording(tmp_path / "little.mcap", only=only, seconds=seconds)
     answer = das_sim("view", "little.mcap", "--png", "little.png", cwd=tmp_path)

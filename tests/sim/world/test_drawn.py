@@ -38,15 +38,14 @@ def figures(path: Path) -> dict[str, Any]:
     return outcome(day, run).as_dict()
 
 
-def write_map(path: Path, times: float) -> None:
-    """The bundled train's map with all losses multiplied."""
+def write_map(path: Path, times: float, every: tuple[int, int] = (1, 1)) -> None:
+    """The bundled train's map with all losses multiplied; `every`: so many steps of speed and force are one."""
     loss_map = load_vehicle("re460-ic").loss_model(Level.L3)
     assert isinstance(loss_map, LossMap)
     table = times * loss_map.filled_w
+    speeds, forces = (range(0, size, step) for size, step in zip(table.shape, every, strict=True))
     rows = [
-        f"{v * 3.6},{f / 1e3},{table[i, j] / 1e3}"
-        for i, v in enumerate(loss_map.speed_mps)
-        for j, f in enumerate(loss_map.force_n)
+        f"{loss_map.speed_mps[i] * 3.6},{loss_map.force_n[j] / 1e3},{table[i, j] / 1e3}" for i in speeds for j in forces
     ]
     path.write_text("\n".join(["speed_kmh,force_kn,loss_kw", *rows]) + "\n")
 

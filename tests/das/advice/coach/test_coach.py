@@ -22,7 +22,6 @@ from das.cab.situation import Situation
 from das.domain.restriction import Restriction
 from das.estimate.estimate import Estimate
 from tests.support.coach import Keeping, coach_front, goal_of, ns, started
-from tests.support.coach import keeper_of as keeper_of_section
 from tests.support.few_switch import BUNDLED, asked_s, section_of
 
 LINE = BUNDLED[2]
@@ -34,11 +33,9 @@ def coach_of() -> Coach:
     return Coach(section_of(LINE), coach_front(LINE), DEFAULT)
 
 
-@cache
 def train_of() -> Keeping:
     """A train that keeps the reference of its section with a buffer of 15 %."""
-    _, train = started(keeper_of_section(LINE), LINE, goal_of(LINE, 0.15))
-    return train
+    return started(LINE, goal_of(LINE, 0.15))[2]
 
 
 def shown(coach: Coach, state: TrainState, goal: Goal, place: SpeedsAllowed = FREE) -> Coaching | None:
@@ -52,20 +49,26 @@ def said(coach: Coach, state: TrainState, place: SpeedsAllowed = FREE) -> Coachi
     return coaching
 
 
-def test_a_reason_never_repeats_the_instruction_and_names_limits_and_stops_of_the_line() -> None:
+@cache
+def said_on_the_way() -> list[tuple[TrainState, Coaching]]:
+    """What a coach says every second to a train that keeps its reference over the whole section."""
     coach, train = coach_of(), train_of()
+    states = [train.at(second) for second in range(6, int(train.end_s) - 3)]
+    return [(state, said(coach, state)) for state in states]
+
+
+def test_a_reason_never_repeats_the_instruction_and_names_limits_and_stops_of_the_line() -> None:
     section = section_of(LINE)
     falls_m, falls_to = falling_limits(section.route)
     limits = {*zip(falls_m.tolist(), falls_to.tolist(), strict=True)}
     codes = set()
-    for second in range(6, int(train.end_s) - 3):
-        coaching = said(coach, train.at(second))
+    for state, coaching in said_on_the_way():
         reason, mode = coaching.reason, coaching.now.mode
         codes.add(reason.code)
         assert not reason.text, "a text would have a language"
         if reason.code is ReasonCode.LIMIT:
             assert (reason.at_m, reason.speed_mps) in limits
-            assert reason.at_m > train.at(second).s_m
+            assert reason.at_m > state.s_m
         if mode not in BRAKES and mode is not Regime.COAST:
             assert reason.code in (ReasonCode.NONE, ReasonCode.ARRIVAL)
     assert codes <= {ReasonCode.NONE, ReasonCode.ARRIVAL, ReasonCode.LIMIT, ReasonCode.STOP}
@@ -73,9 +76,8 @@ def test_a_reason_never_repeats_the_instruction_and_names_limits_and_stops_of_th
 
 
 def test_the_last_brake_names_the_stop() -> None:
-    coach, train = coach_of(), train_of()
-    reasons = [said(coach, train.at(second)).reason for second in range(6, int(train.end_s) - 6)]
-    assert (reasons[-1].code, reasons[-1].stop) == (ReasonCode.STOP, "Zug")
+    _, last = said_on_the_way()[-1]
+    assert (last.reason.code, last.reason.stop) == (ReasonCode.STOP, "Zug")
 
 
 def test_a_train_that_is_too_fast_is_told_so() -> None:

@@ -23,7 +23,7 @@ from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.solver.few_switch.schedule import Scheduled
 from das.solver.section import build_section
-from tests.support.coach import Keeping, coach_front, goal_of, keeper_of, ns, started
+from tests.support.coach import Keeping, coach_front, departed, goal_of, keeper_of, ns, started, stood, waiting
 from tests.support.few_switch import BUNDLED, Which, section_of
 
 LINE = BUNDLED[2]
@@ -64,8 +64,8 @@ def ridden(keeper: Keeper, train: Keeping, goal: Goal, seconds: range, point_m: 
 @pytest.mark.parametrize("which", BUNDLED)
 def test_who_keeps_exactly_to_the_reference_gets_no_other(which: Which) -> None:
     """Over the whole section the forecast arrival changes by less than half a second."""
-    keeper, goal = keeper_of(which), goal_of(which, BUFFER)
-    kept, train = started(keeper, which, goal)
+    goal = goal_of(which, BUFFER)
+    keeper, kept, train = started(which, goal)
     assert kept.reference.replan.cause is ReplanCause.START
     for second in range(6, int(train.end_s) - 2):
         here = keeper.keep(train.at(second), goal)
@@ -75,14 +75,14 @@ def test_who_keeps_exactly_to_the_reference_gets_no_other(which: Which) -> None:
 
 
 def test_a_reference_of_a_standing_train_is_made_anew_when_it_departs() -> None:
-    keeper, goal, start_m = keeper_of(LINE), goal_of(LINE, BUFFER), section_of(LINE).start_m
-    standing = keeper.keep(TrainState(ns(0), start_m, 0.0), goal)
-    waiting = keeper.keep(TrainState(ns(10), start_m, 0.0), goal)
+    goal, start_m = goal_of(LINE, BUFFER), section_of(LINE).start_m
+    keeper = waiting(LINE, goal)
+    standing = stood(keeper, LINE, goal)
+    later = keeper.keep(TrainState(ns(10), start_m, 0.0), goal)
     moving = keeper.keep(TrainState(ns(18), start_m + 1.0, 1.0), goal)
-    assert standing is not None
-    assert waiting is not None
+    assert later is not None
     assert moving is not None
-    assert waiting.reference is standing.reference
+    assert later.reference is standing.reference
     assert moving.reference is not standing.reference
     assert moving.reference.replan.cause is ReplanCause.START
     assert moving.reference.replan.time_ns == ns(18)
@@ -95,8 +95,8 @@ def test_who_is_late_gets_one_other_reference_which_says_what_it_gains(behind_s:
 
     At 6 s, whole steps of speed leave no reference that gains enough and is not early itself.
     """
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    first, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, first, train = started(LINE, goal)
     assert not driven(keeper, train, goal, range(6, 100))
     made = driven(keeper, train, goal, range(100, 101), behind_s=behind_s)
     assert [(second, kept.reference.replan.cause) for second, kept in made] == [(100, ReplanCause.LATE)]
@@ -113,8 +113,8 @@ def test_who_is_late_gets_one_other_reference_which_says_what_it_gains(behind_s:
 
 def test_a_new_reference_made_in_doubt_changes_no_instruction_for_10_s() -> None:
     """Shown side by side with the old one; one made for the same state with no regard to the old one changes it now."""
-    keeper, goal, free = keeper_of(LINE), goal_of(LINE, BUFFER), SpeedsAllowed(math.inf, math.inf)
-    old, train = started(keeper, LINE, goal)
+    goal, free = goal_of(LINE, BUFFER), SpeedsAllowed(math.inf, math.inf)
+    keeper, old, train = started(LINE, goal)
     assert not driven(keeper, train, goal, range(6, 100))
     behind_s, showings = 12.0, (Showing(DEFAULT.showing), Showing(DEFAULT.showing), Showing(DEFAULT.showing))
     for second in range(80, 100):  # What was shown before is the same.
@@ -144,8 +144,8 @@ def test_a_new_reference_made_in_doubt_changes_no_instruction_for_10_s() -> None
 
 def test_a_driver_who_is_known_to_lose_time_gets_another_reference_all_the_same() -> None:
     """It is quicker by the time he is likely to lose; that it is therefore early on paper is no reason against it."""
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    _, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, _, train = started(LINE, goal)
     ((_, kept),) = driven(keeper, train, goal, range(100, 110), behind_s=8.0)
     assert kept.reference.replan.cause is ReplanCause.LATE
     assert kept.reference.replan.gain_s > 4.0
@@ -153,14 +153,14 @@ def test_a_driver_who_is_known_to_lose_time_gets_another_reference_all_the_same(
 
 
 def test_who_is_late_by_less_than_the_stated_seconds_keeps_his_reference() -> None:
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    _, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, _, train = started(LINE, goal)
     assert not driven(keeper, train, goal, range(6, 300), behind_s=DEFAULT.keeping.late_s - 1.5)
 
 
 def test_who_is_early_by_far_gets_a_slower_reference_that_saves_energy() -> None:
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    _, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, _, train = started(LINE, goal)
     assert not driven(keeper, train, goal, range(6, 100))
     ((_, kept),) = driven(keeper, train, goal, range(100, 101), behind_s=-25.0)
     replan = kept.reference.replan
@@ -171,8 +171,8 @@ def test_who_is_early_by_far_gets_a_slower_reference_that_saves_energy() -> None
 
 def test_a_reference_is_not_doubted_just_after_the_instruction_has_changed() -> None:
     """The train is 25 s early, but a driver is not told two things at once."""
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    kept, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, kept, train = started(LINE, goal)
     assert not driven(keeper, train, goal, range(6, 100))
     for second in range(100, 110):
         here = keeper.keep(train.at(second, behind_s=-25.0), goal, changes=Changes(last_ns=ns(100)))
@@ -185,8 +185,8 @@ def test_a_reference_is_not_doubted_just_after_the_instruction_has_changed() -> 
 
 def test_a_reference_is_not_doubted_just_before_the_next_change() -> None:
     """What was announced comes as announced; then the early train gets its new reference."""
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    kept, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, kept, train = started(LINE, goal)
     assert not driven(keeper, train, goal, range(6, 100))
     due = Changes(next_ns=ns(107.5))
     for second in range(100, 108):
@@ -203,19 +203,19 @@ def test_a_reference_that_does_not_say_its_brakes_is_taken_by_a_train_that_is_fa
     departs_s: int, *, anew: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The train departs after its time; the reference of the standing train would bring it there as late."""
-    keeper, goal, start_m = keeper_of(LINE), goal_of(LINE, BUFFER), section_of(LINE).start_m
-    standing = keeper.keep(TrainState(ns(0), start_m, 0.0), goal)
-    assert standing is not None
+    goal = goal_of(LINE, BUFFER)
+    keeper = waiting(LINE, goal)
+    standing = stood(keeper, LINE, goal)
     monkeypatch.setattr(Scheduled, "says_its_brakes", False)
-    moving = keeper.keep(TrainState(ns(departs_s), start_m + 1.0, 1.0), goal)
+    moving = keeper.keep(TrainState(ns(departs_s), section_of(LINE).start_m + 1.0, 1.0), goal)
     assert moving is not None
     assert (moving.reference is not standing.reference) is anew
 
 
 def test_a_young_reference_is_not_doubted() -> None:
     """The train is 30 s late, but the reference is younger than the least age."""
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    kept, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, kept, train = started(LINE, goal)
     young = range(6, 5 + int(DEFAULT.keeping.least_age_s))
     assert [cause for _, cause in driven(keeper, train, goal, young, behind_s=30.0)] == []
     later = driven(keeper, train, goal, range(young.stop, young.stop + 20), behind_s=30.0)
@@ -228,8 +228,8 @@ def test_a_train_that_cannot_be_earlier_keeps_its_reference_and_is_rarely_asked_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The train is hopelessly late: only the fastest run gains 3 s, in its last braking; no reference can do so."""
-    keeper, goal, asked = keeper_of(LINE), goal_of(LINE, -0.2), []
-    _, train = started(keeper, LINE, goal)
+    goal, asked = goal_of(LINE, -0.2), []
+    keeper, _, train = started(LINE, goal)
     monkeypatch.setattr("das.advice.coach.keeping.planned", lambda *args: asked.append(args) or planned(*args))
     assert not driven(keeper, train, goal, range(6, 200))
     assert len(asked) <= 194 / DEFAULT.keeping.asked_every_s
@@ -237,8 +237,8 @@ def test_a_train_that_cannot_be_earlier_keeps_its_reference_and_is_rarely_asked_
 
 @pytest.mark.parametrize("by_s", [-40.0, 60.0])
 def test_another_arrival_makes_another_reference_at_once(by_s: float) -> None:
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    first, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, first, train = started(LINE, goal)
     other = replace(goal, target_ns=goal.arrival_ns + round(by_s / NS))
     ((_, kept),) = driven(keeper, train, other, range(8, 9))
     assert kept.reference.replan.cause is ReplanCause.GOAL
@@ -250,8 +250,8 @@ def test_another_arrival_makes_another_reference_at_once(by_s: float) -> None:
 
 def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
     """Until the front of the changed line is ready, the new keeper keeps the old reference below the new limits."""
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    _, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, _, train = started(LINE, goal)
     free = section_of(LINE)
     one = Restriction(start_m=free.start_m + 9000.0, end_m=free.start_m + 9500.0, limit_mps=12.0)
     route = free.route.with_restrictions((one,))
@@ -368,8 +368,8 @@ def test_a_reference_that_could_not_be_made_in_the_background_is_asked_for_again
 @pytest.mark.parametrize(("earlier_s", "later_s"), [(40.0, None), (25.0, 60.0), (None, -6.0)])
 def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None, later_s: float | None) -> None:
     """The window counts from when the train would pass without one; keeping the reference, it gets no other one."""
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    kept, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, kept, train = started(LINE, goal)
     point_m, here = section_of(LINE).start_m + 9000.0, train.at(60)
     free_s = 60.0 + passes_s(
         kept.reference.schedule, kept.reference.schedule.forecast(here.s_m, here.v_mps), here.s_m, point_m
@@ -394,8 +394,8 @@ def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None,
 
 def test_who_would_miss_the_window_gets_another_reference() -> None:
     """The train is half a minute ahead of a reference that passes a point just after its earliest time."""
-    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
-    kept, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, kept, train = started(LINE, goal)
     here, point_m = train.at(60), section_of(LINE).start_m + 9000.0
     free_s = 60.0 + passes_s(
         kept.reference.schedule, kept.reference.schedule.forecast(here.s_m, here.v_mps), here.s_m, point_m
@@ -417,8 +417,8 @@ def test_who_is_far_off_the_speed_gets_another_reference_only_where_that_saves_e
 ) -> None:
     """The train is 4 m/s off its speed but nearly on time; for a slow train a new reference would need more energy."""
     keeping = KeepingSettings(late_s=60.0, early_s=60.0, least_gain_s=30.0, least_gain_power_s=least_gain_power_s)
-    keeper, goal = keeper_of(LINE, CoachSettings(keeping=keeping)), goal_of(LINE, BUFFER)
-    _, train = started(keeper, LINE, goal)
+    goal = goal_of(LINE, BUFFER)
+    keeper, _, train = started(LINE, goal, CoachSettings(keeping=keeping))
     for second in range(60, 400, 20):
         state = train.at(second)
         kept = keeper.keep(state._replace(v_mps=max(state.v_mps + away_mps, 1.0)), goal)
@@ -431,8 +431,7 @@ def test_who_is_far_off_the_speed_gets_another_reference_only_where_that_saves_e
 def test_without_a_front_there_is_no_reference_and_after_forgetting_it_starts_anew() -> None:
     goal, start_m = goal_of(LINE, BUFFER), section_of(LINE).start_m
     assert Keeper(section_of(LINE), None, DEFAULT).keep(TrainState(ns(0), start_m, 0.0), goal) is None
-    keeper = keeper_of(LINE)
-    _, train = started(keeper, LINE, goal)
+    keeper, _, train = started(LINE, goal)
     keeper.forget()
     assert keeper.reference is None
     ((_, kept),) = driven(keeper, train, goal, range(30, 31))
@@ -443,8 +442,8 @@ def test_without_a_front_there_is_no_reference_and_after_forgetting_it_starts_an
 def test_the_same_inputs_give_the_same_references() -> None:
     goal, found = goal_of(LINE, BUFFER), []
     for _ in range(2):
-        keeper = Keeper(section_of(LINE), coach_front(LINE), DEFAULT)
-        _, train = started(keeper, LINE, goal)
+        keeper = keeper_of(LINE)
+        _, train = departed(keeper, LINE, goal)
         made = driven(keeper, train, goal, range(100, 160), behind_s=8.0)
         found.append([(second, kept.reference.replan, kept.reference.schedule.phases) for second, kept in made])
     assert found[0] == found[1] != []

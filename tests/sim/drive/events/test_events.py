@@ -33,14 +33,14 @@ A_MPS2 = 0.5
 TOP_MPS = 10.0
 
 
-def speed_at(t_s: float) -> float:
+def speed_at(t_s: Any) -> Any:
     """Standing to 10 s, then 20 s of speeding up, a cruise to 130 s, braking for 20 s, standing from 150 s on."""
-    return float(np.interp(t_s, (10.0, 30.0, 130.0, 150.0), (0.0, TOP_MPS, TOP_MPS, 0.0)))
+    return np.interp(t_s, (10.0, 30.0, 130.0, 150.0), (0.0, TOP_MPS, TOP_MPS, 0.0))
 
 
 def way_at(t_s: float) -> float:
     grid = np.arange(0.0, t_s + 1e-9, 0.05)
-    return float(np.trapezoid([speed_at(x) for x in grid], grid)) if t_s > 0 else 0.0
+    return float(np.trapezoid(speed_at(grid), grid))
 
 
 def drive(*sent: tuple[topics.Topic, Any], stops: tuple[tuple[str, float, float, float], ...] = ()) -> Recording:
@@ -52,7 +52,7 @@ def drive(*sent: tuple[topics.Topic, Any], stops: tuple[tuple[str, float, float,
         for name, s_m, due, leaves in stops
     ]
     journey = [(topics.JOURNEY, das_pb2.Journey(time_ns=at_ns(0), stops=ordered))] if ordered else []
-    driven = (truth(t, way_at(t), speed_at(t), limit_mps=9.0 if t < 60 else 40.0) for t in range(171))
+    driven = (truth(t, way_at(t), float(speed_at(t)), limit_mps=9.0 if t < 60 else 40.0) for t in range(171))
     return in_memory(*driven, *journey, *sent)
 
 

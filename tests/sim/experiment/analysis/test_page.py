@@ -167,8 +167,8 @@ def test_missing_trials_are_counted_by_driver() -> None:
     study = made_up_study(Truth(drivers=12), 1)
     practice = study.trials.practice.copy()
     practice[:2] = True
-    said = page(analysed(replace(study, trials=replace(study.trials, practice=practice))))
-    assert "2: sub-001 finished fewer than the 9 of the other drivers" in said
+    said = dict(trial_rows(analysed(replace(study, trials=replace(study.trials, practice=practice)))))
+    assert said["missing trials"] == "2: sub-001 finished fewer than the 9 of the other drivers"
 
 
 def stopped_study() -> RunStudy:
@@ -196,8 +196,9 @@ def test_a_stopped_study_says_which_trials_are_missing() -> None:
     said = hangs_on(found)[-1]
     assert said.startswith("12 of the 36 planned trials are missing (sub-01: ")
     assert "; sub-04: all 9)" in said
-    assert dict(trial_rows(found))["missing trials"].startswith("12 of 36 planned: sub-01: ")
-    assert "sub-04: all 9" in page(found)
+    lacking = dict(trial_rows(found))["missing trials"]
+    assert lacking.startswith("12 of 36 planned: sub-01: ")
+    assert "sub-04: all 9" in lacking
 
 
 def test_the_order_is_told_as_it_was_driven() -> None:
@@ -228,23 +229,22 @@ def test_drivers_who_are_all_the_same_have_a_page_without_intervals() -> None:
 
 
 SMALL = {
-    "one driver": (made_up_study(Truth(drivers=1), 1), "because only one driver took part"),
-    "no comparison": (without_comparisons(made_up_study(Truth(drivers=6), 1)), "No comparison was planned"),
-    "no comparison, but conditions": (
+    "one driver": (made_up_study(Truth(drivers=1), 1), ["because only one driver took part"]),
+    "no comparison": (
         without_comparisons(made_up_study(Truth(drivers=6), 1)),
-        "Gap to the optimum (%)",
+        ["No comparison was planned", "Gap to the optimum (%)"],
     ),
     "markup": (
         made_up_study(Truth(drivers=6), 1, (compared("vector", "none", name="<script>x</script>"),)),
-        "&lt;script&gt;",
+        ["&lt;script&gt;"],
     ),
 }
 
 
 @pytest.mark.parametrize(("study", "expected"), SMALL.values(), ids=SMALL)
-def test_a_small_study_has_a_page_and_names_cannot_become_markup(study: RunStudy, expected: str) -> None:
+def test_a_small_study_has_a_page_and_names_cannot_become_markup(study: RunStudy, expected: list[str]) -> None:
     said = page(analysed(study))
-    assert expected in said
+    assert all(one in said for one in expected)
     assert "<script>" not in said
 
 

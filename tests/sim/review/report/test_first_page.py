@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -63,20 +64,28 @@ def bundled() -> ReviewedDrive:
     return recorded("zurich-zug-late")
 
 
-def in_json(subject: ReviewedDrive) -> dict[str, Any]:
-    (drive,) = json.loads(json.dumps(as_dict([subject], None, "")))["drives"]
+def not_compared() -> ReviewedDrive:
+    return recorded("references/departure-delay")
+
+
+Subject = Callable[[], ReviewedDrive]
+
+
+@cache
+def in_json(subject: Subject) -> dict[str, Any]:
+    (drive,) = json.loads(json.dumps(as_dict([subject()], None, "")))["drives"]
     assert isinstance(drive, dict)
     return drive
 
 
-def first_in_html(subject: ReviewedDrive) -> str:
-    return page([subject], None, "").partition('<section class="drive"')[0]
+@cache
+def first_in_html(subject: Subject) -> str:
+    return page([subject()], None, "").partition('<section class="drive"')[0]
 
 
 @pytest.mark.parametrize("subject", [fast, bundled], ids=["measured", "computed"])
-def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: Any) -> None:
-    found = subject()
-    drive, html, told = found.drive, first_in_html(found), in_json(found)["first_page"]
+def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: Subject) -> None:
+    drive, html, told = subject().drive, first_in_html(subject), in_json(subject)["first_page"]
     values = re.findall(r'<p class="value">(.*?)</p>', html)
     assert values == [
         lateness_text(told["arrived_late_s"]),
@@ -86,17 +95,16 @@ def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: A
     ]
     assert values == [one.value for one in page_figures(drive)]
     assert f"{100 * told['above_optimum_ratio']:.1f} % of the optimum" in page_figures(drive)[2].beside
-    energy = in_json(found)["energy"]
+    energy = in_json(subject)["energy"]
     for name in ("energy_kwh", "above_optimum_kwh", "above_optimum_ratio", "measured"):
         assert told[name] == energy[name]
-    assert told["arrived_late_s"] == drive.late_s == in_json(found)["stops"][-1]["arrived_late_s"]
+    assert told["arrived_late_s"] == drive.late_s == in_json(subject)["stops"][-1]["arrived_late_s"]
     assert told["over_limit_s"] == drive.violations.over_limit_s
 
 
 @pytest.mark.parametrize("subject", [fast, bundled], ids=["measured", "computed"])
-def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Any) -> None:
-    found = subject()
-    drive, html, told = found.drive, first_in_html(found), in_json(found)
+def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Subject) -> None:
+    drive, html, told = subject().drive, first_in_html(subject), in_json(subject)
     zone = "UTC" if str(drive.zone) == "UTC" else f"those of the line ({drive.zone})"
     assert f"Times of day are {zone}." in html
     listed = told["first_page"]["findings"]
@@ -227,12 +235,12 @@ def test_a_signal_that_was_passed_at_danger_is_the_first_finding() -> None:
 
 
 def test_a_drive_that_is_not_comparable_says_so_with_its_reason() -> None:
-    found = recorded("references/departure-delay")
-    reason = found.drive.not_comparable
-    arrival, driven, above, over = page_figures(found.drive)
+    drive = not_compared().drive
+    reason = drive.not_comparable
+    arrival, driven, above, over = page_figures(drive)
     assert (above.value, above.beside) == ("not comparable", reason)
     assert (arrival.value, driven.value, over.value) == ("not known", "not known", "0 s")
-    html, told = first_in_html(found), in_json(found)
+    html, told = first_in_html(not_compared), in_json(not_compared)
     assert f"Where the energy went cannot be said: not comparable: {reason}." in html
     figures = told["first_page"]
     assert [figures[name] for name in ("arrived_late_s", "energy_kwh", "above_optimum_kwh")] == [None, None, None]
@@ -288,16 +296,13 @@ def numbers_as_texts(value: Any, name: str = "") -> list[str]:
     return [name] if isinstance(value, str) and NUMBER_AS_TEXT.fullmatch(value) else []
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "zurich-zug-late",
-        pytest.param("references/train-ahead", marks=pytest.mark.nightly),
-        "references/departure-delay",
-    ],
-)
-def test_the_json_has_a_number_wherever_a_number_is_meant(name: str) -> None:
-    told = in_json(recorded(name))
+def train_ahead() -> ReviewedDrive:
+    return recorded("references/train-ahead")
+
+
+@pytest.mark.parametrize("subject", [bundled, pytest.param(train_ahead, marks=pytest.mark.nightly), not_compared])
+def test_the_json_has_a_number_wherever_a_number_is_meant(subject: Subject) -> None:
+    told = in_json(subject)
     # Times of day beside those in ns, versions, and reasons of an advice in words.
     allowed = {"time_utc", "simulator", "node", "recorder", "version", "reason"}
     assert set(numbers_as_texts(told)) <= allowed
@@ -320,10 +325,21 @@ LONG = DriveFinding(
 )  # fmt: skip
 
 
-def test_the_first_page_is_one_page_of_a4(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+LONG_NAME = "said by the recording: above the optimum (estimated), every unknown at its worst"
+
+
+@pytest.fixture(scope="module")
+def crowded() -> str:
+    """The page with findings and names as long as they get."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("sim.review.report.first_page.findings", lambda drive: (LONG,) * 3)
+        patched.setattr("sim.review.report.tables.input_rows", lambda drive: [(LONG_NAME, "29 to 97 kWh " * 3)] * 20)
+        return page([fast()], None, "")
+
+
+def test_the_first_page_is_one_page_of_a4(tmp_path: Path, crowded: str) -> None:
     """Its style says so; where a browser is installed, the printed page says so too."""
-    monkeypatch.setattr("sim.review.report.first_page.findings", lambda drive: (LONG,) * 3)
-    html = page([fast()], None, "")
+    html = crowded
     (margin_mm,) = re.findall(r"@page { size: A4 portrait; margin: (\d+)mm; }", html)
     ((height_mm, rest),) = re.findall(r"\.first { height: (\d+)mm;([^}]*)}", html)
     assert 0 <= A4_MM - 2 * int(margin_mm) - int(height_mm) <= 5
@@ -343,11 +359,9 @@ def test_the_first_page_is_one_page_of_a4(tmp_path: Path, monkeypatch: pytest.Mo
     assert [float(one) for one in box] == pytest.approx([595.0, 842.0], abs=1.0)
 
 
-def test_a_long_name_leaves_its_value_room_on_paper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_name_leaves_its_value_room_on_paper(tmp_path: Path, crowded: str) -> None:
     """Twenty values once took sixteen pages, one letter to a line. A browser, if there is one, prints them."""
-    rows = [("said by the recording: above the optimum (estimated), every unknown at its worst", "29 to 97 kWh " * 3)]
-    monkeypatch.setattr("sim.review.report.tables.input_rows", lambda _drive: rows * 20)
-    html = page([fast()], None, "")
+    html = crowded
     begin = html.index("What it was made from")
     assert ".pairs { table-layout: fixed; } .pairs th { width: 36%; }" in html
     assert '<table class="pairs">' in html[begin:]

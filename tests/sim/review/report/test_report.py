@@ -64,6 +64,11 @@ def fast() -> ReviewedDrive:
     return subject(DrivesFaster(PerfectDriver(flat_day().service.line), 3.0), "fast")
 
 
+@cache
+def fast_page() -> str:
+    return page([fast()], None, "")
+
+
 def other(recording: Recording | None = None, **known: object) -> Drive:
     """The fast drive with figures that are found already, or with something else in its recording."""
     found = Drive(source=recording or fast().drive.recording, given=inputs_of_day(flat_day()))
@@ -223,14 +228,14 @@ def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_ar
 
 
 def test_the_page_names_the_command_that_shows_the_drive_as_its_driver_saw_it() -> None:
-    assert "<code>das-sim desk fast.mcap</code>" in page([fast()], None, "")
+    assert "<code>das-sim desk fast.mcap</code>" in fast_page()
     messages = {name: said for name, said in fast().drive.recording.messages.items() if name != "cab"}
     without = other(replace(fast().drive.recording, messages=messages))
     assert "das-sim desk" not in page([fast()._replace(drive=without)], None, "")
 
 
 def test_the_page_needs_nothing_besides_itself() -> None:
-    html = page([fast()], None, "")
+    html = fast_page()
     assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", html)
     assert not re.findall(r"url\(|@import|<script|http://|https://", html)
     assert html.count("<figure>") == 6
@@ -253,18 +258,15 @@ def test_the_report_draws_the_curves_of_the_scene_as_the_picture_does() -> None:
             np.testing.assert_array_equal((x, y), in_picture[label].get_data())
 
 
-def test_what_people_wrote_cannot_become_markup(tmp_path: Path) -> None:
+def test_what_people_wrote_cannot_become_markup_and_without_line_there_is_no_energy(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "drive.mcap", seconds=120)
     das_sim("note", path.name, "--at", "0:20", "<script>alert(1)</script>", cwd=tmp_path)
-    html = page([subject_of(path)], None, "")
+    found = subject_of(path)
+    html = page([found], None, "")
     assert "<script>" not in html
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
-
-
-def test_without_line_and_train_the_page_says_why_there_is_no_energy(tmp_path: Path) -> None:
-    found = subject_of(write_recording(tmp_path / "drive.mcap", seconds=120))
     assert found.drive.attribution is None
-    assert "Where the energy went cannot be said: its route" in page([found], None, "")
+    assert "Where the energy went cannot be said: its route" in html
 
 
 def test_a_recording_that_was_cut_off_is_said_to_be_with_the_health_that_the_check_finds(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
 from das.domain.route import Stop
 from das.domain.units import KMH, NS
-from das.domain.vehicle import Resistance
+from das.domain.vehicle import Resistance, Vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.cli.trips import bundled_recording
@@ -98,6 +98,19 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
     path = write(tmp_path_factory.mktemp("trip"), points, on_route=True)
     job = job_of(load_trip(path, read_trip(path), route, TripOptions()))
     return job, trip_energies(job), energies
+
+
+def given_inputs(job: ReplayJob, vehicle: Vehicle | None = None) -> DriveInputs:
+    """Line and train of a replay, or another train."""
+    section = job.front.section
+    return DriveInputs(route=job.trip.route, vehicle=vehicle or section.vehicle, level=section.level, source="test")
+
+
+@pytest.fixture(scope="module")
+def replayed(driven: Driven) -> Drive:
+    """The drive of a replay's recording."""
+    job, found, _ = driven
+    return Drive(source=recorded(job, found), given=given_inputs(job))
 
 
 def test_who_drove_both_sections_as_well_as_possible_is_not_above_the_optimum(driven: Driven) -> None:
@@ -201,12 +214,6 @@ def test_nothing_is_late_or_early_without_a_timetable(driven: Driven) -> None:
     assert (arrival[1], arrival[2].endswith("no timetable was given")) == ("not known", True)
 
 
-def given_inputs(job: ReplayJob) -> DriveInputs:
-    """Line and train of a replay."""
-    section = job.front.section
-    return DriveInputs(route=job.trip.route, vehicle=section.vehicle, level=section.level, source="test")
-
-
 def timed(folder: Path, trip: Trip, departure: str, arrival: str) -> Path:
     """A journey from the first to the last stop of a trip."""
     path = folder / "journey.toml"
@@ -257,12 +264,9 @@ def test_a_journey_that_is_not_of_the_trip_is_refused(driven: Driven, tmp_path: 
         check_timing(replace(asked, delay_s=5.0))
 
 
-def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(driven: Driven) -> None:
+def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(driven: Driven, replayed: Drive) -> None:
     """Its journey does not name the stop on the way, at which the trip stood; the energies are those that it said."""
-    job, found, _ = driven
-    section = job.front.section
-    given = DriveInputs(route=job.trip.route, vehicle=section.vehicle, level=section.level, source="test")
-    drive = Drive(source=recorded(job, found), given=given)
+    (job, found, _), drive = driven, replayed
     for ours, theirs in zip(job.legs, drive.legs, strict=True):
         assert (ours.start.name, ours.end.name, ours.trip_s) == (theirs.start.name, theirs.end.name, theirs.trip_s)
         np.testing.assert_array_equal(ours.motion.time_ns, theirs.motion.time_ns)
@@ -274,26 +278,23 @@ def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(dr
     assert (likely.low_j, likely.high_j) == found.above.likely
 
 
-def test_less_than_the_best_possible_is_told_to_be_an_error(driven: Driven) -> None:
+def test_less_than_the_best_possible_is_told_to_be_an_error(driven: Driven, replayed: Drive) -> None:
     """The best run of a train that is said to be held back more than the true one takes more than was driven."""
     job, found, _ = driven
-    said = []
-    for c0_n in (3000.0, 5000.0):
-        resistance = Resistance(c0_n=c0_n, c1_n_per_mps=0.0, c2_n_per_mps2=12.0)
-        vehicle = replace(job.front.section.vehicle, resistance=resistance)
-        given = DriveInputs(route=job.trip.route, vehicle=vehicle, level=job.front.section.level, source="test")
-        said.append("is an error of positions" in paragraph(Drive(source=recorded(job, found), given=given)))
-    assert said == [False, True]
+    resistance = Resistance(c0_n=5000.0, c1_n_per_mps=0.0, c2_n_per_mps2=12.0)
+    given = given_inputs(job, replace(job.front.section.vehicle, resistance=resistance))
+    held_back = Drive(source=recorded(job, found), given=given)
+    assert ["is an error of positions" in paragraph(drive) for drive in (replayed, held_back)] == [False, True]
 
 
-def test_a_trip_that_needs_more_force_than_its_train_has_is_doubted_on_page_one(driven: Driven) -> None:
+def test_a_trip_that_needs_more_force_than_its_train_has_is_doubted_on_page_one(
+    driven: Driven, replayed: Drive
+) -> None:
     job, found, _ = driven
     vehicle = job.front.section.vehicle
     weak = replace(vehicle, traction=replace(vehicle.traction, max_force_n=0.6 * vehicle.traction.max_force_n))
-    said = []
-    for one in (vehicle, weak):
-        given = DriveInputs(route=job.trip.route, vehicle=one, level=job.front.section.level, source="test")
-        said.append(page_dict(Drive(source=recorded(job, found), given=given))["right_train"])
+    too_weak = Drive(source=recorded(job, found), given=given_inputs(job, weak))
+    said = [page_dict(drive)["right_train"] for drive in (replayed, too_weak)]
     assert said[0] == ""
     assert re.match(r"The trip needs more force than the assumed train has for \d+ % of the time\.", said[1])
 
