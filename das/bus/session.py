@@ -140,12 +140,18 @@ class Inbox:
 
 
 def free_ports(count: int) -> list[int]:
-    """Different TCP ports of 127.0.0.1 that are free now."""
-    with ExitStack() as stack:
-        probes = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) for _ in range(count)]
-        for probe in probes:
-            probe.bind(("127.0.0.1", 0))
-        return [int(probe.getsockname()[1]) for probe in probes]
+    """Different TCP ports of 127.0.0.1 that no other program gets for a minute, unless it asks for their numbers.
+
+    A closed connection is left on each: for that time the system gives such a port to nobody who asks for a free one,
+    while a bus may listen on it.
+    """
+    return [_set_aside() for _ in range(count)]
+
+
+def _set_aside() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()):
+        server.accept()[0].close()  # The side that closes first keeps the port.
+        return int(server.getsockname()[1])
 
 
 def endpoint(port: int) -> str:

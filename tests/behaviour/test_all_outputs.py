@@ -45,26 +45,10 @@ NUMBER: Final = r"([−+-]?\d+(?:\.\d+)?)"
 LENGTH_M, MIDDLE_M = 6000.0, 2500.0
 ROUTE: Final = """
 schema_version = 1
-[route]
-id = "with-a-stand"
-name = "With a stand"
-length_km = 6.0
-altitudes = "level"
-[[stops]]
-name = "A"
-position_km = 0.0
-[[stops]]
-name = "M"
-position_km = 2.5
-[[stops]]
-name = "B"
-position_km = 6.0
-[speed_limits]
-columns = ["position_km", "limit_kmh"]
-rows = [[0.0, 140.0]]
-[gradients]
-columns = ["position_km", "gradient_permille"]
-rows = [[0.0, 0.0]]
+route = {id = "with-a-stand", name = "With a stand", length_km = 6.0, altitudes = "level"}
+stops = [{name = "A", position_km = 0.0}, {name = "M", position_km = 2.5}, {name = "B", position_km = 6.0}]
+speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0.0, 140.0]]}
+gradients = {columns = ["position_km", "gradient_permille"], rows = [[0.0, 0.0]]}
 """
 
 

@@ -28,47 +28,28 @@ dwell_s = {dwell_s}
 """
 BROW = """
 schema_version = 1
-[route]
-id = "brow"
-name = "A brow"
-length_km = 8.0
-[[stops]]
-name = "A"
-position_km = 0
-[[stops]]
-name = "B"
-position_km = 8.0
-[speed_limits]
-columns = ["position_km", "limit_kmh"]
-rows = [[0, 80]]
-[gradients]
-columns = ["position_km", "gradient_permille"]
-rows = [[0, 0], [0.8, -28], [7.5, 0]]
+route = {id = "brow", name = "A brow", length_km = 8.0}
+stops = [{name = "A", position_km = 0}, {name = "B", position_km = 8.0}]
+speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0, 80]]}
+gradients = {columns = ["position_km", "gradient_permille"], rows = [[0, 0], [0.8, -28], [7.5, 0]]}
 """
 HILLS = """
 schema_version = 1
-[route]
-id = "hills"
-name = "Hills"
-length_km = 20
-[[stops]]
-name = "A"
-position_km = 0.0
-[[stops]]
-name = "B"
-position_km = 8.0
-[[stops]]
-name = "C"
-position_km = 20
-[speed_limits]
-columns = ["position_km", "limit_kmh"]
-rows = [[0.0, 80.0], [5.0, 100.0]]
+route = {id = "hills", name = "Hills", length_km = 20}
+stops = [{name = "A", position_km = 0.0}, {name = "B", position_km = 8.0}, {name = "C", position_km = 20}]
+speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0.0, 80.0], [5.0, 100.0]]}
 [gradients]
 columns = ["position_km", "gradient_permille"]
 rows = [[0.0, 0.0], [3.0, 15.0], [9.0, 2.0], [11.0, -10.0], [16.0, 0.0]]
 """
 RAILCAR = """
 schema_version = 1
+resistance = {c0_kn = 3, c1_kn_per_mps = 0.04, c2_kn_per_mps2 = 0.009}
+traction = {max_force_kn = 120, max_power_kw = 1600}
+friction_brake.max_force_kn = 200
+brakes.policy = "friction"
+service_brake = {deceleration_mps2 = 0.6, build_up_s = 2.5}
+losses = {default = "own", own = {mean_efficiency_ratio = 0.85, idle_kw = 20}}
 [vehicle]
 id = "railcar"
 name = "Railcar without electric brake"
@@ -77,28 +58,14 @@ mass_t = 180
 rotating_mass_ratio = 0.08
 length_m = 80
 max_speed_kmh = 120
-[resistance]
-c0_kn = 3
-c1_kn_per_mps = 0.04
-c2_kn_per_mps2 = 0.009
-[traction]
-max_force_kn = 120
-max_power_kw = 1600
-[friction_brake]
-max_force_kn = 200
-[brakes]
-policy = "friction"
-[service_brake]
-deceleration_mps2 = 0.6
-build_up_s = 2.5
-[losses]
-default = "own"
-[losses.own]
-mean_efficiency_ratio = 0.85
-idle_kw = 20
 """
 FREIGHT = """
 schema_version = 1
+resistance = {c0_kn = 18.0, c1_kn_per_mps = 0.3, c2_kn_per_mps2 = 0.03}
+traction = {max_force_kn = 300.0, max_power_kw = 4000.0}
+friction_brake.max_force_kn = 900.0
+brakes.policy = "friction"
+losses = {default = "own", own = {mean_efficiency_ratio = 0.85, idle_kw = 30.0}}
 [vehicle]
 id = "heavy"
 name = "Heavy freight train"
@@ -107,22 +74,6 @@ mass_t = 1200.0
 rotating_mass_ratio = 0.05
 length_m = 500.0
 max_speed_kmh = 100.0
-[resistance]
-c0_kn = 18.0
-c1_kn_per_mps = 0.3
-c2_kn_per_mps2 = 0.03
-[traction]
-max_force_kn = 300.0
-max_power_kw = 4000.0
-[friction_brake]
-max_force_kn = 900.0
-[brakes]
-policy = "friction"
-[losses]
-default = "own"
-[losses.own]
-mean_efficiency_ratio = 0.85
-idle_kw = 30.0
 """
 
 

@@ -86,29 +86,14 @@ def resident_mb(pid: int) -> float:
 
 LATE = """
 schema_version = 1
-[scenario]
-id = "late-everywhere"
-title = "Late at every stop"
-route = "zurich-luzern"
-vehicle = "re460-ic"
-[timetable]
-departure = "2026-11-21T08:04:00Z"
-buffer_percent = 12
-[sensors]
-position_noise_m = 0
-speed_noise_mps = 0
-[[disturbances]]
-kind = "departure-delay"
-stop = "Zürich HB"
-delay_s = {min = 0, max = 90}
-[[disturbances]]
-kind = "dwell-overrun"
-stop = "Thalwil"
-delay_s = {min = 0, max = 90}
-[[disturbances]]
-kind = "dwell-overrun"
-stop = "Zug"
-delay_s = {min = 0, max = 150}
+scenario = {id = "late-everywhere", title = "Late at every stop", route = "zurich-luzern", vehicle = "re460-ic"}
+timetable = {departure = "2026-11-21T08:04:00Z", buffer_percent = 12}
+sensors = {position_noise_m = 0, speed_noise_mps = 0}
+disturbances = [
+    {kind = "departure-delay", stop = "Zürich HB", delay_s = {min = 0, max = 90}},
+    {kind = "dwell-overrun", stop = "Thalwil", delay_s = {min = 0, max = 90}},
+    {kind = "dwell-overrun", stop = "Zug", delay_s = {min = 0, max = 150}},
+]
 """
 FEASIBLE_S = 2.0
 """A section is feasible where this is left beyond its least time: a real train builds its effort up."""

@@ -29,7 +29,7 @@ from sim.review.report.page import subject_of
 from sim.world.scenario import bundled_scenarios
 from tests.support.benchmark import shared_data, track_path, train_path
 from tests.support.flat_days import FLAT
-from tests.support.making import REPOSITORY, das_sim, refusal
+from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal
 
 REFERENCES: Final = REPOSITORY / "recordings" / "references"
 TOLERANCES: Final = {
@@ -50,10 +50,7 @@ Figures = Mapping[str, Any]
 
 def run(folder: Path, *args: str) -> dict[str, Any]:
     """What a command prints with --json."""
-    done = das_sim(*args, "--json", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    return das_sim_json(*args, cwd=folder)
 
 
 def figures(told: Figures) -> dict[str, Any]:

@@ -42,7 +42,7 @@ from sim.cli.trips import bundled_recording
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival
 from sim.trips.estimate import estimate_run
-from tests.support.making import das_sim, in_a_process, refusal, wait_until
+from tests.support.making import das_sim, das_sim_json, in_a_process, refusal, wait_until
 from tests.support.recordings import advices_so_far
 
 
@@ -162,11 +162,9 @@ def short_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.nightly
 def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(short_trip: Path, tmp_path: Path) -> None:
     """The lateness said is the least time minus the time left."""
-    done = das_sim(
-        "replay", str(short_trip), "--arrival", "150", "--delay", "20", "--out", "run.mcap", "--json", cwd=tmp_path
+    found = das_sim_json(
+        "replay", str(short_trip), "--arrival", "150", "--delay", "20", "--out", "run.mcap", cwd=tmp_path
     )
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
     assert found["timetable_fit"] == "late"
     assert found["timetable_time_left_s"] == pytest.approx(130.0)
     assert found["timetable_late_s"] == pytest.approx(found["min_time_s"] - 130.0, abs=0.1)
@@ -179,9 +177,7 @@ def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(sh
 def test_speed_is_kept_in_real_time(short_trip: Path, tmp_path: Path) -> None:
     """So slow that the wall clock tells it from a replay that does not wait."""
     began = time.monotonic()
-    done = das_sim("replay", str(short_trip), "--speed", "40", "--out", "run.mcap", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = das_sim_json("replay", str(short_trip), "--speed", "40", "--out", "run.mcap", cwd=tmp_path)
     assert found["real_time_factor"] <= 40.4
     assert time.monotonic() - began > found["advices"] / 40.4
 

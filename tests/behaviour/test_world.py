@@ -49,68 +49,25 @@ from tests.support.recordings import advices_so_far
 
 EVENTFUL = """
 schema_version = 1
-[scenario]
-id = "eventful"
-title = "All at once"
-route = "line.toml"
-vehicle = "re460-ic"
-[timetable]
-departure = "2026-11-21T08:04:00Z"
-buffer_percent = 20
-dwell_s = 20
-[truth]
-head_wind_kmh = 10
-[sensors]
-force_noise_percent = 2
-[[disturbances]]
-kind = "departure-delay"
-stop = "A"
-delay_s = {min = 2, max = 9}
-[[disturbances]]
-kind = "restriction"
-from_m = 1200
-to_m = 1500
-speed_kmh = 50
-announced_m = 900
-[[disturbances]]
-kind = "node-restart"
-at_s = 70
-[[disturbances]]
-kind = "signal-stop"
-at_m = 4500
-seen_m = 900
-clears_after_s = {min = 60, max = 80}
-[[disturbances]]
-kind = "sensor-fault"
-fault = "dropout"
-from_s = 40
-for_s = 6
-[[disturbances]]
-kind = "bus-outage"
-from_s = 100
-for_s = 8
+scenario = {id = "eventful", title = "All at once", route = "line.toml", vehicle = "re460-ic"}
+timetable = {departure = "2026-11-21T08:04:00Z", buffer_percent = 20, dwell_s = 20}
+truth.head_wind_kmh = 10
+sensors = {force_noise_percent = 2}
+disturbances = [
+    {kind = "departure-delay", stop = "A", delay_s = {min = 2, max = 9}},
+    {kind = "restriction", from_m = 1200, to_m = 1500, speed_kmh = 50, announced_m = 900},
+    {kind = "node-restart", at_s = 70},
+    {kind = "signal-stop", at_m = 4500, seen_m = 900, clears_after_s = {min = 60, max = 80}},
+    {kind = "sensor-fault", fault = "dropout", from_s = 40, for_s = 6},
+    {kind = "bus-outage", from_s = 100, for_s = 8},
+]
 """
 LINE = """
 schema_version = 1
-[route]
-id = "line"
-name = "Two short sections"
-length_km = 5.5
-[[stops]]
-name = "A"
-position_km = 0.0
-[[stops]]
-name = "B"
-position_km = 2.5
-[[stops]]
-name = "C"
-position_km = 5.5
-[speed_limits]
-columns = ["position_km", "limit_kmh"]
-rows = [[0.0, 90.0], [3.0, 110.0]]
-[gradients]
-columns = ["position_km", "gradient_permille"]
-rows = [[0.0, 2.0], [2.0, -3.0]]
+route = {id = "line", name = "Two short sections", length_km = 5.5}
+stops = [{name = "A", position_km = 0.0}, {name = "B", position_km = 2.5}, {name = "C", position_km = 5.5}]
+speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0.0, 90.0], [3.0, 110.0]]}
+gradients = {columns = ["position_km", "gradient_permille"], rows = [[0.0, 2.0], [2.0, -3.0]]}
 """
 
 

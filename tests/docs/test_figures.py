@@ -9,7 +9,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from mkdocs.commands.build import build
 from mkdocs.config import load_config
@@ -19,7 +18,6 @@ from docs.studies import figures, paper
 from docs.studies.figures import ROOT, input_hash, made, marks_of, value_of
 from docs.studies.notebooks import NOTEBOOKS
 from docs.studies.output import DOCS, Output
-from docs.studies.relaxed_loss import lower_hull
 from tests.support.kept_figures import (
     SAME_PICTURE,
     kept_cells,
@@ -110,20 +108,6 @@ def test_outputs_of_the_notebook_with_an_own_line(tmp_path: Path, monkeypatch: p
 def test_a_picture_of_the_study(tmp_path: Path) -> None:
     paper.make(["fig4"], Output(tmp_path))
     assert same_picture(PAPER / "fig4.png", tmp_path / "fig4.png")
-
-
-@pytest.mark.nightly
-def test_every_picture_and_page_of_the_study(tmp_path: Path) -> None:
-    paper.make(list(paper.ITEMS), Output(tmp_path))
-    assert [path.name for path in PAPER.glob("*.png") if not same_picture(path, tmp_path / path.name)] == []
-    for page in PAPER.glob("*.md"):
-        now = (tmp_path / page.name).read_text(encoding="utf-8")
-        assert not_on_page(page.read_text(encoding="utf-8"), now.splitlines()) == []
-
-
-def test_the_hull_of_the_relaxation_is_the_largest_convex_function_below() -> None:
-    hull = lower_hull(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 5.0, 1.0, 3.0]))
-    assert hull == pytest.approx([0.0, 0.5, 1.0, 3.0])
 
 
 # ------------------------------------------------------------------------------------------------ the hook of the build

@@ -31,7 +31,7 @@ def judge(tmp_path_factory: pytest.TempPathFactory) -> Judge:
 
 
 def coached() -> Drawn:
-    return replace(draw(0, Presentation.COACH, Style.FORCE), sensors=Sensors())
+    return replace(draw(0), presentation=Presentation.COACH, style=Style.FORCE, sensors=Sensors())
 
 
 def sound() -> Seen:

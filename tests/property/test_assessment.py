@@ -1,7 +1,7 @@
 """The safety assessment: random days in closed loop, judged by a witness that reads the raw files.
 
 `DAS_ASSESSMENT_DAYS=1000 pytest tests/property/test_assessment.py` drives more days; `DAS_ASSESSMENT_FIRST=500` begins
-with another one. `python -m tests.support.assess --first 17 --days 1 --excerpt 10` shows one second by second.
+with another one.
 
 Drivers do exactly what one of the presentations shows (the coach's, the full advice, the top speed, the four modes) up
 to 2 s late, and have no eyes of their own. On each day restrictions come, overlap and go, often nearer than the train
@@ -24,7 +24,8 @@ from typing import Any
 import pytest
 
 from das.advice.advice import Cause
-from tests.support.assessment import Assessor, drawn_days, table
+from tests.support.assessment import Assessor
+from tests.support.drawn_day import draw
 
 FIRST, DAYS = int(os.environ.get("DAS_ASSESSMENT_FIRST", "0")), int(os.environ.get("DAS_ASSESSMENT_DAYS", "50"))
 FAILED_ONCE = (97, 100)
@@ -51,10 +52,9 @@ def numbers() -> list[Any]:
 def test_no_advice_is_above_limit_or_brakes_whatever_fails(tmp_path: Path, days: Sequence[int]) -> None:
     """Random days with failures: none of them has an advice that the witness refuses, or a stop that is missed."""
     assessor = Assessor(tmp_path)
-    verdicts = [assessor.assess(drawn) for day in days for drawn in drawn_days(day, 1)]
+    verdicts = [assessor.assess(draw(day)) for day in days]
     counts: Counter[str] = sum((one.counts for one in verdicts), Counter())
     print(dict(counts))
-    print(table(verdicts))
     bad = [one.said() for one in verdicts if one.problems]
     assert not bad, "\n".join(bad)
     assert counts["advised"] > 0.3 * sum(counts[cause.label] for cause in Cause) + 1

@@ -36,16 +36,8 @@ LENGTH_M = 9000.0
 AS_PLANNED = Conditions()
 ROUTE = """
 schema_version = 1
-[route]
-id = "line"
-name = "line"
-length_km = 9.0
-[[stops]]
-name = "A"
-position_km = 0.0
-[[stops]]
-name = "B"
-position_km = 9.0
+route = {id = "line", name = "line", length_km = 9.0}
+stops = [{name = "A", position_km = 0.0}, {name = "B", position_km = 9.0}]
 [speed_limits]
 columns = ["position_m", "limit_kmh"]
 rows = [[0, 90], [1500, 120], [4000, 60], [4600, 110], [7000, 100]]
@@ -62,6 +54,14 @@ rows = [[2200, 900, 36], [6100, 600, 60]]
 """Lower limits between higher ones, hills, a clothoid, a wide and a tight curve, two tunnels."""
 VEHICLE = """
 schema_version = 1
+resistance = {c0_kn = 2.6, c1_kn_per_kmh = 0.02, c2_kn_per_kmh2 = 0.0009}
+traction = {max_force_kn = 180.0, max_power_kw = 2500.0}
+electric_brake = {max_force_kn = 150.0, max_power_kw = 2200.0}
+friction_brake = {max_force_kn = 90.0}
+losses = {default = "own", own = {traction_efficiency_ratio = 0.88, brake_efficiency_ratio = 0.85}}
+[tunnel_resistance]
+columns = ["cross_section_m2", "coefficient_kn_per_kmh2"]
+rows = [[24, 0.0012], [48, 0.0005]]
 [vehicle]
 id = "train"
 name = "train"
@@ -70,26 +70,6 @@ mass_t = 180
 rotating_mass_ratio = 0.08
 length_m = 150.0
 max_speed_kmh = 115.0
-[resistance]
-c0_kn = 2.6
-c1_kn_per_kmh = 0.02
-c2_kn_per_kmh2 = 0.0009
-[tunnel_resistance]
-columns = ["cross_section_m2", "coefficient_kn_per_kmh2"]
-rows = [[24, 0.0012], [48, 0.0005]]
-[traction]
-max_force_kn = 180.0
-max_power_kw = 2500.0
-[electric_brake]
-max_force_kn = 150.0
-max_power_kw = 2200.0
-[friction_brake]
-max_force_kn = 90.0
-[losses]
-default = "own"
-[losses.own]
-traction_efficiency_ratio = 0.88
-brake_efficiency_ratio = 0.85
 """
 Planned = tuple[Floats, dict[str, Any]]
 """Rows, and what the command says of them."""
@@ -363,7 +343,7 @@ rows = [[1700, 250], [6800, 120]]
 columns = ["position_m", "length_m"]
 rows = [[3500, 700], [8400, 200]]
 """,
-    VEHICLE.replace("[resistance]", "auxiliary_power_kw = 60.0\n[resistance]") + "[adhesion]\nadhesive_mass_t = 50.0\n",
+    VEHICLE + "auxiliary_power_kw = 60.0\n[adhesion]\nadhesive_mass_t = 50.0\n",
 )
 HERE = Conditions(mass_ratio=1.2, head_wind_mps=4.0, adhesion_ratio=0.9, receptivity_ratio=0.8)
 

@@ -72,8 +72,6 @@ class DayJudge:
         self._obeyed = False
         self._excused_mps = [0.0] * (int(judge.line.length_m) + 1)
         self._excused_to_m = -math.inf
-        self.worst_excess_mps = 0.0
-        """The most by which the train was faster than allowed while its driver obeyed (m/s)."""
 
     def problems(self, seen: Seen) -> Iterator[Problem]:
         """The problems of a second."""
@@ -141,7 +139,6 @@ class DayJudge:
     def _driven(self, seen: Seen) -> Iterator[Problem]:
         """The problem of a train that is too fast because its driver obeys."""
         excess_mps = seen.state.speed_mps - self._highest_mps(seen.state.s_m)
-        self.worst_excess_mps = max(self.worst_excess_mps, excess_mps)
         if excess_mps > OBEYED_MPS:
             yield self._problem("too-fast-by-obeying", seen, excess_mps, f"{excess_mps:.2f} m/s too fast by obeying")
 

@@ -1,19 +1,17 @@
-"""Drives and judges the days of the assessment, and prints the results as a table."""
+"""Drives and judges the days of the assessment."""
 
 from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from das.advice.advice import Cause
 from das.cab.fronts import Fronts
-from sim.drivers.kinds import Presentation
 from tests.support.advice_judge import MOVES_MPS, DayJudge, Judge, Problem
-from tests.support.assessed_day import AssessedDay, NeverArrivedError, Seen, Stood
-from tests.support.drawn_day import LINES, Drawn, Operators, Style, Upset, draw, write_files
+from tests.support.assessed_day import AssessedDay, NeverArrivedError, Seen
+from tests.support.drawn_day import LINES, Drawn, Operators, Style, Upset, write_files
 
 LAST_WORD = "last word:"
 """The text of an event begins with this if the last word has changed an advice."""
@@ -31,30 +29,15 @@ class Verdict:
     drawn: Drawn
     problems: list[Problem] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
-    missed_m: float = 0.0
-    excess_mps: float = 0.0
     moving_s: int = 0
     advised_s: int = 0
-    acts: int = 0
-
-    @property
-    def kinds(self) -> Counter[str]:
-        """How often each kind of problem occurred."""
-        return Counter(one.kind for one in self.problems)
-
-    def firsts(self) -> list[Problem]:
-        """The first problem of each kind."""
-        found: dict[str, Problem] = {}
-        for one in self.problems:
-            found.setdefault(one.kind, one)
-        return list(found.values())
 
     def said(self) -> str:
         """The day and its problems as text: for each kind the first one, the number, and the size of the worst."""
         lines = [self.drawn.said]
-        for first in self.firsts():
-            same = [one for one in self.problems if one.kind == first.kind]
-            lines.append(f"    {first.kind} x{len(same)}, worst {max(one.by for one in same):.2f}: {first.text}")
+        for kind in dict.fromkeys(one.kind for one in self.problems):
+            same = [one for one in self.problems if one.kind == kind]
+            lines.append(f"    {kind} x{len(same)}, worst {max(one.by for one in same):.2f}: {same[0].text}")
         return "\n".join(lines)
 
 
@@ -66,11 +49,11 @@ class Assessor:
         self._fronts = Fronts(threads=1, kept_bytes=KEPT_BYTES)
         self._judges: dict[tuple[Path, Path], Judge] = {}
 
-    def assess(self, drawn: Drawn, kept: list[Seen] | None = None) -> Verdict:
-        """Drive and judge a day; each second is appended to `kept`."""
+    def assess(self, drawn: Drawn) -> Verdict:
+        """Drive and judge a day."""
         verdict = Verdict(drawn=drawn)
         try:
-            self._assess(drawn, verdict, kept)
+            self._assess(drawn, verdict)
         except NeverArrivedError as error:
             verdict.problems.append(Problem("never-arrived", 0.0, 0.0, str(error)))
         except Exception as error:
@@ -78,34 +61,22 @@ class Assessor:
             verdict.problems.append(Problem("raised", 0.0, 0.0, f"{type(error).__name__}: {error}\n{place}"))
         return verdict
 
-    def _assess(self, drawn: Drawn, verdict: Verdict, kept: list[Seen] | None) -> None:
+    def _assess(self, drawn: Drawn, verdict: Verdict) -> None:
         route, vehicle = write_files(self._folder, drawn.seed % LINES, blended=drawn.blended)
         judge = self._judges.setdefault((route, vehicle), Judge(route, vehicle))
         day, of_day = AssessedDay(drawn, route, vehicle, judge.line, self._fronts), DayJudge(judge, drawn)
         stood = 0
         try:
             for seen in day.seconds():
-                if kept is not None:
-                    kept.append(seen)
-                for one in day.said.stood[stood:]:  # Before the judge learns what applies on the next leg.
-                    _add_stood(verdict, of_day, one)
+                # Before the judge learns what applies on the next leg.
+                verdict.problems += filter(None, map(of_day.stood, day.said.stood[stood:]))
                 stood = len(day.said.stood)
                 verdict.problems += of_day.problems(seen)
                 verdict.problems += _of_operators(drawn, seen, verdict.counts)
                 _count(verdict, seen)
-            for one in day.said.stood[stood:]:
-                _add_stood(verdict, of_day, one)
+            verdict.problems += filter(None, map(of_day.stood, day.said.stood[stood:]))
         finally:
-            verdict.excess_mps = of_day.worst_excess_mps
             verdict.problems += _of_the_day(drawn, day, verdict)
-
-
-def _add_stood(verdict: Verdict, of_day: DayJudge, stood: Stood) -> None:
-    """Judge where the train stopped."""
-    problem = of_day.stood(stood)
-    verdict.missed_m = max(verdict.missed_m, abs(stood.s_m - stood.stop_m))
-    if problem is not None:
-        verdict.problems.append(problem)
 
 
 def _count(verdict: Verdict, seen: Seen) -> None:
@@ -143,7 +114,6 @@ def _of_the_day(drawn: Drawn, day: AssessedDay, verdict: Verdict) -> list[Proble
     """The problems of the day as a whole."""
     found, said = [], day.said
     acts = [(second, text) for second, text in said.events if text.startswith(LAST_WORD)]
-    verdict.acts = len(acts)
     if acts and drawn.clean:
         found.append(Problem("last-word", acts[0][0], len(acts), f"{acts[0][0]:.0f} s: {acts[0][1]}"))
     usable = any(one.usable for one in said.estimates)
@@ -163,48 +133,3 @@ def _of_the_day(drawn: Drawn, day: AssessedDay, verdict: Verdict) -> list[Proble
     verdict.counts["calibration usable"] += usable
     verdict.counts["clocks said"] += any("its time stamps" in text for _, text in said.events)
     return found
-
-
-def drawn_days(
-    first: int, days: int, presentation: Presentation | None = None, style: Style | None = None
-) -> list[Drawn]:
-    """The days with these numbers; `presentation` and `style`, if given, apply to all of them."""
-    return [draw(seed, presentation, style) for seed in range(first, first + days)]
-
-
-def table(verdicts: Iterable[Verdict]) -> str:
-    """The results as text: one row for each presentation and driver, then one for each kind of problem."""
-    rows: dict[tuple[str, str], list[Verdict]] = {}
-    for one in verdicts:
-        rows.setdefault((one.drawn.presentation.value, one.drawn.style.value), []).append(one)
-    lines = [
-        "| presentation | driver | days | failed | worst miss, m | worst excess, m/s | advised | acts |",
-        "|---|---|---:|---:|---:|---:|---:|---:|",
-    ]
-    for (presentation, style), group in sorted(rows.items()):
-        moving = sum(one.moving_s for one in group if one.drawn.steady)
-        advised = sum(one.advised_s for one in group if one.drawn.steady) / max(moving, 1)
-        lines.append(
-            f"| {presentation} | {style} | {len(group)} | {sum(bool(one.problems) for one in group)} "
-            f"| {max(one.missed_m for one in group):.1f} | {max(one.excess_mps for one in group):.2f} "
-            f"| {advised:.1%} | {sum(one.acts for one in group)} |"
-        )
-    return "\n".join([*lines, "", *_kinds(rows)])
-
-
-def _kinds(rows: dict[tuple[str, str], list[Verdict]]) -> list[str]:
-    """Rows of text: for each kind of problem the number of days with it, the lowest day number, and the worst size."""
-    kinds: dict[str, list[Verdict]] = {}
-    for group in rows.values():
-        for one in group:
-            for kind in one.kinds:
-                kinds.setdefault(kind, []).append(one)
-    lines = ["| problem | days | first day | worst | worst day |", "|---|---:|---:|---:|---:|"]
-    for kind, days in sorted(kinds.items(), key=lambda item: -len(item[1])):
-
-        def worst(day: Verdict, kind: str = kind) -> float:
-            return max(one.by for one in day.problems if one.kind == kind)
-
-        least, most = min(one.drawn.seed for one in days), max(days, key=worst)
-        lines.append(f"| {kind} | {len(days)} | {least} | {worst(most):.2f} | {most.drawn.seed} |")
-    return lines

@@ -22,6 +22,23 @@ TRACKS = [
 ]
 TRAINS = ["CH_Stadler_FLIRT_TPF", "CN_Beijing_Subway", "NL_Intercity_VIRM6", "CH_Stadler_KISS_SBB"]
 JOURNEY = "CH_StGallen_Wil_Journey_01"
+TRAIN = {
+    name: {"unit": unit, "value": value}
+    for name, value, unit in (
+        ("mass", 100, "t"),
+        ("max traction power", 2000, "kW"),
+        ("max reg braking power", 2000, "kW"),
+        ("max traction force", 100, "kN"),
+        ("max reg braking force", 100, "kN"),
+        ("max speed", 160, "km/h"),
+        ("rolling resistance r0", 2, "kN"),
+        ("rolling resistance r1", 0.01, "kN/(km/h)"),
+        ("rolling resistance r2", 0.0005, "kN/(km/h)^2"),
+        ("efficiency traction", 90, "%"),
+        ("efficiency reg brake", 80, "%"),
+    )
+}
+"""A train of our own in the format of the library."""
 
 
 def shared_data(*, module: bool = True) -> Path:

@@ -21,7 +21,6 @@ from tests.support.needs import missing
 FLAT_DAY: Final = REPOSITORY / "sim" / "experiment" / "studies" / "days" / "flat-6km.toml"
 STRONGEST_MPS2: Final = 1.62
 """Deceleration of the train of `FLAT_DAY` with the lever at full brake: a person finds that out in a minute."""
-SETTLED_MS: Final = 250
 STATE: Final = "({...document.body.dataset})"
 
 

@@ -186,8 +186,8 @@ class Drawn:
         return ", ".join([*parts, f"force gain {sensors.gain:.2f}"])
 
 
-def draw(seed: int, presentation: Presentation | None = None, style: Style | None = None) -> Drawn:
-    """Draw a day; a given presentation or style replaces the drawn one and changes nothing else.
+def draw(seed: int) -> Drawn:
+    """Draw a day.
 
     Every part of the day has its own stream of random numbers, so that adding a part does not change existing days.
     """
@@ -196,8 +196,7 @@ def draw(seed: int, presentation: Presentation | None = None, style: Style | Non
         return np.random.default_rng([18, seed, part])
 
     whom, when, where = stream(0), stream(1), stream(2)
-    drawn_presentation = Presentation(str(whom.choice(list(SHARES), p=list(SHARES.values()))))
-    presentation = presentation or drawn_presentation
+    presentation = Presentation(str(whom.choice(list(SHARES), p=list(SHARES.values()))))
     styles, share = STYLES[presentation], float(whom.random())
     change = list(Change)[1 + int(when.integers(0, len(Change) - 1))] if when.random() < 0.3 else Change.NONE
     operators = list(Operators)[int(when.integers(0, len(Operators)))] if when.random() < 0.3 else Operators.ONE
@@ -205,7 +204,7 @@ def draw(seed: int, presentation: Presentation | None = None, style: Style | Non
     return Drawn(
         seed=seed,
         presentation=presentation,
-        style=style if style in styles else styles[int(share * len(styles))],
+        style=styles[int(share * len(styles))],
         delay_s=round(float(whom.choice([0.0, whom.uniform(0.0, LONGEST_DELAY_S)], p=[0.3, 0.7])), 1),
         operators=operators,
         sensors=_sensors(stream(3)),

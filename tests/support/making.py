@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ from collections.abc import Callable, Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -139,6 +141,13 @@ def refused(folder: Path, *args: str) -> str:
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run das-sim in a folder, within this process; it still starts a node, a recorder and workers as processes."""
     return run_here(sim.cli.program.main, sim.cli.program.__file__, args, cwd)
+
+
+def das_sim_json(*args: str, cwd: Path) -> Any:
+    """What das-sim prints with --json; it must succeed."""
+    done = das_sim(*args, "--json", cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 def refusal(*args: str, cwd: Path) -> str:

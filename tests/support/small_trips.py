@@ -14,7 +14,7 @@ from das.advice.settings import DEFAULT, AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.legs import Legs
-from das.cab.preparation import News, Preparation
+from das.cab.preparation import Preparation
 from das.cab.situation import Situation
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.losses import EfficiencyLoss
@@ -104,11 +104,6 @@ class SmallTrip:
         self.leg.see(here)
         self.legs.prepare(now_ns)
         return advised(self.leg, here, self.preparation.refusal(self.leg))
-
-
-def bad_news(made: SmallTrip) -> list[News]:
-    """What is not as it should be."""
-    return [news for news in made.take_news() if news.bad]
 
 
 def trip(

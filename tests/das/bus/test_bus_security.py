@@ -301,7 +301,7 @@ def test_a_simulation_runs_with_an_identity_for_each_of_its_processes(tmp_path: 
         lockstep.send(RESTRICTION, das_pb2.Restrictions(time_ns=start_ns))
         for tick in range(1, 4):
             now_ns = start_ns + tick * 10**9
-            lockstep.send(POSITION, das_pb2.Position(time_ns=now_ns, s_m=1_000.0 + 30.0 * tick, speed_mps=30.0))
+            lockstep.send(POSITION, das_pb2.Position(time_ns=now_ns, s_m=0.0, speed_mps=0.0))
             assert lockstep.ask(now_ns, tick).mode != das_pb2.MODE_NONE
         lockstep.finish(start_ns + 4 * 10**9)
     assert lockstep.traffic.recorded[ADVICE.name] == 3

@@ -6,6 +6,7 @@ of a callback.
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,6 +49,15 @@ def test_the_session_listens_on_loopback_only_and_does_not_scout() -> None:
 def test_endpoints_off_this_machine_are_refused(text: str) -> None:
     with pytest.raises(DasError, match=r"expected tcp/127\.0\.0\.1:PORT"):
         check_endpoint(text)
+
+
+def test_a_free_port_is_kept_for_a_bus() -> None:
+    """No other program gets it before the bus listens."""
+    for port in free_ports(3):
+        with socket.socket() as other, pytest.raises(OSError, match="in use"):
+            other.bind(("127.0.0.1", port))
+        with Bus(TRAIN, listen=endpoint(port)):
+            pass
 
 
 def test_registry_keys_are_unique_and_lead_back_to_their_topic() -> None:

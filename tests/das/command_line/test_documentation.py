@@ -1,26 +1,14 @@
-"""The page of commands names every command and every option of the three programs, as the programs have them."""
+"""The page of commands has a table for each command of the programs, and explains what all of them share."""
 
 from __future__ import annotations
 
-import pytest
+import re
 
-from tests.support.command_tables import BLOCK, PAGE, commands, with_tables
-
-
-@pytest.fixture(scope="module")
-def page() -> str:
-    return PAGE.read_text(encoding="utf-8")
+from docs.studies.reference import EVERYWHERE, commands
+from tests.support.making import REPOSITORY
 
 
-def test_every_command_has_a_part_of_the_page(page: str) -> None:
-    assert [block["command"] for block in BLOCK.finditer(page)] == list(commands())
-
-
-def test_the_tables_say_what_the_help_says(page: str) -> None:
-    """After a change of options or their help: python -m tests.support.command_tables writes the tables anew."""
-    assert with_tables(page, commands()) == page
-
-
-def test_the_head_of_the_page_explains_the_options_that_every_command_has(page: str) -> None:
-    head = page[: page.index("<!-- options")]
-    assert all(f"`{option}`" in head for option in ("-h", "--help", "--version", "--install-completion"))
+def test_the_page_asks_for_the_options_of_every_command_in_order() -> None:
+    page = (REPOSITORY / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
+    assert re.findall(r"docs\.studies\.reference -> ([\w-]+)\.md", page) == list(commands())
+    assert [option for option in EVERYWHERE if f"`{option}`" not in page[: page.index("{{")]] == []

@@ -16,15 +16,11 @@ from das.table.reading import Table
 from tests.support.copies import copy_of, edit, run_copy
 from tests.support.making import das_precompute
 
-PLAN = """schema_version = 1
-[[routes]]
-route = "flat-6km"
-[[trains]]
-vehicle = "re460-ic"
-[tables]
-buffers_percent = [0, 10]
-max = false
-multipliers = 8
+PLAN = """
+schema_version = 1
+routes = [{route = "flat-6km"}]
+trains = [{vehicle = "re460-ic"}]
+tables = {buffers_percent = [0, 10], max = false, multipliers = 8}
 """
 ON_BOARD = """
 import json

@@ -9,26 +9,16 @@ from pathlib import Path
 import pytest
 
 from das.domain.files.load import load_journey, load_route
-from das.domain.units import KM
 from precompute.sheet import half_minutes, span_words
 from tests.support.feeds import NAMES, PLACES_M, write_feed
 from tests.support.making import das_precompute, in_a_process, printed, refused
 
-ROUTE = f"""
+ROUTE = """
 schema_version = 1
-[route]
-id = "made"
-name = "Made line"
-length_km = {PLACES_M[-1] / KM}
-[speed_limits]
-columns = ["position_km", "limit_kmh"]
-rows = [[0, 120], [10, 90]]
-[gradients]
-columns = ["position_km", "gradient_permil"]
-rows = [[0, 0.0], [9, 1.0]]
-[tunnels]
-columns = ["position_km", "length_km", "cross_section_m2"]
-rows = [[6.0, 0.4, 40.0]]
+speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0, 120], [10, 90]]}
+gradients = {columns = ["position_km", "gradient_permil"], rows = [[0, 0.0], [9, 1.0]]}
+tunnels = {columns = ["position_km", "length_km", "cross_section_m2"], rows = [[6.0, 0.4, 40.0]]}
+route = {id = "made", name = "Made line", length_km = 15.0}
 """ + "".join(f'[[stops]]\nname = "{n}"\nposition_m = {x}\n' for n, x in zip(NAMES, PLACES_M, strict=True))
 
 

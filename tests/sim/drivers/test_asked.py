@@ -164,34 +164,15 @@ def test_the_perfect_driver_keeps_a_board_on_the_way_to_the_mark(with_board: Lin
 
 DAY = """
 schema_version = 1
-[scenario]
-id = "board"
-title = "A board before the stop"
-route = "line.toml"
-vehicle = "re460-ic"
-[timetable]
-departure = "2026-11-21T08:00:00Z"
-buffer_percent = 8
-dwell_s = 30
+scenario = {id = "board", title = "A board before the stop", route = "line.toml", vehicle = "re460-ic"}
+timetable = {departure = "2026-11-21T08:00:00Z", buffer_percent = 8, dwell_s = 30}
 """
 BOARDS = """
 schema_version = 1
-[route]
-id = "board"
-name = "board"
-length_km = 2.5
-[[stops]]
-name = "A"
-position_km = 0
-[[stops]]
-name = "B"
-position_km = 2.5
-[speed_limits]
-columns = ["position_km", "limit_kmh"]
-rows = [[0, 120], [2.38, 30]]
-[gradients]
-columns = ["position_km", "gradient_permille"]
-rows = [[0, 0]]
+route = {id = "board", name = "board", length_km = 2.5}
+stops = [{name = "A", position_km = 0}, {name = "B", position_km = 2.5}]
+speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0, 120], [2.38, 30]]}
+gradients = {columns = ["position_km", "gradient_permille"], rows = [[0, 0]]}
 """
 
 

@@ -40,7 +40,6 @@ from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import present
 from sim.plant.kernels import LEVER, Command, PlantState
 from sim.plant.plant import Plant
-from tests.support.driver_tables import parameter_markdown
 from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train
 from tests.support.one_section import OneSection
 from tests.support.ride import Advise, Leg, Ride, advised_by, ride, shown
@@ -620,14 +619,11 @@ def test_parameters_out_of_range_are_refused_with_the_reason(changes: dict[str, 
         HumanParameters().after(-1)
 
 
-def test_every_parameter_is_documented_with_its_source() -> None:
+def test_every_parameter_has_a_meaning_and_a_source() -> None:
     for item in fields(HumanParameters):
         assert item.metadata["low"] <= item.default <= item.metadata["high"]
         assert item.metadata["source"]
         assert item.metadata["meaning"]
-    page = (REPOSITORY / "docs" / "reference" / "drivers.md").read_text(encoding="utf-8")
-    said = "docs/reference/drivers.md: put in what tests.support.driver_tables.parameter_markdown gives"
-    assert parameter_markdown() in page, said
 
 
 def test_das_sim_lists_the_drivers(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from sim.drivers.own_class import checked
 from sim.plant.kernels import Command
 from sim.plant.plant import force, lever, speed
 from tests.support.flat_days import FLAT
-from tests.support.making import REPOSITORY, das_sim, refusal
+from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal
 
 PAGE = REPOSITORY / "docs" / "how-to" / "bring-your-own-driver.md"
 WRONG = """
@@ -83,10 +83,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def driven(folder: Path, driver: str, *more: str) -> dict[str, Any]:
-    done = das_sim("run", "flat.toml", "--driver", driver, "--in-process", "--json", *more, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    return das_sim_json("run", "flat.toml", "--driver", driver, "--in-process", *more, cwd=folder)
 
 
 def test_the_driver_of_the_page_drives(folder: Path) -> None:

@@ -24,7 +24,6 @@ from sim.drivers.parameters import (
 )
 from sim.world.scenario import read_scenario
 from sim.world.service import Service, make_day
-from tests.support.driver_tables import population_markdown, population_on_page
 from tests.support.flat_days import FLAT, service_of
 from tests.support.making import das_sim, refusal
 
@@ -226,11 +225,6 @@ def test_a_batch_has_a_row_for_every_participant(tmp_path: Path) -> None:
     values = [json.loads(row["drawn"])["human"] for row in rows]
     assert values[0] == values[1] != values[2] == values[3]
     assert das_sim(*asked, "--participants", "3-5", "--workers", "1", "--json", cwd=tmp_path).stdout.count('"made": 2')
-
-
-def test_the_page_has_the_table_of_the_default_population(default: Population) -> None:
-    """Written anew by `python -m tests.support.driver_tables`."""
-    assert population_on_page() == population_markdown(default)
 
 
 def test_a_driver_without_a_population_is_who_he_was(service: Service) -> None:

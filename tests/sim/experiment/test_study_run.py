@@ -25,7 +25,7 @@ from sim.experiment.plan import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 from sim.experiment.trials import Keep, TrialJob, jobs_of, make_trial, run_study
 from sim.jobs.runner import Journal, attempted
 from tests.support.dask_cluster import running_cluster
-from tests.support.making import REPOSITORY, das_sim, refusal, wait_until
+from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal, wait_until
 from tests.support.needs import need_r
 
 pytestmark = pytest.mark.slow
@@ -34,27 +34,13 @@ pandas = pytest.importorskip("pandas")
 parquet = pytest.importorskip("pyarrow.parquet")
 
 DESIGN = """
-# A small study.
 schema_version = 1
-[experiment]
-name = "small"
-title = "A small study"
-seed = 4
-[participants]
-count = 2
-learning = true
-[procedure]
-practice_trials = 1
-break_after = 2
-[fixed]
-scenario = "flat-6km"
-hold_s = 5
-preview_s = 600
-[[factors]]
-name = "presentation"
-levels = ["none", "vector"]
-[analysis]
-measures = ["gap_to_optimum_ratio", "speed_rmse_mps", "power_brake_reversals"]
+experiment = {name = "small", title = "A small study", seed = 4}
+participants = {count = 2, learning = true}
+procedure = {practice_trials = 1, break_after = 2}
+fixed = {scenario = "flat-6km", hold_s = 5, preview_s = 600}
+factors = [{name = "presentation", levels = ["none", "vector"]}]
+analysis.measures = ["gap_to_optimum_ratio", "speed_rmse_mps", "power_brake_reversals"]
 """
 
 
@@ -68,9 +54,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def study(place: Path) -> Path:
     """The folder of a whole run."""
-    done = das_sim("experiment", "run", "small.toml", "-o", "whole", "--workers", "1", "--json", cwd=place)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout) == {"folder": "whole", "trials": 6, "made": 6, "failed": []}
+    told = das_sim_json("experiment", "run", "small.toml", "-o", "whole", "--workers", "1", cwd=place)
+    assert told == {"folder": "whole", "trials": 6, "made": 6, "failed": []}
     return place / "whole"
 
 
@@ -98,9 +83,8 @@ def test_the_table_has_a_row_for_every_trial(study: Path) -> None:
 def test_what_is_finished_is_not_driven_again_and_the_bytes_are_the_same(place: Path, study: Path) -> None:
     before = (study / TRIALS_TABLE).read_bytes()
     (study / TRIALS_TABLE).unlink()
-    done = das_sim("experiment", "run", "small.toml", "-o", "whole", "--json", cwd=place)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["made"] == 0
+    told = das_sim_json("experiment", "run", "small.toml", "-o", "whole", cwd=place)
+    assert told["made"] == 0
     assert (study / TRIALS_TABLE).read_bytes() == before
 
 
@@ -117,9 +101,8 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: P
     wait_until(lambda: journal.exists() and journal.read_bytes().count(b"\n") >= 2, 240.0)
     child.send_signal(signal.SIGKILL)
     child.communicate(timeout=60)
-    done = das_sim(*words, "--json", cwd=place)
-    assert done.returncode == 0, done.stderr
-    assert 0 < json.loads(done.stdout)["made"] <= 4
+    told = das_sim_json(*words, cwd=place)
+    assert 0 < told["made"] <= 4
     assert (folder / TRIALS_TABLE).read_bytes() == (study / TRIALS_TABLE).read_bytes()
 
 

@@ -38,7 +38,7 @@ from sim.world.loop import InProcess, World
 from tests.support.dirt import LENGTH_M, Point, all_together, clean, dropouts, late_end, on_route, spikes, write
 from tests.support.flat_days import flat_day
 from tests.support.made_line import north, posts_file, route
-from tests.support.making import das_sim, flat, in_a_process, make_train
+from tests.support.making import das_sim, das_sim_json, flat, in_a_process, make_train
 from tests.support.tracks import as_gpx
 
 C0_N, C2, LIMIT_MPS = 2000.0, 8.0, 35.0
@@ -164,9 +164,7 @@ def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> N
     fixes = [m.message for m in read_recording(tmp_path / "made.mcap").of(LOCATION)]
     rows = [[f"{f.latitude:.6f}", f"{f.longitude:.6f}", "", str(f.timestamp.ToMilliseconds())] for f in fixes]
     (tmp_path / "track.gpx").write_text(as_gpx(rows))
-    done = das_sim("trip", "track.gpx", "--route", "zurich-luzern", "--vehicle", "re460-ic", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = das_sim_json("trip", "track.gpx", "--route", "zurich-luzern", "--vehicle", "re460-ic", cwd=tmp_path)
     assert found["reversed"]
     assert [stand["stop"] for stand in found["stands"]] == ["Zug", "Zürich HB"]
     assert any("try --from Zug" in note for note in found["not_known"])

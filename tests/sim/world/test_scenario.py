@@ -217,26 +217,23 @@ def test_a_call_that_cannot_be_is_refused(flat: Callable[..., Path], calls: str,
         lay_out(read_scenario(path))
 
 
-BOARDS = """schema_version = 1
-[route]
-id = "boards"
-name = "boards"
-length_km = 5.0
-[[stops]]
-name = "A"
-position_km = 0
-[[stops]]
-name = "B"
-position_km = 5.0
-[speed_limits]
-columns = ["position_km", "limit_kmh"]
-rows = [[0, 120], [4.94, 40]]
-[gradients]
-columns = ["position_km", "gradient_permille"]
-rows = [[0, 0], [3, 6]]
+BOARDS = """
+schema_version = 1
+route = {id = "boards", name = "boards", length_km = 5.0}
+stops = [{name = "A", position_km = 0}, {name = "B", position_km = 5.0}]
+speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0, 120], [4.94, 40]]}
+gradients = {columns = ["position_km", "gradient_permille"], rows = [[0, 0], [3, 6]]}
 """
 """A line on which much of the time is that of braking."""
-SLOW_BRAKES = """schema_version = 1
+SLOW_BRAKES = """
+schema_version = 1
+resistance = {c0_kn = 22, c1_kn_per_mps = 0.15, c2_kn_per_mps2 = 0.055}
+traction = {max_force_kn = 300, max_power_kw = 5600}
+electric_brake = {max_force_kn = 150, max_power_kw = 2600}
+friction_brake.max_force_kn = 320
+brakes.policy = "blended"
+service_brake = {deceleration_mps2 = 0.15, build_up_s = 6}
+losses = {default = "own", own = {mean_efficiency_ratio = 0.85, idle_kw = 20}}
 [vehicle]
 id = "freight"
 name = "freight"
@@ -245,28 +242,6 @@ mass_t = 1600
 rotating_mass_ratio = 0.05
 length_m = 520
 max_speed_kmh = 100
-[resistance]
-c0_kn = 22
-c1_kn_per_mps = 0.15
-c2_kn_per_mps2 = 0.055
-[traction]
-max_force_kn = 300
-max_power_kw = 5600
-[electric_brake]
-max_force_kn = 150
-max_power_kw = 2600
-[friction_brake]
-max_force_kn = 320
-[brakes]
-policy = "blended"
-[service_brake]
-deceleration_mps2 = 0.15
-build_up_s = 6
-[losses]
-default = "own"
-[losses.own]
-mean_efficiency_ratio = 0.85
-idle_kw = 20
 """
 
 

@@ -973,12 +973,6 @@ def test_a_brake_weaker_than_needed_is_replaced_and_a_stronger_one_stays() -> No
     assert brakes.safe(strong, state, v_mps) is strong
 
 
-def effort_needed(left_m: float, rate_mps2: float) -> float:
-    """The effort to stop within `left_m`, at the speed from which the deceleration `rate_mps2` would do so."""
-    end_m, v_mps = section().end_m, math.sqrt(2.0 * rate_mps2 * left_m)
-    return ShownBrakes(section(), SETTINGS).ahead.effort_to(end_m - left_m, v_mps, end_m, 0.0)
-
-
 def test_the_effort_stands_in_the_last_metres_while_the_train_stands_near_the_mark(display: Shown) -> None:
     """In the last 10 m the effort stays if the train will stop near the mark; else it grows by 20 % or is released."""
     end_m, rate = section().end_m, display.schedule.braking_mps2(3)

@@ -460,17 +460,8 @@ def test_a_refusal_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
 
 PASSING = """
 schema_version = 1
-[journey]
-id = "x"
-name = "x"
-[[stops]]
-name = "A"
-position_km = 0
-departure_s = 0
-[[stops]]
-name = "B"
-position_km = 5
-arrival_s = 300
+journey = {id = "x", name = "x"}
+stops = [{name = "A", position_km = 0, departure_s = 0}, {name = "B", position_km = 5, arrival_s = 300}]
 [[passings]]
 name = "P"
 position_km = 2

@@ -19,6 +19,7 @@ from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.vehicle import BrakePolicy, Vehicle
 from tests.das.domain.files.refusing import Read, refused
+from tests.support import benchmark
 from tests.support.benchmark import DATA, JOURNEY, SHARED, TRACKS, TRAINS, journey_path, track_path, train_path
 
 TRAIN_FIGURES = {  # mass kg, kN and kW of traction, R(72 km/h) in kN by hand, brakes
@@ -90,17 +91,7 @@ TRACK = {
     "tunnels": rows({"position": "m", "length": "m", "cross section": "m^2"}, [1000, 200, 42], [3000, 400, 24]),
 }
 TRAIN = {
-    "mass": {"unit": "t", "value": 100},
-    "max traction power": {"unit": "kW", "value": 2000},
-    "max reg braking power": {"unit": "kW", "value": 2000},
-    "max traction force": {"unit": "kN", "value": 100},
-    "max reg braking force": {"unit": "kN", "value": 100},
-    "max speed": {"unit": "km/h", "value": 160},
-    "rolling resistance r0": {"unit": "kN", "value": 2},
-    "rolling resistance r1": {"unit": "kN/(km/h)", "value": 0.01},
-    "rolling resistance r2": {"unit": "kN/(km/h)^2", "value": 0.0005},
-    "efficiency traction": {"unit": "%", "value": 90},
-    "efficiency reg brake": {"unit": "%", "value": 80},
+    **benchmark.TRAIN,
     "tunnel resistance": rows({"cross section": "m^2", "coefficient": "kN/(km/h)^2"}, [24, 0.001], [40, 0.0005]),
 }
 FULL_TRAIN = {

@@ -49,14 +49,16 @@ mean_efficiency_ratio = 0.85
 idle_kw = 20.0
 [losses.l3]
 kind = "components"
-[losses.l3.auxiliaries]
-base_kw = 10.0
-fan_kw = 8.0
-rated_heat_w = 100e3
-[losses.l3.transformer]
-no_load_kw = 5.0
-copper_kw = 40.0
-rated_power_kw = 2000.0
+auxiliaries = {base_kw = 10.0, fan_kw = 8.0, rated_heat_w = 100e3}
+transformer = {no_load_kw = 5.0, copper_kw = 40.0, rated_power_kw = 2000.0}
+gear = {mesh_ratio = 0.03, churning_kw = 2.0, churning_speed_kmh = 144.0}
+motors.base_speed_kmh = 72.0
+motors.rated_force_kn = 90.0
+motors.magnetising_ratio = 0.25
+motors.pull_out_ratio = 2.0
+motors.brake_current_ratio = 1.1
+motors.copper_kw = 20.0
+motors.iron_kw = 6.0
 [losses.l3.converter]
 fixed_kw = 4.0
 line_ratio = 0.02
@@ -68,18 +70,6 @@ asynchronous_hz = 200.0
 stator_hz_per_mps = 1.8
 clock_speeds_kmh = [36.0, 72.0]
 clock_pulses = [7, 1]
-[losses.l3.motors]
-base_speed_kmh = 72.0
-rated_force_kn = 90.0
-magnetising_ratio = 0.25
-pull_out_ratio = 2.0
-brake_current_ratio = 1.1
-copper_kw = 20.0
-iron_kw = 6.0
-[losses.l3.gear]
-mesh_ratio = 0.03
-churning_kw = 2.0
-churning_speed_kmh = 144.0
 """
 
 
@@ -141,7 +131,7 @@ BAD_VEHICLES = [
     ("brake_efficiency_ratio = 0.8", "brake_efficiency_ratio = 0", r"losses\.own\.brake_efficiency_ratio = 0\.0: expe"),
     ('kind = "components"', 'kind = "magic"', r"losses\.l3\.kind = 'magic': expected components or csv"),
     ("line_ratio = 0.02\n", "", r"losses\.l3\.converter\.line is missing: expected line_ratio or line_percent"),
-    ("[losses.l3.gear]", "[losses.l3.gears]", r"losses\.l3\.gears = .*: expected one of the keys auxiliaries, .*gear"),
+    ("gear = {", "gears = {", r"losses\.l3\.gears = .*: expected one of the keys auxiliaries, .*gear"),
     ("iron_kw = 6.0", "iron_kw = -6.0", r"losses\.l3\.motors\.iron_w = -6000\.0: expected a finite number >= 0"),
     ("base_speed_kmh = 72.0", "base_speed_kmh = 0", r"losses\.l3\.motors\.base_speed_mps = 0\.0: expected .* > 0"),
     ("fan_kw = 8.0", "fan_kw = inf", r"losses\.l3\.auxiliaries\.fan_kw = inf: expected a finite number"),

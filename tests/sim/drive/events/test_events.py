@@ -29,7 +29,6 @@ from tests.support.hand_recorded import advice, cab, in_memory, told, truth
 from tests.support.making import das_sim, refusal
 from tests.support.recordings import at_ns, write_recording
 
-A_MPS2 = 0.5
 TOP_MPS = 10.0
 
 

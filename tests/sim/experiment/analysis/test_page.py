@@ -32,7 +32,7 @@ from tests.support.made_up_study import (
     made_up_study,
     write_study,
 )
-from tests.support.making import das_sim, refusal
+from tests.support.making import das_sim, das_sim_json, refusal
 from tests.support.needs import missing, need_r
 
 COMPARISONS = (compared("vector", "none"), compared("vector", "top-speed"))
@@ -251,9 +251,8 @@ def test_a_small_study_has_a_page_and_names_cannot_become_markup(study: RunStudy
 @pytest.mark.nightly
 def test_the_commands_analyse_a_folder_and_plan_the_next_study(tmp_path: Path) -> None:
     write_study(made_up_study(Truth(drivers=12), 1, COMPARISONS), tmp_path / "study")
-    done = das_sim("experiment", "analyse", "study", "-o", "report.html", "--effect", "0.78", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    first, second = json.loads(done.stdout)["differences"]
+    told = das_sim_json("experiment", "analyse", "study", "-o", "report.html", "--effect", "0.78", cwd=tmp_path)
+    first, second = told["differences"]
     assert first["stands_out"]
     assert first["interval"][0] < first["mean"] < first["interval"][1] < 0
     assert second["participants_needed"][0]["effect"] == pytest.approx(0.0078)
