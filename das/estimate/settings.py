@@ -30,9 +30,9 @@ class SensorSettings:
     """A stated standard deviation of the position below this is raised to it: no receiver is believed to be better."""
     least_speed_sd_mps: float = 0.02
     """A stated standard deviation of the speed below this is raised to it: no odometer is believed to be better."""
-    scale_sd: float = 0.05
+    scale_sd: float = 0.04
     """Every speed is wrong by a share that the positions have to tell, whatever deviation its sender states: one
-    standard deviation for worn wheels (8 % between new and worn), a wrong diameter and slip."""
+    standard deviation for worn wheels (8 % between new and worn: 2.3 %), a diameter set wrong and slip (3 %)."""
     speed_late_s: float = 1.75
     """A speed whose sender states no deviation is late by this: one standard deviation for receivers that filter their
     speeds (two recorded trips: 0.75 and 2.5 s)."""
