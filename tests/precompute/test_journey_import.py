@@ -63,6 +63,11 @@ def test_a_name_is_that_of_the_stop_with_the_most_words_in_common(feed: Path) ->
     assert [one.route_stop for one in backwards.stops] == list(NAMES[::-1])
 
 
+def test_a_stop_of_the_route_may_have_more_words_than_that_of_the_feed(feed: Path) -> None:
+    longer = tuple(f"{name} Station Nord" for name in NAMES)
+    assert [one.route_stop for one in placed(trip_of(feed), feed_route(names=longer)).stops] == list(longer)
+
+
 def test_stops_with_other_names_are_placed_on_the_geometry_of_the_route(feed: Path) -> None:
     found = placed(trip_of(feed), feed_route(geometry=True, names=("A", "B", "C", "D")))
     assert [one.route_stop for one in found.stops] == ["A", "B", "C", "D"], "within 500 m of the route's stops"

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from das.advice.goal import TrainState
+from das.advice.goal import Goal, TrainState
 from das.advice.planner import PlanBasis, Planner
 from das.advice.regimes import Regime
 from das.advice.settings import DisplaySettings
 from das.advice.shown_safely import AT_FOOT_MPS, FourModes, braked_enough, kept_behind
 from das.domain.braking import USUAL
 from das.solver.section import SectionOptions, build_section
+from das.solver.solve import solve_front
+from das.solver.state import least_time_s
 from tests.support.making import make_route
 from tests.support.small_trips import TRAIN
 
@@ -76,3 +78,15 @@ def test_a_display_of_four_modes_brakes_in_time_for_full_brakes_that_build_up() 
             break
     assert PLANNER.brakes_late(state, v_mps, settings.four.before_s)
     assert not PLANNER.brakes_late(state, v_mps, settings.valid_for_s), "an advice is valid for 3 s"
+
+
+def test_a_late_driver_who_brakes_as_planned_has_not_braked_early() -> None:
+    """A plan that is too old is followed by one that arrives as soon as the train can, not 5 s later."""
+    planner, late = Planner(PlanBasis(section=PLANNER.section, front=solve_front(PLANNER.section))), Goal(due_ns=1)
+    first = planner.plan_for(TrainState(0, 1500.0, 28.0), late)
+    here = first.at(3850.0)
+    assert first.speed_w[here.interval] > first.speed_w[here.interval + 1], "it brakes for 15 m/s"
+    again = planner.plan_for(TrainState(round(here.time_s * 1e9), 3850.0, here.speed_mps), late)
+    assert again is not first
+    least_s = least_time_s(PLANNER.section, 3850.0, here.speed_mps)
+    assert again.solution.time_s == pytest.approx(least_s, abs=0.5)

@@ -184,9 +184,10 @@ def test_a_train_that_rolls_back_is_not_advised() -> None:
     assert found.restarts == 0
 
 
-def test_a_frozen_sensor_is_noticed() -> None:
-    localisation = heard(80.0)
-    (last,) = fixes(80.0, from_s=80.0)
+@pytest.mark.parametrize("sd_m", [SD_M, 20.0])
+def test_a_frozen_sensor_is_noticed(sd_m: float) -> None:
+    """However coarse it is: speeds that do not change either are no coarse measurement."""
+    (last,) = (replace(one, uncertainty_m=sd_m) for one in fixes(80.0, from_s=80.0))
     localisation = heard(79.0)
     localisation.take(last)
     for second in range(81, 140):

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from das.solver.front import Front, SearchSettings, TimeSearch
+from das.solver.kernels.policy_values import blended_values
+from das.solver.kernels.tuples import Policies, Policy
 from das.solver.solution import Fit
 from das.solver.state import State
 
@@ -74,3 +76,16 @@ def test_the_bound_of_the_table_is_near_the_energy_and_unknown_above_the_envelop
     assert bound_j <= found.balance.input * 1.004
     above = State.at(hilly.section, 4_400.0, 35.0)
     assert above.table_bound_j(hilly.policies, above.totals(hilly.policies), 300.0) == -math.inf
+
+
+@pytest.mark.parametrize("offset_w", [0.0, 1000.0, 3000.0])
+def test_values_between_two_multipliers_are_those_of_the_cubic_with_their_times_as_slopes(offset_w: float) -> None:
+    """Of four values and slopes that are those of a cubic, every value between is its own."""
+    cubic = np.polynomial.Polynomial([9e6, 300.0, 0.02, -1e-6])
+    ladder_w = np.array([2000.0, 6000.0])
+    value_j, time_s = (np.tile(of(ladder_w), (1, 3, 1)) for of in (cubic, cubic.deriv()))
+    policies = Policies(lambda_w=ladder_w, value_j=value_j, time_to_go_s=time_s.astype(np.float32))
+    row = np.full(3, np.nan)
+    blended_values(policies, Policy(2000.0 + offset_w, 0, offset_w, 4000.0), 0, 1, 2, row)
+    assert row[1:] == pytest.approx(cubic(2000.0 + offset_w), rel=1e-9)
+    assert math.isnan(row[0])

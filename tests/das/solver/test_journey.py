@@ -246,6 +246,7 @@ def test_with_the_least_time_every_section_is_as_fast_as_it_can_be() -> None:
     plan = planner.plan()
     assert_kept(plan)
     assert [section.trajectory.time_s for section in plan.sections] == pytest.approx(times_s, abs=0.01)
+    assert [section.buffer_ratio for section in plan.sections] == pytest.approx([0.0, 0.0], abs=1e-3)
     assert plan.input_j == pytest.approx(planner.fastest_j(), rel=1e-3)
     assert [section.lambda_w for section in plan.sections] == [(math.inf,)] * 2
     assert plan.table_bound_j == -math.inf, "no price of time, no bound"
@@ -294,6 +295,18 @@ def test_a_tight_passing_is_that_of_brute_force_over_its_speed(shift_s: float, h
     assert abs(plan.table_gap_ratio) < 1e-3
     assert plan.table_bound_j <= found_j * (1 + 1e-3)
     assert 0.0 <= plan.gap_ratio < 0.01
+
+
+def test_a_train_passes_fast_enough_to_arrive_in_the_time_that_is_left() -> None:
+    """Behind the passing there is the least time from 20 m/s and 0.1 s more; slower trains there would be late."""
+    position_m, at_s = 3_500.0, 200.0
+    left_s = front(HILLY, TRAIN, position_m, 9_000.0).least_time_s(position_m, 20.0) + 0.1
+    passing = Passing(name="P", position_m=position_m, window=Window(earliest_s=at_s, latest_s=at_s))
+    plan = planned(start(), passing, end(9_000.0, at_s + left_s))
+    assert_kept(plan)
+    time_s, speed_mps = plan.sections[0].trajectory.passed(position_m)
+    assert time_s == pytest.approx(at_s, abs=0.02)
+    assert speed_mps > 19.9
 
 
 def test_two_tight_passings_are_those_of_brute_force_over_both_speeds() -> None:

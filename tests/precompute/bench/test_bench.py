@@ -17,7 +17,7 @@ from das.solver.solution import Fit, trajectory_on
 from das.solver.solve import solve_front
 from precompute.bench.command import NAMES, bench, figures_by_name, longest_section, measure
 from precompute.bench.figures import QUICK, Workload, made_up_section
-from precompute.bench.measuring import Figure, Roofline, Times, in_turns, peak_bytes_of
+from precompute.bench.measuring import CACHED_NUMBERS, CHAIN, REPEATS, Figure, Roofline, Times, in_turns, peak_bytes_of
 from precompute.bench.plain import bisected, numpy_sweep, plain_front
 from precompute.tables.synthetic import made_up_line
 from tests.support.closeness import assert_close
@@ -141,6 +141,13 @@ def test_the_roofline_adds_arithmetic_and_threads_share_it() -> None:
     assert roofline.of_threads(2).of_threads(1) == roofline
     measured = Roofline.measured()
     assert all(math.isfinite(rate) and rate > 0 for rate in vars(measured).values())
+
+
+def test_rates_are_operations_by_the_time_that_they_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("precompute.bench.measuring.timed", lambda _work, _rounds: [4.0, 2.0])
+    measured = Roofline.measured()
+    assert measured.divisions_ps == REPEATS * CACHED_NUMBERS / 2.0
+    assert measured.flops == 2.0 * CHAIN * measured.divisions_ps
 
 
 def test_the_bound_of_a_front_is_below_the_quickest_of_300_fronts() -> None:

@@ -113,6 +113,8 @@ def test_points_at_one_place_are_averaged_and_the_line_is_level_beyond_the_last(
     rows = "position_km,altitude_m\n5,100\n5,110\n25,125\n"
     route = with_heights(tmp_path, rows).route
     assert route.altitude_m([0, 5000, 25_000, LENGTH_M]) == pytest.approx([105, 105, 125, 125], abs=0.01)
+    near = with_heights(tmp_path, "position_km,altitude_m\n5,100\n5.005,100.2\n").route
+    assert near.altitude_m([LENGTH_M]) == pytest.approx([100.2], abs=0.01), "5 m apart are two places"
 
 
 @pytest.mark.parametrize(

@@ -63,6 +63,8 @@ def test_more_energy_is_told_where_the_faster_drive_took_it() -> None:
     assert found["more_energy_kwh"] > 0.3
     assert found["same"] is False
     assert found["measured"] is True
+    less_s, more_kwh = -found["more_time_s"], found["more_energy_kwh"]
+    assert sentences(aligned, 1)[0] == f"fast took {less_s:.0f} s less and {more_kwh:.1f} kWh more than calm."
 
 
 def limited(one: DriveOnTrack) -> DriveOnTrack:

@@ -17,7 +17,7 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.experiment.driving import Driven, StudyTrial, drive, service_of
 from sim.experiment.factors import FACTORS, Setting
 from sim.experiment.measures import MEASURES, measured
-from sim.experiment.study_files import EVENTS, SERIES, trial_file, trial_files
+from sim.experiment.study_files import EVENTS, SERIES, setting_sidecar, trial_file, trial_files
 from tests.support.making import REPOSITORY
 
 UNITS = {"kwh": "kWh", "s": "s", "m": "m", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "per_min": "1/min"}
@@ -77,6 +77,12 @@ def test_every_measure_has_a_value_and_its_unit_in_its_name(vector: Driven) -> N
         assert (measure.unit in ends) or (name in COUNTS and measure.unit == "1")
         assert measure.formula
         assert measure.source
+
+
+def test_a_trial_says_how_it_was_set_up_with_units(vector: Driven) -> None:
+    setting = setting_sidecar(Setting(scenario="flat-6km", hold_s=5.0), vector)
+    assert setting["hold_s"] | {"Description": ""} == {"Value": 5.0, "Units": "s", "Description": ""}
+    assert (setting["scenario"]["Units"], setting["preview_s"]["Value"]) == ("n/a", "all")
 
 
 def test_every_figure_of_a_run_is_a_measure(vector: Driven) -> None:

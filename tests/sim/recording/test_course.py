@@ -10,6 +10,7 @@ from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
 from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse, part_of
+from sim.recording.stands import stood_ns
 from sim.review.scene import ReviewScene
 from tests.support.recordings import SECONDS, START_NS, write_recording
 
@@ -46,3 +47,17 @@ def test_either_end_may_be_left_out(whole: Recording) -> None:
 def test_times_that_are_not_of_the_drive(whole: Recording, start: str | None, end: str | None) -> None:
     with pytest.raises(DasError, match="expected"):
         part_of(whole, start, end)
+
+
+@pytest.mark.parametrize(("speed_mps", "way_m", "after_s"), [(2.0, 0.5, 1.0), (4.0, 3.0, 1.5)])
+def test_a_train_stops_halfway_between_samples_where_positions_are_too_rough_to_tell(
+    speed_mps: float, way_m: float, after_s: float
+) -> None:
+    """In 2 s a train that brakes from 2 m/s runs 2 m, less than the error of 3 m; from 4 m/s 4 m: 2·Δs/v holds."""
+    seen = DrivenCourse(
+        time_ns=np.array([0, 2, 4, 6], dtype=np.int64) * 10**9,
+        s_m=np.array([0.0, way_m, way_m, 2.0 * way_m]),
+        speed_mps=np.array([speed_mps, 0.0, 0.0, speed_mps]),
+    )
+    _, came_ns, left_ns = stood_ns(way_m, 10.0, seen, seen)
+    assert (came_ns / 1e9, left_ns / 1e9) == (after_s, 6.0 - after_s)

@@ -114,6 +114,7 @@ def test_compared_drives_have_a_strip_of_what_each_display_said() -> None:
     drives = [Drive(source=one, given=inputs_of_day(day)) for one in shown.values()]
     aligned = AlignedDrives.of([on_track(one, label) for one, label in zip(drives, ("led", "alone"), strict=True)])
     figure = comparison_figure(aligned)
+    assert figure.get_figheight() < 11.7, "it fits on a sheet A4"
     speed, said, _, _ = figure.axes
     words = [text.get_text() for text in said.texts]
     assert words == [one.state for one in instructions(drives[0]).changes if one.state][: len(words)]

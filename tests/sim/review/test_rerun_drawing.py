@@ -54,6 +54,15 @@ def rows_by_entity(rrd: Path) -> dict[str, int]:
     return found
 
 
+def labels(rrd: Path, entity: str) -> list[str]:
+    """The texts beside the points of an entity of a rerun file."""
+    reader = chunk.RrdReader(rrd)
+    pieces = reader.stream(store=reader.recordings()[0]).to_chunks()
+    (batch,) = (one.to_record_batch() for one in pieces if one.entity_path == entity)
+    (found,) = batch.column("Points2D:labels").to_pylist()
+    return list(found)
+
+
 def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     rrd = tmp_path / "view.rrd"
     view.save_view(open_recording(whole), rrd)
@@ -73,6 +82,7 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
     assert found["/events"] == 3  # the node's and the simulator's
     assert {"/summary", "/account", "/distance/speed/driven", "/distance/names", "/track/stops"} <= found.keys()
+    assert labels(rrd, "/track/stops") == ["A", "B"]  # it ends 0.1 m before B
     assert "/map/way" not in found  # no tiles are asked for without being told
     assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
 

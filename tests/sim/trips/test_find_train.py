@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -114,6 +115,17 @@ def test_a_top_speed_may_be_exceeded_by_a_little(trip: Trip) -> None:
     names = {"near": driven / 1.04, "far": driven / 1.06}
     found = find_train(trip, [(name, replace(own_train(), max_speed_mps=top)) for name, top in names.items()])
     assert {one.names[0]: one.possible for one in found} == {"near": True, "far": False}
+
+
+def test_of_two_trains_that_differ_in_top_speed_that_which_is_driven_near_it_is_likelier(trip: Trip) -> None:
+    """The high speed (90th percentile) is below the allowed one by a share that is exponential, 10 % in the mean."""
+    place_m = np.linspace(trip.run.s_m[0], trip.run.s_m[-1], 1000)
+    driven_mps = float(np.percentile(np.interp(place_m, trip.run.s_m, trip.run.speed_mps), 90.0))
+    found = find_train(trip, [(f"{top:.0f}", replace(own_train(), max_speed_mps=top)) for top in (37.0, 40.0)])
+    evidence = {one.names[0]: one.evidence for one in found}
+    assert evidence["37"] - evidence["40"] == pytest.approx(
+        10.0 * (driven_mps / 37.0 - driven_mps / 40.0) + math.log(40.0 / 37.0), abs=0.01
+    )
 
 
 def test_none_of_the_trains_may_be_possible(trip: Trip) -> None:

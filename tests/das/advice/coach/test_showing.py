@@ -812,6 +812,14 @@ def test_an_acceleration_that_its_limit_does_not_allow_yet_is_announced_where_th
             assert one.in_s == pytest.approx(one.way_m / (v_kmh * KMH))
 
 
+def test_a_speed_that_is_held_past_a_board_that_allows_more_is_no_acceleration() -> None:
+    held = at_rising_limit((NotchRegime.HOLD, 29000.0, 80), (NotchRegime.COAST, RISES_M + 1500.0, 0))
+    at_m = RISES_M - 400.0 + np.array([0.0, 3000.0])
+    foreseen = Foreseen(np.array([0.0, 136.0]), at_m, np.full(2, 79 * KMH), as_shown=True)
+    following = Announcing(2).following(held.schedule, 0, RISES_M - 400.0, foreseen)
+    assert [one.mode for one in following] == [Regime.COAST]
+
+
 def test_an_acceleration_stays_announced_though_the_schedule_holds_its_speed_soon_after_the_board() -> None:
     """The schedule accelerates before the board and holds 100 km/h 60 m behind it; this train is still at 79 km/h."""
     rises = at_rising_limit(

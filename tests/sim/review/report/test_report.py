@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import shutil
@@ -239,6 +240,11 @@ def test_the_page_needs_nothing_besides_itself() -> None:
     assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", html)
     assert not re.findall(r"url\(|@import|<script|http://|https://", html)
     assert html.count("<figure>") == 6
+    drawings = [base64.b64decode(one) for one in re.findall(r"image/svg\+xml;base64,([^\"]+)", html)]
+    assert len(drawings) >= 6
+    heights_pt = [float(one) for drawing in drawings for one in re.findall(rb'<svg [^>]*height="([\d.]+)pt', drawing)]
+    assert len(heights_pt) == len(drawings)
+    assert max(heights_pt) < 842, "each fits on a sheet A4"
     parts = ("Punctuality", "Where the energy went", "Bookmarks and notes", "What happened", "Health", "What it was")
     for part in parts:
         assert part in html
