@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Final
 
 from das.domain.errors import DasError
+from docs.studies.forks import ERRORS, PRINTED, forked
 from docs.studies.output import DOCS
 
 ROOT: Final = DOCS.parent
@@ -20,15 +21,15 @@ PAGE_DPI: Final = 121
 
 
 def das_sim(*args: str | Path, folder: Path = ROOT) -> str:
-    """What a das-sim command prints in a folder; its progress is shown. Raises DasError if it fails."""
-    paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    done = subprocess.run(
-        [sys.executable, "-m", "sim.cli", *map(str, args)],
-        cwd=folder, env={**os.environ, "PYTHONPATH": paths}, stdout=subprocess.PIPE, text=True, check=False,
-    )  # fmt: skip
-    if done.returncode != 0:
-        raise DasError(f"das-sim {' '.join(map(str, args))}: ended with exit code {done.returncode}")
-    return done.stdout
+    """What a das-sim command prints in a folder. Raises DasError if it fails."""
+    with tempfile.TemporaryDirectory() as name:
+        said = Path(name)
+        process = forked(("-m", "sim.cli", *map(str, args)), folder, said)
+        process.join()
+        if process.exitcode != 0:
+            sys.stderr.write((said / ERRORS).read_text(encoding="utf-8"))
+            raise DasError(f"das-sim {' '.join(map(str, args))}: ended with exit code {process.exitcode}")
+        return (said / PRINTED).read_text(encoding="utf-8")
 
 
 def first_page(pdf: Path, picture: Path) -> None:
@@ -41,5 +42,5 @@ def first_page(pdf: Path, picture: Path) -> None:
 
 
 if __name__ == "__main__":
-    das_sim("experiment", "run", "smoke", "--out", "smoke", folder=Path.cwd())
+    das_sim("experiment", "run", "smoke", "--out", "smoke", "--workers", "1", folder=Path.cwd())
     das_sim("experiment", "analyse", "smoke", "-o", "smoke.html", folder=Path.cwd())

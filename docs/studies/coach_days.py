@@ -1,4 +1,4 @@
-"""What a driver is shown on two days, before (vector) and after (coach), as pictures for the documentation.
+"""What a driver is shown from Zürich to Zug on two days, before (vector) and after (coach), as pictures for the pages.
 
 `python -m docs.studies.coach_days` draws a picture of each into the working folder.
 """
@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -26,6 +27,8 @@ from sim.world.scenario import load_scenario
 from sim.world.service import Day, Service, make_day, prepare_service
 
 DAYS: Final = ("clear-day", "restriction-ahead")
+SECTIONS: Final = 2
+"""Each day ends at its second stop, Zug."""
 SEED: Final = 1
 BEFORE_AND_AFTER: Final = (Presentation.VECTOR, Presentation.COACH)
 SIZE_IN, DPI = (11.0, 7.2), 100
@@ -106,7 +109,8 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
 
 def draw_day(path: Path, scenario: str) -> None:
     """Draw a day of a scenario as the default human drove it with vector and with the coach: the same day for both."""
-    service = prepare_service(load_scenario(scenario))
+    whole = load_scenario(scenario)
+    service = prepare_service(replace(whole, to_stop="Zug", running_s=(whole.running_s or ())[:SECTIONS]))
     pyplot = offscreen_pyplot()
     figure, axes = pyplot.subplots(4, 1, figsize=SIZE_IN, sharex=True, height_ratios=(8, 1, 8, 1), layout="constrained")
     for presentation, pair in zip(BEFORE_AND_AFTER, (axes[:2], axes[2:]), strict=True):

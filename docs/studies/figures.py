@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import json
 import os
 import posixpath
 import re
@@ -21,7 +22,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -29,9 +29,14 @@ from typing import Any, Final
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 
+from docs.studies.forks import ERRORS, PRINTED
+
 ROOT: Final = Path(__file__).resolve().parents[2]
 KEPT: Final = ROOT / "build" / "figures"
-SOURCES: Final = ("das", "sim", "precompute", "docs/studies", "recordings/zurich-zug-late.mcap")
+SOURCES: Final = (
+    *("das", "sim", "precompute", "docs/studies", "recordings/zurich-zug-late.mcap"),
+    *("tests/das/estimate", "tests/das/solver", "tests/support"),
+)
 """Folders and files that decide what a command prints and draws."""
 LIBRARIES: Final = ("numpy", "numba", "scipy", "matplotlib")
 PROGRAMS: Final = {
@@ -40,7 +45,6 @@ PROGRAMS: Final = {
     "python": (),
 }
 """Words that come after this Python for the first word of a command."""
-PRINTED: Final = "printed.txt"
 MAKING: Final = "making-"
 COPIED: Final = (".png", ".html")
 """Ends of the names of files that become files of the site; others are put into the page as text."""
@@ -80,32 +84,44 @@ def input_hash(sources: tuple[str, ...] = SOURCES, root: Path = ROOT) -> str:
     return found.hexdigest()
 
 
-def made(command: str, inputs: str, kept: Path) -> Path:
-    """The folder with what a command printed and wrote; the command runs only if that is not there.
+def made(commands: Iterable[str], inputs: str, kept: Path) -> dict[str, Path]:
+    """The folders with what commands printed and wrote; a command runs only if its folder is not there.
 
-    Raises BadMarkError if the command is of no program of ours, or fails.
+    Raises BadMarkError if a command is of no program of ours, or fails; what the others left is kept.
     """
-    folder = kept / hashlib.sha256(f"{inputs}\n{command}".encode()).hexdigest()[:16]
-    if folder.is_dir():
-        return folder
+    found = {one: kept / hashlib.sha256(f"{inputs}\n{one}".encode()).hexdigest()[:16] for one in commands}
+    missing = {one: _arguments(one) for one, folder in found.items() if not folder.is_dir()}
+    if not missing:
+        return found
+    kept.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=kept, prefix=MAKING) as name:
+        places = {one: Path(name) / found[one].name for one in missing}
+        for place in places.values():
+            (place / "work").mkdir(parents=True)
+        jobs = [[arguments, str(places[one] / "work"), str(places[one])] for one, arguments in missing.items()]
+        paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+        done = subprocess.run(
+            [sys.executable, "-m", "docs.studies.forks"], input=json.dumps(jobs), stdout=subprocess.PIPE, text=True,
+            env={**os.environ, "PYTHONPATH": paths, "COLUMNS": "80", "NO_COLOR": "1", "MPLBACKEND": "agg"}, check=True,
+        )  # fmt: skip
+        codes = dict(zip(missing, json.loads(done.stdout), strict=True))
+        for one, place in places.items():
+            if codes[one] == 0:
+                (place / PRINTED).replace(place / "work" / PRINTED)
+                (place / "work").replace(found[one])
+        for one in (one for one, code in codes.items() if code):
+            said = "".join((places[one] / file).read_text(encoding="utf-8") for file in (PRINTED, ERRORS)).split("\n")
+            last = next((line for line in reversed(said) if line.strip()), "it says nothing")
+            raise BadMarkError(f"{one}: exit code {codes[one]}: {last}")
+    return found
+
+
+def _arguments(command: str) -> list[str]:
+    """What comes after `python` to run a command."""
     program, *words = shlex.split(command)
     if program not in PROGRAMS:
         raise BadMarkError(f"{command}: expected a command that begins with {', '.join(PROGRAMS)}")
-    kept.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=kept, prefix=MAKING) as name:
-        work = Path(name) / "work"
-        work.mkdir()
-        paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-        done = subprocess.run(
-            [sys.executable, *PROGRAMS[program], *words], cwd=work, capture_output=True, text=True, check=False,
-            env={**os.environ, "PYTHONPATH": paths, "COLUMNS": "80", "NO_COLOR": "1", "MPLBACKEND": "agg"},
-        )  # fmt: skip
-        if done.returncode != 0:
-            said = (done.stderr or done.stdout).strip().splitlines() or ["it says nothing"]
-            raise BadMarkError(f"{command}: exit code {done.returncode}: {said[-1]}")
-        (work / PRINTED).write_text(done.stdout, encoding="utf-8")
-        work.replace(folder)
-    return folder
+    return [*PROGRAMS[program], *words]
 
 
 def value_of(module: str, name: str, factor: str | None = None, root: Path = ROOT) -> str:
@@ -147,11 +163,9 @@ def written(command: str, name: str) -> Path:
 def on_files(files: Any, config: Any) -> Any:
     """Run all commands that pages name, and add their pictures and reports to the site."""
     asked = [one for page in files.documentation_pages() if page.src_uri.endswith(".md") for one in _asked(page)]
-    inputs = input_hash()
     commands = list(dict.fromkeys(command for command, _ in asked))
     _made.clear()
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        _made.update(zip(commands, pool.map(lambda command: made(command, inputs, KEPT), commands), strict=True))
+    _made.update(made(commands, input_hash(), KEPT))
     for name, path in copied(asked).items():
         files.append(File.generated(config, f"{URL}/{name}", abs_src_path=str(path)))
     for old in set(KEPT.glob("*")) - set(_made.values()):

@@ -1,8 +1,8 @@
 """The pictures of recordings in the pages, drawn from drives that are made for them, into the working folder.
 
-`python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt), first-minute.png
-and review.png; `what-if` what-if.txt and what-if.png. `report` draws report.png, and needs Chromium and pdftoppm
-(poppler): its picture is one of release 0.2, in docs/results/0.2/screens.
+`python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt) and review.png;
+`readme` first-minute.png, the picture of README; `what-if` what-if.txt and what-if.png. `report` draws report.png, and
+needs Chromium and pdftoppm (poppler): its picture is one of release 0.2, in docs/results/0.2/screens.
 """
 
 from __future__ import annotations
@@ -16,15 +16,26 @@ from docs.studies.bundled import das_sim, first_page
 
 
 def first_minute(folder: Path) -> None:
-    """The first minute: what it prints, its two drives beside each other, and all about the one with the coach."""
-    said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
+    """The first minute: what it prints, and all about the drive with the coach, with the recorded one beside it."""
+    said, recorded, coached = _driven(folder)
     (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
+    das_sim("view", coached, "--beside", recorded, "--plot", folder / "review.png")
+
+
+def readme(folder: Path) -> None:
+    """The two drives of the first minute beside each other."""
+    _, recorded, coached = _driven(folder)
+    das_sim("compare", recorded, coached, "--plot", folder / "first-minute.png")
+
+
+def _driven(folder: Path) -> tuple[list[str], Path, Path]:
+    """What the first minute prints, and its recordings by the names that pictures have."""
+    said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
     recorded, coached = (folder / f"{name}.mcap" for name in ("as recorded", "with the coach"))
     (made,) = (folder / "recordings").glob("*-coach.mcap")
     made.with_name(made.name.replace("-coach", "")).rename(recorded)
     made.rename(coached)
-    das_sim("compare", recorded, coached, "--plot", folder / "first-minute.png")
-    das_sim("view", coached, "--beside", recorded, "--plot", folder / "review.png")
+    return said, recorded, coached
 
 
 def what_if(folder: Path) -> None:
@@ -45,6 +56,7 @@ def report(folder: Path) -> None:
 
 PICTURES: Final[dict[str, Callable[[Path], None]]] = {
     "first-minute": first_minute,
+    "readme": readme,
     "what-if": what_if,
     "report": report,
 }

@@ -71,7 +71,8 @@ def test_every_result_says_in_its_title_of_which_release_data_seed_commit_and_da
 
 @pytest.mark.nightly
 def test_the_picture_of_readme_is_that_of_its_command(tmp_path: Path) -> None:
-    folder = made("python -m docs.studies.pictures first-minute", "test", tmp_path)
+    command = "python -m docs.studies.pictures readme"
+    folder = made([command], "test", tmp_path)[command]
     assert same_picture(DOCS / "images" / "first-minute.png", folder / "first-minute.png")
 
 
@@ -146,10 +147,22 @@ def test_a_page_gets_what_a_command_prints_and_writes(site: Path) -> None:
 
 def test_a_command_runs_once_and_again_when_its_inputs_change(tmp_path: Path) -> None:
     draws = "python -c 'import os; print(os.urandom(8))'"
-    first = made(draws, "inputs", tmp_path)
-    assert made(draws, "inputs", tmp_path) == first
-    assert made(draws, "other inputs", tmp_path) != first
+    first = made([draws], "inputs", tmp_path)
+    assert made([draws], "inputs", tmp_path) == first
+    assert made([draws], "other inputs", tmp_path) != first
     assert [path for path in tmp_path.iterdir() if not path.is_dir() or path.name.startswith(figures.MAKING)] == []
+
+
+def test_a_fork_leaves_alone_what_the_process_that_it_copies_has_open(tmp_path: Path) -> None:
+    """A folder that is removed at the end of its process is there after a fork of that process has ended."""
+    held = (
+        "import tempfile; from pathlib import Path; from docs.studies.forks import forked; "
+        "held = tempfile.TemporaryDirectory(); here = Path(held.name); "
+        'one = forked(("-c", "print(6 * 7)"), here, here); one.join(); '
+        'print(one.exitcode, (here / "printed.txt").read_text())'
+    )
+    command = f"python -c '{held}'"
+    assert (made([command], "inputs", tmp_path)[command] / "printed.txt").read_text(encoding="utf-8") == "0 42\n\n"
 
 
 def test_what_is_no_longer_asked_for_is_not_kept(site: Path) -> None:
@@ -203,6 +216,13 @@ def test_inputs_are_the_sources_and_not_what_python_keeps_of_them(tmp_path: Path
     with_train = now()
     law.write_text("A = 2\n", encoding="utf-8")
     assert len({before, with_train, now()}) == 3
+
+
+def test_the_tests_whose_drives_a_script_takes_are_inputs() -> None:
+    scripts = (path.read_text(encoding="utf-8") for path in (DOCS / "studies").glob("*.py"))
+    taken = {one.replace(".", "/") for text in scripts for one in re.findall(r"from (tests[\w.]*) import", text)}
+    assert len(taken) > 1
+    assert [one for one in taken if not one.startswith(figures.SOURCES)] == []
 
 
 # ------------------------------------------------------------------------------------------ stale figures that are kept

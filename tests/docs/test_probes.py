@@ -23,6 +23,13 @@ def test_a_row_of_the_benchmark(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not_on_page(peers.PAGE.read_text(encoding="utf-8"), [row]) == []
 
 
+@pytest.mark.slow
+def test_the_first_hard_problem_of_the_solver() -> None:
+    """Needs no data of others: the problem is drawn from its seed."""
+    row = f"| {' | '.join(peers._hard_cells(*next(peers.hard_rows()), None))} |"
+    assert not_on_page(peers.PAGE.read_text(encoding="utf-8"), [row]) == []
+
+
 @pytest.mark.nightly
 def test_a_real_trip_with_a_train_that_is_possible_and_one_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     trip = next(iter(real_trips.TRIPS))
