@@ -70,6 +70,7 @@ def departed(keeper: Keeper, which: Which, goal: Goal) -> tuple[Kept, Keeping]:
     """The reference that a keeper makes for a train that departed 5 s ago, and a train that keeps it."""
     standing = stood(keeper, which, goal)
     state = Keeping(standing.reference.schedule, standing.forecast, 0.0, section_of(which).start_m).at(5.0)
+    keeper.forget()
     kept = keeper.keep(state, goal)
     assert kept is not None
     return kept, Keeping(kept.reference.schedule, kept.forecast, 5.0, state.s_m)

@@ -260,7 +260,10 @@ class Keeper:
         if self._changed:
             return ReplanCause.LINE, forecast
         if self._standing and state.v_mps > STANDSTILL_MPS:
-            return ReplanCause.START, forecast  # The train departs now, on time or not.
+            late_s, keeping = forecast.time_s - goal.aimed_s(state.now_ns), self._settings.keeping
+            if not -keeping.early_s <= late_s <= keeping.late_s:
+                return ReplanCause.START, forecast
+            self._standing = False  # What the driver was told while the train stood still holds.
         if goal.arrival_ns != reference.arrival_ns:
             return ReplanCause.GOAL, forecast
         if goal.passing is not None and goal.passing != reference.point:

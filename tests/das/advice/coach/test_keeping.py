@@ -74,18 +74,23 @@ def test_who_keeps_exactly_to_the_reference_gets_no_other(which: Which) -> None:
         assert here.late_s == pytest.approx(kept.late_s, abs=0.5)
 
 
-def test_a_reference_of_a_standing_train_is_made_anew_when_it_departs() -> None:
+@pytest.mark.parametrize(("departs_s", "anew"), [(1, False), (18, True)])
+def test_what_a_standing_train_was_told_holds_if_it_departs_on_time(departs_s: int, *, anew: bool) -> None:
+    """A train that departs late gets another reference at once; the card of a punctual departure is what follows it."""
     goal, start_m = goal_of(LINE, BUFFER), section_of(LINE).start_m
     keeper = waiting(LINE, goal)
     standing = stood(keeper, LINE, goal)
-    later = keeper.keep(TrainState(ns(10), start_m, 0.0), goal)
-    moving = keeper.keep(TrainState(ns(18), start_m + 1.0, 1.0), goal)
+    later = keeper.keep(TrainState(ns(departs_s - 1), start_m, 0.0), goal)
+    moving = keeper.keep(TrainState(ns(departs_s), start_m + 1.0, 1.0), goal)
+    after = keeper.keep(TrainState(ns(departs_s + 1), start_m + 2.5, 2.0), goal)
     assert later is not None
     assert moving is not None
+    assert after is not None
     assert later.reference is standing.reference
-    assert moving.reference is not standing.reference
+    assert (moving.reference is not standing.reference) is anew
+    assert after.reference is moving.reference
     assert moving.reference.replan.cause is ReplanCause.START
-    assert moving.reference.replan.time_ns == ns(18)
+    assert moving.reference.replan.time_ns == ns(departs_s if anew else 0)
     assert moving.late_s < 3.0
 
 
