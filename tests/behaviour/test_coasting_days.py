@@ -78,20 +78,29 @@ max_speed_kmh = 100.0
 
 
 @pytest.mark.parametrize(
-    ("line", "train", "dwell_s", "most_kwh", "most_instructions"),
-    [pytest.param(BROW, RAILCAR, 30, 9.5, 6, id="brow"), pytest.param(HILLS, FREIGHT, 60, 575.0, 20, id="hills")],
+    ("line", "train", "dwell_s", "seeds", "early_s", "most_kwh", "most_instructions"),
+    [
+        pytest.param(BROW, RAILCAR, 30, (0, 1, 2), 9.0, 9.5, 8, id="brow"),
+        pytest.param(HILLS, FREIGHT, 60, (0,), 5.0, 575.0, 20, id="hills"),
+    ],
 )
 def test_coasting_down_to_a_higher_speed_saves_what_the_plan_saves(
-    tmp_path: Path, line: str, train: str, dwell_s: int, most_kwh: float, most_instructions: int
-) -> None:
-    """With "hold" and full traction in its place the train was 23 s (brow) and 39 s early, for 19.7 and 650 kWh."""
+    tmp_path: Path, line: str, train: str, dwell_s: int, seeds: tuple[int, ...], early_s: float, most_kwh: float,
+    most_instructions: int,
+) -> None:  # fmt: skip
+    """With "hold" and full traction in its place the train was 23 s (brow) and 39 s early, for 19.7 and 650 kWh.
+
+    The railcar reaches the brow at 40 km/h: whether it has to accelerate again there is chance, so the mean counts.
+    """
     for name, text in (("line", line), ("train", train), ("day", DAY.format(dwell_s=dwell_s))):
         (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
-    service = prepare_service(read_scenario(tmp_path / "day.toml"))
-    day = make_day(service, 0)
-    world = World(day, day.driver(DriverKind.PERFECT), Presentation.COACH, InProcess(service, coach=True))
-    figures = outcome(day, world.run()).as_dict()
-    assert abs(figures["late_s"]) < 5.0
-    assert figures["energy_kwh"] < most_kwh
-    assert figures["instructions"] <= most_instructions
-    assert figures["missed_coasts"] == 0
+    service, energies_kwh = prepare_service(read_scenario(tmp_path / "day.toml")), []
+    for seed in seeds:
+        day = make_day(service, seed)
+        world = World(day, day.driver(DriverKind.PERFECT), Presentation.COACH, InProcess(service, coach=True))
+        figures = outcome(day, world.run()).as_dict()
+        assert -early_s < figures["late_s"] < 5.0
+        assert figures["instructions"] <= most_instructions
+        assert figures["missed_coasts"] == 0
+        energies_kwh.append(figures["energy_kwh"])
+    assert sum(energies_kwh) / len(energies_kwh) < most_kwh

@@ -15,7 +15,15 @@ from das.advice.coach.keeping import Changes, Kept
 from das.advice.coach.phase_now import BRAKES_BACK, CREEPS, ROLLS, PhaseNow, PhaseScene, highest_mps
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
-from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, SOONER_S, ShownBrakes, SpeedsAllowed, brake_of
+from das.advice.coach.shown_brakes import (
+    SAME_EFFORT,
+    SAME_MPS,
+    SOONER_S,
+    ShownBrakes,
+    SpeedsAllowed,
+    brake_of,
+    nearer_limit_mps,
+)
 from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, EFFORT_ORDER, KIND_OF, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS
@@ -166,8 +174,13 @@ class Showing:
         ends_m, ends_mps = schedule.begin_m(number + 1), self._phase.coast_ends[1]
         if math.isinf(ends_mps):
             ends_mps = float(np.interp(ends_m, schedule.section.node_m, schedule.section.envelope_mps))
-        # A shown speed that is allowed nowhere in the rest of the phase is replaced at once, as if above the limit.
-        reachable = place._replace(limit_mps=min(place.limit_mps, highest_mps(schedule, number, state.s_m)))
+        # A shown speed that is allowed nowhere in the rest of the phase, or that a nearer board forbids, is replaced at
+        # once, as if above the limit.
+        most_mps = min(place.limit_mps, highest_mps(schedule, number, state.s_m))
+        if self._shown.mode in TRACTION:
+            nearer_mps = nearer_limit_mps(brakes.ahead, self._shown.speed_mps, state.braked_m)
+            most_mps = min(most_mps, nearer_mps) if state.v_mps < nearer_mps + SAME_MPS else most_mps
+        reachable = place._replace(limit_mps=most_mps)
         urgent = wanted is not planned
         between = brakes_again and ends_s < self._settings.least_shown_s
         now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent, begins_s=begins_s)

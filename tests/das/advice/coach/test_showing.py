@@ -1127,6 +1127,16 @@ def test_a_slow_train_that_accelerates_passes_a_lower_limit_without_a_brake() ->
     assert faster.following[0].way_m < 600.0
 
 
+def test_an_acceleration_does_not_stand_to_a_speed_that_a_nearer_board_forbids() -> None:
+    """foreign/04: "accelerate to 155" stood 83 m before a board of 150, until the last word lowered it."""
+    here = section_of(("zurich-luzern", 2))
+    phases = (Phase(NotchRegime.TRACTION, 0.4, 0, 135 * KMH), Phase(NotchRegime.BRAKE, 0.0, len(here.step_m) - 9, 0.0))
+    known = known_run(here, np.full(len(here.node_m), 30.0))
+    display = Shown(Showing(SETTINGS), Schedule(section=here, phases=phases, known=known, back_share=0.7))
+    assert round(display.at(0.0, 47596.0 - 800.0, 110 * KMH).now.speed_mps / KMH) == 135
+    assert round(display.at(2.0, 47596.0 - 60.0, 124 * KMH).now.speed_mps / KMH) == 125
+
+
 def test_no_announced_instruction_repeats_the_one_before_it() -> None:
     here, coasts = section(), Instruction(mode=Regime.COAST, speed_mps=20.0, effort_ratio=0.0)
     brakes, harder = (Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=15.0, effort_ratio=-e) for e in (0.2, 0.6))
