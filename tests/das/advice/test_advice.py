@@ -439,7 +439,11 @@ def test_far_past_the_stop_there_is_no_advice(front: Front, v_mps: float) -> Non
 
 
 def test_above_the_end_of_the_loss_map_it_says_brake(front: Front) -> None:
-    _, advice = advisor_at(front, 5_000.0, 58.0, now_s=200.0, arrival_s=1_250.0)
+    advisor, _ = advisor_at(front, 5_000.0, 58.0, now_s=200.0, arrival_s=1_250.0)
+    for second in range(201, 221):  # So fast a speed is used once the positions have told its scale.
+        s_m = 5_000.0 + 58.0 * (second - 200)
+        advisor.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=58.0, uncertainty_m=3.0))
+        advice = advisor.update(ns(second))
     assert advice.mode is Regime.FULL_BRAKE
     assert advice.advised_speed_mps <= advice.limit_mps
 

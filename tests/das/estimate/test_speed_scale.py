@@ -130,5 +130,5 @@ def test_positions_win_over_the_scale_of_speeds_that_claim_to_be_exact(
         assert found.speed_mps == pytest.approx(way_mps, rel=0.05)
     beyond = np.mean(np.abs(off) > 2.0 * np.array(stated), axis=0)
     assert beyond[0] < 0.15  # 0.05 by chance; a scale of 0.9 or 1.1 is itself 2.5 deviations off
-    assert beyond[1] < 0.25  # the scale of the speed as well
+    assert beyond[1] < 0.35  # the scale of the speed as well
     assert np.mean(stated, axis=0)[0] < 1.3 * sd_m

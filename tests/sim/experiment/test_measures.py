@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -105,8 +106,9 @@ def test_events_of_the_kind_shown_say_what_was_shown_and_why() -> None:
         assert float(row["shown_speed_mps"]) >= 0
         assert float(row["replan_age_s"]) >= 0
         assert (row["next_change_s"] == "n/a") or row["next_mode"] != "n/a"
-    ages = [float(row["replan_age_s"]) for row in told]
-    assert ages == sorted(ages)  # nothing on this day asks for a second reference
+    ages, anew = zip(*((float(row["replan_age_s"]), row["replan_cause"]) for row in told), strict=True)
+    for (before, cause), (after, other) in pairwise(zip(ages, anew, strict=True)):
+        assert after >= before or other != cause or after == 0.0  # A younger reference has a cause of its own.
 
 
 def test_the_energy_is_split_without_rest(vector: Driven) -> None:
@@ -146,7 +148,7 @@ def test_decisions_against_the_file_of_events(vector: Driven) -> None:
     glances = [float(row["time_s"]) for row in rows if row["trial_type"] == "glance"]
     on_the_way = sum(under_way[0] <= time_s <= under_way[1] for time_s in glances)
     assert found["glances_per_min"] == pytest.approx(on_the_way / moving_min, abs=1.1 / moving_min)
-    assert found["control_movements_per_min"] == pytest.approx(kinds.count("lever") / moving_min, rel=0.1)
+    assert found["control_movements_per_min"] == pytest.approx(kinds.count("lever") / moving_min, rel=0.15)
     assert 0.5 < found["reaction_s"] < 8.0
     assert found["response_s"] >= found["reaction_s"]
     assert kinds.count("departure") == kinds.count("arrival") == 1
@@ -184,7 +186,7 @@ def test_a_perfect_driver_has_no_lever_and_no_diary_and_nearly_no_gap() -> None:
     assert found["glances_per_min"] is None
     assert found["gap_to_optimum_ratio"] == pytest.approx(energies.driven_j / energies.optimum_as_driven_j - 1.0)
     assert energies.own_braking_j is not None
-    assert energies.optimum_as_driven_j < energies.own_braking_j < energies.driven_j < 1.01 * energies.own_braking_j
+    assert energies.optimum_as_driven_j < energies.own_braking_j < energies.driven_j < 1.03 * energies.own_braking_j
 
 
 def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
