@@ -148,7 +148,10 @@ def test_decisions_against_the_file_of_events(vector: Driven) -> None:
     glances = [float(row["time_s"]) for row in rows if row["trial_type"] == "glance"]
     on_the_way = sum(under_way[0] <= time_s <= under_way[1] for time_s in glances)
     assert found["glances_per_min"] == pytest.approx(on_the_way / moving_min, abs=1.1 / moving_min)
-    assert found["control_movements_per_min"] == pytest.approx(kinds.count("lever") / moving_min, rel=0.15)
+    levers = [float(row["time_s"]) for row in rows if row["trial_type"] == "lever"]
+    moved = sum(under_way[0] <= time_s <= under_way[1] for time_s in levers)
+    # The file has each order to the controller; orders while it still moves are one movement.
+    assert 0.85 * moved <= found["control_movements_per_min"] * moving_min <= moved
     assert 0.5 < found["reaction_s"] < 8.0
     assert found["response_s"] >= found["reaction_s"]
     assert kinds.count("departure") == kinds.count("arrival") == 1

@@ -23,22 +23,10 @@ from tests.support.making import refusal
 
 LINE = """
 schema_version = 1
-[route]
-id = "steep"
-name = "steep"
-length_km = 9
-[[stops]]
-name = "Top"
-position_km = 0
-[[stops]]
-name = "Bottom"
-position_km = 9
-[speed_limits]
-columns = ["position_km", "limit_kmh"]
-rows = [[0, 60]]
-[gradients]
-columns = ["position_km", "gradient_permille"]
-rows = [[0, 0], [0.5, -30], [7.5, 0]]
+route = {id = "steep", name = "steep", length_km = 9}
+stops = [{name = "Top", position_km = 0}, {name = "Bottom", position_km = 9}]
+speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0, 60]]}
+gradients = {columns = ["position_km", "gradient_permille"], rows = [[0, 0], [0.5, -30], [7.5, 0]]}
 """
 TRAIN = """
 schema_version = 1
