@@ -37,7 +37,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.warm_up import warm_up
 from docs.studies import calibration_targets as paper
 from docs.studies.calibration_targets import Figures, Runs
-from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE, TABLE2_LEVELS
+from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE, TABLE2, TABLE2_LEVELS
 from precompute.loss_maps import cruising_deviation_ratio
 
 TABLE_2_CELL: Final = re.compile(r"Table 2: \S+ at (\S+)$")
@@ -141,7 +141,7 @@ def solve_igbt(vehicle: Vehicle, chain: LossChain, gto: Vehicle, runs: Runs) -> 
     def residuals(trial: LossChain) -> list[float]:
         train = with_chain(vehicle, trial)
         return [
-            100 * consumed_j(runs[row], train, Level.L3) / whole_j / paper.TABLE_2[row][column] - 1.0
+            100 * consumed_j(runs[row], train, Level.L3) / whole_j / TABLE2[row][column] - 1.0
             for row in ("fastest", "rms", *paper.L0_TO_L2)
         ]
 

@@ -25,9 +25,10 @@ from docs.studies.cases import (
     ACCELERATION,
     COMPLETE,
     DECELERATION,
+    NOT_PRINTED,
+    TABLE2,
     TABLE2_BUFFER_PERCENT,
     TABLE2_LEVELS,
-    TABLE2_ROWS,
     StudyCase,
 )
 from precompute.baselines import strategies as baselines
@@ -39,12 +40,6 @@ Figures = dict[str, float]
 BUFFER_RATIO: Final = TABLE2_BUFFER_PERCENT / 100
 """The buffer t+ of Table 2."""
 L0_TO_L2: Final = (Level.L0_NOREG, Level.L0_REG, Level.L1, Level.L2)
-
-NOT_PRINTED: Final = float("nan")
-TABLE_2: Final[Mapping[str, tuple[float, ...]]] = {
-    row: tuple(NOT_PRINTED if value is None else value for value in values) for row, values in TABLE2_ROWS.items()
-}
-"""Table 2: 6 km, t+ = 7 %, % of what the fastest run consumes at L3 GTO; rows as printed, columns `TABLE2_LEVELS`."""
 
 NORMALISER: Final = ("fastest", "l3-gto")
 """The cell that is 100 % by definition."""
@@ -146,7 +141,7 @@ def cell_name(row: str, column: str) -> str:
 def _cell_targets() -> tuple[PublishedFigure, ...]:
     cells = [
         (row, column, value)
-        for row, values in TABLE_2.items()
+        for row, values in TABLE2.items()
         for column, value in zip(TABLE2_LEVELS, values, strict=True)
         if not np.isnan(value) and (row, column) != NORMALISER
     ]
@@ -285,7 +280,7 @@ def table_2(gto: Vehicle, igbt: Vehicle, runs: Runs) -> dict[str, tuple[float, .
             100 * consumed_j(runs[row], vehicle, level) / whole_j
             for vehicle, level in (*((gto, level) for level in L0_TO_L2), (gto, Level.L3), (igbt, Level.L3))
         )
-        for row in TABLE_2
+        for row in TABLE2
     }
 
 

@@ -1,6 +1,6 @@
-"""What a driver is shown from Zürich to Zug on two days, before (vector) and after (coach), as pictures for the pages.
+"""What a driver is shown from Zürich to Zug on a day, before (vector) and after (coach), as a picture for the pages.
 
-`python -m docs.studies.coach_days` draws a picture of each into the working folder.
+`python -m docs.studies.coach_days` draws restriction-ahead.png into the working folder.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from sim.world.outcome import DayOutcome, outcome
 from sim.world.scenario import load_scenario
 from sim.world.service import Day, Service, make_day, prepare_service
 
-DAYS: Final = ("clear-day", "restriction-ahead")
+DAY: Final = "restriction-ahead"
 SECTIONS: Final = 2
-"""Each day ends at its second stop, Zug."""
+"""The day ends at its second stop, Zug."""
 SEED: Final = 1
 BEFORE_AND_AFTER: Final = (Presentation.VECTOR, Presentation.COACH)
 SIZE_IN, DPI = (11.0, 7.2), 100
@@ -178,5 +178,4 @@ def _places(axis: Any, one: WatchedRun, top: float) -> None:
 
 
 if __name__ == "__main__":
-    for name in DAYS:
-        draw_day(Path(f"{name}.png"), name)
+    draw_day(Path(f"{DAY}.png"), DAY)

@@ -34,8 +34,6 @@ STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": False,
-    "svg.hashsalt": "das-study",
-    "svg.fonttype": "path",
     "path.simplify": True,
 }
 LEVEL_COLOURS = {
@@ -79,12 +77,11 @@ def new_figure(width_in: float, height_in: float) -> Any:
     return Figure(figsize=(width_in, height_in), layout=ConstrainedLayoutEngine(w_pad=PANEL_GAP_IN))
 
 
-def draw_speed(axes: Any, run: Trajectory, colour: str, *, crosses: bool = True) -> None:
-    """Speed over space, shaded from bright (beginning) to greyish (end)."""
+def draw_speed(axes: Any, run: Trajectory, colour: str) -> None:
+    """Speed over space, shaded from bright (beginning) to greyish (end), with crosses equidistant in space."""
     _shaded(axes, (run.s_m - run.s_m[0]) / KM, run.v_mps / KMH, run, colour)
-    if crosses:
-        at_m, v_mps, _ = _cross_points(run)
-        _crosses(axes, at_m / KM, v_mps / KMH, at_m / at_m[-1], colour)
+    at_m, v_mps, _ = _cross_points(run)
+    _crosses(axes, at_m / KM, v_mps / KMH, at_m / at_m[-1], colour)
 
 
 def draw_force(axes: Any, run: Trajectory, colour: str) -> None:

@@ -1,9 +1,10 @@
 """The driver days of release 0.2: one data set of simulated drives, the only source of all tables about drivers.
 
 `python -m docs.studies.driver_days` drives what is missing, and writes docs/results/0.2/driver_days.csv, a row a drive,
-with the facts on its page (242 drives, about ten minutes on two free cores). Finished drives are kept in
-build/driver-days: a command that was stopped goes on from there, and drives again only what another version of the
-program drove. `python -m docs.studies.driver_tables` makes the tables.
+with the facts on its page (242 drives, about ten minutes on two free cores). With `--persons` it is populations.csv,
+30 persons of the default population on one day (a minute). Finished drives are kept in build/driver-days: a command
+that was stopped goes on from there, and drives again only what another version of the program drove.
+`python -m docs.studies.driver_tables` makes the tables.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from docs.studies.output import DOCS, plain, write_table
 from precompute.workers import Workers
 from sim.drivers.examples import Belated, Doubting, Lazy, WeakBraking
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
+from sim.drivers.parameters import DEFAULT, Participant, load_population
 from sim.jobs.batch import Batch, BatchJob, make_run
 from sim.jobs.runner import JobWords, Rows, Runner
 
@@ -55,6 +57,10 @@ COLUMNS: Final = (
 )
 """The columns, all with the meaning that they have in the table of a batch (docs/reference/batch-table.md)."""
 
+PERSONS: Final = FOLDER / "populations.csv"
+PERSON_NUMBERS: Final = tuple(range(1, 31))
+PERSON_COLUMNS: Final = ("participant", "late_s", "energy_kwh", "energy_optimum_kwh")
+
 
 def batches(seeds: Sequence[int] = SEEDS, folder: Path = KEPT) -> Iterator[Batch]:
     """The four parts: every presentation; the coach with motors first; the example drivers; the perfect driver."""
@@ -66,6 +72,22 @@ def batches(seeds: Sequence[int] = SEEDS, folder: Path = KEPT) -> Iterator[Batch
     yield of(scenarios=clear, drivers=EXAMPLES, advice=COMPARED, seeds=few)
     one = tuple(seed for seed in seeds if seed in PERFECT_SEEDS)
     yield of(scenarios=clear, drivers=(DriverKind.PERFECT,), advice=FOLLOWED, seeds=one)
+
+
+def person_jobs(numbers: Sequence[int] = PERSON_NUMBERS) -> list[BatchJob]:
+    """The drives of persons of the default population on one clear day, without advice."""
+    people = load_population(DEFAULT)
+    batch = Batch(
+        scenarios=SCENARIOS[:1],
+        drivers=(DriverKind.HUMAN,),
+        participants=[Participant(population=people, number=number) for number in numbers],
+        advice=(Presentation.NONE,),
+        seeds=SEEDS[:1],
+        level=None,
+        record=False,
+        folder=KEPT,
+    )
+    return list(batch.jobs())
 
 
 def all_jobs() -> list[BatchJob]:
@@ -81,7 +103,7 @@ def all_jobs() -> list[BatchJob]:
     return found
 
 
-def rows_of(job_list: Sequence[BatchJob], finished: Rows) -> Iterator[dict[str, Any]]:
+def rows_of(job_list: Sequence[BatchJob], finished: Rows, columns: Sequence[str] = COLUMNS) -> Iterator[dict[str, Any]]:
     """The rows of the table of all finished jobs, in the order of the jobs; DasError if one failed."""
     for job in job_list:
         row = finished.get(job.inputs_sha256)
@@ -89,13 +111,13 @@ def rows_of(job_list: Sequence[BatchJob], finished: Rows) -> Iterator[dict[str, 
             continue
         if row.get("error") is not None:
             raise DasError(f"{job.name}: {row['error']}")
-        yield {name: row[name] for name in COLUMNS}
+        yield {name: row[name] for name in columns}
 
 
-def csv_bytes(rows: Sequence[dict[str, Any]]) -> bytes:
+def csv_bytes(rows: Sequence[dict[str, Any]], columns: Sequence[str] = COLUMNS) -> bytes:
     """The rows as CSV: figures with seven digits, an empty cell where there is none."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
     writer.writerows(plain(row) for row in rows)
     return text.getvalue().encode()
@@ -119,10 +141,14 @@ def main(args: Sequence[str] | None = None) -> None:
     """Drive what is missing, and write the table and its facts."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.driver_days", description=__doc__)
     parser.add_argument("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
+    parser.add_argument("--persons", action="store_true", help="Persons of the population, not the driver days.")
     asked = parser.parse_args(args)
-    jobs = all_jobs()
+    jobs = person_jobs() if asked.persons else all_jobs()
 
     def write(finished: Rows, _: int) -> None:
+        if asked.persons:
+            write_whole(PERSONS, csv_bytes(list(rows_of(jobs, finished, PERSON_COLUMNS)), PERSON_COLUMNS))
+            return
         rows = list(rows_of(jobs, finished))
         write_whole(TABLE, csv_bytes(rows))
         write_table(PAGE, "facts", facts(rows, len(jobs)))

@@ -1,4 +1,4 @@
-"""All tables about simulated drivers: groups of the rows of docs/results/0.2/driver_days.csv, and no other source.
+"""All tables about simulated drivers: of the rows of driver_days.csv and populations.csv, and no other source.
 
 `python -m docs.studies.driver_tables` writes them into their pages again, in a second; with the NAMES of tables it
 prints these. It drives nothing.
@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from scipy import stats
 
-from docs.studies.driver_days import COMPARED, EXAMPLES, FOLLOWED, PAGE, SCENARIOS, TABLE
+from docs.studies.driver_days import COMPARED, EXAMPLES, FOLLOWED, PAGE, PERSONS, SCENARIOS, TABLE
 from docs.studies.output import DOCS, write_table
 from sim.drivers.kinds import FrictionPolicy, Presentation
+from sim.drivers.parameters import DEFAULT, load_population
 from sim.jobs.report import with_interval
 
 Row = Mapping[str, Any]
@@ -177,7 +179,38 @@ def perfect(rows: Sequence[Row]) -> Iterator[str]:
         yield f"| {shown} | {mean(of, 'energy_kwh'):.1f} | {gap:.1f} | {mean(of, 'late_s'):+.0f} |"
 
 
-def tables(rows: Sequence[Row]) -> Iterator[tuple[Path, str, list[str]]]:
+def spread(rows: Sequence[Row], persons: Sequence[Row]) -> Iterator[str]:
+    """How far drives without advice on a clear day differ: of persons on one day, and of one driver from day to day."""
+    yield "| who drives | drives | mean kWh | standard deviation, % (95 %) | late, s | above the optimum, % |"
+    yield f"|---|{'---:|' * 5}"
+    (alone,) = groups(rows, (Presentation.NONE,))
+    of_person = {int(one["participant"]): one for one in persons}
+    for who, of in (("persons, each on the same day", of_person), ("one driver, each day another seed", alone)):
+        energies, late = each(of, "energy_kwh"), each(of, "late_s")
+        above = 100.0 * (energies / each(of, "energy_optimum_kwh") - 1.0)
+        freedom = len(of) - 1
+        sd = 100.0 * energies.std(ddof=1) / energies.mean()
+        low, high = sd * np.sqrt(freedom / stats.chi2.ppf((0.975, 0.025), freedom))
+        yield (
+            f"| {who} | {len(of)} | {energies.mean():.1f} | {sd:.1f} ({low:.1f} to {high:.1f}) | "
+            f"{late.mean():+.0f}, sd {late.std(ddof=1):.0f} | {above.mean():.1f}, sd {above.std(ddof=1):.1f} |"
+        )
+
+
+def goes_with(persons: Sequence[Row]) -> Iterator[str]:
+    """With which of the persons' parameters their drives go: coefficients of correlation."""
+    people = load_population(DEFAULT)
+    drawn = [people.draw(int(one["participant"])) for one in persons]
+    energies, optima, late = (np.array([one[name] for one in persons]) for name in (*AT_EQUAL_ARRIVAL, "late_s"))
+    yield "| parameter | kWh | above the optimum, % | late, s |"
+    yield "|---|---:|---:|---:|"
+    for name in drawn[0]:
+        values = [one[name] for one in drawn]
+        cells = (f"{np.corrcoef(values, of)[0, 1]:+.2f}" for of in (energies, energies / optima, late))
+        yield f"| `{name}` | {' | '.join(cells)} |"
+
+
+def tables(rows: Sequence[Row], persons: Sequence[Row]) -> Iterator[tuple[Path, str, list[str]]]:
     """Every table: its page, its name there, and its lines."""
     for scenario in SCENARIOS:
         yield PAGE, scenario, list(presentations(rows, scenario))
@@ -185,12 +218,14 @@ def tables(rows: Sequence[Row]) -> Iterator[tuple[Path, str, list[str]]]:
         yield page, "worth", list(worth(rows))
     for table in (grammar, examples, perfect):
         yield PAGE, table.__name__, list(table(rows))
+    yield PERSONS.with_suffix(".md"), "spread", list(spread(rows, persons))
+    yield PERSONS.with_suffix(".md"), "goes-with", list(goes_with(persons))
     yield DOCS / "reference" / "drivers.md", "presentations", list(presentations(rows, CLEAR))
 
 
 def main(names: Sequence[str] = ()) -> None:
     """Write all tables again, or print those that are named."""
-    made = list(tables(read()))
+    made = list(tables(read(), read(PERSONS)))
     for page, name, lines in made if not names else ():
         write_table(page, name, lines)
     printed = {name: lines for _, name, lines in made}

@@ -45,6 +45,10 @@ PROGRAMS: Final = {
     "python": (),
 }
 """Words that come after this Python for the first word of a command."""
+FIRST: Final = tuple(
+    f"python -m docs.studies.{name}" for name in ("pictures first-minute", "bundled", "null_experiments", "coach_days")
+)
+"""The longest commands, which are started first, so that none of them runs alone at the end."""
 MAKING: Final = "making-"
 COPIED: Final = (".png", ".html")
 """Ends of the names of files that become files of the site; others are put into the page as text."""
@@ -90,7 +94,7 @@ def made(commands: Iterable[str], inputs: str, kept: Path) -> dict[str, Path]:
     Raises BadMarkError if a command is of no program of ours, or fails; what the others left is kept.
     """
     found = {one: kept / hashlib.sha256(f"{inputs}\n{one}".encode()).hexdigest()[:16] for one in commands}
-    missing = {one: _arguments(one) for one, folder in found.items() if not folder.is_dir()}
+    missing = {one: _arguments(one) for one in longest_first(found) if not found[one].is_dir()}
     if not missing:
         return found
     kept.mkdir(parents=True, exist_ok=True)
@@ -114,6 +118,11 @@ def made(commands: Iterable[str], inputs: str, kept: Path) -> dict[str, Path]:
             last = next((line for line in reversed(said) if line.strip()), "it says nothing")
             raise BadMarkError(f"{one}: exit code {codes[one]}: {last}")
     return found
+
+
+def longest_first(commands: Iterable[str]) -> list[str]:
+    """Commands in the order in which they are started."""
+    return sorted(commands, key=lambda one: FIRST.index(one) if one in FIRST else len(FIRST))
 
 
 def _arguments(command: str) -> list[str]:

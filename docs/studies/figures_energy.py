@@ -15,7 +15,6 @@ from das.domain.losses import EfficiencyLoss
 from das.domain.units import KM, KMH, KN, KW, PERCENT, kwh
 from docs.studies.cases import (
     ACCELERATION,
-    CRUISING_DEVIATION_RATIO,
     CRUISING_MINIMUM_KMH,
     DECELERATION,
     L0_NOREG,
@@ -35,8 +34,6 @@ from docs.studies.figures_runs import LARGEST_DRAWN_PERCENT, EnergyCurve, energy
 from docs.studies.output import Output
 
 LOWEST_KMH, HIGHEST_KMH, STEP_KMH = 10.0, 200.0, 0.5
-COMPARED_KMH = (40.0, 160.0)
-"""Speeds over which the mean deviation of the L3 losses from their L2 fit is taken."""
 CROSS_STEP_KMH = 10.0
 """Distance in speed between the crosses of the L3 map."""
 
@@ -92,37 +89,9 @@ def cruising(bench: Workbench) -> Cruising:
     )
 
 
-def fig4(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Draw fig. 4, write its curves, and say where energy per km is least."""
-    data = cruising(bench)
-    output.csv("fig4.csv", *_cruising_rows(data))
-    output.picture("fig4", _draw_cruising(data))
-    difference = data.l3_loss_w / data.l2_loss_w - 1
-    here = (data.speed_mps >= COMPARED_KMH[0] * KMH - 1e-9) & (data.speed_mps <= COMPARED_KMH[1] * KMH + 1e-9)
-    return {
-        "cheapest_speed_kmh": {level: data.cheapest_kmh(level) for level in ("l0", "l1", "l2", "l3")},
-        "printed_cheapest_speed_l2_kmh": CRUISING_MINIMUM_KMH,
-        "l3_from_l2_mean_ratio": float(difference[here].mean()),
-        "l3_from_l2_mean_absolute_ratio": float(np.abs(difference[here]).mean()),
-        "l3_from_l2_power_mean_absolute_ratio": float(np.abs(data.total_w("l3") / data.total_w("l2") - 1)[here].mean()),
-        "printed_l3_from_l2_mean_ratio": CRUISING_DEVIATION_RATIO,
-    }
-
-
-def _cruising_rows(data: Cruising) -> tuple[list[str], Any]:
-    columns = {
-        "speed_kmh": data.speed_mps / KMH,
-        "resistance_kn": data.resistance_n / KN,
-        "resistance_kw": data.resistance_w / KW,
-        "l1_loss_kw": data.l1_loss_w / KW,
-        "l2_dependent_loss_kw": data.l2_dependent_w / KW,
-        "l2_idle_loss_kw": data.l2_idle_w / KW,
-        "l3_loss_kw": data.l3_loss_w / KW,
-        "time_s_per_km": KM / data.speed_mps,
-    }
-    for level in ("l0", "l1", "l2", "l3"):
-        columns[f"{level}_kwh_per_km"] = kwh(data.per_km_j(data.total_w(level)))
-    return list(columns), zip(*columns.values(), strict=True)
+def fig4(bench: Workbench, output: Output) -> None:
+    """Draw fig. 4."""
+    output.picture("fig4", _draw_cruising(cruising(bench)))
 
 
 def _draw_cruising(data: Cruising) -> Any:
@@ -184,21 +153,7 @@ def _draw_energy(axes: Any, data: Cruising, speed: Floats, coarse: slice) -> Non
 
 
 SAVING_TOLERANCE_PERCENT = 1.0
-"""A printed saving counts as reached if ours is this near (percentage points)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Saving:
-    """A printed saving and ours: the mean over the levels in `others`, found at the buffer `at_percent`."""
-
-    printed: PrintedSaving
-    ours_percent: float
-    at_percent: float
-    others: dict[str, float]
-
-    @property
-    def reached(self) -> bool:
-        return abs(self.ours_percent - self.printed.saving_percent) <= SAVING_TOLERANCE_PERCENT
+"""A printed saving counts as reached if ours is this near (percentage points); the bars of figs. 6 and 8."""
 
 
 OTHER_LEVELS = (L0_NOREG, L1, L2)
@@ -214,42 +169,28 @@ def saving_percent(bench: Workbench, case: StudyCase, variant: Variant, buffer_p
     return (bench.energy_j(other, L3) - bench.energy_j(ours, L3)) / bench.reference_j(case) / PERCENT
 
 
-def saving(bench: Workbench, printed: PrintedSaving) -> Saving:
-    """Our saving where the paper prints one: at its buffer, or the largest from there to 40 %."""
+def saving(bench: Workbench, printed: PrintedSaving) -> float:
+    """Our saving (%, mean over the other levels) where the paper prints one: at its buffer, or the largest to 40 %."""
     case = ACCELERATION if printed.case == ACCELERATION.name else DECELERATION
     largest = LARGEST_DRAWN_PERCENT if printed.up_to else printed.buffer_percent
-    buffers = np.arange(printed.buffer_percent, largest + 0.5)
-    best: Saving | None = None
-    for buffer in buffers:
-        found = {v.name: saving_percent(bench, case, v, float(buffer)) for v in OTHER_LEVELS}
-        others = {name: value for name, value in found.items() if value is not None}
-        if not others:
-            continue
-        mean = float(np.mean(list(others.values())))
-        if best is None or mean > best.ours_percent:
-            best = Saving(printed=printed, ours_percent=mean, at_percent=float(buffer), others=others)
-    if best is None:
+    means = []
+    for buffer in np.arange(printed.buffer_percent, largest + 0.5):
+        found = (saving_percent(bench, case, variant, float(buffer)) for variant in OTHER_LEVELS)
+        if others := [value for value in found if value is not None]:
+            means.append(float(np.mean(others)))
+    if not means:
         raise ValueError(f"{case.name}: no level has a run with a buffer of {printed.buffer_percent:g} %")
-    return best
+    return max(means)
 
 
 LEGEND_ROOM_RATIO = 1.25
 """The axis of the savings ends at this multiple of the largest one, so that the legend covers no curve."""
 
 
-def savings_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> dict[str, Any]:
-    """Draw and write the energy of a case's runs at every level; return what L3 saves, beside the printed savings."""
+def savings_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> None:
+    """Draw the energy of a case's runs at every level, and what L3 saves beside the printed savings."""
     curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
-    saved = {variant: _saved_percent(curve, curves[L3]) for variant, curve in curves.items()}
-    found = [saving(bench, printed) for printed in SAVINGS if printed.case == case.name]
-    rows = [
-        (variant.name, *row)
-        for variant, curve in curves.items()
-        for row in zip(curve.buffer_percent, curve.l3_percent, _or_none(saved[variant]), strict=True)
-    ]
-    output.csv(f"{name}.csv", ["level", "buffer_percent", "energy_l3_percent", "l3_saves_percent"], rows)
-    output.picture(name, _draw_savings(case, curves, saved, found))
-    return {"savings": [_json(item) for item in found]}
+    output.picture(name, _draw_savings(case, curves))
 
 
 def _saved_percent(curve: EnergyCurve, l3: EnergyCurve) -> Floats:
@@ -257,19 +198,17 @@ def _saved_percent(curve: EnergyCurve, l3: EnergyCurve) -> Floats:
     return curve.l3_percent - np.interp(curve.buffer_percent, l3.buffer_percent, l3.l3_percent, right=np.nan)
 
 
-def _draw_savings(
-    case: StudyCase, curves: dict[Variant, EnergyCurve], saved: dict[Variant, Floats], found: list[Saving]
-) -> Any:
+def _draw_savings(case: StudyCase, curves: dict[Variant, EnergyCurve]) -> Any:
     figure = new_figure(9.5, 7.5)
     energy, gain = figure.subplots(2, 1, sharex=True, height_ratios=(1.5, 1))
     for variant, curve in sorted(curves.items(), key=lambda item: item[0].name in DASHES):
         energy.plot(curve.buffer_percent, curve.l3_percent, **_line(variant))
         if variant is not L3:
-            gain.plot(curve.buffer_percent, saved[variant], **_line(variant))
+            gain.plot(curve.buffer_percent, _saved_percent(curve, curves[L3]), **_line(variant))
     energy.set(ylabel="energy at L3, % of the fastest run", title=case.title)
     handles = [Line2D([], [], label=f"optimal for {variant.label}", **_line(variant)) for variant in LEVELS]
     energy.legend(handles=handles, loc="upper right")
-    _draw_printed(gain, found)
+    _draw_printed(gain, case)
     gain.set(xlabel="buffer $t_+$, %", ylabel="saved by L3, % of the fastest run", xlim=(0, LARGEST_DRAWN_PERCENT))
     gain.set_ylim(top=LEGEND_ROOM_RATIO * gain.get_ylim()[1])
     for axes in (energy, gain):
@@ -285,32 +224,14 @@ def _line(variant: Variant) -> dict[str, Any]:
     }
 
 
-def _json(item: Saving) -> dict[str, Any]:
-    """A saving as the summary holds it."""
-    return {
-        "place": item.printed.place,
-        "buffer_percent": item.printed.buffer_percent,
-        "up_to": item.printed.up_to,
-        "printed_percent": item.printed.saving_percent,
-        "ours_percent": item.ours_percent,
-        "ours_at_buffer_percent": item.at_percent,
-        "against": item.others,
-        "within_one_point": item.reached,
-    }
-
-
-def _draw_printed(axes: Any, found: list[Saving]) -> None:
+def _draw_printed(axes: Any, case: StudyCase) -> None:
     handles = []
     for up_to, mark, text in (
         (False, "o", "printed, ±1 point"),
         (True, "^", "printed “up to”, from here on, ±1 point"),
     ):
-        printed = [item.printed for item in found if item.printed.up_to is up_to]
+        printed = [one for one in SAVINGS if one.case == case.name and one.up_to is up_to]
         x, y = [item.buffer_percent for item in printed], [item.saving_percent for item in printed]
         how: dict[str, Any] = {"color": "black", "linewidth": 1.2, "capsize": 3, "yerr": SAVING_TOLERANCE_PERCENT}
         handles.append(axes.errorbar(x, y, fmt=mark, label=text, **how))
     axes.legend(handles=handles, loc="upper right")
-
-
-def _or_none(values: Floats) -> list[float | None]:
-    return [float(v) if np.isfinite(v) else None for v in values]

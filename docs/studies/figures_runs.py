@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from das.domain.trajectory import Trajectory
-from das.domain.units import KM, KMH, KN, KW, PERCENT, kwh
+from das.domain.units import KM, KMH, KN, PERCENT
 from docs.studies.cases import (
     ACCELERATION,
     BUFFERS_PERCENT,
@@ -38,7 +38,6 @@ from docs.studies.drawing import (
     efficiency_bar,
     new_figure,
 )
-from docs.studies.effort import effort
 from docs.studies.output import Output
 
 LARGEST_DRAWN_PERCENT = 40.0
@@ -90,55 +89,11 @@ def level_runs(bench: Workbench, case: StudyCase, variant: Variant) -> dict[str,
     return {**runs, MAX: bench.slowest(case, variant).trajectory}
 
 
-def runs_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> dict[str, Any]:
-    """Draw and write a case's runs at every level with their energies; return times, largest buffers and efforts."""
+def runs_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> None:
+    """Draw a case's runs at every level with their energies."""
     runs = {variant: level_runs(bench, case, variant) for variant in LEVELS}
     curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
-    write_runs(output, f"{name}-runs.csv", {variant.name: drawn for variant, drawn in runs.items()})
-    _write_curves(output, f"{name}-energy.csv", curves)
     output.picture(name, _draw(bench, case, runs, curves))
-    return {
-        "least_time_s": bench.fastest(case).time_s,
-        "fastest_l3_kwh": kwh(bench.reference_j(case)),
-        "largest_buffer": {
-            v.name: {"percent": bench.slowest(case, v).buffer_percent, "bound": bench.slowest(case, v).bound}
-            for v in LEVELS
-        },
-        "reduced_effort": {
-            v.name: {
-                buffer: effort(run, bench.vehicle(v)).as_json() for buffer, run in drawn.items() if run is not None
-            }
-            for v, drawn in runs.items()
-        },
-    }
-
-
-def write_runs(output: Output, name: str, runs: dict[str, dict[str, Trajectory | None]]) -> None:
-    """Runs as a tidy CSV: one row a node; the force holds from it to the next node (the last one's is empty)."""
-    columns = ["trajectory", "buffer_percent", "position_m", "time_s", "speed_kmh", "force_kn"]
-    rows = [
-        (level, buffer, *values)
-        for level, drawn in runs.items()
-        for buffer, run in drawn.items()
-        if run is not None
-        for values in _nodes(run)
-    ]
-    output.csv(name, columns, rows)
-
-
-def _nodes(run: Trajectory) -> list[tuple[float, float, float, float | None]]:
-    force = [*(((run.force_el_n + run.force_friction_n) / KN).tolist()), None]
-    return list(zip((run.s_m - run.s_m[0]).tolist(), run.t_s.tolist(), (run.v_mps / KMH).tolist(), force, strict=True))
-
-
-def _write_curves(output: Output, name: str, curves: dict[Variant, EnergyCurve]) -> None:
-    names = list(EnergyCurve.__dataclass_fields__)
-    rows = [
-        (variant.name, *values)
-        for variant, curve in curves.items()
-        for values in zip(*(getattr(curve, key) for key in names), strict=True)
-    ]
-    output.csv(name, ["level", *names], rows)
 
 
 def _draw(
@@ -238,45 +193,16 @@ _ENERGY_LINES: dict[str, dict[str, Any]] = {
 }
 
 
-ON_N = 9e3
-"""From this force on (3 % of the starting effort, as `effort.COAST_RATIO`) a train drives or brakes, else it coasts."""
 LABELS = {"fastest": "fastest", "l0-noreg": "L0", "l3-gto": "L3 GTO", "l3-igbt": "L3 IGBT"}
 
 
-def fig10(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Draw fig. 10 and compare how gently both accelerate and brake."""
+def fig10(bench: Workbench, output: Output) -> None:
+    """Draw fig. 10."""
     runs = {"fastest": bench.fastest(COMPLETE)}
     for variant in (L0_NOREG, L3, L3_IGBT):
         solution = bench.front(COMPLETE, variant).trajectory(bench.time_s(COMPLETE, TABLE2_BUFFER_PERCENT))
         runs[variant.name] = solution.trajectory
-    buffer = f"{TABLE2_BUFFER_PERCENT:g}"
-    named: dict[str, dict[str, Trajectory | None]] = {
-        name: {"0" if name == "fastest" else buffer: run} for name, run in runs.items()
-    }
-    write_runs(output, "fig10-runs.csv", named)
     output.picture("fig10", _draw_inverters(bench, runs))
-    found = {name: effort(run, bench.vehicle(L3_IGBT if name == "l3-igbt" else L3)) for name, run in runs.items()}
-    use = {name: {"driving": _use(run, 1), "braking": _use(run, -1)} for name, run in runs.items()}
-    gto, igbt = use["l3-gto"], use["l3-igbt"]
-    return {
-        "use": use,
-        "igbt_more_gently": {way: igbt[way]["mean_power_kw"] < gto[way]["mean_power_kw"] for way in gto},
-        "igbt_longer": {way: igbt[way]["duration_s"] > gto[way]["duration_s"] for way in gto},
-        "reduced_effort": {name: item.as_json() for name, item in found.items()},
-    }
-
-
-def _use(run: Trajectory, sign: int) -> dict[str, float]:
-    """How long the train drives (sign 1) or brakes (−1), and its mean force and wheel power over that time."""
-    force = sign * (run.force_el_n + run.force_friction_n)
-    on = force > ON_N
-    duration_s = run.interval_s()[on]
-    work = force[on] * np.diff(run.s_m)[on]
-    return {
-        "duration_s": float(duration_s.sum()),
-        "mean_force_kn": float(force[on] @ duration_s / duration_s.sum() / KN),
-        "mean_power_kw": float(work.sum() / duration_s.sum() / KW),
-    }
 
 
 def _draw_inverters(bench: Workbench, runs: dict[str, Trajectory]) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import re
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -38,25 +37,14 @@ class Output:
         """Write a text file."""
         self._write(name, content.encode())
 
-    def json(self, name: str, content: Any) -> None:
-        """Write JSON; numbers that are not finite become null."""
-        self.text(name, json.dumps(plain(content), indent=2, ensure_ascii=False) + "\n")
-
-    def csv(self, name: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Write a CSV table; numbers with seven digits, None as an empty cell."""
-        lines = [",".join(columns), *(",".join(_cell(value) for value in row) for row in rows)]
-        self.text(name, "\n".join(lines) + "\n")
-
     def picture(self, name: str, figure: Any) -> None:
-        """Write a figure as NAME.png and NAME.svg; the same figure gives the same bytes."""
+        """Write a figure as NAME.png; the same figure gives the same bytes."""
         from PIL import Image
 
-        svg, png, small = io.BytesIO(), io.BytesIO(), io.BytesIO()
-        figure.savefig(svg, format="svg", dpi=PNG_DPI, metadata={"Date": None})
+        png, small = io.BytesIO(), io.BytesIO()
         figure.savefig(png, format="png", dpi=PNG_DPI)
         indexed = Image.open(png).convert("RGB").quantize(COLOURS_OF_A_PNG, dither=Image.Dither.NONE)
         indexed.save(small, format="png", optimize=True)
-        self._write(f"{name}.svg", svg.getvalue())
         self._write(f"{name}.png", small.getvalue())
 
     def _write(self, name: str, content: bytes) -> None:
@@ -78,15 +66,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(f"{value:.7g}") if np.isfinite(value) else None
     return value
-
-
-def _cell(value: object) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, float | np.floating):
-        return f"{value:.7g}"
-    text = str(value)
-    return f'"{text}"' if "," in text else text
 
 
 def write_table(page: Path, name: str, lines: Iterable[str]) -> None:

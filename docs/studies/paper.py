@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import typer
 
 from das.command_line.application import run_app, single_command
-from das.command_line.options import JsonOption, OutFolder
+from das.command_line.options import OutFolder
 from das.command_line.printing import loading_solver, shown, tell
 from das.solver.warm_up import warm_up
 from docs.studies import figures_energy, figures_runs, shares, table2
-from docs.studies.cases import ACCELERATION, COMPLETE, DECELERATION, GTO_VEHICLE, IGBT_VEHICLE, Workbench
+from docs.studies.cases import ACCELERATION, COMPLETE, DECELERATION, Workbench
 from docs.studies.drawing import style
-from docs.studies.output import Output, plain
+from docs.studies.output import Output
 from precompute.baselines import strategies
 from precompute.cli.options import chosen
 
-ITEMS: Final[dict[str, Callable[[Workbench, Output], dict[str, Any]]]] = {
+ITEMS: Final[dict[str, Callable[[Workbench, Output], None]]] = {
     "fig4": figures_energy.fig4,
     "fig5": partial(figures_runs.runs_figure, "fig5", ACCELERATION),
     "fig6": partial(figures_energy.savings_figure, "fig6", ACCELERATION),
@@ -40,37 +39,26 @@ def study(
     only: Annotated[
         str | None, typer.Option("--only", metavar="LIST", help=f"Only these, separated by commas: {', '.join(ITEMS)}.")
     ] = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Redo the study of the paper: figures 4 to 10, Table 2, the Zürich–Luzern shares.
 
-    Figures are written as PNG and SVG, their curves as CSV. The folder is created. The files of what is asked for are
-    overwritten, and summary.json as well, which holds the items of this run.
+    Figures are written as PNG, tables as Markdown. The folder is created, and files in it are overwritten.
     """
     wanted, output = chosen(only, ITEMS, "item"), Output(out)
     with loading_solver():
         warm_up()
         strategies.warm_up()
     began = time.perf_counter()
-    summary = make(wanted, output)
-    if as_json:
-        print(json.dumps(plain(summary), ensure_ascii=False))
-        return
+    make(wanted, output)
     tell(f"written: {len(output.written)} files in {out} ({time.perf_counter() - began:.0f} s)")
 
 
-def make(wanted: list[str], output: Output) -> dict[str, Any]:
-    """Make items and summary.json; returns the content of summary.json."""
+def make(wanted: list[str], output: Output) -> None:
+    """Make items of the study."""
     bench = Workbench()
     with style():
-        items = {name: ITEMS[name](bench, output) for name in shown(wanted)}
-    summary = {
-        "paper": "M. Nold, F. Corman, Railway Engineering Science, 2024",
-        "vehicles": {"gto": GTO_VEHICLE, "igbt": IGBT_VEHICLE},
-        "items": items,
-    }
-    output.json("summary.json", summary)
-    return summary
+        for name in shown(wanted):
+            ITEMS[name](bench, output)
 
 
 def main() -> None:

@@ -1,8 +1,9 @@
 """The pictures of recordings in the pages, drawn from drives that are made for them, into the working folder.
 
-`python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt) and review.png;
-`readme` first-minute.png, the picture of README; `what-if` what-if.txt and what-if.png. `report` draws report.png, and
-needs Chromium and pdftoppm (poppler): its picture is one of release 0.2, in docs/results/0.2/screens.
+`python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt), review.png, and
+what comes of its drive with a restriction (what-if.txt, what-if.png); `readme` first-minute.png, the picture of README.
+`report` draws report.png, and needs Chromium and pdftoppm (poppler): its picture is one of release 0.2, in
+docs/results/0.2/screens.
 """
 
 from __future__ import annotations
@@ -13,13 +14,19 @@ from pathlib import Path
 from typing import Final
 
 from docs.studies.bundled import das_sim, first_page
+from sim.cli.first_minute import DRIVER
 
 
 def first_minute(folder: Path) -> None:
-    """The first minute: what it prints, and all about the drive with the coach, with the recorded one beside it."""
+    """The first minute: what it prints, its two drives beside each other, and the second one with a restriction."""
     said, recorded, coached = _driven(folder)
     (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
     das_sim("view", coached, "--beside", recorded, "--plot", folder / "review.png")
+    coached.rename(folder / "coached.mcap")
+    again = ("--driver", DRIVER, "--restriction", "18-19.5:60", "-o", "restricted.mcap")
+    das_sim("what-if", "coached.mcap", *again, folder=folder)
+    compared = das_sim("compare", "coached.mcap", "restricted.mcap", "--plot", "what-if.png", folder=folder)
+    (folder / "what-if.txt").write_text(compared, encoding="utf-8")
 
 
 def readme(folder: Path) -> None:
@@ -38,15 +45,6 @@ def _driven(folder: Path) -> tuple[list[str], Path, Path]:
     return said, recorded, coached
 
 
-def what_if(folder: Path) -> None:
-    """The day with a restriction of the guide, and the same day without it, compared."""
-    recorded, without = (folder / f"{name}.mcap" for name in ("recorded", "no-restriction"))
-    das_sim("run", "restriction-ahead", "--seed", "1", "--advice", "vector", "-o", recorded)
-    das_sim("what-if", recorded, "--without-restrictions", "--driven-anew", "-o", without)
-    said = das_sim("compare", recorded.name, without.name, "--plot", "what-if.png", folder=folder)
-    (folder / "what-if.txt").write_text(said, encoding="utf-8")
-
-
 def report(folder: Path) -> None:
     """The first page of the report of a day with a restriction."""
     das_sim("run", "restriction-ahead", "--seed", "1", "-o", folder / "run.mcap")
@@ -57,7 +55,6 @@ def report(folder: Path) -> None:
 PICTURES: Final[dict[str, Callable[[Path], None]]] = {
     "first-minute": first_minute,
     "readme": readme,
-    "what-if": what_if,
     "report": report,
 }
 

@@ -19,7 +19,7 @@ from matplotlib.patches import Patch
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.trajectory import EnergyBalance, Trajectory
-from das.domain.units import KM, KW, PERCENT, kwh
+from das.domain.units import PERCENT, kwh
 from das.domain.vehicle import Vehicle
 from das.solver.section import Section, build_section
 from docs.studies.cases import ENERGY_SHARES_PERCENT, GTO_VEHICLE
@@ -62,7 +62,6 @@ class Shares:
     resistance: float
     friction_brake: float
     comfort: float
-    potential: float
 
     @property
     def total(self) -> float:
@@ -74,13 +73,13 @@ class Shares:
         return float(getattr(self, name)) / self.total / PERCENT
 
 
-def drive(driver: str, *, buffer_percent: float = BUFFER_PERCENT) -> DrivenTrip:
+def drive(driver: str) -> DrivenTrip:
     """The trip with a kind of driver; every section with the same buffer."""
     route, vehicle = load_route(ROUTE), load_vehicle(GTO_VEHICLE)
     runs = []
     for start, end in pairwise(route.stops):
         section = build_section(route, vehicle, level=Level.L3, start_m=start.position_m, end_m=end.position_m)
-        time_s = baselines.fastest(section).time_s * (1 + buffer_percent * PERCENT)
+        time_s = baselines.fastest(section).time_s * (1 + BUFFER_PERCENT * PERCENT)
         runs.append(DRIVERS[driver](section, time_s).trajectory)
     return DrivenTrip(vehicle=vehicle, runs=tuple(runs))
 
@@ -106,7 +105,6 @@ def shares(trip: DrivenTrip, friction_ratio: float) -> Shares:
         resistance=total(lambda x: x.resistance),
         friction_brake=total(lambda x: x.friction_brake),
         comfort=trip.vehicle.comfort_power_w * trip.time_s,
-        potential=total(lambda x: x.potential),
     )
 
 
@@ -122,57 +120,16 @@ def friction_for(trip: DrivenTrip, friction_brake_percent: float) -> float | Non
     return high
 
 
-def energy_shares(_bench: object, output: Output) -> dict[str, Any]:
-    """Write the shares of both drivers against the paper's, as CSV, Markdown and picture."""
-    result: dict[str, Any] = {
-        "printed_percent": dict(ENERGY_SHARES_PERCENT), "buffer_percent": BUFFER_PERCENT, "dwell_s": DWELL_S,
-    }  # fmt: skip
+def energy_shares(_bench: object, output: Output) -> None:
+    """Write the shares of both drivers against the paper's, as Markdown and picture."""
     drawn: dict[str, list[Shares]] = {}
     for driver in DRIVERS:
         trip = drive(driver)
         fitted = friction_for(trip, ENERGY_SHARES_PERCENT["friction_brake"])
         ratios = [0.0, *([fitted] if fitted is not None else []), 1.0]
         drawn[driver] = [shares(trip, ratio) for ratio in ratios]
-        result["comfort_power_kw"] = trip.vehicle.comfort_power_w / KW
-        result["length_km"] = sum(float(run.s_m[-1] - run.s_m[0]) for run in trip.runs) / KM
-        result[driver] = {
-            "time_s": trip.time_s,
-            "friction_ratio_for_print": fitted,
-            "shares": [_json(item) for item in drawn[driver]],
-            "print_scaled_to_our_resistance": _scaled_print(drawn[driver][0], trip.time_s),
-        }
-    output.csv("shares.csv", *_rows(drawn))
     output.text("shares.md", _markdown(drawn))
     output.picture("shares", _draw(drawn))
-    return result
-
-
-def _scaled_print(item: Shares, time_s: float) -> dict[str, float]:
-    """What the paper's shares would mean in absolute terms on a trip with our running resistance."""
-    whole = item.resistance / (ENERGY_SHARES_PERCENT["resistance"] * PERCENT)
-    parts = {name: whole * percent * PERCENT for name, percent in ENERGY_SHARES_PERCENT.items()}
-    energies = {f"{name}_kwh": kwh(energy) for name, energy in parts.items()}
-    return {**energies, "mean_comfort_kw": parts["comfort"] / time_s / KW}
-
-
-def _json(item: Shares) -> dict[str, Any]:
-    return {
-        "friction_ratio": item.friction_ratio,
-        "percent": {name: item.percent(name) for name in ENERGY_SHARES_PERCENT},
-        "from_print_points": {name: item.percent(name) - value for name, value in ENERGY_SHARES_PERCENT.items()},
-        "kwh": {name: kwh(getattr(item, name)) for name in (*ENERGY_SHARES_PERCENT, "potential", "total")},
-    }
-
-
-def _rows(drawn: dict[str, list[Shares]]) -> tuple[list[str], list[tuple[object, ...]]]:
-    columns = ["driver", "friction_braking_ratio", "item", "energy_kwh", "share_percent", "printed_percent"]
-    rows: list[tuple[object, ...]] = [
-        (driver, item.friction_ratio, name, kwh(getattr(item, name)), item.percent(name), printed)
-        for driver, items in drawn.items()
-        for item in items
-        for name, printed in ENERGY_SHARES_PERCENT.items()
-    ]
-    return columns, rows
 
 
 _LABELS = {

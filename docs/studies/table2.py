@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+
+import numpy as np
 
 from das.domain.trajectory import Trajectory
 from docs.studies.cases import (
@@ -16,8 +17,6 @@ from docs.studies.cases import (
     TABLE2,
     TABLE2_BUFFER_PERCENT,
     TABLE2_LEVELS,
-    TABLE2_TRAJECTORIES,
-    StudyCase,
     Variant,
     Workbench,
     label,
@@ -25,7 +24,6 @@ from docs.studies.cases import (
 from docs.studies.output import Output, markdown_table
 from precompute.baselines import strategies as baselines
 
-CSV_COLUMNS = ("trajectory", "level", "printed", "ours", "deviation_ratio")
 FOUR_MODE_LEVELS = (L0_NOREG, L1, L2)
 """Levels whose optimum on level track is a run of four modes (section 4.5)."""
 
@@ -37,97 +35,58 @@ class Cell:
     trajectory: str
     level: str
     ours: float
-    printed: float | None = None
+    printed: float
 
     @property
-    def deviation_ratio(self) -> float | None:
-        """Our figure over the printed one, − 1; None if none is printed."""
-        return None if self.printed is None else self.ours / self.printed - 1
+    def deviation_ratio(self) -> float:
+        """Our figure over the printed one, − 1; NaN if none is printed."""
+        return self.ours / self.printed - 1
 
 
-def trajectories(bench: Workbench, case: StudyCase, buffer_percent: float) -> dict[str, Trajectory]:
+def trajectories(bench: Workbench) -> dict[str, Trajectory]:
     """The rows of the table: fastest, reduced maximum speed, each level's run; all but the first with the buffer."""
-    time_s = bench.time_s(case, buffer_percent)
+    time_s = bench.time_s(COMPLETE, TABLE2_BUFFER_PERCENT)
     rows = {
-        "fastest": bench.fastest(case),
-        "rms": baselines.reduced_maximum_speed(bench.section(case, L3), time_s).trajectory,
+        "fastest": bench.fastest(COMPLETE),
+        "rms": baselines.reduced_maximum_speed(bench.section(COMPLETE, L3), time_s).trajectory,
     }
     for variant in ALL_VARIANTS:
-        rows[variant.name] = _best_run(bench, case, variant, time_s)
+        rows[variant.name] = _best_run(bench, variant, time_s)
     return rows
 
 
-def _best_run(bench: Workbench, case: StudyCase, variant: Variant, time_s: float) -> Trajectory:
+def _best_run(bench: Workbench, variant: Variant, time_s: float) -> Trajectory:
     """The solver's run, or a four-mode run if that needs less: the two may differ by the solver's 0.01 to 0.05 %."""
-    runs = [bench.front(case, variant).trajectory(time_s).trajectory]
+    runs = [bench.front(COMPLETE, variant).trajectory(time_s).trajectory]
     if variant in FOUR_MODE_LEVELS:
-        runs.append(baselines.four_modes(bench.section(case, variant), time_s).trajectory)
+        runs.append(baselines.four_modes(bench.section(COMPLETE, variant), time_s).trajectory)
     return min(runs, key=lambda run: bench.energy_j(run, variant))
 
 
-def cross_evaluation(bench: Workbench, case: StudyCase, rows: dict[str, Trajectory]) -> list[Cell]:
-    """Every trajectory's energy at every level, without printed values."""
-    return [
-        Cell(trajectory=name, level=variant.name, ours=bench.percent(case, run, variant))
-        for name, run in rows.items()
-        for variant in ALL_VARIANTS
-    ]
-
-
 def cells(bench: Workbench) -> list[Cell]:
-    """All cells of Table 2, with the printed figures."""
-    rows = trajectories(bench, COMPLETE, TABLE2_BUFFER_PERCENT)
-    found = {(cell.trajectory, cell.level): cell.ours for cell in cross_evaluation(bench, COMPLETE, rows)}
+    """Every run's energy at every level, with the printed figures."""
+    rows = trajectories(bench)
     return [
-        Cell(trajectory=trajectory, level=level, ours=found[trajectory, level], printed=TABLE2[trajectory, level])
-        for trajectory in TABLE2_TRAJECTORIES
-        for level in TABLE2_LEVELS
+        Cell(
+            trajectory=name,
+            level=variant.name,
+            ours=bench.percent(COMPLETE, rows[name], variant),
+            printed=printed,
+        )
+        for name, values in TABLE2.items()
+        for variant, printed in zip(ALL_VARIANTS, values, strict=True)
     ]
 
 
-def table2(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Write Table 2 as tidy CSV and as Markdown; return its cells, deviations and the gains of L3."""
-    found = cells(bench)
-    output.csv(
-        "table2.csv", CSV_COLUMNS, [(c.trajectory, c.level, c.printed, c.ours, c.deviation_ratio) for c in found]
-    )
-    output.text("table2.md", markdown(found))
-    deviations = [(abs(c.deviation_ratio), c) for c in found if c.deviation_ratio is not None]
-    worst = max(deviations, key=lambda item: item[0])[1]
-    return {
-        "cells": {f"{c.trajectory}/{c.level}": c.ours for c in found},
-        "largest_deviation": {
-            "trajectory": worst.trajectory, "level": worst.level, "printed": worst.printed, "ours": worst.ours,
-            "ratio": worst.deviation_ratio,
-        },
-        "largest_deviation_ratio_by_level": {
-            level: max(r for r, c in deviations if c.level == level) for level in TABLE2_LEVELS
-        },
-        "gains": {variant.name: gains(found, variant) for variant in ALL_VARIANTS[-2:]},
-    }  # fmt: skip
-
-
-def gains(found: list[Cell], variant: Variant) -> dict[str, Any]:
-    """What the run optimal for an L3 map saves with that map against the second best and against RMS (ratios).
-
-    The second best is the best run of levels L0 to L2: the paper has no run of the other L3 map in that column.
-    """
-    column = {c.trajectory: c.ours for c in found if c.level == variant.name}
-    own = column[variant.name]
-    others = {name: value for name, value in column.items() if not name.startswith("l3")}
-    second = min(others, key=others.__getitem__)
-    return {
-        "second_best": second,
-        "saves_against_second_best_ratio": 1 - own / column[second],
-        "saves_against_rms_ratio": 1 - own / column["rms"],
-        "saves_against_fastest_ratio": 1 - own / column["fastest"],
-    }
+def table2(bench: Workbench, output: Output) -> None:
+    """Write Table 2 as Markdown."""
+    output.text("table2.md", markdown(cells(bench)))
 
 
 def markdown(found: list[Cell]) -> str:
     """The table; each cell has the printed figure, ours and the deviation."""
     rows = []
-    for trajectory in TABLE2_TRAJECTORIES:
+    for trajectory in TABLE2:
         row = [c for c in found if c.trajectory == trajectory]
         rows.append([label(trajectory), *(_text(cell, found) for cell in row)])
     return (
@@ -141,6 +100,6 @@ def _text(cell: Cell, found: list[Cell]) -> str:
     least = min(c.ours for c in found if c.level == cell.level)
     ours = f"{cell.ours:.2f}"
     ours = f"**{ours}**" if ours == f"{least:.2f}" else ours
-    if cell.printed is None or cell.deviation_ratio is None:
+    if np.isnan(cell.printed):
         return f"– → {ours}"
     return f"{cell.printed:.2f} → {ours} ({100 * cell.deviation_ratio:+.1f} %)"

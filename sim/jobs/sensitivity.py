@@ -196,7 +196,7 @@ def sensitivities(study: Study, runs: Iterable[SensitivityRun]) -> list[Sensitiv
 
 
 def sensitivity_markdown(found: Sequence[Sensitivity]) -> str:
-    """The table as docs/reference/populations.md shows it."""
+    """The table in Markdown, for a page."""
     lines = [
         "| advice shown | parameter | −1 sd | +1 sd | points of gap per sd | kWh per sd | source |",
         "|---|---|---:|---:|---:|---:|---|",

@@ -1,28 +1,28 @@
-"""The driver days of the release: every table is a group of their rows, and the program still drives as they say."""
+"""Driver days and persons of the release: tables are made of their rows, and the program still drives as they say."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from docs.studies.driver_days import SEEDS, batches
+from docs.studies.driver_days import PERSON_COLUMNS, PERSON_NUMBERS, PERSONS, SEEDS, batches, person_jobs
 from docs.studies.driver_tables import AT_EQUAL_ARRIVAL, Row, groups, less, presentations, read, tables
 from docs.studies.output import plain
 from sim.drivers.kinds import Presentation
 from sim.jobs.batch import make_run
 
-ROWS = read()
+ROWS, PERSON_ROWS = read(), read(PERSONS)
 NONE, COACH = Presentation.NONE, Presentation.COACH
 TOLERANCES = {
     "late_s": 3.0, "energy_kwh": 2.0, "energy_optimum_kwh": 1.0, "friction_brake_ratio": 0.005,
     "advice_changes_per_min": 0.1, "instructions": 2.0, "announced_ratio": 0.05, "brakes_led_ratio": 0.1,
     "over_limit_s": 2.0, "last_word_acts": 0.0, "signals_passed": 0.0,
 }  # fmt: skip
-"""By how much a drive may differ from its row; two seeds differ by more."""
+"""By how much a drive may differ from its row; two seeds differ by more, and two persons."""
 
 
 def test_every_table_is_what_the_rows_give() -> None:
-    for page, name, lines in tables(ROWS):
+    for page, name, lines in tables(ROWS, PERSON_ROWS):
         assert f"<!-- {name}: begin -->\n" + "\n".join(lines) + f"\n<!-- {name}: end -->" in page.read_text("utf-8")
 
 
@@ -54,3 +54,17 @@ def test_the_program_still_drives_as_the_rows_say() -> None:
     (kept,) = groups(ROWS, (COACH,))
     off = {name: float(np.abs(made[name] - kept[SEEDS[0]][name])) for name in TOLERANCES}
     assert {name: by for name, by in off.items() if by > TOLERANCES[name]} == {}
+
+
+def test_every_person_of_the_release_has_a_row() -> None:
+    assert [int(row["participant"]) for row in PERSON_ROWS] == list(PERSON_NUMBERS)
+    assert tuple(PERSON_ROWS[0]) == PERSON_COLUMNS
+
+
+@pytest.mark.slow
+def test_the_program_still_drives_the_first_two_persons_as_their_rows_say() -> None:
+    """The probe. If it fails, make populations.csv again and read the sentences around its tables."""
+    for job, kept in zip(person_jobs(PERSON_NUMBERS[:2]), PERSON_ROWS, strict=False):
+        made = plain(make_run(job).row)
+        off = {name: abs(made[name] - kept[name]) for name in PERSON_COLUMNS[1:]}
+        assert {name: by for name, by in off.items() if by > TOLERANCES[name]} == {}

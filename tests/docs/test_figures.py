@@ -15,7 +15,7 @@ from mkdocs.config import load_config
 from mkdocs.exceptions import Abort
 
 from docs.studies import figures, paper
-from docs.studies.figures import ROOT, input_hash, made, marks_of, value_of
+from docs.studies.figures import FIRST, ROOT, input_hash, longest_first, made, marks_of, value_of
 from docs.studies.notebooks import NOTEBOOKS
 from docs.studies.output import DOCS, Output
 from tests.support.kept_figures import (
@@ -46,7 +46,9 @@ def same_picture(one: Path, other: Path) -> bool:
 
 def test_every_mark_can_be_read_and_none_is_left_in_what_is_read_without_a_build() -> None:
     asked = [one for page in PAGES for one in marks_of(page.read_text(encoding="utf-8"), page.name)]
-    assert len({command for command, _ in asked}) > 10
+    commands = {command for command, _ in asked}
+    assert len(commands) > 10
+    assert longest_first(commands)[: len(FIRST)] == list(FIRST)
     for page in [ROOT / "README.md", *NOTEBOOKS.values(), *RESULTS.rglob("*.md")]:
         assert "{{" not in page.read_text(encoding="utf-8"), page
 
