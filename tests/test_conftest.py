@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import weakref
 from functools import cache
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -36,26 +38,35 @@ def test_every_file_whose_seconds_are_kept_is_there() -> None:
     assert [name for name in names if not (REPOSITORY / name).is_file()] == []
 
 
-def test_what_functions_of_a_file_keep_is_forgotten_at_its_end_and_what_it_imported_is_not() -> None:
+def test_what_functions_of_the_tests_keep_is_forgotten_at_the_end_of_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What functions of the program keep stays, as in a program that runs for long; circles go."""
+
     @cache
-    def imported() -> object:
+    def ours() -> object:
         return object()
 
     @cache
-    def own() -> object:
+    def products() -> object:
         return object()
 
-    module = ModuleType("drives_days")
-    own.__module__ = module.__name__
-    vars(module).update(own=own, imported=imported, number=3)
-    same_file, other_file = item("a.py"), item("b.py")
-    same_file.module = module
-    kept = own(), imported()
-    conftest.pytest_runtest_teardown(same_file, item("a.py"))
-    assert (own(), imported()) == kept
-    conftest.pytest_runtest_teardown(same_file, other_file)
-    assert own() is not kept[0]
-    assert imported() is kept[1]
+    class Circle:
+        def __init__(self) -> None:
+            self.itself = self
+
+    ours.__module__, products.__module__ = "tests.support.drives_days", "sim.drives_days"
+    module = ModuleType(ours.__module__)
+    vars(module).update(ours=ours, products=products, number=3)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    first, same_file, other_file = item("a.py"), item("a.py"), item("b.py")
+    kept, circle = (ours(), products()), weakref.ref(Circle())
+    for nextitem, forgotten in ((same_file, False), (other_file, True)):
+        hook: Any = conftest.pytest_runtest_protocol(first, nextitem)
+        next(hook)
+        with pytest.raises(StopIteration):
+            hook.send(None)
+        assert (ours() is not kept[0]) is forgotten
+    assert products() is kept[1]
+    assert circle() is None
 
 
 def test_values_that_are_not_kept_are_in_the_tier_that_is_asked_for() -> None:

@@ -27,16 +27,21 @@ buffer_percent = 10
 
 
 KEPT_SERVICES = 3
-solved: list[Service] = []
+
+
+@cache
+def solved() -> list[Service]:
+    """The latest services of a test file: what `@cache` keeps is forgotten at its end."""
+    return []
 
 
 def service_for(scenario: Scenario) -> Service:
     """The service of a scenario; its line is solved only if none of the latest services can be used again."""
-    found = next((one for one in solved if one.plans(scenario)), None)
+    found = next((one for one in solved() if one.plans(scenario)), None)
     if found is None:
         found = prepare_service(scenario)
-        solved.append(found)
-        del solved[:-KEPT_SERVICES]
+        solved().append(found)
+        del solved()[:-KEPT_SERVICES]
     return found.on(scenario)
 
 

@@ -18,7 +18,7 @@ from das.bus import chunks, das_pb2, topics
 from das.bus.contents import read_contents, read_raw
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
-from das.bus.scanning import MAGIC, UNCHECKED, begun, sealed
+from das.bus.scanning import MAGIC, UNCHECKED, Damage, Health, begun, sealed
 from das.domain.errors import DasError
 from tests.support.recordings import START_NS, write_messages
 
@@ -347,3 +347,10 @@ def test_drives_that_run_through_each_other_in_channels_without_a_name_are_refus
     merged = rewritten(tmp_path / "merged.mcap", one, other, by_time=True)
     with pytest.raises(DasError, match=r"2 drives of the train 't1' at the same time.*: read the files from which"):
         read_contents(merged)
+
+
+@pytest.mark.parametrize(("places", "more"), [(5, []), (8, ["damaged: 3 more places"])])
+def test_five_damaged_places_are_listed_and_the_others_counted(places: int, more: list[str]) -> None:
+    damage = tuple(Damage(start_byte=10 * i, end_byte=10 * i + 5, what=f"place {i}") for i in range(places))
+    listed = [f"damaged: place {i} (bytes {10 * i} to {10 * i + 5}); it is left out" for i in range(5)]
+    assert Health(size_bytes=100, complete=True, damage=damage).warnings() == listed + more

@@ -270,7 +270,7 @@ def test_a_map_that_does_not_cover_the_train_names_the_point() -> None:
         build_section(flat(5_000.0), make_train().with_loss_map(small))
 
 
-def test_bounds_of_every_kernel(hilly: Front) -> None:
+def test_bounds_of_every_kernel_of_a_front(hilly: Front) -> None:
     """Run alone with NUMBA_BOUNDSCHECK=1 by .ci/run: a read past an array's end raises there."""
     table = np.fromfunction(lambda i, j: 1e3 + 10.0 * i + abs(j - 10) * 1e3, (62, 21))
     loss_map = LossMap(name="map", speed_mps=np.arange(62.0), force_n=np.linspace(-1e5, 1e5, 21), loss_w_table=table)

@@ -250,6 +250,19 @@ def test_nobody_leaves_early_and_everyone_minds_restrictions_and_signals(kind: D
     assert state.s_m == pytest.approx(7000.0, abs=2.0)
 
 
+@pytest.mark.parametrize("kind", [DriverKind.RMS, DriverKind.TIMETABLE, DriverKind.PERFECT, DriverKind.LITERAL])
+def test_a_driver_by_rule_brakes_comfortably_for_a_stop(kind: DriverKind) -> None:
+    """With 0.5 m/s², v² falls by 125 m²/s² from 15 to 10 m/s in 125 m. Nobody advises him, and he is late."""
+    line, plant = LineKnowledge(route=flat(6000.0, 22.0), vehicle=RE460), Plant(flat(6000.0, 22.0), RE460)
+    driver, states = make_driver(kind, line), [plant.at(0.0)]
+    while states[-1].speed_mps > 0.0 or states[-1].s_m < 5000.0:
+        cab = cab_of(states[-1], stop_m=6000.0, arrival_s=1.0)._replace(limit_mps=22.0)
+        states.append(plant.advance(states[-1], driver.command(cab), 0.2))
+    braking = [one for one in states if one.s_m > 5000.0][::-1]
+    at_10_m, at_15_m = np.interp([10.0, 15.0], [one.speed_mps for one in braking], [one.s_m for one in braking])
+    assert at_10_m - at_15_m == pytest.approx(125.0, rel=0.05)
+
+
 @pytest.mark.parametrize("kind", list(DriverKind))
 def test_a_limit_that_only_the_display_knows_is_kept(kind: DriverKind) -> None:
     line, plant = LineKnowledge(route=flat(9000.0, 40.0), vehicle=RE460), Plant(flat(9000.0, 40.0), RE460)

@@ -116,6 +116,7 @@ def test_compared_drives_have_a_strip_of_what_each_display_said() -> None:
     figure = comparison_figure(aligned)
     assert figure.get_figheight() < 11.7, "it fits on a sheet A4"
     speed, said, _, _ = figure.axes
+    assert 160.0 < speed.get_ylim()[1] < 1.1 * 160.0, "the limit of the line is just below the top"
     words = [text.get_text() for text in said.texts]
     assert words == [one.state for one in instructions(drives[0]).changes if one.state][: len(words)]
     assert len(words) > 1

@@ -217,16 +217,13 @@ def test_a_reference_that_does_not_say_its_brakes_is_taken_by_a_train_that_is_fa
     assert (moving.reference is not standing.reference) is anew
 
 
-def test_a_young_reference_is_not_doubted() -> None:
-    """The train is 30 s late, but the reference is younger than the least age."""
+def test_a_reference_is_not_doubted_before_it_is_20_s_old() -> None:
+    """The train is 30 s late at once, but the outer loop has a period of at least 20 s: a driver looks and reacts."""
     goal = goal_of(LINE, BUFFER)
     keeper, kept, train = started(LINE, goal)
-    young = range(6, 5 + int(DEFAULT.keeping.least_age_s))
-    assert [cause for _, cause in driven(keeper, train, goal, young, behind_s=30.0)] == []
-    later = driven(keeper, train, goal, range(young.stop, young.stop + 20), behind_s=30.0)
-    assert len(later) <= 1
-    assert keeper.keep(train.at(young.stop + 20, behind_s=30.0), goal) is not None
     assert kept.reference.replan.time_ns == ns(5)
+    ((second, later),) = driven(keeper, train, goal, range(6, 50), behind_s=30.0)
+    assert (second, later.reference.replan.cause) == (25, ReplanCause.LATE)
 
 
 def test_a_train_that_cannot_be_earlier_keeps_its_reference_and_is_rarely_asked_for(

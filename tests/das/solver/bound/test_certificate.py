@@ -11,7 +11,8 @@ import pytest
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stretches, Zone
-from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
+from das.domain.units import STANDARD_GRAVITY_MPS2
+from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 from das.solver.bound.certificate import behind_fastest, certificate, fastest_is_ahead, task_of
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
@@ -102,6 +103,22 @@ def test_the_fastest_run_is_its_own_bound_where_it_is_alone(front: Front) -> Non
     assert not fastest_is_ahead(task_of(slipping, slipping.time_s))
     assert slipping.gap_reason == ""
     assert 0.0 < slipping.gap_ratio < 0.05
+
+
+@pytest.mark.parametrize(("downhill_n", "alone"), [(27_000.0, True), (32_000.0, False)])
+def test_a_descent_that_carries_the_train_beyond_its_largest_acceleration_takes_that_proof_away(
+    downhill_n: float, *, alone: bool
+) -> None:
+    """With a tail wind, at 30 m/s and without the air, nothing but 2 kN − 3 kN resists; the brakes hold 20 kN.
+
+    Of 27 kN downhill 8 kN are left: less than 0.1 m/s² for 100 t, which is 10 kN. Of 32 kN 13 kN are left.
+    """
+    weak = EffortEnvelope(max_force_n=2e4, max_power_w=1e12)
+    train = make_train(resistance=(2_000.0, -100.0, 8.0), loss=lossy())
+    train = replace(train, max_acceleration_mps2=0.1, electric_brake=weak)
+    grades = [(0.0, 0.0), (3_000.0, -downhill_n / (1e5 * STANDARD_GRAVITY_MPS2)), (3_100.0, 0.0)]
+    run = hilly(make_route(6_000.0, [(0.0, 30.0)], grades), train).fastest()
+    assert fastest_is_ahead(task_of(run, run.time_s)) is alone
 
 
 def other_supply() -> Route:

@@ -294,6 +294,15 @@ def test_a_brake_before_no_limit_is_one_effort_and_then_the_speed_is_held() -> N
     assert speeds[held] == pytest.approx(80 * KMH, abs=0.01)
 
 
+def test_a_brake_without_an_effort_to_a_lower_speed_is_one_deceleration() -> None:
+    """From 130 to 80 km/h in 2 km, with no limit there: v² falls evenly, (36.1² − 22.2²)/(2 · 2000) = 0.203 m/s²."""
+    section = section_of(FLAT)
+    _, speeds = braked(0.0, 80 * KMH, 2500.0, 4500.0)
+    first, last = np.searchsorted(section.node_m, (2500.0, 4500.0))
+    assert rates_mps2(section, speeds)[first + 1 : last - 1] == pytest.approx(0.203, rel=0.02)
+    assert speeds[last] == pytest.approx(80 * KMH, abs=0.1)
+
+
 @pytest.mark.parametrize(("s_m", "v_kmh", "time_s"), [(21_712.0, 102.0, 268.2), (20_494.0, 96.0, 310.0)])
 def test_a_notch_of_the_brake_that_does_not_brake_yet_is_no_brake(s_m: float, v_kmh: float, time_s: float) -> None:
     """Downhill, where a few-switch trajectory stays in the brake's notch for kilometres while it is slower than its
