@@ -121,12 +121,15 @@ def curve_resistance(curvature_per_m: float) -> float:
 
 @dataclass(frozen=True)
 class Effort:
-    """A largest force and a largest power at the wheel."""
+    """A largest force and a largest power at the wheel, or a curve of speeds and forces in their place."""
 
     force_n: float
     power_w: float
+    curve: tuple[Floats, Floats] | None = None
 
     def limit_n(self, v: Floats) -> Floats:
+        if self.curve is not None:
+            return np.interp(v, *self.curve)
         return np.minimum(self.force_n, self.power_w / np.maximum(v, 1e-9))
 
 
@@ -302,10 +305,14 @@ def _named(table: Mapping[str, Any], quantity: str, default: float | None = None
 
 def _efficiencies(own: Mapping[str, Any] | None) -> tuple[float, float] | None:
     """Efficiencies of traction and electric brake, where the file states them."""
-    return (_named(own, "traction_efficiency"), _named(own, "brake_efficiency")) if own else None
+    stated = own is not None and any(key.startswith("traction_efficiency") for key in own)
+    return (_named(own, "traction_efficiency"), _named(own, "brake_efficiency")) if own and stated else None
 
 
 def _effort(table: Mapping[str, Any]) -> Effort:
+    if "curve" in table:
+        speeds, forces = np.array(_columns(table["curve"])).T
+        return Effort(float(forces.max()), np.inf, (speeds, forces))
     return Effort(_named(table, "max_force"), _named(table, "max_power"))
 
 

@@ -1,0 +1,73 @@
+"""`python -m docs.studies.matrix [--cells N] [--first N] [--workers N] [--write]`: any train on any line, as tables.
+
+It drives cells of the matrix (line, train, driver, seed), prints the bounds and the means of every line, and with
+--write puts them into docs/results/0.2/matrix.md, with a row a cell in matrix.csv beside it. 100 cells take ten minutes
+of processor time; those of public data sets need ../shared/data.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from das import __version__
+from docs.studies.output import DOCS, Output, plain, write_table
+from tests.support.matrix import ADVISED, Judged, bounds_table, judged, lines_table
+from tests.support.matrix_lines import Cell, cells
+
+PAGE: Final = DOCS / "results" / "0.2" / "matrix.md"
+
+
+def driven(cell: Cell) -> Judged:
+    """The judgement of one cell."""
+    with tempfile.TemporaryDirectory() as folder:
+        return judged(cell, Path(folder))
+
+
+def facts(rows: Sequence[Judged]) -> Iterator[str]:
+    """The title of the page: what was driven, with which commit, and when."""
+    found = subprocess.run(["git", "rev-parse", "HEAD"], cwd=DOCS, capture_output=True, text=True, check=False)
+    pairs, seeds = {(row.line, row.train) for row in rows}, sorted({row.seed for row in rows})
+    which = f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}"
+    made = f"{datetime.now(tz=UTC):%d %B %Y}".lstrip("0")
+    yield (
+        f"# Any train on any line, release {__version__}: {len(rows)} cells, {len(pairs)} lines with a train, "
+        f"{which}, advice {ADVISED}, commit {found.stdout[:8] or 'unknown'}, {made}"
+    )
+
+
+def write(rows: Sequence[Judged]) -> None:
+    """Write the tables of the page, and the rows beside it."""
+    Output(PAGE.parent).csv("matrix.csv", Judged.columns(), (plain(row.as_row()) for row in rows))
+    for name, table in (("facts", facts), ("bounds", bounds_table), ("lines", lines_table)):
+        write_table(PAGE, name, table(rows))
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Drive the cells, and print or write their tables."""
+    parser = argparse.ArgumentParser(prog="python -m docs.studies.matrix", description=__doc__)
+    parser.add_argument("--cells", type=int, default=100, metavar="N", help="Number of cells.")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="The first of them.")
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="Number of processes.")
+    parser.add_argument("--write", action="store_true", help="Write the page of the release.")
+    asked = parser.parse_args(args)
+    rows = []
+    with ProcessPoolExecutor(asked.workers) as pool:
+        for row in pool.map(driven, cells(asked.cells, asked.first)):
+            rows.append(row)
+            print(f"{row.line}, {row.train}, {row.who}, seed {row.seed} {row.said}", file=sys.stderr, flush=True)
+    if asked.write:
+        write(rows)
+        return
+    print(*bounds_table(rows), "", *lines_table(rows), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
