@@ -23,8 +23,8 @@ from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.solver.few_switch.schedule import Schedule, Scheduled
 from das.solver.front import Front
+from das.solver.guide.schedule import Schedule, Scheduled
 from das.solver.section import Section, capped
 from das.solver.solution import Solution
 from das.solver.state import fastest, least_time_s

@@ -1,6 +1,6 @@
 """The driver's sheet of a section: what to do from which place on, fixed before departure and never changed.
 
-Its instructions are the phases of a few-switch schedule for the planned running time, made as the coach makes them, but
+Its instructions are the phases of a schedule for the planned running time, made as the coach makes them, but
 with a higher price of a change: what is read on paper must be little.
 """
 
@@ -12,18 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.coach.planning import Wanted, elapsed_s, planned, solve_coach
-from das.advice.coach.settings import CoachSettings
+from das.advice.coach.planning import Wanted, elapsed_s, planned
 from das.advice.regimes import InstructionKind
 from das.domain.journey import Window
-from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.schedule import Schedule
-from das.solver.few_switch.settings import FewSwitchSettings
+from das.solver.guide.phases import PhaseKind
+from das.solver.guide.policies import GuideFront, GuideSettings
+from das.solver.guide.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 
-CHANGE_S = 0.3
+CHANGE_S = 0.6
 """A change of what the driver does must save as much energy as full power needs in this time: four times the price that
 the coach has. On a sheet, every line has to be found, read and remembered."""
 PLACE_M = 100.0
@@ -31,13 +30,13 @@ PLACE_M = 100.0
 SAME_MPS = 0.5
 """Two speeds that differ by less than this (m/s) are the same on a sheet."""
 _KINDS = {
-    NotchRegime.TRACTION: InstructionKind.TRACTION,
-    NotchRegime.HOLD: InstructionKind.HOLD,
-    NotchRegime.COAST: InstructionKind.COAST,
-    NotchRegime.BRAKE: InstructionKind.BRAKE,
-    NotchRegime.CURVE: InstructionKind.BRAKE,
+    PhaseKind.TRACTION: InstructionKind.TRACTION,
+    PhaseKind.HOLD: InstructionKind.HOLD,
+    PhaseKind.COAST: InstructionKind.COAST,
+    PhaseKind.BRAKE: InstructionKind.BRAKE,
+    PhaseKind.CURVE: InstructionKind.BRAKE,
 }
-SETTINGS = CoachSettings(few_switch=FewSwitchSettings(change_s=CHANGE_S))
+SETTINGS = GuideSettings(change_s=CHANGE_S, young_s=2.0 * CHANGE_S)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,11 +93,11 @@ def section_sheet(
     train cannot drive the section.
     """
     start_m = float(section.node_m[0])
-    wanted = Wanted(s_m=start_m, v_mps=section.start_speed_mps, left_s=time_s, thorough=True)
+    wanted = Wanted(s_m=start_m, v_mps=section.start_speed_mps, left_s=time_s)
     if point_m is not None and window is not None:
         ends = [bound_s if np.isfinite(bound_s) else None for bound_s in (window.earliest_s, window.latest_s)]
         wanted = replace(wanted, point_m=point_m, earliest_s=ends[0], latest_s=ends[1])
-    found = planned(solve_coach(section, SETTINGS), wanted, SETTINGS)
+    found = planned(GuideFront(section, SETTINGS), wanted)
     times_s, at_m = elapsed_s(found.schedule, found.forecast, start_m)
     return SectionSheet(
         section=section,

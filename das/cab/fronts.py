@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Source
-from das.advice.coach.planning import solve_coach
 from das.advice.coach.settings import CoachSettings
 from das.cab import event_wording
 from das.compiling import SourcesMissingError
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
-from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.front import Front
+from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 from das.solver.solve import default_ladder, solve_ahead
 from das.table.format import MANIFEST, TableError
@@ -80,7 +79,7 @@ class Fronts:
         self.notes: list[str] = []
         self._threads = threads
         self._known = _Kept(kept_bytes, _size)
-        self._few_switch: _Kept[FewSwitchFront] = _Kept(kept_bytes, lambda few_switch: few_switch.nbytes)
+        self._guide: _Kept[GuideFront] = _Kept(kept_bytes, lambda guide: guide.nbytes)
         self._folder, self._missed = tables, set[str]()
         self._tables = self._listed(tables) if tables is not None else ()
 
@@ -98,17 +97,17 @@ class Fronts:
             return known
         return self._known.put(key, self._from_tables(section, hashes, s_m))
 
-    def find_few_switch(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> FewSwitchFront:
-        """The few-switch trajectories for the coach on a section: kept, or solved now; raises as `solve_few_switch`.
+    def find_guide(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> GuideFront:
+        """The policies of the coach on a section: kept, or begun now.
 
         For a train at a position (m), the line behind it is not solved; the answers are the same.
         """
-        key = f"{combined(hashes_of(section))} {settings.few_switch}"
-        known = self._few_switch.get(key)
+        key = f"{combined(hashes_of(section))} {settings.guide}"
+        known = self._guide.get(key)
         if known is not None:
             known.cover(section.start_m if s_m is None else s_m)
             return known
-        return self._few_switch.put(key, solve_coach(section, settings, s_m, threads=self._threads))
+        return self._guide.put(key, GuideFront(section, settings.guide, s_m, threads=self._threads))
 
     def _from_tables(self, section: Section, hashes: Mapping[str, str], s_m: float) -> Found:
         notes, others = [], []

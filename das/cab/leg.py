@@ -25,7 +25,7 @@ from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.solver.few_switch.few_switch import FewSwitchFront
+from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 LEAST_WAY_M = 2.0
@@ -98,11 +98,11 @@ class Leg:
         self.planner = Planner(basis, self._settings)
         self._lead(None)
 
-    def use_few_switch(self, front: FewSwitchFront) -> None:
-        """Lead the driver by these few-switch trajectories from now on."""
+    def use_guide(self, front: GuideFront) -> None:
+        """Lead the driver by these policies from now on."""
         self._lead(front)
 
-    def _lead(self, front: FewSwitchFront | None) -> None:
+    def _lead(self, front: GuideFront | None) -> None:
         """Replace the coach by a successor that goes on where it ended, but has no reference if there is no front."""
         if self.coach is not None:
             self.coach = self.coach.successor(self.section, front)

@@ -26,7 +26,7 @@ from das.cab.situation import Situation, difference
 from das.domain.errors import DasError, RunawayError
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.solver.few_switch.few_switch import FewSwitchFront
+from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 NO_COACH = CoachSettings(enabled=False)
@@ -67,23 +67,23 @@ class _Prepared:
     """From where on (m) the brakes hold the train, if the leg is refused for a descent; it is judged again there."""
     ready: bool = False
     search: Future[_Answer] | None = None
-    few_switch: Future[FewSwitchFront | str] | None = None
-    """The search for the coach's few-switch trajectories, which follows that for the front; a text says why there are
+    guide: Future[GuideFront | str] | None = None
+    """The search for the coach's policies, which follows that for the front; a text says why there are
     none."""
     failed_ns: int | None = None
     """When the last search failed for an unforeseen reason; None if it did not."""
 
     def give_up(self) -> None:
         """Give up the searches under way: the leg has to be prepared anew."""
-        for search in (self.search, self.few_switch):
+        for search in (self.search, self.guide):
             if search is not None:
                 search.cancel()
-        self.ready, self.search, self.few_switch = False, None, None
+        self.ready, self.search, self.guide = False, None, None
 
     @property
     def searches(self) -> list[Future[Any]]:
         """The searches under way."""
-        return [one for one in (self.search, self.few_switch) if one is not None]
+        return [one for one in (self.search, self.guide) if one is not None]
 
 
 class Preparation:
@@ -100,7 +100,7 @@ class Preparation:
         self._fronts, self._stopwatch, self._coach = fronts, stopwatch, coach
         self._solver = Worker("solve", background=background)
         self.coach_worker = Worker("coach", background=background)
-        """Finds few-switch trajectories and makes references, for which the advice does not wait."""
+        """Finds policies and makes references, for which the advice does not wait."""
         self._prepared: dict[Leg, _Prepared] = {}
         self._news = [News(text, True) for text in fronts.notes]
         self.solve_s = 0.0
@@ -146,16 +146,16 @@ class Preparation:
     def rehearse(self, section: Section) -> None:
         """Find the front of a section before there is a journey; raises DasError if there is none.
 
-        In the background the search for the coach's few-switch trajectories goes on afterwards, as for a leg under way:
+        In the background the search for the coach's policies goes on afterwards, as for a leg under way:
         the front alone is enough to advise.
         """
         began = self._stopwatch()
         self._fronts.find(section)
         self.solve_s = self._stopwatch() - began
         if self._coach.enabled:
-            few_switch = self.coach_worker.submit(lambda: self._fronts.find_few_switch(section, self._coach))
+            guide = self.coach_worker.submit(lambda: self._fronts.find_guide(section, self._coach))
             if not self.coach_worker.in_background:
-                few_switch.result()
+                guide.result()
 
     def close(self) -> None:
         """End the threads and give up what they are solving."""
@@ -193,8 +193,8 @@ class Preparation:
             one.search = self._solver.submit(lambda: _search_front(self._fronts, question, self._stopwatch))
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
-        if one.few_switch is not None and one.few_switch.done():
-            self._take_few_switch(leg, one, one.few_switch.result())
+        if one.guide is not None and one.guide.done():
+            self._take_guide(leg, one, one.guide.result())
 
     def _take(self, leg: Leg, one: _Prepared, answer: _Answer, now_ns: int) -> None:
         """Use the result of a search, or keep why it failed."""
@@ -216,17 +216,15 @@ class Preparation:
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
         if self._coach.enabled:
             s_m = _Question.of(leg).s_m
-            one.few_switch = self.coach_worker.submit(
-                lambda: _search_few_switch(self._fronts, section, self._coach, s_m)
-            )
+            one.guide = self.coach_worker.submit(lambda: _search_guide(self._fronts, section, self._coach, s_m))
 
-    def _take_few_switch(self, leg: Leg, one: _Prepared, answer: FewSwitchFront | str) -> None:
-        """Let the coach lead by the few-switch trajectories found; without any, the leg goes on without a coach."""
-        one.few_switch = None
+    def _take_guide(self, leg: Leg, one: _Prepared, answer: GuideFront | str) -> None:
+        """Let the coach lead by the policies found; without any, the leg goes on without a coach."""
+        one.guide = None
         if isinstance(answer, str):
             self._news.append(News(event_wording.no_coach(answer), True))
         else:
-            leg.use_few_switch(answer)
+            leg.use_guide(answer)
 
 
 def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
@@ -286,10 +284,10 @@ def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], f
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 
-def _search_few_switch(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> FewSwitchFront | str:
-    """Search for the few-switch trajectories of a section; after an error, return its text."""
+def _search_guide(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> GuideFront | str:
+    """Search for the policies of a section; after an error, return its text."""
     try:
-        return fronts.find_few_switch(section, coach, s_m)
+        return fronts.find_guide(section, coach, s_m)
     except Exception as error:  # Advice without a coach is better than a thread that dies in silence.
         return str(error) if isinstance(error, DasError) else event_wording.solving_failed(error)
 

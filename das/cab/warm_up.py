@@ -6,7 +6,6 @@ import numpy as np
 
 from das.advice.advice import Source, Timetable
 from das.advice.braking_model import BrakingBasis
-from das.advice.coach.planning import solve_coach
 from das.advice.coach.settings import CoachSettings
 from das.advice.last_word import LastWord
 from das.advice.planner import PlanBasis
@@ -17,6 +16,7 @@ from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.fix import PositionFix
 from das.estimate.localisation import Localisation
+from das.solver.guide.policies import GuideFront
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from das.solver.warm_up import tiny_route, tiny_vehicle
@@ -32,7 +32,7 @@ def warm_up() -> None:
     settings = AdviceSettings(coach=CoachSettings(enabled=True))
     leg = Leg(start, end, section, settings)
     leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
-    leg.use_few_switch(solve_coach(section, settings.coach))
+    leg.use_guide(GuideFront(section, settings.coach.guide))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     vehicle = section.vehicle
     basis = BrakingBasis(section.route, vehicle, section.brakes, (), Conditions(), section.start_m, section.end_m)

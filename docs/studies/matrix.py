@@ -8,6 +8,7 @@ of processor time; those of public data sets need ../shared/data.
 from __future__ import annotations
 
 import argparse
+import csv
 import subprocess
 import sys
 import tempfile
@@ -18,7 +19,7 @@ from pathlib import Path
 from typing import Final
 
 from das import __version__
-from docs.studies.output import DOCS, Output, plain, write_table
+from docs.studies.output import DOCS, plain, write_table
 from tests.support.matrix import ADVISED, Judged, bounds_table, judged, lines_table
 from tests.support.matrix_lines import Cell, cells
 
@@ -45,7 +46,10 @@ def facts(rows: Sequence[Judged]) -> Iterator[str]:
 
 def write(rows: Sequence[Judged]) -> None:
     """Write the tables of the page, and the rows beside it."""
-    Output(PAGE.parent).csv("matrix.csv", Judged.columns(), (plain(row.as_row()) for row in rows))
+    with PAGE.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(Judged.columns())
+        out.writerows(plain(row.as_row()) for row in rows)
     for name, table in (("facts", facts), ("bounds", bounds_table), ("lines", lines_table)):
         write_table(PAGE, name, table(rows))
 

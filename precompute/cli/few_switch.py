@@ -20,12 +20,12 @@ from precompute.cli.solve import solved_front
 
 if TYPE_CHECKING:
     from das.domain.trajectory import Trajectory
-    from das.solver.few_switch.few_switch import FewSwitchFront
     from das.solver.front import Front
+    from das.solver.guide.policies import GuideFront
     from das.solver.section import Section
 
 BUFFERS_PERCENT = "7"
-PRICES_S = "0,0.01,0.03,0.08,0.3,1"
+PRICES_S = "0,0.03,0.08,0.15,0.3,1"
 MOST_S = 100.0
 """Largest price of a change (s) that is accepted; at a higher price no change is ever worth making."""
 OPTIMUM, FOUR_MODES = "optimum", "four modes"
@@ -53,9 +53,9 @@ def few_switch(
 ) -> None:
     """Show what few changes of the controller cost: energy for each of a list of prices of a change.
 
-    A few-switch trajectory makes a change only where it saves as much energy as the train's full power needs in the
-    time given as its price. The rows show the schedule that the coach would make of such a run, with the section's
-    own braking, beside the optimum and the best run of four modes.
+    A change of what the driver does is made only where it saves as much energy as the train's full power needs in the
+    time given as its price. The rows show the schedule that the coach would make, with the section's own braking,
+    beside the optimum and the best run of four modes.
     """
     wanted = buffer_numbers(buffers)
     prices_s = numbers("--prices", prices)
@@ -67,7 +67,7 @@ def few_switch(
         from precompute.baselines import strategies
 
         strategies.warm_up()
-    with busy("solving few-switch trajectories …"):
+    with busy("solving …"):
         fronts = few_switch_fronts(section, prices_s)
     found = []
     for buffer_percent in wanted:
@@ -81,16 +81,15 @@ def few_switch(
         _print_rows(section.name, point, last=point is found[-1])
 
 
-def few_switch_fronts(section: Section, prices_s: Sequence[float]) -> list[tuple[float, FewSwitchFront]]:
-    """Each price of a change (s), with the few-switch trajectories of a section for it."""
-    from das.solver.few_switch.few_switch import solve_few_switch
-    from das.solver.few_switch.settings import FewSwitchSettings
+def few_switch_fronts(section: Section, prices_s: Sequence[float]) -> list[tuple[float, GuideFront]]:
+    """Each price of a change (s), with the policies of a section for it."""
+    from das.solver.guide.policies import GuideFront, GuideSettings
 
-    return [(price_s, solve_few_switch(section, FewSwitchSettings(change_s=price_s))) for price_s in prices_s]
+    return [(price_s, GuideFront(section, GuideSettings(change_s=price_s))) for price_s in prices_s]
 
 
 def few_switch_rows(
-    front: Front, fronts: Sequence[tuple[float, FewSwitchFront]], time_s: float
+    front: Front, fronts: Sequence[tuple[float, GuideFront]], time_s: float
 ) -> Iterator[dict[str, Any]]:
     """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes.
 
@@ -107,15 +106,16 @@ def few_switch_rows(
     yield _row_of_modes(FOUR_MODES, four_modes(section, time_s).trajectory, front)
 
 
-def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_s: float) -> dict[str, Any]:
+def _row_of_schedule(price_s: float, solved: GuideFront, front: Front, time_s: float) -> dict[str, Any]:
     """The row for a price of a change; its schedule is made as the coach makes it."""
-    from das.solver.few_switch.phases import BRAKES
-    from das.solver.few_switch.scheduling import polished, scheduled
+    from das.solver.guide.from_run import scheduled_run
+    from das.solver.guide.in_time import in_time
+    from das.solver.guide.phases import BRAKES
     from das.solver.solution import trajectory_on
+    from das.solver.state import State
 
     section = front.section
-    start_m, start_mps = float(section.node_m[0]), section.start_speed_mps
-    found = polished(scheduled(solved, time_s, start_m, start_mps), time_s, start_m, start_mps)
+    found = scheduled_run(solved, in_time(solved, State.at(section), time_s)[0])
     phases = found.schedule.phases
     begins = np.array([one.begin for one in phases])
     brakes = np.array([one.kind in BRAKES for one in phases])

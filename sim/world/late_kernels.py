@@ -1,12 +1,10 @@
 """`python -m sim.world.late_kernels`: compile the kernels that a simulated day needs last, on a tiny line.
 
-A command that compiles the solver starts this beside itself: the plant, the coach's schedules and the last word come
+A command that compiles the solver starts this beside itself: the plant, the coach's plans and the last word come
 when sections have been solved.
 """
 
 from __future__ import annotations
-
-import numpy as np
 
 from das.advice.advice import Timetable
 from das.advice.braking_model import BrakingBasis
@@ -18,25 +16,22 @@ from das.domain.conditions import Conditions
 from das.domain.units import NS
 from das.estimate.fix import PositionFix
 from das.estimate.localisation import Localisation
-from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.phases import Phase
-from das.solver.few_switch.schedule import Schedule, Scheduled, known_run
-from das.solver.few_switch.scheduling import polished
+from das.solver.guide.from_run import scheduled_run
+from das.solver.guide.in_time import in_time
+from das.solver.guide.policies import GuideFront
 from das.solver.section import Section, build_section
+from das.solver.state import State
 from das.solver.warm_up import tiny_route, tiny_vehicle
 from sim.drivers.cab import lever_ratio
 from sim.plant.kernels import demanded
 from sim.plant.plant import COAST, Plant, train_numbers
 
-PRICE_W = 1e5
-"""Any price of time will do."""
-
 
 def main() -> None:
-    """Drive, schedule and brake once on a tiny section."""
+    """Drive, plan and brake once on a tiny section."""
     section = build_section(tiny_route(), tiny_vehicle())
     _drive(section)
-    _polish(section)
+    _plan(section)
     _brake(section)
 
 
@@ -50,13 +45,11 @@ def _drive(section: Section) -> None:
     lever_ratio(demanded(COAST, 0.0, start.speed_mps, train), start.speed_mps, train)
 
 
-def _polish(section: Section) -> None:
-    """Polish a schedule that accelerates and brakes."""
-    middle = len(section.step_m) // 2
-    phases = (Phase(NotchRegime.TRACTION, 1.0, 0, 10.0), Phase(NotchRegime.BRAKE, 0.5, middle, 0.0))
-    known = known_run(section, np.full(len(section.node_m), 5.0))
-    schedule, forecast = Schedule(section=section, phases=phases, known=known, back_share=1.0).settled(0.0, 0.0)
-    polished(Scheduled(schedule, forecast, PRICE_W), 1.1 * forecast.time_s, 0.0, 0.0)
+def _plan(section: Section) -> None:
+    """Plan a run that takes a little longer than the fastest."""
+    front, state = GuideFront(section), State.at(section)
+    run, _ = in_time(front, state, 1.1 * state.fastest().time_s)
+    scheduled_run(front, run)
 
 
 def _brake(section: Section) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Coaching, ReplanCause, Timetable
-from das.advice.coach.planning import solve_coach
 from das.advice.coach.settings import CoachSettings
 from das.advice.goal import OVERSPEED_MPS, PassingTarget
 from das.advice.planner import PlanBasis
@@ -25,6 +24,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
+from das.solver.guide.policies import GuideFront
 from das.solver.solve import solve_front
 from tests.support.crossing import numbered
 
@@ -61,13 +61,13 @@ class World:
         self.section = situation.section(self.start_m, self.end_m)
         front = solve_front(self.section, threads=1, lambda_w=onboard_ladder(self.section))
         self.basis = PlanBasis(section=self.section, front=front)
-        self.few_switch = solve_coach(self.section, SETTINGS.coach)
+        self.guide = GuideFront(self.section, SETTINGS.coach.guide)
 
     def leg(self) -> Leg:
         """A leg with a coach, with a random time left, and in every third case with a window at a point."""
         leg = Leg(self.start, self.end, self.section, SETTINGS)
         leg.use(self.basis)
-        leg.use_few_switch(self.few_switch)
+        leg.use_guide(self.guide)
         arrival_s = float((self.end_m - self.start_m) / 25.0 * self.random.uniform(0.2, 3.0))
         leg.set_timetable(Timetable(departure_ns=ns(-5000), arrival_ns=ns(arrival_s)))
         if self.random.random() < 0.33:

@@ -8,13 +8,12 @@ from functools import cache
 import numpy as np
 
 from das.advice.coach.keeping import Keeper, Kept
-from das.advice.coach.planning import elapsed_s, solve_coach
+from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.goal import Goal, TrainState
 from das.domain.units import NS
-from das.solver.few_switch.few_switch import FewSwitchFront
-from das.solver.few_switch.schedule import Prospect, Schedule
-from tests.support.few_switch import Which, asked_s, section_of
+from das.solver.guide.schedule import Prospect, Schedule
+from tests.support.bundled_sections import Which, asked_s, guide_of, section_of
 
 T0 = 1_800_000_000_000_000_000
 
@@ -24,15 +23,9 @@ def ns(seconds: float) -> int:
     return T0 + round(seconds / NS)
 
 
-@cache
-def coach_front(which: Which) -> FewSwitchFront:
-    """The few-switch trajectories that the coach of a bundled section chooses from."""
-    return solve_coach(section_of(which), DEFAULT)
-
-
 def keeper_of(which: Which, settings: CoachSettings = DEFAULT) -> Keeper:
     """A keeper of a bundled section that has made no reference yet."""
-    return Keeper(section_of(which), coach_front(which), settings)
+    return Keeper(section_of(which), guide_of(which), settings)
 
 
 def goal_of(which: Which, buffer_ratio: float, **more: object) -> Goal:
@@ -78,7 +71,7 @@ def departed(keeper: Keeper, which: Which, goal: Goal) -> tuple[Kept, Keeping]:
 
 def copied(keeper: Keeper, which: Which) -> Keeper:
     """A keeper that goes on from where another is; the reference, the section and its front are the same objects."""
-    same = (section_of(which), coach_front(which), keeper.reference)
+    same = (section_of(which), guide_of(which), keeper.reference)
     return deepcopy(keeper, {id(one): one for one in same})
 
 

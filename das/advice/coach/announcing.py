@@ -13,12 +13,10 @@ from das.advice.advice import Instruction
 from das.advice.coach.shown_brakes import SAME_MPS, ShownBrakes, announced_brake, nearer_limit_mps
 from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, FULL_RATIO, KIND_OF, TRACTION, InstructionKind, Regime
-from das.advice.shown import TARGET_STEP_MPS
+from das.advice.shown import TARGET_STEP_MPS, target_below
 from das.domain.units import NS
-from das.solver.few_switch.as_run import HARDLY_MPS
-from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.in_steps import rounded_mps
-from das.solver.few_switch.schedule import Schedule
+from das.solver.guide.phases import PhaseKind
+from das.solver.guide.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -32,6 +30,12 @@ LEAST_RISE_S = 8.0
 """An acceleration behind a limit is announced unless a phase that does not hold its speed follows within this (s)."""
 ROLLS_SOONER = 0.97
 """A coasting train is assumed to need only this share of the computed time: its resistance is not known exactly."""
+
+
+HARDLY_MPS = 0.5 * TARGET_STEP_MPS
+"""A train slower than a speed by less than half a step is at it: it accelerates only where the limit rises."""
+NEAR_LIMIT_MPS = 0.2
+"""A speed this near (m/s) to a limit is that of the limit."""
 
 
 class _Notice(NamedTuple):
@@ -120,10 +124,10 @@ class Announcing:
         one, before, begins_m = schedule.phases[k], schedule.phases[k - 1], schedule.begin_m(k)
         if _only_holds(schedule, k):
             return None
-        if one.kind is NotchRegime.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps + SAME_MPS:
+        if one.kind is PhaseKind.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps + SAME_MPS:
             return None  # The train is slower than the schedule.
         shown = replace(self.announced(schedule, k), way_m=begins_m - s_m)
-        if one.kind is NotchRegime.TRACTION and before.kind in (NotchRegime.HOLD, NotchRegime.TRACTION):
+        if one.kind is PhaseKind.TRACTION and before.kind in (PhaseKind.HOLD, PhaseKind.TRACTION):
             nearly = foreseen.speed_mps(begins_m) > shown.speed_mps - HARDLY_MPS
             # At its limit, the train accelerates only where the limit rises.
             shown = (_at_rise(schedule, k, s_m) if nearly else None) or shown
@@ -267,11 +271,11 @@ def _repeats(one: Instruction, before: Instruction) -> bool:
 
 def _only_holds(schedule: Schedule, number: int) -> bool:
     """Whether a phase only holds the speed to which the one before it accelerates."""
-    if number >= len(schedule.phases) or schedule.phases[number].kind is not NotchRegime.HOLD:
+    if number >= len(schedule.phases) or schedule.phases[number].kind is not PhaseKind.HOLD:
         return False
     before = schedule.phases[number - 1]
     same = abs(schedule.phases[number].target_mps - before.target_mps) < SAME_MPS
-    return before.kind is NotchRegime.TRACTION and same
+    return before.kind is PhaseKind.TRACTION and same
 
 
 def _rises(schedule: Schedule, number: int, foreseen: Foreseen, s_m: float, from_m: float) -> list[Instruction]:
@@ -292,7 +296,7 @@ def _at_rise(schedule: Schedule, number: int, s_m: float) -> Instruction | None:
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
     here = int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)) + BEGUN_M, side="right")) - 1
-    if one.kind not in (NotchRegime.TRACTION, NotchRegime.HOLD) or here >= end:
+    if one.kind not in (PhaseKind.TRACTION, PhaseKind.HOLD) or here >= end:
         return None
     limits = section.limit_mps[here:end]
     if one.target_mps < limits[0] + SAME_MPS or limits.max() < limits[0] + SAME_MPS:
@@ -309,11 +313,11 @@ def _announced(schedule: Schedule, number: int) -> Instruction:
     one = schedule.phases[number]
     # Its speed is at most the limit where it begins, even if a higher speed is allowed before it ends.
     target = min(aim_mps(schedule, number), float(schedule.section.limit_mps[one.begin]))
-    if one.kind is NotchRegime.TRACTION:
+    if one.kind is PhaseKind.TRACTION:
         return traction(one.share, target)
-    if one.kind is NotchRegime.BRAKE:
+    if one.kind is PhaseKind.BRAKE:
         return announced_brake(schedule, number, target)
-    if one.kind is NotchRegime.COAST:
+    if one.kind is PhaseKind.COAST:
         return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
     return Instruction(mode=Regime.CRUISE, speed_mps=target)
 
@@ -327,20 +331,28 @@ def aim_mps(schedule: Schedule, number: int) -> float:
     """
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
-    if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+    if one.kind in (PhaseKind.TRACTION, PhaseKind.HOLD):
         return told_mps(one.target_mps, section, float(section.envelope_mps[one.begin : end + 1].max()))
     if schedule.brakes_by_effort(number):
         return told_mps(one.target_mps, section, float(section.envelope_mps[end]))
-    limits = section.limit_mps[one.begin : end] if one.kind is NotchRegime.COAST else section.limit_mps[end : end + 1]
+    limits = section.limit_mps[one.begin : end] if one.kind is PhaseKind.COAST else section.limit_mps[end : end + 1]
     highest = float(section.envelope_mps[end])
     limit_mps = float(limits.min()) if limits.size else highest  # A brake to the stop has no limit at its end.
-    return rounded_mps(one.target_mps, TARGET_STEP_MPS, limit_mps, min(highest, limit_mps))
+    return _in_step(one.target_mps, limit_mps, min(highest, limit_mps))
 
 
 def told_mps(speed_mps: float, section: Section, highest_mps: float) -> float:
     """The speed to tell a driver for a speed of the schedule that is no whole step: the nearest step, or a limit."""
     limit_mps = float(section.limit_mps[np.abs(section.limit_mps - speed_mps).argmin()])
-    return rounded_mps(speed_mps, TARGET_STEP_MPS, limit_mps, highest_mps)
+    return _in_step(speed_mps, limit_mps, highest_mps)
+
+
+def _in_step(speed_mps: float, limit_mps: float, highest_mps: float) -> float:
+    """The limit (m/s) if a speed is near it, else the nearest step that is not above `highest_mps`."""
+    if abs(speed_mps - limit_mps) < NEAR_LIMIT_MPS and limit_mps < highest_mps + SAME_MPS:
+        return limit_mps
+    nearest = round(speed_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
+    return nearest if nearest <= highest_mps else target_below(highest_mps)
 
 
 def traction(share: float, target_mps: float) -> Instruction:

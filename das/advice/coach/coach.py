@@ -26,8 +26,9 @@ from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.units import KMH, NS
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.solver.few_switch.few_switch import FewSwitchFront, NotchRegime
-from das.solver.few_switch.schedule import Schedule
+from das.solver.guide.phases import PhaseKind
+from das.solver.guide.policies import GuideFront
+from das.solver.guide.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -47,8 +48,8 @@ NEWS_S = 20.0
 """A restriction that was received on the way and changed the reference is named for this long (s)."""
 ARRIVING_M = 500.0
 """A train this near (m) to its stop is not told when it arrives."""
-SLOWING = (NotchRegime.COAST, NotchRegime.BRAKE)
-NOT_FASTER = (*SLOWING, NotchRegime.HOLD)
+SLOWING = (PhaseKind.COAST, PhaseKind.BRAKE)
+NOT_FASTER = (*SLOWING, PhaseKind.HOLD)
 
 
 class Coach:
@@ -60,7 +61,7 @@ class Coach:
     def __init__(
         self,
         section: Section,
-        front: FewSwitchFront | None,
+        front: GuideFront | None,
         settings: CoachSettings = DEFAULT,
         worker: Worker = AT_ONCE,
     ) -> None:
@@ -72,7 +73,7 @@ class Coach:
         self._said_late_s = 0.0
         self._reasoned: tuple[Instruction, Reason] = Instruction(), NO_REASON
 
-    def successor(self, section: Section, front: FewSwitchFront | None) -> Coach:
+    def successor(self, section: Section, front: GuideFront | None) -> Coach:
         """The coach that takes over from this one, with another front or under other limits."""
         found = Coach(section, front, self._settings, self._worker)
         found._keeper.take_over(self._keeper)
@@ -259,7 +260,7 @@ def _is_slowed_for_point(kept: Kept, state: TrainState, goal: Goal) -> bool:
     return passes - (point.earliest_ns - state.now_ns) * NS < SLOWED_S
 
 
-def _ends_m(schedule: Schedule, number: int, kinds: tuple[NotchRegime, ...]) -> float:
+def _ends_m(schedule: Schedule, number: int, kinds: tuple[PhaseKind, ...]) -> float:
     """Where the phases of these kinds end that follow one another from a phase on (m)."""
     count = len(list(takewhile(lambda one: one.kind in kinds, schedule.phases[number:])))
     return schedule.begin_m(number + count)

@@ -15,8 +15,8 @@ from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.solver.few_switch.few_switch import FewSwitchFront
-from das.solver.few_switch.schedule import Prospect, Schedule, Scheduled, on_section
+from das.solver.guide.policies import GuideFront
+from das.solver.guide.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
 from das.solver.state import State
 
@@ -134,7 +134,7 @@ class Keeper:
     """Holds the reference of a section, and has the worker make a new one if there is a reason to."""
 
     def __init__(
-        self, section: Section, front: FewSwitchFront | None, settings: CoachSettings, worker: Worker = AT_ONCE
+        self, section: Section, front: GuideFront | None, settings: CoachSettings, worker: Worker = AT_ONCE
     ) -> None:
         self._section, self._front, self._settings, self._worker = section, front, settings, worker
         self.reference: StandingReference | None = None
@@ -204,11 +204,12 @@ class Keeper:
     def _ask(self, cause: ReplanCause, kept: Kept | None, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
         """Have the worker make a new reference."""
         assert self._front is not None
-        front, settings = self._front, self._settings
-        wanted = self._wanted(state, goal, thorough=cause is ReplanCause.START)
+        front = self._front
+        wanted = self._wanted(state, goal)
         if kept is not None and doubted:
-            wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast))
-        answer = self._worker.submit(lambda: planned(front, wanted, settings))
+            shown_s = self._settings.showing.lead.coasting_s
+            wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast), shown_s=shown_s)
+        answer = self._worker.submit(lambda: planned(front, wanted))
         if doubted:
             self._doubted_ns = state.now_ns
         return _Asked(cause, doubted, state, goal, answer)
@@ -220,11 +221,7 @@ class Keeper:
         self._asked = None
 
     def _answered(self, asked: _Asked, kept: Kept | None, state: TrainState, goal: Goal) -> Kept | None:
-        """The new reference if it is accepted, else the present one.
-
-        A reference that slows for a limit without a phase to brake is accepted only if there is no other, or if it must
-        replace one that is far too late. The brakes are then shown all the same, by `ShownBrakes.safe`.
-        """
+        """The new reference if it is accepted, else the present one."""
         try:
             found = asked.answer.result()
             if state.now_ns != asked.state.now_ns:  # The train has moved on since the request.
@@ -234,10 +231,6 @@ class Keeper:
                 return kept
             raise
         gain = self._gain(kept, found, state, goal)
-        keeps = asked.doubted or (kept is not None and kept.late_s < self._settings.keeping.too_late_s)
-        if kept is not None and keeps and not found.says_its_brakes:
-            self._standing = False  # The reference of the standing train will do.
-            return kept
         if asked.doubted and not self._is_better(asked.cause, gain):
             return kept
         replan = Replan(cause=asked.cause, time_ns=state.now_ns, gain_j=gain.energy_j, gain_s=gain.lateness_s)
@@ -336,8 +329,8 @@ class Keeper:
         self._drift.see(state.now_ns, late_s, anew=True)
         return Kept(self.reference, found.forecast, late_s)
 
-    def _wanted(self, state: TrainState, goal: Goal, *, thorough: bool) -> Wanted:
-        """What the worker makes a new reference for; `thorough`: it is meant to last for the whole section."""
+    def _wanted(self, state: TrainState, goal: Goal) -> Wanted:
+        """What the worker makes a new reference for."""
         point, earliest_s, latest_s = goal.passing, None, None
         if point is not None and point.earliest_ns is not None:
             ahead_s = (point.earliest_ns - state.now_ns) * NS
@@ -355,5 +348,4 @@ class Keeper:
             point_m=None if point is None else point.s_m,
             earliest_s=earliest_s,
             latest_s=latest_s,
-            thorough=thorough,
         )

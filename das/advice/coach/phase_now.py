@@ -18,10 +18,8 @@ from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, target_below
 from das.domain.units import KMH
-from das.solver.few_switch.as_run import BRIEF_S
-from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.phases import Phase
-from das.solver.few_switch.schedule import Schedule
+from das.solver.guide.phases import Phase, PhaseKind
+from das.solver.guide.schedule import Schedule
 
 Floats = NDArray[np.float64]
 CREEPS_FOR_S = 6.0
@@ -29,8 +27,8 @@ CREEPS_FOR_S = 6.0
 COAST_MISSES_MPS, MISSES_MOST_MPS, COASTS_ON_S = 4.0 * KMH, 5.0 * KMH, 10.0
 """Coasting that is forecast to end further than `COAST_MISSES_MPS` from the speed shown leads to another one, and says
 that; in its last `COASTS_ON_S` only if it ends further than `MISSES_MOST_MPS`, which the grammar excludes."""
-LEAST_GAIN_S = 2.5
-"""An acceleration that a brake soon follows must gain this time: a driver gains less of it than the forecast."""
+BRIEF_S, LEAST_GAIN_S = 30.0, 2.5
+"""An acceleration that a brake follows within `BRIEF_S` must gain `LEAST_GAIN_S`: a driver gains less than forecast."""
 ROLLS_MPS2 = 0.02
 """A coasting train speeds up by itself if it gains more than this."""
 ON_CURVE_MPS = 0.05
@@ -109,18 +107,18 @@ class PhaseNow:
         self._scene, self.creeping_soon, self.coast_ends = scene, None, NO_COAST
         one, v_mps = schedule.phases[number], state.v_mps
         target = min(aim_mps(schedule, number), scene.limit_mps)
-        if state.s_m < schedule.begin_m(number) and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+        if state.s_m < schedule.begin_m(number) and one.kind in (PhaseKind.TRACTION, PhaseKind.HOLD):
             target = min(target, float(schedule.section.limit_mps[one.begin]))
         highest = highest_mps(schedule, number, state.s_m)
-        if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+        if one.kind in (PhaseKind.TRACTION, PhaseKind.HOLD):
             target = target_below(highest) if target > highest + SAME_READING_MPS else target
             target = told_mps(target, schedule.section, target)
             nearer_mps = nearer_limit_mps(scene.brakes.ahead, target, state.braked_m)
             # A faster train is not slowed down here: the brake is an instruction of its own.
             target = nearer_mps if v_mps < nearer_mps + SAME_MPS else target
-        if one.kind is NotchRegime.BRAKE:
+        if one.kind is PhaseKind.BRAKE:
             return self._braking(schedule, number, state, target)
-        if one.kind is NotchRegime.COAST:
+        if one.kind is PhaseKind.COAST:
             return self._coasting(schedule, number, state, target)
         if self._accelerates(one, v_mps, target):
             if self._held_mps == 0.0 and self._is_vain(schedule, number, state):
@@ -139,7 +137,7 @@ class PhaseNow:
         """
         leads, shown, v_mps = self._leads(schedule, number, state), self._scene.shown, state.v_mps
         self.coast_ends = leads.end_m, leads.allowed_mps
-        goes_on = schedule.kind_after(number) in (NotchRegime.HOLD, NotchRegime.TRACTION)
+        goes_on = schedule.kind_after(number) in (PhaseKind.HOLD, PhaseKind.TRACTION)
         is_next = goes_on and schedule.phases[number + 1].target_mps > target - SAME_MPS
         least_mps = self._settings.reached_mps if shown.mode is Regime.COAST else -SAME_MPS
         if is_next and target - v_mps > least_mps and leads.only_slows:
@@ -167,9 +165,9 @@ class PhaseNow:
     def _brakes_m(self, schedule: Schedule, number: int, state: TrainState) -> float:
         """Where a train that accelerates as forecast must brake (m): for the next phase, or for a limit before that."""
         last = number
-        while schedule.kind_after(last) is NotchRegime.HOLD:
+        while schedule.kind_after(last) is PhaseKind.HOLD:
             last += 1
-        next_m, is_braked = schedule.begin_m(last + 1), schedule.kind_after(last) is NotchRegime.BRAKE
+        next_m, is_braked = schedule.begin_m(last + 1), schedule.kind_after(last) is PhaseKind.BRAKE
         speeds_mps, at_m = self._scene.foreseen.speeds_mps[1:-1], self._scene.foreseen.at_m[1:-1]
         curve_mps = schedule.section.envelope_mps[-len(at_m) - 1 :]
         slowed = (curve_mps[:-1] < speeds_mps + ON_CURVE_MPS) & (np.diff(curve_mps) < 0.0) & (at_m < next_m)
@@ -179,7 +177,7 @@ class PhaseNow:
 
     def _reachable_mps(self, schedule: Schedule, number: int, target: float) -> float:
         """The speed to accelerate to: that of the next phase, for a train that will be no faster where it begins."""
-        if schedule.kind_after(number) in (None, NotchRegime.COAST):
+        if schedule.kind_after(number) in (None, PhaseKind.COAST):
             return target
         slower_mps = aim_mps(schedule, number + 1)
         reached_mps = self._scene.foreseen.speed_mps(schedule.begin_m(number + 1))
@@ -187,7 +185,7 @@ class PhaseNow:
 
     def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
         """Whether the train still has to accelerate to the speed of a phase; once reached, the speed is held."""
-        if one.kind is not NotchRegime.TRACTION or target <= self._reached_mps + SAME_MPS:
+        if one.kind is not PhaseKind.TRACTION or target <= self._reached_mps + SAME_MPS:
             return False
         if v_mps < target - self._settings.reached_mps:
             return True
@@ -239,7 +237,7 @@ class PhaseNow:
         goes_on = shown.mode is Regime.COAST and shown.speed_mps <= highest + SAME_READING_MPS
         if goes_on and abs(ends_mps - shown.speed_mps) <= most_mps:
             return shown.speed_mps
-        if ends_soon and schedule.kind_after(number) is NotchRegime.HOLD:
+        if ends_soon and schedule.kind_after(number) is PhaseKind.HOLD:
             goes_to_mps = aim_mps(schedule, number + 1)
             near = ends_mps - COAST_MISSES_MPS <= goes_to_mps
             if goes_to_mps <= min(ends_mps, highest) and (near or self._rolls_back(state, ends_mps - goes_to_mps)):
@@ -266,7 +264,7 @@ class PhaseNow:
         end_m = brakes_m if is_braked else end_m
         ends_mps = float(np.interp(end_m, at_m, passes_mps))
         allowed_mps = float(np.interp(end_m, schedule.section.node_m, schedule.section.envelope_mps))
-        if is_braked or schedule.kind_after(number) is NotchRegime.BRAKE:
+        if is_braked or schedule.kind_after(number) is PhaseKind.BRAKE:
             allowed_mps = max(allowed_mps, ends_mps) + 0.5 * TARGET_STEP_MPS
         on_way = at_m < end_m
         return Leads(np.append(at_m[on_way], end_m), np.append(passes_mps[on_way], ends_mps), allowed_mps)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from das.domain.units import KMH
-from das.solver.few_switch.settings import FewSwitchSettings, PolishSettings, ScheduleSettings
+from das.solver.guide.policies import GuideSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,9 +21,6 @@ class KeepingSettings:
     reference to save energy must not move the arrival further from it by more."""
     late_gain_s: float = 2.0
     """A new reference for a late train must bring the arrival nearer to the wanted time by at least this."""
-    too_late_s: float = 20.0
-    """A reference that must be replaced, and with which the train would arrive later than this, is replaced even by one
-    that does not say all of its brakes: they are shown when they are due, but not announced."""
     least_gain_power_s: float = 0.08
     """A new reference to save energy must save at least the energy of full traction power for this time (0.14 kWh for
     6 MW)."""
@@ -193,9 +190,7 @@ class CoachSettings:
 
     enabled: bool = False
     """Whether there is a coach; if not, nothing is computed for it."""
-    few_switch: FewSwitchSettings = field(default_factory=FewSwitchSettings)
-    schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
-    polish: PolishSettings = field(default_factory=PolishSettings)
+    guide: GuideSettings = field(default_factory=GuideSettings)
     keeping: KeepingSettings = field(default_factory=KeepingSettings)
     showing: ShowingSettings = field(default_factory=ShowingSettings)
     margin: MarginSettings = field(default_factory=MarginSettings)

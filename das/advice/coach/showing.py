@@ -28,8 +28,8 @@ from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, EFFORT_ORDER, KIND_OF, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS
 from das.domain.units import NS
-from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.schedule import Schedule
+from das.solver.guide.phases import PhaseKind
+from das.solver.guide.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -170,7 +170,7 @@ class Showing:
         wanted = brakes.safe(under, state, known_mps, begun=self._brake_begun, begins_s=begins_s)
         if brakes.stands_at_mark(self._shown, state):
             return _Chosen(self._shown, self._shown, urgent=wanted is not planned, for_limits=False)
-        brakes_again = schedule.kind_after(number) is NotchRegime.BRAKE
+        brakes_again = schedule.kind_after(number) is PhaseKind.BRAKE
         ends_m, ends_mps = schedule.begin_m(number + 1), self._phase.coast_ends[1]
         if math.isinf(ends_mps):
             ends_mps = float(np.interp(ends_m, schedule.section.node_m, schedule.section.envelope_mps))
@@ -225,7 +225,7 @@ class Showing:
         following = self._announcing.following(schedule, number, state.s_m, foreseen)
         freely = foreseen.as_shown and (self._phase.back == BRAKES_BACK or schedule.brakes_by_effort(number))
         following = in_time(following, now, self._brakes, state, foreseen, freely=freely)
-        brakes = now.mode in BRAKES and schedule.phases[number].kind is NotchRegime.BRAKE
+        brakes = now.mode in BRAKES and schedule.phases[number].kind is PhaseKind.BRAKE
         if brakes and end_m < schedule.begin_m(number + 1):
             in_s = max(foreseen.time_s(end_m), self._brakes.lasts(now, state)[0])
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
@@ -269,14 +269,14 @@ class Showing:
         after = schedule.phases[here + 1]
         lead = self._settings.lead
         leads = {
-            NotchRegime.COAST: lead.coasting_s,
-            NotchRegime.BRAKE: lead.astray_s if schedule.phases[here].kind is NotchRegime.TRACTION else lead.braking_s,
-            NotchRegime.TRACTION: lead.accelerating_s if after.target_mps <= place.limit_mps else 0.0,
+            PhaseKind.COAST: lead.coasting_s,
+            PhaseKind.BRAKE: lead.astray_s if schedule.phases[here].kind is PhaseKind.TRACTION else lead.braking_s,
+            PhaseKind.TRACTION: lead.accelerating_s if after.target_mps <= place.limit_mps else 0.0,
         }
-        if schedule.phases[here].kind is NotchRegime.BRAKE and after.kind is not NotchRegime.BRAKE:
+        if schedule.phases[here].kind is PhaseKind.BRAKE and after.kind is not PhaseKind.BRAKE:
             return here
         soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)
-        if after.kind is NotchRegime.BRAKE:
+        if after.kind is PhaseKind.BRAKE:
             soon_m += state.ahead_m + SOONER_S * state.v_mps
         return here + 1 if schedule.number_at(soon_m) > here else here
 

@@ -18,9 +18,8 @@ from das.advice.coach.settings import ShowingSettings
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
-from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.phases import Phase
-from das.solver.few_switch.schedule import Schedule
+from das.solver.guide.phases import Phase, PhaseKind
+from das.solver.guide.schedule import Schedule
 from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
 
@@ -115,7 +114,7 @@ class ShownBrakes:
 
     def ends_m(self, now: Instruction, state: TrainState, phase: Phase) -> float:
         """Where a brake ends (m), if the limits need it and the phase does not; infinity for any other instruction."""
-        if now.mode not in BRAKES or (phase.kind is NotchRegime.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
+        if now.mode not in BRAKES or (phase.kind is PhaseKind.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
             return math.inf
         needed = self.ahead.needed(state.braked_m, state.v_mps)
         if abs(needed.target_mps - now.speed_mps) < SAME_MPS:

@@ -21,8 +21,8 @@ from das.cab.preparation import Preparation
 from das.cab.situation import Situation
 from das.domain.restriction import Restriction
 from das.estimate.estimate import Estimate
-from tests.support.coach import Keeping, coach_front, goal_of, ns, started
-from tests.support.few_switch import BUNDLED, asked_s, section_of
+from tests.support.bundled_sections import BUNDLED, asked_s, guide_of, section_of
+from tests.support.coach import Keeping, goal_of, ns, started
 
 LINE = BUNDLED[2]
 ENABLED = CoachSettings(enabled=True)
@@ -30,12 +30,12 @@ FREE = SpeedsAllowed(60.0, 60.0)
 
 
 def coach_of() -> Coach:
-    return Coach(section_of(LINE), coach_front(LINE), DEFAULT)
+    return Coach(section_of(LINE), guide_of(LINE), DEFAULT)
 
 
 def train_of() -> Keeping:
-    """A train that keeps the reference of its section with a buffer of 15 %."""
-    return started(LINE, goal_of(LINE, 0.15))[2]
+    """A train that keeps the reference of its section with a buffer of 10 %."""
+    return started(LINE, goal_of(LINE, 0.1))[2]
 
 
 def shown(coach: Coach, state: TrainState, goal: Goal, place: SpeedsAllowed = FREE) -> Coaching | None:
@@ -44,7 +44,7 @@ def shown(coach: Coach, state: TrainState, goal: Goal, place: SpeedsAllowed = FR
 
 
 def said(coach: Coach, state: TrainState, place: SpeedsAllowed = FREE) -> Coaching:
-    coaching = shown(coach, state, goal_of(LINE, 0.15), place)
+    coaching = shown(coach, state, goal_of(LINE, 0.1), place)
     assert coaching is not None
     return coaching
 
@@ -97,7 +97,7 @@ def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cle
     """The advice has the effort and speed of the departure, and no force until then."""
     section = section_of(LINE)
     coach, state = coach_of(), TrainState(ns(0), section.start_m, 0.0)
-    goal = goal_of(LINE, 0.15)
+    goal = goal_of(LINE, 0.1)
     told = coach.departs(coach.plan(state, goal), state, goal, FREE)
     assert told is not None
     gone = said(coach_of(), state)
@@ -111,14 +111,14 @@ def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cle
 def test_a_state_that_cannot_go_on_has_no_coaching() -> None:
     """Outside the section there is no reference."""
     state = TrainState(ns(10), section_of(LINE).end_m + 100.0, 10.0)
-    assert shown(coach_of(), state, goal_of(LINE, 0.15)) is None
+    assert shown(coach_of(), state, goal_of(LINE, 0.1)) is None
 
 
 def test_a_train_that_must_not_pass_yet_is_told_when_it_may() -> None:
     coach, train = coach_of(), train_of()
     state = train.at(60)
     point = PassingTarget(s_m=section_of(LINE).start_m + 9000.0, earliest_ns=ns(420.0), reason="train ahead")
-    coaching = shown(coach, state, replace(goal_of(LINE, 0.15), passing=point))
+    coaching = shown(coach, state, replace(goal_of(LINE, 0.1), passing=point))
     assert coaching is not None
     assert coaching.reason == Reason(
         code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=ns(420.0), text="train ahead"
@@ -128,7 +128,7 @@ def test_a_train_that_must_not_pass_yet_is_told_when_it_may() -> None:
 def test_a_point_that_a_train_passes_late_enough_anyway_is_not_named() -> None:
     coach, state = coach_of(), train_of().at(60)
     point = PassingTarget(s_m=section_of(LINE).start_m + 9000.0, earliest_ns=ns(65.0))
-    coaching = shown(coach, state, replace(goal_of(LINE, 0.15), passing=point))
+    coaching = shown(coach, state, replace(goal_of(LINE, 0.1), passing=point))
     assert coaching is not None
     assert coaching.reason.code is not ReasonCode.POINT_EARLIEST
 
@@ -137,8 +137,8 @@ def test_a_point_that_a_train_passes_late_enough_anyway_is_not_named() -> None:
 def test_a_reason_says_how_late_or_early_the_train_arrives(later_s: float, expected_s: float | None) -> None:
     """The timetable is moved after the coach has made its reference; the arrival is the forecast of that reference."""
     coach, state = coach_of(), train_of().at(100)
-    kept = coach.plan(state, goal_of(LINE, 0.15))
-    goal = goal_of(LINE, 0.15)
+    kept = coach.plan(state, goal_of(LINE, 0.1))
+    goal = goal_of(LINE, 0.1)
     moved = replace(goal, due_ns=goal.due_ns + round(later_s * 1e9))
     coaching = coach.show(kept, state, moved, FREE)
     assert coaching is not None

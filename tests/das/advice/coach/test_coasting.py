@@ -15,12 +15,11 @@ from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import TrainState
 from das.advice.regimes import TRACTION, Regime
 from das.domain.units import KMH
-from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.phases import Phase
-from das.solver.few_switch.schedule import Schedule, known_run
+from das.solver.guide.phases import Phase, PhaseKind
+from das.solver.guide.schedule import Schedule, known_run
 from das.solver.section import build_section
+from tests.support.bundled_sections import BUNDLED, section_of
 from tests.support.coach import ns
-from tests.support.few_switch import BUNDLED, section_of
 from tests.support.making import make_route
 
 LIMIT_MPS = 140 * KMH
@@ -34,15 +33,15 @@ class Coasted:
     """A schedule that begins to coast at km 3 with 100 km/h or so, and what is shown of it."""
 
     def __init__(
-        self, grades: list[tuple[float, float]], before: NotchRegime, *rest: tuple[NotchRegime, float, float],
+        self, grades: list[tuple[float, float]], before: PhaseKind, *rest: tuple[PhaseKind, float, float],
         length_m: float = 16_000.0,
     ) -> None:  # fmt: skip
         vehicle = section_of(BUNDLED[0]).vehicle
         section = build_section(make_route(length_m, [(0.0, LIMIT_MPS)], grades), vehicle)
-        first_kmh = 100.0 if before is NotchRegime.HOLD else LIMIT_MPS / KMH
-        phases = ((before, 0.0, first_kmh), (NotchRegime.COAST, COASTS_M, rest[0][2]), *rest)
+        first_kmh = 100.0 if before is PhaseKind.HOLD else LIMIT_MPS / KMH
+        phases = ((before, 0.0, first_kmh), (PhaseKind.COAST, COASTS_M, rest[0][2]), *rest)
         made = tuple(
-            Phase(kind, 0.2 if kind is NotchRegime.TRACTION else 0.0, int(np.searchsorted(section.node_m, at)), v * KMH)
+            Phase(kind, 0.2 if kind is PhaseKind.TRACTION else 0.0, int(np.searchsorted(section.node_m, at)), v * KMH)
             for kind, at, v in phases
         )
         known = known_run(section, np.full(len(section.node_m), 20.0))
@@ -68,13 +67,13 @@ class Coasted:
         return found
 
 
-@pytest.mark.parametrize("before", [NotchRegime.HOLD, NotchRegime.TRACTION])
+@pytest.mark.parametrize("before", [PhaseKind.HOLD, PhaseKind.TRACTION])
 @pytest.mark.parametrize("slower_mps", [0.0, 0.6])
 def test_coasting_over_a_brow_up_to_a_higher_speed_is_coasting_all_the_way(
-    before: NotchRegime, slower_mps: float
+    before: PhaseKind, slower_mps: float
 ) -> None:
     """100 km/h, 77 on the brow, 109 behind it: "hold 110" instead would be full traction up the hill."""
-    line = Coasted(VALLEY, before, (NotchRegime.HOLD, 8800.0, HELD_KMH), (NotchRegime.BRAKE, 15_000.0, 0.0))
+    line = Coasted(VALLEY, before, (PhaseKind.HOLD, 8800.0, HELD_KMH), (PhaseKind.BRAKE, 15_000.0, 0.0))
     speeds = [line.schedule.speed_at(at_m) / KMH for at_m in (COASTS_M, 5000.0, 8800.0)]
     assert speeds[1] < speeds[0] - 5 < speeds[2] - 10
     told = [one.now for one in line.followed(2600.0, 8300.0, slower_mps)]
@@ -87,9 +86,7 @@ def test_coasting_over_a_brow_up_to_a_higher_speed_is_coasting_all_the_way(
 
 def test_coasting_that_would_only_make_a_train_slower_than_its_next_speed_is_not_shown() -> None:
     """On the level, a train at 95 km/h that is to hold 100 next does not coast down to 90 first."""
-    line = Coasted(
-        [(0.0, 0.0)], NotchRegime.HOLD, (NotchRegime.HOLD, 5000.0, 100.0), (NotchRegime.BRAKE, 15_000.0, 0.0)
-    )
+    line = Coasted([(0.0, 0.0)], PhaseKind.HOLD, (PhaseKind.HOLD, 5000.0, 100.0), (PhaseKind.BRAKE, 15_000.0, 0.0))
     now = line.at(0.0, 3100.0, 97 * KMH).now
     assert (now.mode, round(now.speed_mps / KMH)) == (Regime.CRUISE, 100)
 
@@ -97,10 +94,10 @@ def test_coasting_that_would_only_make_a_train_slower_than_its_next_speed_is_not
 @pytest.mark.parametrize("length_m", [8900.0, 9800.0, 10_700.0, 11_500.0, 12_400.0, 13_200.0])
 def test_the_speed_named_for_coasting_up_to_a_brake_stands_while_the_forecast_wavers(length_m: float) -> None:
     """The brake begins at a speed between two steps: both in turn would be ten instructions for one act."""
-    ends = Coasted([(0.0, 0.0)], NotchRegime.HOLD, (NotchRegime.BRAKE, length_m - 100.0, 0.0), length_m=length_m)
+    ends = Coasted([(0.0, 0.0)], PhaseKind.HOLD, (PhaseKind.BRAKE, length_m - 100.0, 0.0), length_m=length_m)
     section = ends.schedule.section
     ends_m = float(section.node_m[np.argmax(section.envelope_mps < ends.schedule.known.speed_mps + 0.01)])
-    line = Coasted([(0.0, 0.0)], NotchRegime.HOLD, (NotchRegime.BRAKE, ends_m, 0.0), length_m=length_m)
+    line = Coasted([(0.0, 0.0)], PhaseKind.HOLD, (PhaseKind.BRAKE, ends_m, 0.0), length_m=length_m)
     told = []
     for i, s_m in enumerate(np.arange(3100.0, ends_m - 400.0, 27.0)):
         wavers_mps = 0.35 * np.sin(i / 9.0)

@@ -12,7 +12,7 @@ import pytest
 
 from das.advice.advice import Replan, ReplanCause
 from das.advice.coach.keeping import Changes, Drift, Keeper, Kept
-from das.advice.coach.planning import Wanted, passes_s, planned, solve_coach
+from das.advice.coach.planning import Wanted, passes_s, planned
 from das.advice.coach.settings import DEFAULT, CoachSettings, KeepingSettings, MarginSettings
 from das.advice.coach.showing import Showing
 from das.advice.coach.shown_brakes import SpeedsAllowed
@@ -21,10 +21,10 @@ from das.advice.worker import Worker
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import NS
-from das.solver.few_switch.schedule import Scheduled
+from das.solver.guide.policies import GuideFront
 from das.solver.section import build_section
-from tests.support.coach import Keeping, coach_front, departed, goal_of, keeper_of, ns, started, stood, waiting
-from tests.support.few_switch import BUNDLED, Which, section_of
+from tests.support.bundled_sections import BUNDLED, Which, guide_of, section_of
+from tests.support.coach import Keeping, departed, goal_of, keeper_of, ns, started, stood, waiting
 
 LINE = BUNDLED[2]
 """17 km, the middle section of Zürich–Luzern."""
@@ -131,7 +131,7 @@ def test_a_new_reference_made_in_doubt_changes_no_instruction_for_10_s() -> None
     ((_, new),) = driven(keeper, train, goal, range(100, 101), behind_s=behind_s)
     assert new.reference.replan.cause is ReplanCause.LATE
     wanted = Wanted(s_m=begin.s_m, v_mps=begin.v_mps, left_s=goal.aimed_s(begin.now_ns))
-    hasty = replace(new.reference, schedule=planned(coach_front(LINE), wanted, DEFAULT).schedule)
+    hasty = replace(new.reference, schedule=planned(guide_of(LINE), wanted).schedule)
     differs: list[list[int]] = [[], []]
     for second in range(100, 140):
         state = Keeping(new.reference.schedule, new.forecast, 100.0, begin.s_m).at(second)
@@ -203,20 +203,6 @@ def test_a_reference_is_not_doubted_just_before_the_next_change() -> None:
     assert later.reference.replan.cause is ReplanCause.EARLY
 
 
-@pytest.mark.parametrize(("departs_s", "anew"), [(10, False), (60, True)])
-def test_a_reference_that_does_not_say_its_brakes_is_taken_by_a_train_that_is_far_too_late(
-    departs_s: int, *, anew: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The train departs after its time; the reference of the standing train would bring it there as late."""
-    goal = goal_of(LINE, BUFFER)
-    keeper = waiting(LINE, goal)
-    standing = stood(keeper, LINE, goal)
-    monkeypatch.setattr(Scheduled, "says_its_brakes", False)
-    moving = keeper.keep(TrainState(ns(departs_s), section_of(LINE).start_m + 1.0, 1.0), goal)
-    assert moving is not None
-    assert (moving.reference is not standing.reference) is anew
-
-
 def test_a_reference_is_not_doubted_before_it_is_20_s_old() -> None:
     """The train is 30 s late at once, but the outer loop has a period of at least 20 s: a driver looks and reacts."""
     goal = goal_of(LINE, BUFFER)
@@ -258,7 +244,7 @@ def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
     one = Restriction(start_m=free.start_m + 9000.0, end_m=free.start_m + 9500.0, limit_mps=12.0)
     route = free.route.with_restrictions((one,))
     section = build_section(route, free.vehicle, start_m=free.start_m, end_m=free.end_m)
-    meanwhile, after = Keeper(section, None, DEFAULT), Keeper(section, solve_coach(section, DEFAULT), DEFAULT)
+    meanwhile, after = Keeper(section, None, DEFAULT), Keeper(section, GuideFront(section, DEFAULT.guide), DEFAULT)
     meanwhile.take_over(keeper)
     old = meanwhile.keep(train.at(50), goal)
     assert old is not None
@@ -298,7 +284,7 @@ class PatientWorker(Worker):
 
 def test_while_a_reference_is_being_made_the_one_before_stands() -> None:
     worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
-    keeper = Keeper(section_of(LINE), coach_front(LINE), DEFAULT, worker)
+    keeper = Keeper(section_of(LINE), guide_of(LINE), DEFAULT, worker)
     start = TrainState(0, section_of(LINE).start_m, 0.0)
     assert keeper.keep(start, goal) is None
     assert keeper.keep(start, goal) is None
@@ -333,7 +319,7 @@ def test_while_a_reference_is_being_made_the_one_before_stands() -> None:
 def test_a_reference_made_in_doubt_waits_for_a_change_that_came_meanwhile() -> None:
     """It was asked for before the instruction changed, and is ready just after."""
     worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
-    keeper = Keeper(section_of(LINE), coach_front(LINE), DEFAULT, worker)
+    keeper = Keeper(section_of(LINE), guide_of(LINE), DEFAULT, worker)
     start = TrainState(0, section_of(LINE).start_m, 0.0)
     keeper.keep(start, goal)
     worker.finish()
@@ -356,7 +342,7 @@ def test_a_reference_made_in_doubt_waits_for_a_change_that_came_meanwhile() -> N
 
 def test_a_reference_that_could_not_be_made_in_the_background_is_asked_for_again() -> None:
     worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
-    keeper = Keeper(section_of(LINE), coach_front(LINE), DEFAULT, worker)
+    keeper = Keeper(section_of(LINE), guide_of(LINE), DEFAULT, worker)
     assert keeper.keep(TrainState(0, section_of(LINE).start_m, 0.0), goal) is None
     worker.waiting.pop()[1].set_exception(DasError("no way"))
     with pytest.raises(DasError, match="no way"):

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 from das.advice.coach.planning import Wanted, elapsed_s, passes_s, planned
-from das.advice.coach.settings import DEFAULT
-from das.solver.few_switch.schedule import Scheduled
+from das.solver.guide.schedule import Scheduled
 from das.solver.solution import trajectory_on
 from das.solver.state import State, fastest
-from tests.support.coach import coach_front
+from tests.support.bundled_sections import BUNDLED, Which, asked_s, front_of, guide_of, section_of
 from tests.support.crossing import crossed
-from tests.support.few_switch import BUNDLED, Which, asked_s, front_of, section_of
 
 EARLY_S = 0.5
 """A point may be passed this long before its window (the keeper's least margin is four times as long)."""
@@ -27,7 +25,7 @@ def wanted_from_start(which: Which, buffer_ratio: float, **more: float) -> Wante
 
 
 def plan(which: Which, wanted: Wanted) -> Scheduled:
-    return planned(coach_front(which), wanted, DEFAULT)
+    return planned(guide_of(which), wanted)
 
 
 def passed_s(found: Scheduled, wanted: Wanted) -> float:

@@ -22,13 +22,12 @@ from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown import SAME_READING_MPS, TARGET_STEP_MPS
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
-from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.phases import Phase
-from das.solver.few_switch.schedule import Schedule, known_run
+from das.solver.guide.phases import Phase, PhaseKind
+from das.solver.guide.schedule import Schedule, known_run
 from das.solver.kernels.forces import electric_limit, traction_limit
 from das.solver.section import Section, build_section
+from tests.support.bundled_sections import BUNDLED, section_of
 from tests.support.coach import Keeping, ns
-from tests.support.few_switch import BUNDLED, section_of
 
 FREE = SpeedsAllowed(math.inf, math.inf)
 TOP_MPS = 100 * KMH
@@ -69,9 +68,9 @@ def display() -> Shown:
     node_m = section().node_m
     begins = [int(np.searchsorted(node_m, place)) for place in PLACES_M]
     speeds = (TOP_MPS, TOP_MPS, 90 * KMH, 0.0)
-    kinds = (NotchRegime.TRACTION, NotchRegime.HOLD, NotchRegime.COAST, NotchRegime.BRAKE)
+    kinds = (PhaseKind.TRACTION, PhaseKind.HOLD, PhaseKind.COAST, PhaseKind.BRAKE)
     phases = tuple(
-        Phase(kind, 0.8 if kind is NotchRegime.TRACTION else 0.0, begin, speed)
+        Phase(kind, 0.8 if kind is PhaseKind.TRACTION else 0.0, begin, speed)
         for kind, begin, speed in zip(kinds, begins, speeds, strict=True)
     )
     raw = Schedule(
@@ -241,9 +240,9 @@ def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) 
     node_m = section().node_m
     first, end = (int(np.searchsorted(node_m, at)) for at in (3300.0, 3700.0))
     phases = (
-        Phase(NotchRegime.HOLD, 0.0, 0, TOP_MPS),
-        Phase(NotchRegime.BRAKE, 0.4, first, 70 * KMH),
-        Phase(NotchRegime.COAST, 0.0, end, 70 * KMH),
+        Phase(PhaseKind.HOLD, 0.0, 0, TOP_MPS),
+        Phase(PhaseKind.BRAKE, 0.4, first, 70 * KMH),
+        Phase(PhaseKind.COAST, 0.0, end, 70 * KMH),
     )
     raw = Schedule(
         section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), TOP_MPS)), back_share=0.7
@@ -352,7 +351,7 @@ def test_a_brake_is_enough_for_its_board_though_its_phase_ends_behind_it() -> No
     board = Restriction(start_m=3000.0, end_m=line.length_m, limit_mps=60 * KMH)
     limited = build_section(line.with_restrictions((board,)), section().vehicle)
     node_m = limited.node_m
-    kinds = (NotchRegime.HOLD, NotchRegime.BRAKE, NotchRegime.COAST, NotchRegime.BRAKE)
+    kinds = (PhaseKind.HOLD, PhaseKind.BRAKE, PhaseKind.COAST, PhaseKind.BRAKE)
     phases = tuple(
         Phase(kind, 0.0, int(np.searchsorted(node_m, at_m)), speed_kmh * KMH)
         for kind, at_m, speed_kmh in zip(kinds, (0.0, 2200.0, 3150.0, 5600.0), (100.0, 60.0, 55.0, 0.0), strict=True)
@@ -383,8 +382,8 @@ def test_an_acceleration_names_the_speed_of_the_next_if_it_gets_no_further() -> 
     phases = tuple(
         Phase(kind, share, int(np.searchsorted(node_m, at_m)), speed_kmh * KMH)
         for kind, share, at_m, speed_kmh in (
-            (NotchRegime.TRACTION, 1.0, 0.0, 110.0), (NotchRegime.TRACTION, 0.5, 400.0, 100.0),
-            (NotchRegime.HOLD, 0.0, 2500.0, 100.0), (NotchRegime.BRAKE, 0.0, 4800.0, 0.0),
+            (PhaseKind.TRACTION, 1.0, 0.0, 110.0), (PhaseKind.TRACTION, 0.5, 400.0, 100.0),
+            (PhaseKind.HOLD, 0.0, 2500.0, 100.0), (PhaseKind.BRAKE, 0.0, 4800.0, 0.0),
         )
     )  # fmt: skip
     raw = Schedule(
@@ -407,7 +406,7 @@ def test_a_brake_that_was_shown_instead_goes_on_until_its_speed_is_reached(displ
 def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again() -> None:
     """Towards a lower limit, and only where coasting is enough for it and the train is 8 km/h or more above it."""
     node_m = section().node_m
-    kinds = (NotchRegime.TRACTION, NotchRegime.BRAKE, NotchRegime.HOLD, NotchRegime.BRAKE)
+    kinds = (PhaseKind.TRACTION, PhaseKind.BRAKE, PhaseKind.HOLD, PhaseKind.BRAKE)
     phases = tuple(
         Phase(kind, share, int(np.searchsorted(node_m, at_m)), speed_kmh * KMH)
         for kind, share, at_m, speed_kmh in zip(
@@ -566,10 +565,10 @@ def test_the_speed_of_a_brake_does_not_stand_above_a_limit_between_two_brakes() 
     node_m = section().node_m
     first, second = (int(np.searchsorted(node_m, at)) for at in (3000.0, 3300.0))
     phases = (
-        Phase(NotchRegime.TRACTION, 0.8, 0, TOP_MPS),
-        Phase(NotchRegime.BRAKE, 0.4, first, 25.0),
-        Phase(NotchRegime.BRAKE, 0.4, second, 15.0),
-        Phase(NotchRegime.HOLD, 0.0, int(np.searchsorted(node_m, 4000.0)), 15.0),
+        Phase(PhaseKind.TRACTION, 0.8, 0, TOP_MPS),
+        Phase(PhaseKind.BRAKE, 0.4, first, 25.0),
+        Phase(PhaseKind.BRAKE, 0.4, second, 15.0),
+        Phase(PhaseKind.HOLD, 0.0, int(np.searchsorted(node_m, 4000.0)), 15.0),
     )
     raw = Schedule(
         section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), TOP_MPS)), back_share=0.7
@@ -605,7 +604,7 @@ def test_a_short_brake_before_coasting_is_shown_to_its_end(display: Shown) -> No
     node_m = section().node_m
     first = int(np.searchsorted(node_m, 3000.0))
     last, begin_m = first + 1, float(node_m[first])
-    coast, brake = (NotchRegime.COAST, 0.0), (NotchRegime.BRAKE, 0.0)
+    coast, brake = (PhaseKind.COAST, 0.0), (PhaseKind.BRAKE, 0.0)
     short = (
         *display.schedule.phases[:2],
         Phase(*brake, first, 95 * KMH),
@@ -638,15 +637,15 @@ def test_a_train_far_too_fast_is_told_to_brake_fully_whatever_the_schedule_brake
     assert found[2].effort_ratio < found[1].effort_ratio
 
 
-def two_steps(kind: NotchRegime, share: float, second_mps: float) -> Shown:
+def two_steps(kind: PhaseKind, share: float, second_mps: float) -> Shown:
     """A schedule to show: accelerate, brake to 70 km/h (km 3.0 to 3.2), and go on to another speed."""
     node_m = section().node_m
     begins = [int(np.searchsorted(node_m, at)) for at in (0.0, 3000.0, 3200.0, 4500.0)]
     phases = (
-        Phase(NotchRegime.TRACTION, 0.8, begins[0], 25.0),
-        Phase(NotchRegime.BRAKE, 0.0, begins[1], 70 * KMH),
+        Phase(PhaseKind.TRACTION, 0.8, begins[0], 25.0),
+        Phase(PhaseKind.BRAKE, 0.0, begins[1], 70 * KMH),
         Phase(kind, share, begins[2], second_mps),
-        Phase(NotchRegime.BRAKE, 0.0, begins[3], 0.0),
+        Phase(PhaseKind.BRAKE, 0.0, begins[3], 0.0),
     )
     raw = Schedule(
         section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), 20.0)), back_share=0.7
@@ -659,7 +658,7 @@ def test_a_brake_to_a_lower_speed_behind_a_brake_does_not_wait() -> None:
 
     Without a brake before it, it is shown some 3 s before it is due, with way and time to it.
     """
-    display, v_mps = two_steps(NotchRegime.BRAKE, 0.0, 35 * KMH), 74 * KMH
+    display, v_mps = two_steps(PhaseKind.BRAKE, 0.0, 35 * KMH), 74 * KMH
     end_m = display.schedule.begin_m(2)
     first = display.at(0.0, end_m - 78.0, v_mps)
     assert first.now.mode in BRAKES
@@ -679,9 +678,9 @@ def test_a_brake_to_a_lower_speed_behind_a_brake_does_not_wait() -> None:
 def test_an_acceleration_is_shown_before_it_is_due_where_the_limit_allows_its_speed(
     limit_mps: float, shown: bool
 ) -> None:
-    schedule = two_steps(NotchRegime.TRACTION, 0.6, 30.0).schedule
+    schedule = two_steps(PhaseKind.TRACTION, 0.6, 30.0).schedule
     held = replace(
-        schedule, phases=(schedule.phases[0], schedule.phases[1]._replace(kind=NotchRegime.HOLD), *schedule.phases[2:])
+        schedule, phases=(schedule.phases[0], schedule.phases[1]._replace(kind=PhaseKind.HOLD), *schedule.phases[2:])
     )
     display = Shown(Showing(SETTINGS), held)
     place = SpeedsAllowed(limit_mps, limit_mps)
@@ -709,7 +708,7 @@ def test_a_creeping_train_is_told_no_speed_that_the_stop_does_not_allow(display:
     assert display.at(20.0, section().end_m - 2.5, 0.8).now.speed_mps <= allowed_mps + 0.3
 
 
-def shown_of(*phases: tuple[NotchRegime, float, float], showing: Showing | None = None) -> Shown:
+def shown_of(*phases: tuple[PhaseKind, float, float], showing: Showing | None = None) -> Shown:
     """A schedule to show, made of exactly these phases (kind, place in m, target speed in m/s)."""
     node_m = section().node_m
     made = tuple(Phase(kind, 0.0, int(np.searchsorted(node_m, at_m)), target) for kind, at_m, target in phases)
@@ -717,31 +716,31 @@ def shown_of(*phases: tuple[NotchRegime, float, float], showing: Showing | None 
     return Shown(showing or Showing(SETTINGS), Schedule(section=section(), phases=made, known=known, back_share=0.7))
 
 
-@pytest.mark.parametrize("kind", [NotchRegime.HOLD, NotchRegime.COAST, NotchRegime.TRACTION])
-def test_no_speed_is_shown_above_what_the_line_allows_on_the_way_of_a_phase(kind: NotchRegime) -> None:
+@pytest.mark.parametrize("kind", [PhaseKind.HOLD, PhaseKind.COAST, PhaseKind.TRACTION])
+def test_no_speed_is_shown_above_what_the_line_allows_on_the_way_of_a_phase(kind: PhaseKind) -> None:
     """A schedule may have a higher one if a limit came too late, or slows the train without a phase to brake for it."""
     allowed = section().envelope_mps
-    display = shown_of((kind, 0.0, 90.0), (NotchRegime.BRAKE, 4700.0, 0.0))
+    display = shown_of((kind, 0.0, 90.0), (PhaseKind.BRAKE, 4700.0, 0.0))
     for second, s_m in enumerate((2000.0, 4000.0)):
         assert display.at(20.0 * second, s_m, 20.0).now.speed_mps <= allowed.max() + 1e-9
-    announced = shown_of((NotchRegime.HOLD, 0.0, 20.0), (kind, 2500.0, 90.0), (NotchRegime.BRAKE, 4700.0, 0.0))
+    announced = shown_of((PhaseKind.HOLD, 0.0, 20.0), (kind, 2500.0, 90.0), (PhaseKind.BRAKE, 4700.0, 0.0))
     assert announced.at(0.0, 2000.0, 20.0).following[0].speed_mps <= allowed.max() + 1e-9
 
 
 def test_coasting_does_not_stand_to_a_speed_that_the_end_of_its_phase_does_not_allow() -> None:
     """The phase of a new reference ends nearer to the stop; otherwise the instruction would stay for 8 s."""
-    coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.BRAKE, 4700.0, 0.0))
+    coasts = shown_of((PhaseKind.COAST, 0.0, 25.0), (PhaseKind.BRAKE, 4700.0, 0.0))
     assert coasts.at(0.0, 4500.0, 25.0).now.speed_mps == pytest.approx(25.0)
     end_m = section().end_m - 120.0
     allowed = float(np.interp(end_m, section().node_m, section().envelope_mps))
     assert allowed < 20.0
-    holds = shown_of((NotchRegime.HOLD, 0.0, 15.0), (NotchRegime.BRAKE, end_m, 0.0), showing=coasts.showing)
+    holds = shown_of((PhaseKind.HOLD, 0.0, 15.0), (PhaseKind.BRAKE, end_m, 0.0), showing=coasts.showing)
     assert holds.at(1.0, 4530.0, 15.0).now.mode is Regime.CRUISE
 
 
 def test_coasting_does_not_stand_to_a_speed_above_the_limit_of_its_place() -> None:
     """However short a time it has been shown."""
-    coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.BRAKE, 4700.0, 0.0))
+    coasts = shown_of((PhaseKind.COAST, 0.0, 25.0), (PhaseKind.BRAKE, 4700.0, 0.0))
     assert coasts.at(0.0, 4500.0, 25.0).now.speed_mps == pytest.approx(25.0)
     now = coasts.at(1.0, 4520.0, 15.0, SpeedsAllowed(18.0, 18.0)).now
     assert now.speed_mps <= 18.0 + SAME_READING_MPS
@@ -749,7 +748,7 @@ def test_coasting_does_not_stand_to_a_speed_above_the_limit_of_its_place() -> No
 
 def test_coasting_that_leads_to_another_speed_says_that_speed() -> None:
     """A train that begins to coast 30 km/h below its schedule is not told the speed to which the schedule coasts."""
-    coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.BRAKE, 4700.0, 0.0))
+    coasts = shown_of((PhaseKind.COAST, 0.0, 25.0), (PhaseKind.BRAKE, 4700.0, 0.0))
     assert coasts.at(0.0, 4300.0, 25.0).now.speed_mps == pytest.approx(25.0)
     slow = [coasts.at(10.0 + i, 4310.0 + 17.0 * i, 17.0 - 0.02 * i).now for i in range(20)]
     assert {one.mode for one in slow} == {Regime.COAST}
@@ -763,7 +762,7 @@ def test_coasting_back_that_a_limit_ends_says_the_speed_where_it_brakes() -> Non
     board = Restriction(start_m=2400.0, end_m=section().end_m, limit_mps=60 * KMH)
     limited = build_section(section().route.with_restrictions((board,)), section().vehicle)
     node_m = limited.node_m
-    phases = (Phase(NotchRegime.HOLD, 0.0, 0, 95 * KMH), Phase(NotchRegime.BRAKE, 0.0, len(node_m) - 300, 0.0))
+    phases = (Phase(PhaseKind.HOLD, 0.0, 0, 95 * KMH), Phase(PhaseKind.BRAKE, 0.0, len(node_m) - 300, 0.0))
     raw = Schedule(section=limited, phases=phases, known=known_run(limited, np.full(len(node_m), 16.0)), back_share=0.7)
     shown = Shown(Showing(SETTINGS), raw.settled(0.0, 95 * KMH)[0])
     shown.at(-20.0, 1000.0, 95 * KMH)
@@ -775,16 +774,16 @@ def test_coasting_back_that_a_limit_ends_says_the_speed_where_it_brakes() -> Non
 
 
 def test_coasting_back_beyond_the_speed_told_says_the_speed_that_is_then_held() -> None:
-    coasts = shown_of((NotchRegime.COAST, 0.0, 95 * KMH), (NotchRegime.BRAKE, 2050.0, 80 * KMH))
+    coasts = shown_of((PhaseKind.COAST, 0.0, 95 * KMH), (PhaseKind.BRAKE, 2050.0, 80 * KMH))
     assert coasts.at(0.0, 1300.0, 98 * KMH).now.speed_mps == pytest.approx(95 * KMH)
-    holds = shown_of((NotchRegime.HOLD, 0.0, 90 * KMH), (NotchRegime.BRAKE, 4700.0, 0.0), showing=coasts.showing)
+    holds = shown_of((PhaseKind.HOLD, 0.0, 90 * KMH), (PhaseKind.BRAKE, 4700.0, 0.0), showing=coasts.showing)
     told = [holds.at(10.0 + i, 1550.0 + 26.0 * i, (97 - 0.25 * i) * KMH).now for i in range(40)]
     said = [(one.mode, round(one.speed_mps / KMH)) for one in told]
     assert set(said[:24]) == {(Regime.COAST, 90)}
     assert said[-1] == (Regime.CRUISE, 90)
 
 
-def at_rising_limit(*phases: tuple[NotchRegime, float, float]) -> Shown:
+def at_rising_limit(*phases: tuple[PhaseKind, float, float]) -> Shown:
     """A schedule of these phases (kind, place in m, km/h) where the limit rises from 80 to 100 km/h, at km 29.92."""
     here = section_of(("zurich-luzern", 2))
     made = tuple(Phase(kind, 1.0, int(np.searchsorted(here.node_m, at_m)), v * KMH) for kind, at_m, v in phases)
@@ -798,7 +797,7 @@ BELOW_RISE = SpeedsAllowed(80 * KMH, 80 * KMH)
 
 def test_an_acceleration_that_its_limit_does_not_allow_yet_is_announced_where_the_limit_rises() -> None:
     """A train at its limit is not told to accelerate to that limit; a slower one is, and to both speeds in turn."""
-    rises = at_rising_limit((NotchRegime.HOLD, 29000.0, 80), (NotchRegime.TRACTION, RISES_M - 200.0, 100))
+    rises = at_rising_limit((PhaseKind.HOLD, 29000.0, 80), (PhaseKind.TRACTION, RISES_M - 200.0, 100))
     for v_kmh, told in ((79, [(100, 400.0)]), (70, [(80, 200.0), (100, 400.0)])):
         times_s = np.array([0.0, 1000.0 / (v_kmh * KMH)])
         at_m = RISES_M - 400.0 + np.array([0.0, 1000.0])
@@ -813,7 +812,7 @@ def test_an_acceleration_that_its_limit_does_not_allow_yet_is_announced_where_th
 
 
 def test_a_speed_that_is_held_past_a_board_that_allows_more_is_no_acceleration() -> None:
-    held = at_rising_limit((NotchRegime.HOLD, 29000.0, 80), (NotchRegime.COAST, RISES_M + 1500.0, 0))
+    held = at_rising_limit((PhaseKind.HOLD, 29000.0, 80), (PhaseKind.COAST, RISES_M + 1500.0, 0))
     at_m = RISES_M - 400.0 + np.array([0.0, 3000.0])
     foreseen = Foreseen(np.array([0.0, 136.0]), at_m, np.full(2, 79 * KMH), as_shown=True)
     following = Announcing(2).following(held.schedule, 0, RISES_M - 400.0, foreseen)
@@ -823,9 +822,9 @@ def test_a_speed_that_is_held_past_a_board_that_allows_more_is_no_acceleration()
 def test_an_acceleration_stays_announced_though_the_schedule_holds_its_speed_soon_after_the_board() -> None:
     """The schedule accelerates before the board and holds 100 km/h 60 m behind it; this train is still at 79 km/h."""
     rises = at_rising_limit(
-        (NotchRegime.HOLD, 29000.0, 80),
-        (NotchRegime.TRACTION, RISES_M - 200.0, 100),
-        (NotchRegime.HOLD, RISES_M + 60.0, 100),
+        (PhaseKind.HOLD, 29000.0, 80),
+        (PhaseKind.TRACTION, RISES_M - 200.0, 100),
+        (PhaseKind.HOLD, RISES_M + 60.0, 100),
     )
     at_m = RISES_M - 150.0 + np.array([0.0, 2000.0])
     foreseen = Foreseen(np.array([0.0, 90.0]), at_m, np.full(2, 79 * KMH), as_shown=True)
@@ -838,7 +837,7 @@ def test_an_acceleration_stays_announced_though_the_schedule_holds_its_speed_soo
 def test_an_acceleration_goes_on_where_the_next_one_follows_within_8_s() -> None:
     """Otherwise its speed would have to be held for 8 s, and the train would accelerate too late behind the board."""
     for left_s, mode in ((4.0, Regime.FULL_TRACTION), (20.0, Regime.CRUISE)):
-        rises = at_rising_limit((NotchRegime.TRACTION, 28800.0, 100))
+        rises = at_rising_limit((PhaseKind.TRACTION, 28800.0, 100))
         begins_m = RISES_M - (left_s + 12.0) * 78.4 * KMH
         for i in range(13):
             now = rises.at(float(i), begins_m + 78.4 * KMH * i, (70 + 0.7 * i) * KMH, BELOW_RISE).now
@@ -849,9 +848,9 @@ def test_an_acceleration_goes_on_where_the_next_one_follows_within_8_s() -> None
 def test_an_announced_change_that_waits_for_what_is_shown_to_have_stood_stays_announced() -> None:
     begins_m = 2000.0
     rises = shown_of(
-        (NotchRegime.COAST, 0.0, 20.0),
-        (NotchRegime.HOLD, begins_m - 120.0, 20.0),
-        (NotchRegime.TRACTION, begins_m, 25.0),
+        (PhaseKind.COAST, 0.0, 20.0),
+        (PhaseKind.HOLD, begins_m - 120.0, 20.0),
+        (PhaseKind.TRACTION, begins_m, 25.0),
     )
     shown = [rises.at(float(i), begins_m - 300.0 + 20.0 * i, 20.0) for i in range(25)]
     held = next(i for i, one in enumerate(shown) if one.now.mode is Regime.CRUISE)
@@ -864,7 +863,7 @@ def test_an_announced_change_that_waits_for_what_is_shown_to_have_stood_stays_an
 def test_coasting_that_a_brake_ends_says_the_speed_at_which_the_brake_begins() -> None:
     """The schedule coasts to 15 m/s, but this train is faster and comes to the braking curve before."""
     end_m = float(np.interp(-16.0, -section().envelope_mps[-200:], section().node_m[-200:]))
-    coasts = shown_of((NotchRegime.COAST, 0.0, 15.0), (NotchRegime.BRAKE, end_m, 0.0))
+    coasts = shown_of((PhaseKind.COAST, 0.0, 15.0), (PhaseKind.BRAKE, end_m, 0.0))
     shown = coasts.at(0.0, 4300.0, 28.0)
     meets_m = 4300.0 + shown.target_m
     assert shown.now.mode is Regime.COAST
@@ -875,7 +874,7 @@ def test_coasting_that_a_brake_ends_says_the_speed_at_which_the_brake_begins() -
 
 
 def test_a_train_at_the_limit_that_gets_slower_coasts_on_and_one_that_rolls_up_to_it_holds_it() -> None:
-    coasts = shown_of((NotchRegime.COAST, 0.0, 20.0), (NotchRegime.BRAKE, 4700.0, 0.0))
+    coasts = shown_of((PhaseKind.COAST, 0.0, 20.0), (PhaseKind.BRAKE, 4700.0, 0.0))
     for v_mps, mode in ((25.0 + 0.3 * KMH, Regime.COAST), (25.0 + 3.0 * KMH, Regime.CRUISE)):
         assert coasts.at(0.0, 2000.0, v_mps, SpeedsAllowed(25.0, 25.0)).now.mode is mode
 
@@ -883,7 +882,7 @@ def test_a_train_at_the_limit_that_gets_slower_coasts_on_and_one_that_rolls_up_t
 def test_coasting_to_the_speed_held_next_is_not_shown_to_a_train_that_is_slower() -> None:
     """It would only become slower still, and would have to accelerate again."""
     for held_mps, mode in ((25.0, Regime.CRUISE), (20.0, Regime.COAST)):
-        coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.HOLD, 3000.0, held_mps))
+        coasts = shown_of((PhaseKind.COAST, 0.0, 25.0), (PhaseKind.HOLD, 3000.0, held_mps))
         assert coasts.at(0.0, 2000.0, 26.0).now.mode is Regime.COAST
         assert coasts.at(10.0, 2200.0, 24.0).now.mode is mode
 
@@ -893,7 +892,7 @@ def test_on_a_slight_descent_that_does_not_reach_the_speed_held_next_it_is_held_
     """The train gains some 0.01 m/s² at first, and would end slower than it must go on."""
     here = section_of(("zurich-luzern", 2))
     begin, end = np.searchsorted(here.node_m, [s_m - 100.0, s_m + 2000.0]).tolist()
-    phases = (Phase(NotchRegime.COAST, 0.0, begin, 20.0), Phase(NotchRegime.HOLD, 0.0, end, 20.0))
+    phases = (Phase(PhaseKind.COAST, 0.0, begin, 20.0), Phase(PhaseKind.HOLD, 0.0, end, 20.0))
     known = known_run(here, np.full(len(here.node_m), 20.0))
     schedule = Schedule(section=here, phases=phases, known=known, back_share=0.7)
     shown = Shown(Showing(SETTINGS), schedule).at(0.0, s_m, 18.0, SpeedsAllowed(30.0, 30.0)).now
@@ -904,15 +903,13 @@ def test_on_a_slight_descent_that_does_not_reach_the_speed_held_next_it_is_held_
 def test_a_driver_to_whom_nothing_was_shown_for_long_is_told_anew() -> None:
     """After an interruption the last instruction does not stand for a while longer; after a short gap it does."""
     for gap_s, mode in ((5.0, Regime.CRUISE), (20.0, Regime.REDUCED_TRACTION)):
-        rises = shown_of(
-            (NotchRegime.HOLD, 0.0, 15.0), (NotchRegime.TRACTION, 2000.0, 25.0), (NotchRegime.HOLD, 4e3, 25.0)
-        )
+        rises = shown_of((PhaseKind.HOLD, 0.0, 15.0), (PhaseKind.TRACTION, 2000.0, 25.0), (PhaseKind.HOLD, 4e3, 25.0))
         assert rises.at(0.0, 1900.0, 15.0).now.mode is Regime.CRUISE
         assert rises.at(gap_s, 2200.0, 15.0).now.mode is mode
 
 
 def test_a_driver_who_rolls_up_to_the_speed_to_hold_is_not_told_to_hold_it_yet() -> None:
-    coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.HOLD, 3000.0, 25.0))
+    coasts = shown_of((PhaseKind.COAST, 0.0, 25.0), (PhaseKind.HOLD, 3000.0, 25.0))
     assert coasts.at(0.0, 2900.0, 25.6).now.mode is Regime.COAST
     assert coasts.at(20.0, 3200.0, 24.0).now.mode is Regime.CRUISE, "on the level it would never get there"
 
@@ -949,8 +946,8 @@ def efforts_to_70_kmh(states: list[tuple[float, float, float]]) -> list[tuple[fl
 def brake_to_70_kmh() -> Shown:
     """A schedule to show: hold 90 km/h, brake to 70 km/h (km 3.0 to 3.6), hold that, brake to the stop."""
     return shown_of(
-        (NotchRegime.HOLD, 0.0, 90 * KMH), (NotchRegime.BRAKE, 3000.0, 70 * KMH),
-        (NotchRegime.HOLD, 3600.0, 70 * KMH), (NotchRegime.BRAKE, 5000.0, 0.0),
+        (PhaseKind.HOLD, 0.0, 90 * KMH), (PhaseKind.BRAKE, 3000.0, 70 * KMH),
+        (PhaseKind.HOLD, 3600.0, 70 * KMH), (PhaseKind.BRAKE, 5000.0, 0.0),
     )  # fmt: skip
 
 
@@ -1114,7 +1111,7 @@ def test_a_slow_train_that_accelerates_passes_a_lower_limit_without_a_brake() ->
     """At 40 km/h, 50 m before a limit of 125 km/h, it was told to accelerate to 135 and to brake to 125 at once."""
     here = section_of(("zurich-luzern", 2))
     begins = [int(np.searchsorted(here.node_m, at)) for at in (46900.0, 56000.0)]
-    phases = (Phase(NotchRegime.TRACTION, 1.0, begins[0], 135 * KMH), Phase(NotchRegime.BRAKE, 0.0, begins[1], 0.0))
+    phases = (Phase(PhaseKind.TRACTION, 1.0, begins[0], 135 * KMH), Phase(PhaseKind.BRAKE, 0.0, begins[1], 0.0))
     schedule = Schedule(
         section=here, phases=phases, known=known_run(here, np.full(len(here.node_m), 30.0)), back_share=0.7
     )
@@ -1130,7 +1127,7 @@ def test_a_slow_train_that_accelerates_passes_a_lower_limit_without_a_brake() ->
 def test_an_acceleration_does_not_stand_to_a_speed_that_a_nearer_board_forbids() -> None:
     """foreign/04: "accelerate to 155" stood 83 m before a board of 150, until the last word lowered it."""
     here = section_of(("zurich-luzern", 2))
-    phases = (Phase(NotchRegime.TRACTION, 0.4, 0, 135 * KMH), Phase(NotchRegime.BRAKE, 0.0, len(here.step_m) - 9, 0.0))
+    phases = (Phase(PhaseKind.TRACTION, 0.4, 0, 135 * KMH), Phase(PhaseKind.BRAKE, 0.0, len(here.step_m) - 9, 0.0))
     known = known_run(here, np.full(len(here.node_m), 30.0))
     display = Shown(Showing(SETTINGS), Schedule(section=here, phases=phases, known=known, back_share=0.7))
     assert round(display.at(0.0, 47596.0 - 800.0, 110 * KMH).now.speed_mps / KMH) == 135
@@ -1188,10 +1185,10 @@ def test_an_acceleration_that_a_limit_soon_brakes_is_not_begun() -> None:
     node_m = here.node_m
     begins = [int(np.searchsorted(node_m, at)) for at in (node_m[0], 47100.0, 47600.0, 56000.0)]
     phases = (
-        Phase(NotchRegime.HOLD, 0.0, begins[0], 120 * KMH),
-        Phase(NotchRegime.TRACTION, 0.4, begins[1], 135 * KMH),
-        Phase(NotchRegime.TRACTION, 0.4, begins[2], 125 * KMH),
-        Phase(NotchRegime.BRAKE, 0.0, begins[3], 0.0),
+        Phase(PhaseKind.HOLD, 0.0, begins[0], 120 * KMH),
+        Phase(PhaseKind.TRACTION, 0.4, begins[1], 135 * KMH),
+        Phase(PhaseKind.TRACTION, 0.4, begins[2], 125 * KMH),
+        Phase(PhaseKind.BRAKE, 0.0, begins[3], 0.0),
     )
     known = known_run(here, np.full(len(node_m), 30.0))
     schedule = Schedule(section=here, phases=phases, known=known, back_share=0.7)
@@ -1204,7 +1201,7 @@ def test_an_acceleration_that_a_limit_soon_brakes_is_not_begun() -> None:
 
 def test_an_acceleration_towards_a_brake_that_the_train_is_too_slow_for_leads_to_the_speed_of_the_brake() -> None:
     """The speed allowed on the way falls from second to second; it would be named anew each time."""
-    display = two_steps(NotchRegime.HOLD, 0.0, 70 * KMH)
+    display = two_steps(PhaseKind.HOLD, 0.0, 70 * KMH)
     begin_m = display.schedule.begin_m(1)
     told = [display.at(float(k), begin_m - 240.0 + 10.0 * k, 10.0 + 0.1 * k).now for k in range(20)]
     assert {round(one.speed_mps / KMH) for one in told} == {70}
@@ -1214,10 +1211,10 @@ def test_an_acceleration_towards_a_brake_that_the_train_is_too_slow_for_leads_to
 def test_news_that_want_a_slower_train_end_an_acceleration_without_notice() -> None:
     """A train ahead is reported while the driver accelerates: he is told to hold the lower speed; a brake to it comes
     after its notice. The same reference made because he is late lets him go on until its change was announced."""
-    phases = (NotchRegime.HOLD, 0.0, 15.0), (NotchRegime.BRAKE, 4700.0, 0.0)
+    phases = (PhaseKind.HOLD, 0.0, 15.0), (PhaseKind.BRAKE, 4700.0, 0.0)
     for cause, mode in ((ReplanCause.LINE, Regime.CRUISE), (ReplanCause.LATE, Regime.REDUCED_TRACTION)):
         showing = Showing(SETTINGS)
-        accelerates = Shown(showing, two_steps(NotchRegime.HOLD, 0.0, 70 * KMH).schedule)
+        accelerates = Shown(showing, two_steps(PhaseKind.HOLD, 0.0, 70 * KMH).schedule)
         assert accelerates.at(0.0, 1000.0, 17.0).now.mode is Regime.REDUCED_TRACTION
         slower = shown_of(*phases, showing=showing).schedule
         replan = Replan(cause=cause, time_ns=ns(9.0))

@@ -1,4 +1,4 @@
-"""A schedule: a few-switch trajectory as phases by place, each of which says what to do and up to which speed.
+"""A schedule: a run as phases by place, each of which says what to do and up to which speed.
 
 A driver, and the forecast of what he will do, needs no more: accelerate with this effort to that speed, hold it up to
 this place, coast, brake to that speed.
@@ -7,7 +7,6 @@ this place, coast, brake to that speed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,12 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.errors import InfeasibleError
-from das.solver.few_switch.as_run import phases_as_run, with_all_brakes, with_boards, with_one_brake
-from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.phases import Phase, RunAtNodes
-from das.solver.kernels.few_switch_schedule import cost_of_time, follow
+from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.kernels.forces import electric_limit
+from das.solver.kernels.schedule import follow
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
@@ -31,50 +27,16 @@ MET_MPS = 1e-3
 """A train whose speed is this near (m/s) to the schedule's trajectory counts as on it from there on."""
 NOWHERE = -1.0
 """The `met_mps` of a train that is followed to the end and never counts as on the schedule's trajectory."""
-MOST_UNSAID_S = 0.5
-"""Where limits ahead demand brakes, a schedule may lack a phase to brake for at most this time (s)."""
-SAYINGS = 3
-"""Rounds in which phases are made to agree with their trajectory; after them they hardly change any more."""
 ON_CURVE_MPS = 0.05
 """A phase to brake follows the braking curve if its target is this near (m/s) to the curve where the phase ends."""
 
 
 class Prospect(NamedTuple):
-    """The forecast of a train that keeps to a schedule: speeds at the nodes (behind the state: NaN), time and energy.
-
-    `unsaid_s` is the time (s) in which limits ahead demand brakes although the phase is not one to brake.
-    """
+    """The forecast of a train that keeps to a schedule: speeds at the nodes (NaN behind the state), time, energy."""
 
     speeds_mps: Floats
     time_s: float
     energy_j: float
-    unsaid_s: float
-
-
-LATE_RATIO = 3.0
-"""A second of being late costs this many times the price of time."""
-EARLY_RATIO = 0.7
-"""A second of being early is worth this share of the price of time."""
-EARLY_S = 2.0
-"""Only this many seconds of being early count, because the price from the ladder may be too high by up to half."""
-
-
-class PricesOfTime(NamedTuple):
-    """Price of a second late, worth of a second early (W), and how many seconds early are worth anything (s)."""
-
-    late_w: float
-    early_w: float
-    early_s: float
-
-    @classmethod
-    def to_be_on_time(cls, lambda_w: float) -> PricesOfTime:
-        """The prices of a train that is to be on time, if a second is worth `lambda_w` (W)."""
-        return cls(LATE_RATIO * lambda_w, EARLY_RATIO * lambda_w, EARLY_S)
-
-    @classmethod
-    def at_any_time(cls, lambda_w: float) -> PricesOfTime:
-        """The prices if every second is worth `lambda_w` (W), whenever the train arrives."""
-        return cls(lambda_w, lambda_w, math.inf)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,17 +67,15 @@ class Schedule:
 
     @cached_property
     def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Kind, share and target speed of every phase; a brake that leads to the braking curve follows it (`CURVE`)."""
+        """Kind, share and target speed of every phase; a brake without a share that leads to the braking curve follows
+        it (`CURVE`)."""
         kinds = np.array([int(one.kind) for one in self.phases])
         targets = np.array([one.target_mps for one in self.phases])
         led_to = self.section.envelope_mps[[*(one.begin for one in self.phases[1:]), len(self.at)]]
-        kinds[(kinds == NotchRegime.BRAKE) & (np.abs(led_to - targets) < ON_CURVE_MPS)] = NotchRegime.CURVE
-        return kinds, np.array([one.share for one in self.phases]), targets
-
-    @property
-    def run(self) -> RunAtNodes:
-        """The trajectory that keeps to the schedule, in the form in which its phases are compared with it."""
-        return RunAtNodes.of(self.known.speed_mps, self.section.envelope_mps, self.section.step_m)
+        shares = np.array([one.share for one in self.phases])
+        curves = (kinds == PhaseKind.BRAKE) & (shares == 0.0) & (np.abs(led_to - targets) < ON_CURVE_MPS)
+        kinds[curves] = PhaseKind.CURVE
+        return kinds, shares, targets
 
     def speed_at(self, s_m: float) -> float:
         """The scheduled speed (m/s) at a position; v² is linear between the nodes."""
@@ -135,7 +95,7 @@ class Schedule:
     def brakes_by_effort(self, number: int) -> bool:
         """Whether a phase brakes with one effort to its speed and then holds it: a brake that is not for a limit."""
         kind, share, _ = self.columns
-        return bool(kind[number] == NotchRegime.BRAKE and share[number] > 0.0)
+        return bool(kind[number] == PhaseKind.BRAKE and share[number] > 0.0)
 
     def needed_mps2(self, number: int, s_m: float, v_mps: float) -> float:
         """The deceleration (m/s²) at a state of a train that keeps to a phase to brake."""
@@ -149,11 +109,11 @@ class Schedule:
         before, after = self.section.envelope_mps[interval : interval + 2] ** 2
         step_m = float(self.section.step_m[interval])
         curve = before + (after - before) * (s_m - self.section.node_m[interval]) / step_m - target[number] ** 2
-        if kind[number] == NotchRegime.CURVE and curve > 0:
+        if kind[number] == PhaseKind.CURVE and curve > 0:
             return float(reach / curve * max(before - after, 0.0) / (2.0 * step_m))
         return float(reach / (2.0 * max(self.reached_m(number, s_m) - s_m, 1.0)))
 
-    def kind_after(self, number: int) -> NotchRegime | None:
+    def kind_after(self, number: int) -> PhaseKind | None:
         """The kind of the phase after a phase; None after the last one."""
         return self.phases[number + 1].kind if number + 1 < len(self.phases) else None
 
@@ -182,11 +142,11 @@ class Schedule:
         first, line, envelope = self.ahead(s_m, v_mps)
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
-        time_s, energy_j, unsaid_s = follow(
+        time_s, energy_j = follow(
             first, self.at, self.ends_m, self.columns, self.back_share, self.known, met_mps, line, envelope,
             section.train, section.loss_params, speeds,
         )  # fmt: skip
-        return Prospect(speeds, section.finished_s(time_s, s_m, v_mps), energy_j, unsaid_s)
+        return Prospect(speeds, section.finished_s(time_s, s_m, v_mps), energy_j)
 
     def ahead(self, s_m: float, v_mps: float) -> tuple[int, LineArrays, Floats]:
         """The interval of a position, with line and envelope of the section cut to begin at the state."""
@@ -199,16 +159,6 @@ class Schedule:
             envelope = envelope.copy()
             envelope[first] = v_mps
         return first, section.for_kernels._replace(step_m=step), envelope
-
-    def as_run(self) -> Schedule:
-        """The schedule with phases that agree with its trajectory, so that a driver who keeps to them follows it.
-
-        Where a limit ahead makes the trajectory brake, a phase to brake begins: a driver who begins later needs the
-        friction brake. A phase to brake without effect is left out. If the train never slows down to the speed that a
-        phase holds, as on a descent, that speed is raised to the train's lowest one there.
-        """
-        phases = phases_as_run(self.phases, self.columns[0], self.run, self.back_share)
-        return replace(self, phases=phases)
 
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
         """The same phases with the trajectory that keeps to them from a state, and the forecast of that trajectory."""
@@ -228,34 +178,6 @@ class Scheduled(NamedTuple):
     forecast: Prospect
     lambda_w: float
 
-    def as_run(self, s_m: float, v_mps: float) -> Scheduled:
-        """The schedule from a state with phases that agree with its trajectory; unchanged if the train would stall.
-
-        Changed phases may lead to another trajectory, so they are then compared with that one.
-        """
-        found = self
-        for _ in range(SAYINGS):
-            said = found.schedule.as_run()
-            if found is not self and said.phases == found.schedule.phases:
-                break
-            try:
-                found = Scheduled(*said.settled(s_m, v_mps), self.lambda_w)
-            except InfeasibleError:
-                break
-        joined = found.changed(with_one_brake, s_m, v_mps)
-        found = joined if joined.says_its_brakes else found
-        return found.with_its_brakes(s_m, v_mps)
-
-    def with_its_brakes(self, s_m: float, v_mps: float) -> Scheduled:
-        """The schedule from a state with a phase to brake wherever limits ahead demand it, each limit named."""
-        found = self if self.says_its_brakes else self.changed(with_all_brakes, s_m, v_mps)
-        return found.changed(with_boards, s_m, v_mps)
-
-    @property
-    def says_its_brakes(self) -> bool:
-        """Whether there is a phase to brake wherever limits ahead demand it."""
-        return self.forecast.unsaid_s <= MOST_UNSAID_S
-
     def solution(self, s_m: float, v_mps: float, requested_s: float) -> Solution:
         """The solution of a train that keeps to the schedule from a state; `requested_s` is the time asked for.
 
@@ -271,37 +193,6 @@ class Scheduled(NamedTuple):
             fit=Fit.LATE if requested_s < least_s else Fit.ON_TIME,
             lambda_w=self.lambda_w,
         )
-
-    def changed(
-        self, changed: Callable[[tuple[Phase, ...], RunAtNodes], tuple[Phase, ...]], s_m: float, v_mps: float
-    ) -> Scheduled:
-        """The schedule with phases changed by a function of phases and trajectory; unchanged if the train stalls."""
-        phases = changed(self.schedule.phases, self.schedule.run)
-        if phases == self.schedule.phases:
-            return self
-        try:
-            return Scheduled(*replace(self.schedule, phases=phases).settled(s_m, v_mps), self.lambda_w)
-        except InfeasibleError:
-            return self
-
-    def cost_j(self, time_s: float) -> float:
-        """The energy (J) plus what it costs to arrive at another time than `time_s`."""
-        prices = PricesOfTime.to_be_on_time(self.lambda_w)
-        return self.forecast.energy_j + float(cost_of_time(self.forecast.time_s - time_s, prices))
-
-
-def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Schedule:
-    """The schedule with no higher speed than this, up to an interval of the section (by default everywhere)."""
-    last = len(schedule.at) if before is None else before
-    found: list[Phase] = []
-    for one in schedule.phases:
-        if one.begin >= last or one.target_mps <= top_mps:
-            found.append(one)
-        elif one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
-            found.append(one._replace(target_mps=top_mps))
-        else:
-            found.append(one)
-    return replace(schedule, phases=tuple(found))
 
 
 def on_section(schedule: Schedule, section: Section) -> Schedule:

@@ -1,36 +1,25 @@
-"""The bundled sections with their fronts and few-switch fronts, for tests of few-switch trajectories.
-
-Each of them is made once in a process.
-"""
+"""The bundled sections with their fronts, the guide's policies and schedules, each made once in a process."""
 
 from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
-from typing import NamedTuple
 
 from das.domain.braking import USUAL
 from das.domain.files.load import load_route, load_vehicle
-from das.solver.few_switch.few_switch import FewSwitchFront, solve_few_switch
-from das.solver.few_switch.schedule import Schedule, Scheduled
-from das.solver.few_switch.scheduling import polished, scheduled
-from das.solver.few_switch.settings import FewSwitchSettings
 from das.solver.front import Front
+from das.solver.guide.from_run import scheduled_run
+from das.solver.guide.in_time import in_time
+from das.solver.guide.policies import GuideFront, GuideSettings
+from das.solver.guide.schedule import Schedule, Scheduled
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
+from das.solver.state import State
 
 BUNDLED = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
 """Every section that comes with the program: its route, and its number on that route."""
 BUFFERS = (0.03, 0.08, 0.15, 0.30)
 Which = tuple[str, int]
-
-
-class Asked(NamedTuple):
-    """A requested time (s) for a section from its start, and the schedules for it before and after polishing."""
-
-    time_s: float
-    scheduled: Scheduled
-    polished: Scheduled
 
 
 @cache
@@ -49,9 +38,9 @@ def front_of(which: Which) -> Front:
 
 
 @cache
-def few_switch_of(which: Which, change_s: float = FewSwitchSettings().change_s) -> FewSwitchFront:
-    """The few-switch trajectories of a bundled section; each change costs the energy of full power for `change_s`."""
-    return solve_few_switch(section_of(which), FewSwitchSettings(change_s=change_s))
+def guide_of(which: Which, change_s: float = GuideSettings().change_s) -> GuideFront:
+    """The guide's policies of a bundled section; each change costs the energy of full power for `change_s`."""
+    return GuideFront(section_of(which), GuideSettings(change_s=change_s))
 
 
 def asked_s(which: Which, buffer_ratio: float) -> float:
@@ -60,12 +49,10 @@ def asked_s(which: Which, buffer_ratio: float) -> float:
 
 
 @cache
-def schedules(which: Which, buffer_ratio: float) -> Asked:
-    """The schedules of a bundled section for a buffer."""
-    front, time_s = few_switch_of(which), asked_s(which, buffer_ratio)
-    start_m = front.section.start_m
-    found = scheduled(front, time_s, start_m, 0.0)
-    return Asked(time_s, found, polished(found, time_s, start_m, 0.0))
+def scheduled(which: Which, buffer_ratio: float) -> Scheduled:
+    """The schedule of a bundled section for a buffer."""
+    front = guide_of(which)
+    return scheduled_run(front, in_time(front, State.at(front.section), asked_s(which, buffer_ratio))[0])
 
 
 def excess_ratio(which: Which, energy_j: float, time_s: float) -> float:

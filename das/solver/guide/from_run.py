@@ -1,0 +1,69 @@
+"""Schedules of runs over instructions: a phase for each instruction, with the same run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from das.solver.guide.phases import Phase, PhaseKind
+from das.solver.guide.policies import SAME_MPS, GuideFront, GuideRun
+from das.solver.guide.schedule import Schedule, Scheduled
+from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, SHARES
+from das.solver.kernels.tuples import KnownRun
+
+HELD_S = 10.0
+"""Holding a speed for less than this (s) after accelerating to it is no phase of its own."""
+
+
+def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
+    """The schedule of a run: its instructions as phases, the trajectory that keeps to them, and its forecast.
+
+    What a driver is told once is one phase: coasting on, and a speed that is held for a short time after accelerating
+    to it. Raises InfeasibleError if the train stalls.
+    """
+    state, section = run.state, front.section
+    first = len(section.step_m) - len(state.step_m)
+    begins = [0, *(np.flatnonzero(np.diff(run.said)) + 1).tolist()]
+    phases: list[Phase] = []
+    for begin, end in zip(begins, [*begins[1:], len(run.said)], strict=True):
+        one = _phase(front, run, begin, end, first)
+        before = phases[-1] if phases else None
+        if before is not None and one.kind is before.kind is PhaseKind.COAST:
+            phases[-1] = before._replace(target_mps=one.target_mps)
+        elif before is None or not _is_said(before, one, float(run.elapsed_s[end] - run.elapsed_s[begin])):
+            phases.append(one)
+    speeds = np.concatenate((np.full(first, state.speed_mps), run.speeds_mps))
+    raw = Schedule(
+        section=section, phases=tuple(phases), known=KnownRun(speeds, np.zeros_like(speeds)),
+        back_share=front.settings.back_share,
+    )  # fmt: skip
+    return Scheduled(*raw.settled(float(state.node_m[0]), state.speed_mps), run.lambda_w)
+
+
+def said_of(front: GuideFront, phase: Phase) -> int:
+    """The number of the instruction of a phase; its speed is the nearest that is told, not above a coasting train's."""
+    if phase.kind is PhaseKind.CURVE or (phase.kind is PhaseKind.BRAKE and phase.share == 0.0):
+        return ON_CURVE
+    speeds = front.speeds_mps
+    if phase.kind in (PhaseKind.COAST, PhaseKind.BRAKE):
+        x = max(int(np.searchsorted(speeds, phase.target_mps + SAME_MPS)) - 1, 0)
+    else:
+        x = int(np.abs(speeds - phase.target_mps).argmin())
+    alike = [m for m in range(MANNERS) if KINDS[m] == phase.kind]
+    return x * CODE + min(alike, key=lambda m: abs(SHARES[m] - phase.share))
+
+
+def _phase(front: GuideFront, run: GuideRun, begin: int, end: int, first: int) -> Phase:
+    """The phase of an instruction that holds from node `begin` to `end` of a run, whose first node is `first`."""
+    x, manner = divmod(int(run.said[begin]), CODE)
+    if manner == ON_CURVE:
+        return Phase(PhaseKind.BRAKE, 0.0, first + begin, front.goal_mps(first + begin))
+    kind, target_mps = PhaseKind(KINDS[manner]), float(front.speeds_mps[x])
+    if kind in (PhaseKind.COAST, PhaseKind.BRAKE):
+        target_mps = max(target_mps, float(run.speeds_mps[end]))
+    return Phase(kind, SHARES[manner], first + begin, target_mps)
+
+
+def _is_said(before: Phase, held: Phase, lasts_s: float) -> bool:
+    """Whether the phase before already says that a speed is held: it leads to the same speed, held for a short time."""
+    leads = before.kind is PhaseKind.TRACTION and held.kind is PhaseKind.HOLD
+    return leads and before.target_mps == held.target_mps and lasts_s < HELD_S

@@ -1,0 +1,132 @@
+"""The run of a section's policies that arrives in time: one price of time, or a higher one up to some place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from das.domain.journey import Window
+from das.solver.guide.policies import GuideFront, GuideRun, PolicyFrom
+from das.solver.kernels.guide_policy import NO_INSTRUCTION
+from das.solver.state import State
+
+NEAR_S, NEAR_AT_PLACE_S = 0.7, 0.3
+"""A run that arrives, or passes a place with a window, within this time (s) of the wanted one is near enough."""
+LATE_RATIO, EARLY_RATIO, EARLY_S = 3.0, 0.7, 2.0
+"""A second late costs this many times the price of time, and a second early is worth this share of it. No more early
+seconds than `EARLY_S` count: the price of a run that is early is too high."""
+SLOWER = (8, 24, 41)
+"""Two neighbouring prices may differ in time by many seconds. Policies this many prices below them fill such a gap: of
+the ladder's own prices, those at 0.8, 0.5 and 0.3 of the price."""
+
+Plan = tuple[PolicyFrom, ...]
+
+
+def lateness_s(late_s: float) -> float:
+    """The seconds at the price of time that arriving late (s; early < 0) costs."""
+    return LATE_RATIO * late_s if late_s > 0.0 else EARLY_RATIO * max(late_s, -EARLY_S)
+
+
+class _Search:
+    """The runs tried so far for a time to a place (m)."""
+
+    def __init__(self, front: GuideFront, state: State, time_s: float, told: int, at_m: float) -> None:
+        self._front, self._state, self._time_s, self._told, self._at_m = front, state, time_s, told, at_m
+        self._near_s = NEAR_S if at_m == front.section.end_m else NEAR_AT_PLACE_S
+        self._found: list[tuple[float, GuideRun, Plan]] = []
+
+    def late_s(self, *plan: PolicyFrom) -> float:
+        """How late the run of a plan is (s; early < 0)."""
+        run = self._front.run(self._state, plan, self._told)
+        self._found.append((run.passes_s(self._at_m) - self._time_s, run, plan))
+        return self._found[-1][0]
+
+    @property
+    def is_near(self) -> bool:
+        """Whether one of the runs is near enough."""
+        return any(abs(late_s) < self._near_s for late_s, _, _ in self._found)
+
+    def best(self, price_w: float) -> tuple[GuideRun, Plan]:
+        """The run of the least energy and price of its lateness, and its plan."""
+        return min(self._found, key=lambda one: one[1].energy_j + price_w * lateness_s(one[0]))[1:]
+
+    def nearest(self, *, not_early: bool) -> tuple[float, GuideRun]:
+        """The run that is least late or early, and by how much (s); on the side that is not wanted that counts more."""
+
+        def off_s(late_s: float) -> float:
+            unwanted = late_s < 0.0 if not_early else late_s > 0.0
+            return abs(late_s) * (LATE_RATIO if unwanted else 1.0)
+
+        late_s, run, _ = min(self._found, key=lambda one: off_s(one[0]))
+        return off_s(late_s), run
+
+
+def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTRUCTION) -> tuple[GuideRun, Plan]:
+    """The run from a state that takes about `time_s` to the end, and the plan that it follows.
+
+    `told` is the instruction that the train is in, and has been for some time. If no run is quick enough, it is the
+    quickest. Raises InfeasibleError if the train stalls.
+    """
+    search = _Search(front, state, time_s, told, front.section.end_m)
+    return search.best(_tried(search, front, state.first_node, len(front.section.decision) - 1))
+
+
+def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
+    """Try prices of time, and two of them one behind the other where they leave a gap; returns a price near (W).
+
+    The second price begins at a decision node between `first` and `last`.
+    """
+    slow, quick, size = -1, len(front.lambda_w), len(front.lambda_w)
+    while quick - slow > 1 and not search.is_near:
+        middle = (slow + quick) // 2
+        slow, quick = (middle, quick) if search.late_s(PolicyFrom(first, middle)) > 0 else (slow, middle)
+    price_w = float(front.lambda_w[min(quick, size - 1)])
+    fills = [(quick, PolicyFrom(0, slow)), (slow, PolicyFrom(0, quick, anew=True))] if slow >= 0 else []
+    fills += [(quick, PolicyFrom(0, number, anew=True)) for number in (max(quick - rungs, 0) for rungs in SLOWER)]
+    for number, then in fills if quick < size else []:
+        begin, end = first, last
+        while end - begin > 1 and not search.is_near:
+            middle = (begin + end) // 2
+            late = search.late_s(PolicyFrom(first, number), then._replace(node=middle)) > 0
+            begin, end = (middle, end) if late == (number == quick) else (begin, middle)
+    return price_w
+
+
+ROUNDS = 2
+"""The price behind a point depends on the speed there, which depends on that price: it is found in so many rounds."""
+
+
+def through(front: GuideFront, state: State, time_s: float, at_m: float, window: Window, told: int) -> GuideRun:
+    """The run from a state that passes a place (m) in a window (s from now), and takes about `time_s` to the end.
+
+    There is one price of time before the place and one behind it. Raises InfeasibleError if the train stalls.
+    """
+    node_m = front.section.node_m[front.section.decision]
+    node = int(np.searchsorted(node_m, at_m))
+    run, _ = in_time(front, state, time_s, told)
+    passes_s = run.passes_s(at_m)
+    aim_s = min(max(passes_s, window.earliest_s), window.latest_s)
+    if node >= len(node_m) - 1 or node <= state.first_node or aim_s == passes_s:
+        return run
+    found, number = [], -1
+    for _ in range(ROUNDS):
+        _, plan = _behind(front, run, node, time_s)
+        if plan[0].number == number:
+            break
+        number = plan[0].number
+        before = front.until(node, number)
+        search = _Search(before, state, aim_s, told, at_m)
+        _tried(search, before, state.first_node, node)
+        off_s, run = search.nearest(not_early=aim_s > passes_s)
+        found.append((off_s, run))
+    run = min(reversed(found), key=lambda one: max(one[0], NEAR_S))[1]
+    k, (rest, _) = run.node_at(node), _behind(front, run, node, time_s)
+    speeds, said = np.append(run.speeds_mps[:k], rest.speeds_mps), np.append(run.said[:k], rest.said)
+    took_s = float(run.elapsed_s[k]) + rest.time_s
+    return GuideRun(state=state, speeds_mps=speeds, said=said, time_s=took_s, lambda_w=rest.lambda_w)
+
+
+def _behind(front: GuideFront, run: GuideRun, node: int, time_s: float) -> tuple[GuideRun, Plan]:
+    """The run that arrives in time from a decision node on which another run passes, and its plan."""
+    k = run.node_at(node)
+    state = State.at(front.section, float(run.state.node_m[k]), float(run.speeds_mps[k]))
+    return in_time(front, state, max(time_s - float(run.elapsed_s[k]), 1.0), int(run.said[k - 1]))

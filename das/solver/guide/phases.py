@@ -1,0 +1,35 @@
+"""Phases of a schedule: what to do on a stretch of line, and up to which speed."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from das.solver.kernels import schedule as kernels
+
+
+class PhaseKind(IntEnum):
+    """What a driver does in a phase, with the numbers that the kernels know."""
+
+    TRACTION = kernels.TRACTION
+    """A share of the largest traction effort."""
+    HOLD = kernels.HOLD
+    """The speed is held, by traction or by brakes."""
+    COAST = kernels.COAST
+    """No effort at all."""
+    BRAKE = kernels.BRAKE
+    """A share of the largest effort of the electric brake, until the lower speed ahead is reached."""
+    CURVE = kernels.CURVE
+    """The brakes keep the train on the braking curve of a limit or stop ahead."""
+
+
+BRAKES = (PhaseKind.BRAKE, PhaseKind.CURVE)
+
+
+class Phase(NamedTuple):
+    """What to do on a stretch: regime, share of effort, the section's interval where it begins, the speed to reach."""
+
+    kind: PhaseKind
+    share: float
+    begin: int
+    target_mps: float

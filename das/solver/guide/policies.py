@@ -1,0 +1,337 @@
+"""Policies over instructions: those of a section for a ladder of prices of time, and the runs that follow them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from threading import Lock
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.units import KMH
+from das.solver.kernels.driving import run_energy, trip_time
+from das.solver.kernels.guide_policy import (
+    CODE,
+    COLUMNS,
+    LANDED,
+    MANNERS,
+    NO_INSTRUCTION,
+    WORD,
+    GuideGrid,
+    GuideMoves,
+    GuidePolicy,
+    GuidePrices,
+    guide_moves,
+    guide_sweep,
+)
+from das.solver.kernels.guide_run import STALLED, FineCurve, guide_roll_out
+from das.solver.policy_store import in_parts
+from das.solver.section import Section
+from das.solver.solve import DecisionGrid, node_behind, usable_power_w
+from das.solver.state import State
+
+Floats = NDArray[np.float64]
+SAME_MPS = 1e-6
+"""Speeds of a section that differ by less come from rounding."""
+MOST_SPEEDS = NO_INSTRUCTION // CODE
+"""Most speeds that the number of an instruction has room for."""
+KEPT_BYTES = 100_000_000
+"""The policies used last are kept up to this size (bytes): ten to twenty of 30 km, four of 100 km."""
+WAITING = 40
+"""Number of negative prices of time, for a train that waits for its window at a point."""
+LONG_AGO_S = 1e9
+"""The age (s) of an instruction that has stood long enough."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuideSettings:
+    """What an instruction costs, and how finely speeds are told and solved."""
+
+    step_mps: float = 5.0 * KMH
+    """Speeds are told in steps of this size; limits as they are."""
+    least_mps: float = 10.0 * KMH
+    """No lower speed is told, except where a limit is lower."""
+    line_mps: float = 1.0 * KMH
+    """The distance of lines in the speed grid: a fifth of a step, so that every speed that is told lies on one. With
+    2.5 km/h a freight train, which gains less than that in a decision step, needs up to a fifth more energy."""
+    change_s: float = 0.15
+    """A change must save as much energy as the train's full power needs in this time, …"""
+    change_time_s: float = 0.3
+    """… and as much as this time is worth at the price of time: a late train is not given changes that gain little."""
+    young_s: float = 0.6
+    """As `change_s`, for a change while the present instruction has not stood for `STANDS_S`."""
+    brake_changes: float = 1.0
+    """A brake that no limit asks for costs this many changes more."""
+    ladder_ratio: float = 1.03
+    """Each price of time is this many times the one before."""
+    low_ratio: float = 0.001
+    """The lowest price of time, as a share of the traction power that can be used on the section."""
+    high_ratio: float = 1.0
+    """The highest, as a multiple of the same power: no more is paid for a second, however late the train is."""
+    back_share: float = 0.6
+    """A train slower than the speed to hold gets back to it with this share of its traction."""
+
+
+DEFAULT = GuideSettings()
+
+
+class PolicyFrom(NamedTuple):
+    """From a decision node on, the policy of a price is followed; `anew`: it begins with a new instruction."""
+
+    node: int
+    number: int
+    anew: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GuideRun:
+    """A run from a state that follows policies: speeds at the nodes ahead, and the instruction of every interval."""
+
+    state: State
+    speeds_mps: Floats
+    said: NDArray[np.int64]
+    """The instructions as numbers of the kernels: x · `CODE` + manner."""
+    time_s: float
+    lambda_w: float
+    """The price of time (W) of the first policy."""
+
+    @cached_property
+    def elapsed_s(self) -> Floats:
+        """The times at the nodes (s)."""
+        return self.state.elapsed_s(self.speeds_mps)
+
+    def passes_s(self, at_m: float) -> float:
+        """When the train passes a place (s)."""
+        return float(np.interp(at_m, self.state.node_m, self.elapsed_s))
+
+    def node_at(self, node: int) -> int:
+        """The place of a decision node of the section among the nodes of the run."""
+        return int(self.state.decision[node - self.state.first_node])
+
+    @cached_property
+    def energy_j(self) -> float:
+        """The energy at the current collector (J)."""
+        section = self.state.section
+        return float(run_energy(self.state.for_kernels, section.train, section.loss_params, self.speeds_mps))
+
+
+class _Ahead(NamedTuple):
+    """What is solved from a decision node to the end: the moves, and policies by number, in the order of their use."""
+
+    node: int
+    moves: GuideMoves
+    policies: dict[int, GuidePolicy]
+
+
+class _Behind(NamedTuple):
+    """What a train does from a decision node on: the rows of its policy, and the costs there."""
+
+    node: int
+    policy: GuidePolicy
+    costs_j: Floats
+
+
+class GuideFront:
+    """The policies of a section for a ladder of prices of time (W, ascending), each solved when it is first needed.
+
+    It begins at the start of the section, or a little behind the position `s_m` (m). Thread-safe.
+    """
+
+    def __init__(
+        self, section: Section, settings: GuideSettings = DEFAULT, s_m: float | None = None, *, threads: int = 2
+    ) -> None:
+        self.section, self.settings = section, settings
+        self._threads, self._lock = threads, Lock()
+        self.speeds_mps = told_speeds(section, settings)
+        goal_mps, foot_m = falls_to(section.envelope_mps, section.node_m)
+        self._curve = FineCurve(goal_mps, self._nearest(goal_mps), foot_m)
+        grid, decision = DecisionGrid.of(section), section.decision
+        # The envelope may begin to fall within a step: the step is then one of the braking curve.
+        goal_mps, _ = falls_to(grid.bounds.envelope_mps, grid.node_m)
+        self._grid = GuideGrid(
+            grid.line, grid.bounds.envelope_mps, np.minimum.reduceat(section.limit_mps, decision[:-1]),
+            goal_mps, self._nearest(goal_mps), self.speeds_mps, settings.line_mps,
+        )  # fmt: skip
+        self._power_w = usable_power_w(section)
+        size = 1 + math.ceil(math.log(settings.high_ratio / settings.low_ratio) / math.log(settings.ladder_ratio))
+        self.lambda_w = self._power_w * settings.high_ratio * settings.ladder_ratio ** np.arange(1.0 - size, 1.0)
+        self._behind: _Behind | None = None
+        self._ahead = self._solved_from(section.start_m if s_m is None else s_m)
+
+    @property
+    def nbytes(self) -> int:
+        """The size of the moves and of the policies that are kept (bytes)."""
+        ahead = self._ahead
+        return sum(one.nbytes for one in ahead.moves) + sum(map(_size, list(ahead.policies.values())))
+
+    def cover(self, s_m: float) -> None:
+        """From now on, solve policies for a train at a position (m) and for all places ahead of it."""
+        with self._lock:
+            if node_behind(self.section, s_m) < self._ahead.node:
+                self._ahead = self._solved_from(s_m)
+
+    def goal_mps(self, node: int) -> float:
+        """The speed to which the braking curve falls from an integration node on."""
+        return float(self._curve.goal_mps[node])
+
+    def prices(self, number: int) -> GuidePrices:
+        """The prices that go with a price of time."""
+        settings, late_j = self.settings, self.settings.change_time_s * max(float(self.lambda_w[number]), 0.0)
+        change_j = settings.change_s * self._power_w + late_j
+        young_j = max(settings.young_s * self._power_w + late_j, change_j)
+        return GuidePrices(float(self.lambda_w[number]), change_j, young_j, settings.brake_changes * change_j)
+
+    def has_solved(self, number: int) -> bool:
+        """Whether the policy of a price is kept."""
+        return number in self._ahead.policies
+
+    def run(
+        self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION, age_s: float = LONG_AGO_S
+    ) -> GuideRun:
+        """The run from a state that follows the policies of a plan, in the order of its nodes.
+
+        `told` is the instruction that the train is in, for `age_s`. Raises InfeasibleError if the train stalls.
+        """
+        section = self.section
+        if state.first_node < self._ahead.node:
+            self.cover(float(state.node_m[0]))
+        ahead, policies = self._policies([one.number for one in plan])
+        first = len(section.node_m) - len(state.node_m)
+        goal_mps, goal_x, foot_m = self._curve
+        curve = FineCurve(goal_mps[first:], goal_x[first:], foot_m[first:] - state.node_m)
+        speeds, said = np.empty(len(state.node_m)), np.empty(len(state.step_m), np.int64)
+        speeds[0], now = state.speed_mps, (told, age_s)
+        nodes = [0, *(max(one.node - state.first_node, 0) for one in plan[1:]), len(state.decision) - 1]
+        for one, policy, begin, end in zip(plan, policies, nodes[:-1], nodes[1:], strict=True):
+            anew = one.anew and one.node > state.first_node  # A train beyond that node has been told already.
+            now = guide_roll_out(
+                (begin, end), state.first_node, state.decision, state.for_kernels, state.envelope_mps, curve,
+                self._grid, section.train, ahead.node, policy, self.settings.back_share, now, anew, speeds, said,
+            )  # fmt: skip
+            if now[0] == STALLED:
+                break
+        time_s = -1.0 if now[0] == STALLED else trip_time(state.step_m, speeds)
+        section.finished_s(time_s, float(state.node_m[0]), state.speed_mps)
+        price_w = float(self.lambda_w[plan[0].number])
+        return GuideRun(state=state, speeds_mps=speeds, said=said, time_s=float(time_s), lambda_w=price_w)
+
+    def _nearest(self, goal_mps: Floats) -> NDArray[np.int64]:
+        """The number X of each of these speeds; -1 for standstill."""
+        nearest = np.abs(goal_mps[:, np.newaxis] - self.speeds_mps).argmin(axis=1)
+        return np.where(goal_mps > SAME_MPS, nearest, -1)
+
+    def _solved_from(self, s_m: float) -> _Ahead:
+        """The moves from a little behind a position (m) to the end, and no policy yet."""
+        first, last = node_behind(self.section, s_m), len(self._grid.limit_mps)
+        lines = int(np.ceil(self._grid.envelope_mps[first:].max() / self.settings.line_mps - SAME_MPS)) + 1
+        shape = (last - first, lines, COLUMNS)
+        moves = GuideMoves(
+            np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int16),
+            np.empty(shape, np.float32),
+        )  # fmt: skip
+
+        def fill(begin: int, end: int) -> None:
+            section = self.section
+            guide_moves(first + begin, first + end, self._grid, section.train, section.loss_params, begin, moves)
+
+        with ThreadPoolExecutor(self._threads) as pool:
+            in_parts(pool, self._threads, last - first, fill)
+        return _Ahead(first, moves, {})
+
+    def _policies(self, numbers: Sequence[int]) -> tuple[_Ahead, list[GuidePolicy]]:
+        """The policies of these prices; those not kept are solved, several at once on the threads."""
+        with self._lock:
+            ahead, kept = self._ahead, self._ahead.policies
+            found = {one: kept.pop(one) for one in dict.fromkeys(numbers) if one in kept}
+            missing = [one for one in dict.fromkeys(numbers) if one not in found]
+            if len(missing) > 1:
+                with ThreadPoolExecutor(self._threads) as pool:
+                    found.update(zip(missing, pool.map(self._solved, missing), strict=True))
+            elif missing:
+                found[missing[0]] = self._solved(missing[0])
+            kept.update(found)
+            while len(kept) > len(found) and sum(map(_size, kept.values())) > KEPT_BYTES:
+                del kept[next(iter(kept))]
+            return ahead, [found[one] for one in numbers]
+
+    def until(self, node: int, number: int) -> GuideFront:
+        """The policies up to a decision node, for a ladder of prices, of a train that follows one price behind it.
+
+        They know what a speed is worth there, so no rule says where to accelerate again. Prices may be negative here: a
+        train that must not be at the node too early gains by being slow.
+        """
+        settings, (ahead, (policy,)) = self.settings, self._policies([number])
+        rows = node - ahead.node
+        behind, moves = GuidePolicy(policy.choice[rows:], policy.stay[rows:]), ahead.moves
+        moves = GuideMoves(
+            moves.landing_mps[rows:], moves.energy_j[rows:], moves.target[rows:], moves.weight[rows:]
+        )  # fmt: skip
+        costs_j = self._swept(node, len(self._grid.limit_mps), self._free, moves, number, behind)
+        found = copy(self)
+        waiting = np.geomspace(1.0, settings.low_ratio, WAITING)
+        found.lambda_w = np.concatenate((-self._power_w * waiting, self.lambda_w))
+        found._behind = _Behind(node, behind, costs_j)
+        found._ahead, found._lock = ahead._replace(policies={}), Lock()
+        return found
+
+    def _solved(self, number: int) -> GuidePolicy:
+        ahead = self._ahead
+        nodes, lines, _ = ahead.moves.target.shape
+        words = -(-len(self.speeds_mps) // WORD)
+        policy = GuidePolicy(
+            np.empty((nodes, lines), np.uint16), np.empty((nodes, lines, MANNERS, 2, words), np.uint32)
+        )
+        last, costs_j = ahead.node + nodes, self._free
+        if self._behind is not None:
+            last, behind, costs_j = self._behind
+            policy.choice[last - ahead.node :], policy.stay[last - ahead.node :] = behind
+        self._swept(ahead.node, last, costs_j, ahead.moves, number, policy)
+        return policy
+
+    @property
+    def _free(self) -> Floats:
+        """The costs at the end of the section: none."""
+        return np.zeros((self._ahead.moves.target.shape[1] + 1, LANDED + 1, 2, len(self.speeds_mps)))
+
+    def _swept(
+        self, first: int, last: int, costs_j: Floats, moves: GuideMoves, number: int, policy: GuidePolicy
+    ) -> Floats:
+        """Fill a policy between two decision nodes, from the costs at the second one; returns those at the first."""
+        section = self.section
+        prices = self.prices(number)
+        train, params = section.train, section.loss_params
+        return np.asarray(guide_sweep(first, last, costs_j.copy(), self._grid, train, params, moves, prices, policy))
+
+
+def _size(policy: GuidePolicy) -> int:
+    return policy.choice.nbytes + policy.stay.nbytes
+
+
+def falls_to(envelope_mps: Floats, node_m: Floats) -> tuple[Floats, Floats]:
+    """At each node the speed to which the envelope falls strictly from there on, and where it has fallen (m)."""
+    goal, foot_m = envelope_mps.copy(), node_m.copy()
+    for i in range(len(goal) - 2, -1, -1):
+        if envelope_mps[i + 1] < envelope_mps[i] - SAME_MPS:
+            goal[i], foot_m[i] = goal[i + 1], foot_m[i + 1]
+    return goal, foot_m
+
+
+def told_speeds(section: Section, settings: GuideSettings) -> Floats:
+    """The speeds that may be told on a section, ascending: its limits, and steps from the lowest to the highest.
+
+    If they are more than the number of an instruction has room for, equal parts of them are left out.
+    """
+    envelope, step = section.envelope_mps, settings.step_mps
+    exact = np.unique(np.concatenate((section.limit_mps, falls_to(envelope, section.node_m)[0])))
+    exact = exact[(exact > SAME_MPS) & (exact <= envelope.max() + SAME_MPS)]
+    steps = step * np.arange(math.ceil(settings.least_mps / step), math.floor(envelope.max() / step) + 1)
+    far = np.abs(steps[:, np.newaxis] - exact).min(axis=1) > SAME_MPS
+    found = np.sort(np.concatenate((exact, steps[far])))
+    found = found[np.append(True, np.diff(found) > SAME_MPS)]
+    return np.asarray(found[:: -(-len(found) // MOST_SPEEDS)])

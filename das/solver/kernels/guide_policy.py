@@ -1,0 +1,401 @@
+"""Policies over instructions: where each instruction leads, and the best one of every state.
+
+An instruction is a manner (`KINDS` and `SHARES` say what each does) and a speed X to which it leads; a train that
+reaches X holds it. As a number it is `x · 16 + manner`, where x is the place of X among the ascending speeds. The lines
+of the speed grid are multiples of `line_mps`, and the envelope of each node is a line of its own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.compiling import compiled, kernel
+from das.domain.units import KMH
+from das.solver.kernels.forces import on_supply, traction_limit
+from das.solver.kernels.landings import landing_speed, landing_under, step_cost
+from das.solver.kernels.schedule import BRAKE, COAST, CURVE, HOLD, TRACTION
+from das.solver.kernels.tuples import LineArrays
+
+KINDS = (TRACTION, TRACTION, TRACTION, TRACTION, COAST, BRAKE, BRAKE, BRAKE, HOLD, CURVE)
+SHARES = (1.0, 0.8, 0.6, 0.4, 0.0, 1.0, 0.7, 0.4, 0.0, 0.0)
+"""Kind and share of the largest effort of each manner; brakes before the braking curve are the electric ones."""
+MANNERS, CODE = 10, 16
+BACK, ROLLS, HOLDS, ON_CURVE = 2, 4, 8, 9
+"""Numbers of manners: the traction that leads back to a speed, coasting, holding, braking curve. The manners before
+`HOLDS` move the train in the same way whatever their X is, until X is reached."""
+FROM_ABOVE, COLUMNS, LANDED = 10, 11, 10
+"""Holding has two moves: column `HOLDS` gets up to a far higher X, column `FROM_ABOVE` comes down to a lower one.
+Row `LANDED` of the costs is that of all manners for the speeds X that are reached within the step."""
+NEAR_MPS = 2.5 * KMH
+"""A speed nearer to the train's own than this, half a step of what is told, is held and not gone to."""
+BAND_MPS = 10.0 * KMH
+"""A train faster than the speed to hold by up to this comes down to it by coasting; a faster one is told otherwise."""
+STANDS_S = 8.0
+"""An instruction is to stand this long: about what a driver needs to read it, act and check."""
+SAME_MPS = 1e-5
+"""Speeds that differ by less are equal; moves are kept in single precision."""
+CONTACT_MPS = 1e-3
+"""A train that is nearer to the braking curve than this is on it."""
+NO_INSTRUCTION = 65535
+WORD = 32
+"""Speeds X for which a word of `GuidePolicy.stay` has bits."""
+_BIG, _REACHED = 1e30, 1e16
+PART = {"fastmath": True, "forceinline": True}
+"""Options of a kernel that becomes part of those that call it. LLVM by itself would call it with all its arrays, 60
+numbers and more, and the sweep would take twice as long."""
+
+
+class GuideGrid(NamedTuple):
+    """The decision nodes of a section, and its speeds: resistances, envelope, limits, and what the curve falls to."""
+
+    line: LineArrays
+    envelope_mps: NDArray[np.float64]
+    limit_mps: NDArray[np.float64]
+    """The lowest limit of each decision step."""
+    goal_mps: NDArray[np.float64]
+    """At each decision node the speed to which the braking curve that it lies on falls."""
+    goal_x: NDArray[np.int64]
+    """Number of that speed among the speeds X; -1 for standstill."""
+    speeds_mps: NDArray[np.float64]
+    """The speeds X that may be told, ascending."""
+    line_mps: float
+    """The distance between two lines of the speed grid."""
+
+
+class GuideMoves(NamedTuple):
+    """Where the manners lead in a decision step (nodes, lines, columns): speed, energy, line below it, weight of the
+    line above.
+
+    The line is -1 if a manner cannot be kept to the end of the step. The speed is -1 if the train stops.
+    """
+
+    landing_mps: NDArray[np.float32]
+    energy_j: NDArray[np.float32]
+    target: NDArray[np.int16]
+    weight: NDArray[np.float32]
+
+
+class GuidePrices(NamedTuple):
+    """Prices of time (W), of a change (J), of one before the present instruction has stood, of an unneeded brake."""
+
+    time_w: float
+    change_j: float
+    young_j: float
+    brake_j: float
+
+
+class GuidePolicy(NamedTuple):
+    """The best new instruction of each state (nodes, lines), and the instructions in which a train stays.
+
+    `stay` has a bit for each X (nodes, lines, manners, ages, words): age 0 has stood for `STANDS_S`, age 1 has not.
+    """
+
+    choice: NDArray[np.uint16]
+    stay: NDArray[np.uint32]
+
+
+@compiled(**PART)
+def top_line(envelope, line_mps):
+    """The number of the highest line of a node."""
+    return int(np.ceil(envelope / line_mps - SAME_MPS))
+
+
+@compiled(**PART)
+def between(v, line_mps, top):
+    """The line below a speed up to the envelope `top`, and the weight of the line above it, linear in v²."""
+    j = max(min(int(v / line_mps + 1e-9), top_line(top, line_mps) - 1), 0)
+    if j == 0:
+        return 0, 1.0  # No train stands on the way.
+    a, b = j * line_mps, min((j + 1) * line_mps, top)
+    return j, min(max((v * v - a * a) / (b * b - a * a), 0.0), 1.0)
+
+
+@compiled(**PART)
+def first_above(speeds, v):
+    """The number of the first of the ascending speeds that is above a speed."""
+    low, high = 0, speeds.size
+    while low < high:
+        middle = (low + high) // 2
+        if speeds[middle] > v:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@kernel
+def column_landing(m, v0, top, step, p):
+    """The speed after a decision step (length, resistances) in a column of the moves; 0 if it cannot be used."""
+    h, g, q = step
+    powered = traction_limit(v0, p) > 0.0
+    if m < ROLLS:
+        return landing_speed(v0, h, SHARES[m], g, q, p) if powered else 0.0
+    if ROLLS < m < HOLDS:
+        slower = landing_speed(v0, h, -SHARES[m], g, q, p)
+        return slower if slower < v0 else 0.0  # On a steep descent an effort may be too weak to brake with.
+    if m == HOLDS and powered:
+        full = landing_speed(v0, h, 1.0, g, q, p)
+        return max(landing_speed(v0, h, SHARES[BACK], g, q, p), min(v0, full))
+    rolls = landing_under(0.0, v0, h, g, q, p)
+    if m == FROM_ABOVE:
+        return min(rolls, v0)
+    return min(rolls, top) if m == ON_CURVE else rolls
+
+
+@kernel
+def kept_landing(m, v0, v1, envelope, top, last):
+    """The speed after a step to v1 within the envelope (`envelope` before it, `top` after); -1 if it cannot be kept."""
+    if m == ON_CURVE and last:
+        return v1 if v1 >= top - SAME_MPS else -1.0
+    if v1 > top:
+        if m < ROLLS:
+            v1 = top if v0 <= top + SAME_MPS else -1.0
+        elif m < HOLDS:
+            # A train that rolls up to a level limit is told to hold it.
+            v1 = top if v0 <= envelope - CONTACT_MPS and top < envelope - SAME_MPS else -1.0
+        else:
+            v1 = -1.0
+    return -1.0 if v1 <= 0.0 or (last and v1 < top - SAME_MPS) else v1
+
+
+@kernel
+def guide_moves(first, last, grid, p, c, row, moves):
+    """Fill the moves of decision nodes first … last − 1; row `row` of the moves is that of node `first`."""
+    landing, energy, target, weight = moves
+    line, envelope, line_mps = grid.line, grid.envelope_mps, grid.line_mps
+    for k in range(first, last):
+        h, g, q = line.step_m[k], line.constant_n[k], line.tunnel_n_per_mps2[k]
+        here, top = on_supply(p, line.supply[k]), envelope[k + 1]
+        for j in range(landing.shape[1]):
+            v0 = min(j * line_mps, envelope[k])
+            for m in range(COLUMNS):
+                at = row + k - first, j, m
+                target[at], landing[at] = -1, -1.0
+                if j > top_line(envelope[k], line_mps) or (v0 <= 0.0 and m >= ROLLS):
+                    continue
+                v1 = column_landing(m, v0, top, (h, g, q), here)
+                kept = kept_landing(m, v0, v1, envelope[k], top, k == line.step_m.size - 1)
+                if v1 > 0.0:
+                    landing[at] = v1 if kept < 0.0 else kept
+                if kept >= 0.0:
+                    landing[at], energy[at] = kept, step_cost(v0, kept, h, g, q, here, c)[1]
+                    target[at], weight[at] = between(kept, line_mps, top)
+
+
+@compiled(**PART)
+def put_ahead(begin, end, cost, young, w, ahead, lower, manner, here, j, row):
+    """Fill the costs of the speeds X from begin to end that a step of this cost does not reach.
+
+    The step leads to `manner` between line `lower` and the next one, whose weight is `w`. The costs `ahead` and `here`
+    (lines, rows, ages, X) are those of an instruction that has stood, and what it costs more if it has not. Of that,
+    the share `young` remains, because an instruction gets older in a step.
+    """
+    a, b = 1.0 - w, w
+    for x in range(np.uint64(begin), np.uint64(max(begin, end))):
+        here[j, row, 0, x] = cost + a * ahead[lower, manner, 0, x] + b * ahead[lower + 1, manner, 0, x]
+        here[j, row, 1, x] = young * (a * ahead[lower, manner, 1, x] + b * ahead[lower + 1, manner, 1, x])
+
+
+@compiled(**PART)
+def put_same(begin, end, given, here, j, row):
+    """Copy the costs of a row for the speeds X from begin to end to another row."""
+    for x in range(np.uint64(begin), np.uint64(max(begin, end))):
+        here[j, row, 0, x], here[j, row, 1, x] = here[j, given, 0, x], here[j, given, 1, x]
+
+
+@compiled(**PART)
+def put_none(begin, end, here, j, row):
+    """Fill the costs of what cannot be done: a row for the speeds X from begin to end."""
+    for x in range(np.uint64(begin), np.uint64(max(begin, end))):
+        here[j, row, 0, x], here[j, row, 1, x] = _BIG, 0.0
+
+
+@compiled(**PART)
+def put_landed(begin, end, v0, ends, step, ahead, grid, price_w, p, c, here, j):
+    """Fill the costs of reaching the speeds X from begin to end at the end of a decision step, to hold them then.
+
+    `ends` are the lowest and the highest speed there.
+    """
+    h, g, q = step
+    for x in range(begin, end):
+        to = grid.speeds_mps[x]
+        if to > ends[1] + SAME_MPS or to < ends[0] - SAME_MPS:
+            put_none(x, x + 1, here, j, LANDED)
+            continue
+        took, spent = step_cost(v0, to, h, g, q, p, c)
+        lower, w = between(to, grid.line_mps, ends[1])
+        young = max(1.0 - took / STANDS_S, 0.0)
+        put_ahead(x, x + 1, spent + price_w * took, young, w, ahead, lower, HOLDS, here, j, LANDED)
+
+
+@compiled(**PART)
+def put_move(begin, end, manner, column, v0, h, i, moves, ahead, price_w, here, j):
+    """Fill the costs of a manner for the speeds X from begin to end that its move in row i does not reach."""
+    lower = np.int64(moves.target[i, j, column])
+    if lower < 0:
+        put_none(begin, end, here, j, manner)
+        return
+    took = 2.0 * h / (v0 + moves.landing_mps[i, j, column])
+    cost = moves.energy_j[i, j, column] + price_w * took
+    young, w = max(1.0 - took / STANDS_S, 0.0), np.float64(moves.weight[i, j, column])
+    put_ahead(begin, end, cost, young, w, ahead, lower, manner, here, j, manner)
+
+
+@compiled(**PART)
+def put_held(begin, end, span, here, j, row):
+    """Copy the costs of holding the speeds X from begin to end, as far as holding is defined."""
+    first, last = min(max(begin, span[0]), end), max(min(end, span[1]), begin)
+    put_none(begin, first, here, j, row)
+    put_same(first, last, HOLDS, here, j, row)
+    put_none(max(first, last), end, here, j, row)
+
+
+@compiled(**PART)
+def put_holding(v0, equal, up_to, h, i, moves, ahead, grid, price_w, here, j):
+    """Fill the costs of holding: come down to X, be at X after this step, get up to X. Returns for which X."""
+    speeds, up, down = grid.speeds_mps, moves.landing_mps[i, j, HOLDS], moves.landing_mps[i, j, FROM_ABOVE]
+    if up <= 0.0 or down <= 0.0:
+        return up_to, up_to
+    begin = min(first_above(speeds, v0 - BAND_MPS), up_to)
+    above = min(max(first_above(speeds, up - SAME_MPS), equal, begin), up_to)
+    below = min(max(first_above(speeds, down - SAME_MPS), begin), above)
+    put_move(begin, below, HOLDS, FROM_ABOVE, v0, h, i, moves, ahead, price_w, here, j)
+    put_same(below, above, LANDED, here, j, HOLDS)
+    put_move(above, up_to, HOLDS, HOLDS, v0, h, i, moves, ahead, price_w, here, j)
+    return begin, up_to
+
+
+@compiled(**PART)
+def put_costs(k, i, j, v0, grid, p, c, moves, price_w, ahead, here, spans):
+    """Fill the costs of all manners on line j of node k, and for which X (begin, end) each of them is defined.
+
+    `ahead` are the costs at the next node; row i of the moves is that of node k.
+    """
+    line, speeds, h, top = grid.line, grid.speeds_mps, grid.line.step_m[k], grid.envelope_mps[k + 1]
+    last = k == line.step_m.size - 1
+    up_to = first_above(speeds, grid.limit_mps[k] + SAME_MPS)
+    equal, above = first_above(speeds, v0 - SAME_MPS), first_above(speeds, v0 + SAME_MPS)
+    lower, higher = first_above(speeds, v0 - grid.line_mps), first_above(speeds, v0 + grid.line_mps)
+    slowest = fastest = v0
+    for m in range(COLUMNS):
+        v1 = moves.landing_mps[i, j, m]
+        slowest, fastest = min(slowest, v1) if v1 > 0.0 else slowest, max(fastest, v1)
+    put_landed(
+        first_above(speeds, slowest - SAME_MPS), first_above(speeds, fastest + SAME_MPS), v0,
+        (top if last else 0.0, top), (h, line.constant_n[k], line.tunnel_n_per_mps2[k]), ahead, grid, price_w, p, c,
+        here, j,
+    )  # fmt: skip
+    spans[HOLDS] = put_holding(v0, equal, up_to, h, i, moves, ahead, grid, price_w, here, j)
+    up_to = max(up_to, above)
+    for m in range(ROLLS):  # X is below the train, and held; or reached in this step; or not reached.
+        v1 = moves.landing_mps[i, j, m]
+        reached = min(max(first_above(speeds, v1 - SAME_MPS), above), up_to)
+        put_held(lower, above, spans[HOLDS], here, j, m)
+        put_same(above, reached, LANDED, here, j, m)
+        put_move(reached, up_to, m, m, v0, h, i, moves, ahead, price_w, here, j)
+        spans[m] = lower, up_to
+    for m in range(ROLLS, HOLDS):
+        v1 = moves.landing_mps[i, j, m]
+        reached = min(first_above(speeds, v1 + SAME_MPS), equal) if v1 > 0.0 else equal
+        put_move(0, reached, m, m, v0, h, i, moves, ahead, price_w, here, j)
+        put_same(reached, equal, LANDED, here, j, m)
+        put_held(equal, higher, spans[HOLDS], here, j, m)
+        spans[m] = 0, higher
+    put_move(0, 1, ON_CURVE, ON_CURVE, v0, h, i, moves, ahead, price_w, here, j)
+    if v0 <= grid.goal_mps[k] + SAME_MPS and not last:
+        put_none(0, 1, here, j, ON_CURVE)
+    spans[ON_CURVE] = 0, 1
+
+
+@compiled(**PART)
+def least(begin, end, here, j, m):
+    """The least cost of a new instruction in a manner to the speeds X from begin to end."""
+    found = _BIG
+    for x in range(np.uint64(begin), np.uint64(max(begin, end))):
+        found = min(found, here[j, m, 0, x] + here[j, m, 1, x])
+    return found
+
+
+@compiled(**PART)
+def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
+    """The least cost of a new instruction on a line, and which one it is."""
+    down, up = first_above(speeds, v0 - NEAR_MPS), first_above(speeds, v0 + NEAR_MPS)
+    near = first_above(speeds, v0 - NEAR_MPS - SAME_MPS), first_above(speeds, v0 + NEAR_MPS + SAME_MPS)
+    best, which = _BIG, NO_INSTRUCTION
+    for m in range(MANNERS):
+        begin, end, extra = 0, down, brake_j if m > ROLLS else 0.0
+        if m < ROLLS:
+            begin, end = up, spans[m, 1]
+        elif m == HOLDS:
+            begin, end, extra = max(near[0], spans[m, 0]), min(near[1], spans[m, 1]), 0.0
+        elif m == ON_CURVE:
+            end, extra = 1 if on_curve else 0, 0.0
+        lowest = least(begin, end, here, j, m)
+        cost = lowest + extra
+        if cost < best:
+            best = cost
+            for x in range(begin, end):
+                if here[j, m, 0, x] + here[j, m, 1, x] <= lowest:
+                    which = x * CODE + m
+                    break
+    return best, which
+
+
+@compiled(**PART)
+def keep(span, leave, leave_young, here, j, m, stay, i):
+    """Limit the costs of being in the instructions of a manner to those of leaving them; set the bits of `stay`."""
+    begin, end = np.uint64(span[0]), np.uint64(span[1])
+    for w in range(stay.shape[4]):
+        kept, kept_young, first = np.uint32(0), np.uint32(0), np.uint64(w * WORD)
+        for x in range(max(begin, first), min(end, first + np.uint64(WORD))):
+            old, young = here[j, m, 0, x], here[j, m, 0, x] + here[j, m, 1, x]
+            kept |= np.uint32(old <= leave) << np.uint32(x - first)
+            kept_young |= np.uint32(young <= leave_young) << np.uint32(x - first)
+        stay[i, j, m, 0, w], stay[i, j, m, 1, w] = kept, kept_young
+    for x in range(begin, end):
+        young = min(here[j, m, 0, x] + here[j, m, 1, x], leave_young)
+        here[j, m, 0, x] = min(here[j, m, 0, x], leave)
+        here[j, m, 1, x] = young - here[j, m, 0, x]
+    premium = leave_young - leave
+    for x in range(np.uint64(0), begin):
+        here[j, m, 0, x], here[j, m, 1, x] = leave, premium
+    for x in range(end, np.uint64(here.shape[3])):
+        here[j, m, 0, x], here[j, m, 1, x] = leave, premium
+
+
+@compiled(fastmath=True)
+def guide_sweep(first, last, ahead, grid, p, c, moves, prices, policy):
+    """Fill the policy for one price of time by a backward sweep from decision node `last` to `first`.
+
+    Row 0 of moves and policy is node `first`. `ahead` are the costs at node `last` (lines, rows, ages, X), which are
+    overwritten. Returns those at node `first`.
+    """
+    choice, stay = policy
+    n = grid.line.step_m.size
+    here, spans = np.zeros_like(ahead), np.zeros((MANNERS, 2), np.int64)
+    for k in range(last - 1, first - 1, -1):
+        i, train = k - first, on_supply(p, grid.line.supply[k])
+        envelope, top = grid.envelope_mps[k], grid.envelope_mps[k + 1]
+        choice[i], stay[i] = NO_INSTRUCTION, 0
+        for j in range(top_line(envelope, grid.line_mps) + 1):
+            v0 = min(j * grid.line_mps, envelope)
+            put_costs(k, i, j, v0, grid, train, c, moves, prices.time_w, ahead, here, spans)
+            rolls_into = top < v0 - SAME_MPS and moves.landing_mps[i, j, FROM_ABOVE] > top - SAME_MPS
+            on_curve = rolls_into or k == n - 1
+            best, which = best_instruction(v0, on_curve, grid.speeds_mps, prices.brake_j, here, j, spans)
+            if best >= _REACHED:
+                here[j, :, 0], here[j, :, 1] = _BIG, 0.0
+                continue
+            choice[i, j] = which
+            if k < n - 1 and abs(v0 - grid.goal_mps[k]) < CONTACT_MPS:
+                x = grid.goal_x[k]  # The curve ends: its speed is held if possible.
+                here[j, ON_CURVE, 0, 0], here[j, ON_CURVE, 1, 0] = best, 0.0
+                if spans[HOLDS, 0] <= x < spans[HOLDS, 1] and here[j, HOLDS, 0, x] < _REACHED:
+                    here[j, ON_CURVE, :, 0] = here[j, HOLDS, :, x]
+            for m in range(MANNERS):
+                keep(spans[m], best + prices.change_j, best + prices.young_j, here, j, m, stay, i)
+        ahead, here = here, ahead
+    return ahead

@@ -1,0 +1,124 @@
+"""Schedules of phases: what a train that keeps to one does in a step, and in a whole run."""
+
+from __future__ import annotations
+
+import math
+
+from das.compiling import kernel
+from das.solver.kernels.driving import drive, full_traction_speed, step_energy
+from das.solver.kernels.forces import electric_limit, on_supply, traction_limit
+from das.solver.kernels.landings import speed_under_force
+
+TRACTION, HOLD, COAST, BRAKE, CURVE = 0, 1, 2, 3, 4
+"""The numbers of `das.solver.guide.phases.PhaseKind`."""
+CREEP_MPS, CREEP_M = 0.5, 1.0
+"""A train that brakes to a stop and is slower than this (m/s) creeps on while there is more than this (m) to go."""
+BELOW_MPS = 0.5
+"""A train that is slower than the speed to hold by more than this (m/s) accelerates first."""
+
+
+_STEPS = 6
+"""`speed_under` finds a speed in this number of steps; more find the same."""
+
+
+@kernel
+def speed_under(kind, share, v0, h, g, q, p):
+    """Speed after a step of integration with a share of the largest traction or electric brake, or coasting."""
+    if kind == TRACTION and share >= 1.0:
+        return full_traction_speed(v0, h, g, q, p)
+    v1 = v0
+    for _ in range(_STEPS):
+        faster = max(v0, v1)
+        force = 0.0
+        if kind == TRACTION:
+            force = share * traction_limit(faster, p)
+        elif kind == BRAKE:
+            force = -share * electric_limit(faster, p)
+        before, v1 = v1, speed_under_force(force, v0, v1, h, g, q, p)
+        if v1 <= 0.0:
+            return 0.0
+        if v1 == before:
+            break  # Further steps find the same speed.
+    return v1
+
+
+@kernel
+def followed_speed(i, phase, back_share, way, line, curve, v):
+    """The speed at the end of interval i that a train in a phase (kind, share, target) aims at.
+
+    `way` is the rest of the phase (m), and `curve` are the highest speeds allowed at both ends of the interval.
+    """
+    kind, share, target = phase
+    step, g, q, here = line
+    if kind == COAST:
+        return _coasting(i, line, v)
+    if kind in (TRACTION, HOLD):
+        if v > target:
+            return min(max(_coasting(i, line, v), target), v)
+        if kind == HOLD and v >= target - BELOW_MPS:
+            return target
+        effort = share if kind == TRACTION else back_share
+        return min(speed_under(TRACTION, effort, v, step[i], g[i], q[i], here), target)
+    if v < CREEP_MPS and way > CREEP_M:  # The train would stop short of its mark.
+        return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
+    if v <= target:
+        return min(target, max(_coasting(i, line, v), v))
+    if kind == BRAKE and share > 0.0:  # Brake with one effort to the target, then hold it.
+        return min(max(speed_under(BRAKE, share, v, step[i], g[i], q[i], here), target), v)
+    w, left = target * target, max(1.0 - step[i] / way, 0.0)  # Brake with one deceleration to the end of the phase.
+    if kind == CURVE and curve[1] >= curve[0] >= v:
+        return v  # The braking curve is still ahead.
+    if kind == CURVE and curve[0] > target:  # Brake with one share of the braking curve.
+        left = min(max(curve[1] * curve[1] - w, 0.0) / (curve[0] * curve[0] - w), 1.0)
+    return min(_coasting(i, line, v), math.sqrt(w + (v * v - w) * left))
+
+
+@kernel
+def _coasting(i, line, v):
+    """The speed at the end of interval i of a train that coasts."""
+    step, g, q, here = line
+    return speed_under(COAST, 0.0, v, step[i], g[i], q[i], here)
+
+
+@kernel
+def followed_step(i, phase, back_share, way, line, envelope, p, v):
+    """Drive interval i in a `phase` (kind, share, target); fills v[i + 1]. Returns the time (s), -1 after a stall."""
+    step, g, q, u = line
+    here = (step, g, q, on_supply(p, u[i]))
+    landing = followed_speed(i, phase, back_share, way, here, (envelope[i], envelope[i + 1]), v[i])
+    moving = drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v)
+    # On a hill that the schedule cannot climb the train uses all its traction.
+    if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
+        return -1.0
+    return 2.0 * step[i] / (v[i] + v[i + 1])
+
+
+@kernel
+def follow(first, at, ends, phases, back_share, known, met_mps, line, envelope, p, c, v):
+    """Follow a schedule from v[first] to the end; fills v.
+
+    Returns the trip time (s) and the energy at the current collector (J); (-1, 0) after a stall.
+
+    `at[i]` is the number of the phase in interval i, and that phase ends `ends[i]` (m) beyond the interval; `phases`
+    are the phases' kinds, shares and target speeds. `known` is a trajectory that keeps to the schedule (speeds and time
+    to go at every node). Its rest is used from the node where the two speeds are within `met_mps` of each other
+    (negative: never).
+    """
+    kinds, shares, targets = phases
+    total, energy = 0.0, 0.0
+    n = line.step_m.size
+    for i in range(first, n):
+        k = at[i]
+        phase = kinds[k], shares[k], targets[k]
+        way = ends[i] + line.step_m[i]
+        took = followed_step(i, phase, back_share, way, line, envelope, p, v)
+        if took < 0.0:
+            return -1.0, 0.0
+        total += took
+        energy += step_energy(i, v[i], v[i + 1], line, p, c)
+        if abs(v[i + 1] - known.speed_mps[i + 1]) < met_mps and i + 1 < n:
+            for m in range(i + 1, n):
+                v[m + 1] = known.speed_mps[m + 1]
+                energy += step_energy(m, v[m], v[m + 1], line, p, c)
+            return total + known.time_to_go_s[i + 1], energy
+    return total, energy
