@@ -45,8 +45,6 @@ KEPT_BYTES = 100_000_000
 """The policies used last are kept up to this size (bytes): ten to twenty of 30 km, four of 100 km."""
 WAITING = 40
 """Number of negative prices of time, for a train that waits for its window at a point."""
-LONG_AGO_S = 1e9
-"""The age (s) of an instruction that has stood long enough."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,12 +189,11 @@ class GuideFront:
         """Whether the policy of a price is kept."""
         return number in self._ahead.policies
 
-    def run(
-        self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION, age_s: float = LONG_AGO_S
-    ) -> GuideRun:
+    def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:
         """The run from a state that follows the policies of a plan, in the order of its nodes.
 
-        `told` is the instruction that the train is in, for `age_s`. Raises InfeasibleError if the train stalls.
+        `told` is the instruction that the train is in, and has been for long enough. Raises InfeasibleError if the
+        train stalls.
         """
         section = self.section
         if state.first_node < self._ahead.node:
@@ -206,7 +203,7 @@ class GuideFront:
         goal_mps, goal_x, foot_m = self._curve
         curve = FineCurve(goal_mps[first:], goal_x[first:], foot_m[first:] - state.node_m)
         speeds, said = np.empty(len(state.node_m)), np.empty(len(state.step_m), np.int64)
-        speeds[0], now = state.speed_mps, (told, age_s)
+        speeds[0], now = state.speed_mps, (told, math.inf)
         nodes = [0, *(max(one.node - state.first_node, 0) for one in plan[1:]), len(state.decision) - 1]
         for one, policy, begin, end in zip(plan, policies, nodes[:-1], nodes[1:], strict=True):
             anew = one.anew and one.node > state.first_node  # A train beyond that node has been told already.
@@ -268,11 +265,11 @@ class GuideFront:
         """
         settings, (ahead, (policy,)) = self.settings, self._policies([number])
         rows = node - ahead.node
-        behind, moves = GuidePolicy(policy.choice[rows:], policy.stay[rows:]), ahead.moves
+        behind, moves = GuidePolicy(policy.choice[rows:].copy(), policy.stay[rows:].copy()), ahead.moves
         moves = GuideMoves(
             moves.landing_mps[rows:], moves.energy_j[rows:], moves.target[rows:], moves.weight[rows:]
         )  # fmt: skip
-        costs_j = self._swept(node, len(self._grid.limit_mps), self._free, moves, number, behind)
+        costs_j = self._swept(node, len(self._grid.limit_mps), self._free(ahead), moves, number, behind)
         found = copy(self)
         waiting = np.geomspace(1.0, settings.low_ratio, WAITING)
         found.lambda_w = np.concatenate((-self._power_w * waiting, self.lambda_w))
@@ -287,17 +284,16 @@ class GuideFront:
         policy = GuidePolicy(
             np.empty((nodes, lines), np.uint16), np.empty((nodes, lines, MANNERS, 2, words), np.uint32)
         )
-        last, costs_j = ahead.node + nodes, self._free
+        last, costs_j = ahead.node + nodes, self._free(ahead)
         if self._behind is not None:
             last, behind, costs_j = self._behind
             policy.choice[last - ahead.node :], policy.stay[last - ahead.node :] = behind
         self._swept(ahead.node, last, costs_j, ahead.moves, number, policy)
         return policy
 
-    @property
-    def _free(self) -> Floats:
+    def _free(self, ahead: _Ahead) -> Floats:
         """The costs at the end of the section: none."""
-        return np.zeros((self._ahead.moves.target.shape[1] + 1, LANDED + 1, 2, len(self.speeds_mps)))
+        return np.zeros((ahead.moves.target.shape[1] + 1, LANDED + 1, 2, len(self.speeds_mps)))
 
     def _swept(
         self, first: int, last: int, costs_j: Floats, moves: GuideMoves, number: int, policy: GuidePolicy

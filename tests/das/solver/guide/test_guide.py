@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from das.advice.shown import TARGET_STEP_MPS
 from das.domain.braking import USUAL
 from das.domain.effort import EffortEnvelope
 from das.domain.errors import InfeasibleError
@@ -120,6 +121,10 @@ def test_the_schedule_of_a_run_has_its_time_and_energy(route: Route, train: Vehi
     assert found.forecast.time_s == pytest.approx(run.time_s, rel=5e-4)
     assert found.forecast.energy_j == pytest.approx(run.energy_j, rel=5e-4)
     assert balance.balance(front.section.vehicle, front.section.loss).input == pytest.approx(run.energy_j, rel=5e-4)
+
+
+def test_the_steps_of_speed_are_those_that_a_driver_is_shown() -> None:
+    assert GuideSettings().step_mps == pytest.approx(TARGET_STEP_MPS)
 
 
 @at_points
