@@ -70,8 +70,9 @@ class GuideSettings:
     """Each price of time is this many times the one before."""
     low_ratio: float = 0.001
     """The lowest price of time, as a share of the traction power that can be used on the section."""
-    high_ratio: float = 1.0
-    """The highest, as a multiple of the same power: no more is paid for a second, however late the train is."""
+    high_ratio: float = 2.0
+    """The highest, as a multiple of the same power: no more is paid for a second, however late the train is. A weak
+    train on a slow line needs almost as much to keep a timetable with a buffer of 8 %."""
     back_share: float = 0.6
     """A train slower than the speed to hold gets back to it with this share of its traction."""
 
