@@ -89,6 +89,10 @@ class Drift:
         self._square = kept * self._square + (1.0 - kept) * drift_s**2 / minutes
         self._since = (now_ns, late_s)
 
+    def pause(self) -> None:
+        """Do not compare the next forecast with the one before: what changed in between is not the driver's doing."""
+        self._since = None
+
     def margin_s(self, ahead_s: float) -> float:
         """The margin (s) to keep to a time that is `ahead_s` from now."""
         settings = self._settings
@@ -147,6 +151,7 @@ class Keeper:
         """Take over the reference and the driver's drift from the previous keeper, for this keeper's section."""
         before._give_up()
         self._drift, self._doubted_ns = before._drift, before._doubted_ns
+        self._drift.pause()
         if before.reference is not None:
             section = self._front.section if self._front is not None else self._section
             schedule = on_section(before.reference.schedule, section)
