@@ -295,7 +295,7 @@ BOUNDS: Final = (
     Bound("late in a section, s, median", _HUMAN, _kept(lambda x: x.sections_late_s), median, 0, 2),
     Bound("saved at equal arrival, mean share", _HUMAN, lambda x: (x.saved_ratio,), mean, 0, 0, least=True),
     Bound("saved at equal arrival, least share", _HUMAN, lambda x: (x.saved_ratio,), min, 0, -0.1, least=True),
-    Bound("changes a minute on short sections, most", _HUMAN, _short, max, 2.5, 5),
+    Bound("changes a minute on short sections, most", _HUMAN, _short, max, 2.5, 5.5),
     Bound("acts of the last word, most", _HUMAN, lambda x: (x.last_word_acts,), max, 0, 60),
     Bound("above a limit while obeying, s", _HUMAN, lambda x: (x.above_limit_obeying_s,), max, 0, 5),
 )
