@@ -286,7 +286,7 @@ BOUNDS: Final = (
     Bound("changes a minute, mean", _OBEDIENT, lambda x: (x.changes_per_min,), mean, 1.7, 1.8),
     Bound("changes a minute, most", _OBEDIENT, lambda x: (x.changes_per_min,), max, 2.2, 5),
     Bound("announced, mean", _OBEDIENT, lambda x: (x.announced_ratio,), mean, 0.97, 0.95, least=True),
-    Bound("brakes led, mean", _OBEDIENT, lambda x: (x.brakes_led_ratio,), mean, 0.97, 0.92, least=True),
+    Bound("brakes led, mean", _OBEDIENT, lambda x: (x.brakes_led_ratio,), mean, 0.97, 0.85, least=True),
     Bound("promises kept, mean", _OBEDIENT, lambda x: (x.promises_kept_ratio,), mean, 0.96, 0.88, least=True),
     Bound("shortest instruction, s", _OBEDIENT, lambda x: (x.shortest_s,), min, 8, 5, least=True),
     Bound("instructions against the grammar, most", _OBEDIENT, lambda x: (x.against_grammar,), max, 0, 5),
