@@ -5,7 +5,7 @@ another one, and `DAS_MATRIX_ADVICE` names another advice than the default one. 
 the same judgement as tables.
 
 Each bound of today stands in `BOUNDS` of `tests/support/matrix.py` beside the one that the goal of the guide asks. Some
-are those of means: with less than 20 cells they need not hold.
+are those of means: they are judged where a driver has at least 20 cells, as at night.
 """
 
 from __future__ import annotations

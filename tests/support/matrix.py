@@ -286,7 +286,7 @@ BOUNDS: Final = (
     Bound("changes a minute, mean", _OBEDIENT, lambda x: (x.changes_per_min,), mean, 1.7, 1.8),
     Bound("changes a minute, most", _OBEDIENT, lambda x: (x.changes_per_min,), max, 2.2, 5),
     Bound("announced, mean", _OBEDIENT, lambda x: (x.announced_ratio,), mean, 0.97, 0.95, least=True),
-    Bound("brakes led, mean", _OBEDIENT, lambda x: (x.brakes_led_ratio,), mean, 0.97, 0.85, least=True),
+    Bound("brakes led, mean", _OBEDIENT, lambda x: (x.brakes_led_ratio,), mean, 0.97, 0.92, least=True),
     Bound("promises kept, mean", _OBEDIENT, lambda x: (x.promises_kept_ratio,), mean, 0.96, 0.88, least=True),
     Bound("shortest instruction, s", _OBEDIENT, lambda x: (x.shortest_s,), min, 8, 5, least=True),
     Bound("instructions against the grammar, most", _OBEDIENT, lambda x: (x.against_grammar,), max, 0, 5),
@@ -313,9 +313,14 @@ def bounds_table(rows: Sequence[Judged]) -> Iterator[str]:
         yield f"| {one.who} | {one.what} | {asked} | {today} | {found:.3g} | {verdict} |"
 
 
+MANY = 20
+"""A mean or median of fewer cells says nothing: one drive, late by chance, would break its bound."""
+
+
 def breaches(rows: Sequence[Judged]) -> list[str]:
-    """The bounds of today that do not hold, one line each."""
-    found = ((one, one.found(rows)) for one in BOUNDS)
+    """The bounds of today that do not hold, one line each; those of means are judged for `MANY` cells of a driver."""
+    many = {who for who in Who if sum(row.who == who for row in rows) >= MANY}
+    found = ((one, one.found(rows)) for one in BOUNDS if one.who in many or one.over not in (mean, median))
     return [f"{one.who}: {one.what}: {it:.3g}, bound {one.today:g}" for one, it in found if one.breaks(it, one.today)]
 
 
