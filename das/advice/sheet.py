@@ -22,7 +22,7 @@ from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 
-CHANGE_S = 0.6
+CHANGE_S = 4.0 * GuideSettings().change_s
 """A change of what the driver does must save as much energy as full power needs in this time: four times the price that
 the coach has. On a sheet, every line has to be found, read and remembered."""
 PLACE_M = 100.0

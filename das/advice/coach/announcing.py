@@ -30,8 +30,6 @@ LEAST_RISE_S = 8.0
 """An acceleration behind a limit is announced unless a phase that does not hold its speed follows within this (s)."""
 ROLLS_SOONER = 0.97
 """A coasting train is assumed to need only this share of the computed time: its resistance is not known exactly."""
-
-
 HARDLY_MPS = 0.5 * TARGET_STEP_MPS
 """A train slower than a speed by less than half a step is at it: it accelerates only where the limit rises."""
 NEAR_LIMIT_MPS = 0.2

@@ -1,4 +1,4 @@
-"""The run of a section's policies that arrives in time: one price of time, or a higher one up to some place."""
+"""The run of a section's policies that arrives in time: with one price of time, or with two, one behind the other."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ seconds than `EARLY_S` count: the price of a run that is early is too high."""
 SLOWER = (8, 24, 41)
 """Two neighbouring prices may differ in time by many seconds. Policies this many prices below them fill such a gap: of
 the ladder's own prices, those at 0.8, 0.5 and 0.3 of the price."""
+ROUNDS = 2
+"""The price behind a place depends on the speed there, which depends on that price: it is found in so many rounds."""
 
 Plan = tuple[PolicyFrom, ...]
 
@@ -89,10 +91,6 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
             late = search.late_s(PolicyFrom(first, number), then._replace(node=middle)) > 0
             begin, end = (middle, end) if late == (number == quick) else (begin, middle)
     return price_w
-
-
-ROUNDS = 2
-"""The price behind a point depends on the speed there, which depends on that price: it is found in so many rounds."""
 
 
 def through(front: GuideFront, state: State, time_s: float, at_m: float, window: Window, told: int) -> GuideRun:

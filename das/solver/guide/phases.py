@@ -24,10 +24,11 @@ class PhaseKind(IntEnum):
 
 
 BRAKES = (PhaseKind.BRAKE, PhaseKind.CURVE)
+"""The kinds in which a train brakes."""
 
 
 class Phase(NamedTuple):
-    """What to do on a stretch: regime, share of effort, the section's interval where it begins, the speed to reach."""
+    """What to do on a stretch: kind, share of effort, the section's interval where it begins, speed to reach (m/s)."""
 
     kind: PhaseKind
     share: float

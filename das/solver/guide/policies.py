@@ -186,10 +186,6 @@ class GuideFront:
         young_j = max(settings.young_s * self._power_w + late_j, change_j)
         return GuidePrices(float(self.lambda_w[number]), change_j, young_j, settings.brake_changes * change_j)
 
-    def has_solved(self, number: int) -> bool:
-        """Whether the policy of a price is kept."""
-        return number in self._ahead.policies
-
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:
         """The run from a state that follows the policies of a plan, in the order of its nodes.
 

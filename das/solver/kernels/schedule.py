@@ -15,8 +15,6 @@ CREEP_MPS, CREEP_M = 0.5, 1.0
 """A train that brakes to a stop and is slower than this (m/s) creeps on while there is more than this (m) to go."""
 BELOW_MPS = 0.5
 """A train that is slower than the speed to hold by more than this (m/s) accelerates first."""
-
-
 _STEPS = 6
 """`speed_under` finds a speed in this number of steps; more find the same."""
 
