@@ -114,7 +114,7 @@ def _lines(schedule: Schedule, at_m: Floats, times_s: Floats, speeds_mps: Floats
     found: list[SheetLine] = []
     for number, phase in enumerate(schedule.phases):
         begin_m, end_m = schedule.begin_m(number), schedule.begin_m(number + 1)
-        kind = _KINDS[phase.kind]
+        kind = InstructionKind.COAST if phase.rolls_up else _KINDS[phase.kind]
         ends_mps = float(np.interp(end_m, at_m, speeds_mps))
         speed_mps = ends_mps if kind in (InstructionKind.COAST, InstructionKind.BRAKE) else phase.target_mps
         line = SheetLine(

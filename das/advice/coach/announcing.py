@@ -354,6 +354,6 @@ def _in_step(speed_mps: float, limit_mps: float, highest_mps: float) -> float:
 
 
 def traction(share: float, target_mps: float) -> Instruction:
-    """The instruction to accelerate to a speed with a share of the largest traction."""
-    mode = Regime.FULL_TRACTION if share >= FULL_RATIO else Regime.REDUCED_TRACTION
+    """The instruction to accelerate to a speed with a share of the largest traction, or to coast up to it with none."""
+    mode = Regime.FULL_TRACTION if share >= FULL_RATIO else Regime.REDUCED_TRACTION if share > 0.0 else Regime.COAST
     return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=share)

@@ -7,7 +7,7 @@ import numpy as np
 from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.policies import SAME_MPS, GuideFront, GuideRun
 from das.solver.guide.schedule import Schedule, Scheduled
-from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, SHARES
+from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, ROLLS_UP, SHARES
 from das.solver.kernels.tuples import KnownRun
 
 HELD_S = 10.0
@@ -57,9 +57,11 @@ def _phase(front: GuideFront, run: GuideRun, begin: int, end: int, first: int) -
     x, manner = divmod(int(run.said[begin]), CODE)
     if manner == ON_CURVE:
         return Phase(PhaseKind.BRAKE, 0.0, first + begin, front.goal_mps(first + begin))
-    kind, target_mps = PhaseKind(KINDS[manner]), float(front.speeds_mps[x])
+    kind, target_mps, ends_mps = PhaseKind(KINDS[manner]), float(front.speeds_mps[x]), float(run.speeds_mps[end])
+    if manner == ROLLS_UP and ends_mps < target_mps - SAME_MPS:
+        return Phase(PhaseKind.COAST, 0.0, first + begin, ends_mps)  # Something else is told before it is so fast.
     if kind in (PhaseKind.COAST, PhaseKind.BRAKE):
-        target_mps = max(target_mps, float(run.speeds_mps[end]))
+        target_mps = max(target_mps, ends_mps)
     return Phase(kind, SHARES[manner], first + begin, target_mps)
 
 

@@ -12,7 +12,7 @@ class PhaseKind(IntEnum):
     """What a driver does in a phase, with the numbers that the kernels know."""
 
     TRACTION = kernels.TRACTION
-    """A share of the largest traction effort."""
+    """A share of the largest traction effort; with a share of 0 a hill accelerates the train."""
     HOLD = kernels.HOLD
     """The speed is held, by traction or by brakes."""
     COAST = kernels.COAST
@@ -34,3 +34,8 @@ class Phase(NamedTuple):
     share: float
     begin: int
     target_mps: float
+
+    @property
+    def rolls_up(self) -> bool:
+        """Whether the train coasts up to the speed."""
+        return self.kind is PhaseKind.TRACTION and self.share == 0.0

@@ -19,14 +19,15 @@ from das.solver.kernels.landings import landing_speed, landing_under, step_cost
 from das.solver.kernels.schedule import BRAKE, COAST, CURVE, HOLD, TRACTION
 from das.solver.kernels.tuples import LineArrays
 
-KINDS = (TRACTION, TRACTION, TRACTION, TRACTION, COAST, BRAKE, BRAKE, BRAKE, HOLD, CURVE)
-SHARES = (1.0, 0.8, 0.6, 0.4, 0.0, 1.0, 0.7, 0.4, 0.0, 0.0)
+KINDS = (TRACTION, TRACTION, TRACTION, TRACTION, COAST, BRAKE, BRAKE, BRAKE, HOLD, CURVE, TRACTION)
+SHARES = (1.0, 0.8, 0.6, 0.4, 0.0, 1.0, 0.7, 0.4, 0.0, 0.0, 0.0)
 """Kind and share of the largest effort of each manner; brakes before the braking curve are the electric ones."""
-MANNERS, CODE = 10, 16
-BACK, ROLLS, HOLDS, ON_CURVE = 2, 4, 8, 9
-"""Numbers of manners: the traction that leads back to a speed, coasting, holding, braking curve. The manners before
-`HOLDS` move the train in the same way whatever their X is, until X is reached."""
-FROM_ABOVE, COLUMNS, LANDED = 10, 11, 10
+MANNERS, CODE = 11, 16
+BACK, ROLLS, HOLDS, ON_CURVE, ROLLS_UP = 2, 4, 8, 9, 10
+"""Numbers of manners: the traction that leads back to a speed, coasting, holding, braking curve, and coasting until a
+hill has accelerated the train to a speed. The manners before `HOLDS` move the train in the same way whatever their X is,
+until X is reached; `ROLLS_UP` moves it as `ROLLS` does."""
+FROM_ABOVE, COLUMNS, LANDED = 10, 11, 11
 """Holding has two moves: column `HOLDS` gets up to a far higher X, column `FROM_ABOVE` comes down to a lower one.
 Row `LANDED` of the costs is that of all manners for the speeds X that are reached within the step."""
 NEAR_MPS = 2.5 * KMH
@@ -290,12 +291,12 @@ def put_costs(k, i, j, v0, grid, p, c, moves, price_w, ahead, here, spans):
     )  # fmt: skip
     spans[HOLDS] = put_holding(v0, equal, up_to, h, i, moves, ahead, grid, price_w, here, j)
     up_to = max(up_to, above)
-    for m in range(ROLLS):  # X is below the train, and held; or reached in this step; or not reached.
-        v1 = moves.landing_mps[i, j, m]
+    for column in range(ROLLS + 1):  # X is below the train, and held; or reached in this step; or not reached.
+        m, v1 = ROLLS_UP if column == ROLLS else column, moves.landing_mps[i, j, column]
         reached = min(max(first_above(speeds, v1 - SAME_MPS), above), up_to)
         put_held(lower, above, spans[HOLDS], here, j, m)
         put_same(above, reached, LANDED, here, j, m)
-        put_move(reached, up_to, m, m, v0, h, i, moves, ahead, price_w, here, j)
+        put_move(reached, up_to, m, column, v0, h, i, moves, ahead, price_w, here, j)
         spans[m] = lower, up_to
     for m in range(ROLLS, HOLDS):
         v1 = moves.landing_mps[i, j, m]
@@ -327,8 +328,8 @@ def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
     best, which = _BIG, NO_INSTRUCTION
     for m in range(MANNERS):
         begin, end, extra = 0, down, brake_j if m > ROLLS else 0.0
-        if m < ROLLS:
-            begin, end = up, spans[m, 1]
+        if m < ROLLS or m == ROLLS_UP:
+            begin, end, extra = up, spans[m, 1], 0.0
         elif m == HOLDS:
             begin, end, extra = max(near[0], spans[m, 0]), min(near[1], spans[m, 1]), 0.0
         elif m == ON_CURVE:

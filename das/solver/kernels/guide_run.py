@@ -17,6 +17,7 @@ from das.solver.kernels.guide_policy import (
     NO_INSTRUCTION,
     ON_CURVE,
     ROLLS,
+    ROLLS_UP,
     SAME_MPS,
     SHARES,
     STANDS_S,
@@ -53,7 +54,7 @@ def now_held(now, v, goal_mps, goal_x, speeds):
         return now
     if m == ON_CURVE:
         return goal_x * CODE + HOLDS if goal_x >= 0 and v <= goal_mps + CONTACT_MPS else now
-    reached = v >= speeds[x] - SAME_MPS if m < ROLLS else v <= speeds[x] + SAME_MPS
+    reached = v >= speeds[x] - SAME_MPS if m < ROLLS or m == ROLLS_UP else v <= speeds[x] + SAME_MPS
     return x * CODE + HOLDS if reached else now
 
 

@@ -711,7 +711,10 @@ def test_a_creeping_train_is_told_no_speed_that_the_stop_does_not_allow(display:
 def shown_of(*phases: tuple[PhaseKind, float, float], showing: Showing | None = None) -> Shown:
     """A schedule to show, made of exactly these phases (kind, place in m, target speed in m/s)."""
     node_m = section().node_m
-    made = tuple(Phase(kind, 0.0, int(np.searchsorted(node_m, at_m)), target) for kind, at_m, target in phases)
+    shares = {PhaseKind.TRACTION: 0.7}
+    made = tuple(
+        Phase(kind, shares.get(kind, 0.0), int(np.searchsorted(node_m, at_m)), target) for kind, at_m, target in phases
+    )
     known = known_run(section(), np.full(len(node_m), 20.0))
     return Shown(showing or Showing(SETTINGS), Schedule(section=section(), phases=made, known=known, back_share=0.7))
 

@@ -25,7 +25,7 @@ from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, lateness_s, through
 from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.policies import GuideFront, GuideRun, GuideSettings, PolicyFrom
-from das.solver.kernels.guide_policy import CODE, HOLDS, KINDS, NO_INSTRUCTION, ON_CURVE
+from das.solver.kernels.guide_policy import CODE, HOLDS, KINDS, NO_INSTRUCTION, ON_CURVE, ROLLS_UP
 from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import trajectory_on
 from das.solver.solve import solve_front
@@ -40,6 +40,12 @@ ROUTE = make_route(
 """Limits of which one is no step of 5 km/h, a hill and a descent."""
 FALLING = make_route(8_000.0, [(0.0, 80.0 * KMH)], [(0.0, 0.0), (800.0, -0.028), (7_500.0, 0.0)])
 """A long descent on which a train without brakes would run away."""
+STEEP = make_route(
+    5_500.0,
+    [(0.0, 60.0 * KMH), (1_700.0, 40.0 * KMH), (2_800.0, 55.0 * KMH)],
+    [(0.0, 0.0), (300.0, -0.040), (5_200.0, 0.0)],
+)
+"""A descent on which a train that coasts gains speed almost as fast as with traction."""
 LOSS = EfficiencyLoss.from_efficiencies(0.88, 0.85, 2e4)
 LOCAL = make_train(resistance=(1500.0, 20.0, 4.0), power_w=1.5e6, loss=LOSS)
 HEAVY = dataclasses.replace(LOCAL, mass_kg=4e5, friction_brake_force_n=2e5, brake_policy=BrakePolicy.BLENDED)
@@ -47,8 +53,9 @@ WITHOUT_MOTOR_BRAKE = dataclasses.replace(
     LOCAL, electric_brake=EffortEnvelope(max_force_n=0.0, max_power_w=0.0), friction_brake_force_n=1e5,
     brake_policy=BrakePolicy.FRICTION,
 )  # fmt: skip
-POINTS = [(ROUTE, LOCAL, 0.04), (ROUTE, LOCAL, 0.15), (ROUTE, HEAVY, 0.06), (FALLING, WITHOUT_MOTOR_BRAKE, 0.08)]
-NAMES = ["local 4 %", "local 15 %", "heavy 6 %", "friction 8 %"]
+POINTS = [(ROUTE, LOCAL, 0.04), (ROUTE, LOCAL, 0.15), (ROUTE, HEAVY, 0.06), (FALLING, WITHOUT_MOTOR_BRAKE, 0.08),
+          (STEEP, WITHOUT_MOTOR_BRAKE, 0.08)]  # fmt: skip
+NAMES = ["local 4 %", "local 15 %", "heavy 6 %", "friction 8 %", "steep 8 %"]
 LATE_S, MOST_RATIO = 2.0, 0.03
 """A change that gains less than `LATE_S` may not be worth making. Few changes on so short a line cost up to 3 %; with a
 price of 0.08 s and no price of its time they cost up to 1 %, and twice as many are made."""
@@ -135,6 +142,16 @@ def test_speeds_told_are_steps_of_five_or_limits(route: Route, train: Vehicle, b
         if manner != ON_CURVE:
             kmh = front.speeds_mps[x] / KMH
             assert min(abs(kmh - 5.0 * round(kmh / 5.0)), np.abs(limits_kmh - kmh).min()) < 1e-6
+
+
+def test_a_train_on_a_steep_descent_rolls_up_to_its_speeds_and_holds_them() -> None:
+    front, run = asked(STEEP, WITHOUT_MOTOR_BRAKE, 0.08)
+    phases = scheduled_run(front, run).schedule.phases
+    after = phases[1:]
+    rolled = [(one, then) for one, then in pairwise(phases) if one.rolls_up]
+    assert not any(one.kind is PhaseKind.TRACTION and one.share > 0.0 for one in after)
+    assert [round(one.target_mps / KMH) for one, _ in rolled] == [60, 55]
+    assert all(run.speeds_mps[then.begin] == pytest.approx(one.target_mps) for one, then in rolled)
 
 
 @pytest.mark.parametrize("buffer_ratio", [0.02, 0.04, 0.15])
@@ -296,6 +313,7 @@ def test_the_policies_kept_have_a_size(monkeypatch: pytest.MonkeyPatch) -> None:
     ("phase", "manner", "kmh"),
     [
         (Phase(PhaseKind.TRACTION, 0.8, 0, 90.0 * KMH), 1, 90.0),
+        (Phase(PhaseKind.TRACTION, 0.0, 0, 90.0 * KMH), ROLLS_UP, 90.0),
         (Phase(PhaseKind.HOLD, 0.0, 0, 83.0 * KMH), HOLDS, 83.0),
         (Phase(PhaseKind.COAST, 0.0, 0, 68.9 * KMH), 4, 65.0),
         (Phase(PhaseKind.BRAKE, 0.7, 0, 60.0 * KMH), 6, 60.0),
