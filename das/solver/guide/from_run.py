@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.policies import SAME_MPS, GuideFront, GuideRun
@@ -58,11 +59,16 @@ def _phase(front: GuideFront, run: GuideRun, begin: int, end: int, first: int) -
     if manner == ON_CURVE:
         return Phase(PhaseKind.BRAKE, 0.0, first + begin, front.goal_mps(first + begin))
     kind, target_mps, ends_mps = PhaseKind(KINDS[manner]), float(front.speeds_mps[x]), float(run.speeds_mps[end])
-    if manner == ROLLS_UP and ends_mps < target_mps - SAME_MPS:
-        return Phase(PhaseKind.COAST, 0.0, first + begin, ends_mps)  # Something else is told before it is so fast.
+    if manner == ROLLS_UP and not _only_rises(run.speeds_mps[begin : end + 1], target_mps):
+        return Phase(PhaseKind.COAST, 0.0, first + begin, ends_mps)
     if kind in (PhaseKind.COAST, PhaseKind.BRAKE):
         target_mps = max(target_mps, ends_mps)
     return Phase(kind, SHARES[manner], first + begin, target_mps)
+
+
+def _only_rises(speeds_mps: NDArray[np.float64], target_mps: float) -> bool:
+    """Whether a train that is told to coast up to a speed reaches it, and is not slower than at first on its way."""
+    return bool(speeds_mps[-1] > target_mps - SAME_MPS and speeds_mps.min() > speeds_mps[0] - SAME_MPS)
 
 
 def _is_said(before: Phase, held: Phase, lasts_s: float) -> bool:
