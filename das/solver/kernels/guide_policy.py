@@ -25,8 +25,8 @@ SHARES = (1.0, 0.8, 0.6, 0.4, 0.0, 1.0, 0.7, 0.4, 0.0, 0.0, 0.0)
 MANNERS, CODE = 11, 16
 BACK, ROLLS, HOLDS, ON_CURVE, ROLLS_UP = 2, 4, 8, 9, 10
 """Numbers of manners: the traction that leads back to a speed, coasting, holding, braking curve, and coasting until a
-hill has accelerated the train to a speed. The manners before `HOLDS` move the train in the same way whatever their X is,
-until X is reached; `ROLLS_UP` moves it as `ROLLS` does."""
+hill has accelerated the train to a speed. The manners before `HOLDS` move the train in the same way whatever their X
+is, until X is reached; `ROLLS_UP` moves it as `ROLLS` does."""
 FROM_ABOVE, COLUMNS, LANDED = 10, 11, 11
 """Holding has two moves: column `HOLDS` gets up to a far higher X, column `FROM_ABOVE` comes down to a lower one.
 Row `LANDED` of the costs is that of all manners for the speeds X that are reached within the step."""
