@@ -2,6 +2,7 @@
 
 `uv run python .ci/mutants.py --count 40 --seed 7` draws 40 of them from the whole product, in a clone that may be
 spoiled. Those that no test notices are listed: each is a test that is missing, or a change that changes nothing.
+`--under das/solver/guide das/advice/coach` draws from these files and folders alone.
 """
 
 from __future__ import annotations
@@ -48,13 +49,15 @@ def nodes(tree: ast.AST) -> Iterator[ast.AST]:
             yield from nodes(child)
 
 
-def drawn(count: int, seed: int) -> Iterator[tuple[Path, str, str]]:
+def drawn(count: int, seed: int, under: list[str]) -> Iterator[tuple[Path, str, str]]:
     """Mutants drawn at random: the file, its new text, and what was changed in words."""
     paths = sorted(one for package in PACKAGES for one in Path(package).rglob("*.py") if "_pb2" not in one.name)
+    paths = [one for one in paths if not under or any(one.is_relative_to(place) for place in under)]
     texts = {path: path.read_bytes() for path in paths}
     spots = [(path, at) for path in paths for at, node in enumerate(nodes(ast.parse(texts[path]))) if changed(node)]
     random.Random(seed).shuffle(spots)
-    wanted = {True: round(KERNELS * count), False: count - round(KERNELS * count)}
+    kernels = round((sum("kernels" in str(path) for path, _ in spots) / len(spots) if under else KERNELS) * count)
+    wanted = {True: kernels, False: count - kernels}
     for path, at in (spot for spot in spots if wanted["kernels" in str(spot[0])]):
         tree = ast.parse(text := texts[path])
         node: Any = list(nodes(tree))[at]
@@ -106,13 +109,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--under", nargs="+", default=[])
     asked = parser.parse_args()
-    graph, mutants = grimp.build_graph(*PACKAGES, "tests", cache_dir=None), list(drawn(asked.count, asked.seed))
+    graph = grimp.build_graph(*PACKAGES, "tests", cache_dir=None)
+    mutants = list(drawn(asked.count, asked.seed, asked.under))
     if noticed(path := mutants[0][0], path.read_text(encoding="utf-8"), graph):
         raise SystemExit(f"the tests nearest to {path} fail without a mutant")
-    missed = [said for path, text, said in mutants if not noticed(path, text, graph)]
-    print("\n".join(missed))
-    print(f"{asked.count - len(missed)} of {asked.count} mutants noticed")
+    missed = 0
+    for path, text, said in mutants:
+        if not noticed(path, text, graph):
+            missed += 1
+            print(said, flush=True)
+    print(f"{asked.count - missed} of {asked.count} mutants noticed")
 
 
 if __name__ == "__main__":
