@@ -148,9 +148,9 @@ def test_a_train_on_a_steep_descent_rolls_up_to_its_speeds_and_holds_them() -> N
     front, run = asked(STEEP, WITHOUT_MOTOR_BRAKE, 0.08)
     phases = scheduled_run(front, run).schedule.phases
     after = phases[1:]
-    rolled = [(one, then) for one, then in pairwise(phases) if one.rolls_up]
+    rolled = [(one, then) for one, then in pairwise(phases) if one.rolls_up or one.kind is PhaseKind.COAST]
     assert not any(one.kind is PhaseKind.TRACTION and one.share > 0.0 for one in after)
-    assert [round(one.target_mps / KMH) for one, _ in rolled] == [60, 55]
+    assert [(one.rolls_up, round(one.target_mps / KMH)) for one, _ in rolled] == [(False, 60), (True, 55)]
     assert all(run.speeds_mps[then.begin] == pytest.approx(one.target_mps) for one, then in rolled)
 
 
