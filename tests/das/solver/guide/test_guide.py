@@ -28,7 +28,7 @@ from das.solver.guide.policies import GuideFront, GuideRun, GuideSettings, Polic
 from das.solver.kernels.guide_policy import CODE, HOLDS, KINDS, NO_INSTRUCTION, ON_CURVE, ROLLS_UP
 from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import trajectory_on
-from das.solver.solve import solve_front
+from das.solver.solve import solve_front, usable_power_w
 from das.solver.state import State, least_time_s
 from tests.support.making import make_route, make_train
 
@@ -189,6 +189,15 @@ def test_a_higher_price_of_a_change_gives_no_more_changes() -> None:
         assert counts == sorted(counts, reverse=True)
         fewer += counts[0] > counts[-1]
     assert fewer
+
+
+def test_a_change_costs_power_and_time_and_a_young_instruction_more() -> None:
+    section, front, _ = solved(ROUTE, LOCAL)
+    settings, power_w, last = front.settings, usable_power_w(section), len(front.lambda_w) - 1
+    for number in (0, last // 2, last):
+        price, late_j = front.prices(number), settings.change_time_s * float(front.lambda_w[number])
+        assert price.change_j == pytest.approx(settings.change_s * power_w + late_j)
+        assert price.young_j == pytest.approx(settings.young_s * power_w + late_j)
 
 
 @pytest.mark.parametrize("train", [LOCAL, HEAVY], ids=["local", "heavy"])
