@@ -2,13 +2,11 @@
 
 Numba keeps compiled code on disk, but it checks only the file of a kernel to tell whether the code is still valid. A
 kernel also contains the kernels that it calls and the constants that it reads, whatever file they are in. Therefore the
-folder with a module's compiled code is named by a hash of that module and of all our modules that it imports. A table
-on disk depends in the same way on the code that made it (`das.table.hashes`).
+folder with a module's compiled code is named by a hash of that module and of all our modules that it imports.
 """
 
 from __future__ import annotations
 
-import ast
 import gc
 import hashlib
 import importlib
@@ -64,8 +62,6 @@ _numba_signature: Any = normalize_signature
 OUR_PACKAGES = frozenset({"das", "precompute", "sim"})
 _FROM = re.compile(rb"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n#]*)", re.MULTILINE)
 _IMPORT = re.compile(rb"^[ \t]*import[ \t]+([^\n#]*)", re.MULTILINE)
-_WITHOUT_MEANING = frozenset({"ctx", "kind", "type_comment", "type_ignores", "type_params"})
-"""Fields of a syntax tree that add no meaning, or that only some versions of Python have."""
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
@@ -345,42 +341,6 @@ def text_sha256(sources: Mapping[str, bytes]) -> str:
         digest.update(f"{name} {len(text)}\n".encode())
         digest.update(text)
     return digest.hexdigest()
-
-
-def code_sha256(sources: Mapping[str, bytes]) -> str:
-    """SHA-256 of what the code does: comments, docstrings and formatting do not count. It takes some 0.1 s.
-
-    It is the same under every version of Python that can parse the code.
-    """
-    digest = hashlib.sha256()
-    for name, text in sources.items():
-        digest.update(f"module {name}\0".encode())
-        digest.update("\0".join(_tokens(ast.parse(text))).encode())
-    return digest.hexdigest()
-
-
-def _tokens(tree: ast.AST) -> Iterator[str]:
-    """A syntax tree as words, node by node; bare texts (docstrings) are left out."""
-    waiting: list[object] = [tree]
-    while waiting:
-        thing = waiting.pop()
-        if isinstance(thing, ast.AST):
-            yield type(thing).__name__
-            for field in thing._fields:
-                value = getattr(thing, field, None)
-                if value is not None and value != [] and field not in _WITHOUT_MEANING:
-                    yield field
-                    waiting.append(value)
-        elif isinstance(thing, list):
-            kept = [item for item in thing if not _is_bare_text(item)]
-            yield str(len(kept))
-            waiting += kept
-        else:
-            yield repr(thing)
-
-
-def _is_bare_text(thing: object) -> bool:
-    return isinstance(thing, ast.Expr) and isinstance(thing.value, ast.Constant) and isinstance(thing.value.value, str)
 
 
 @cache

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from das.solver.journey.plan import JourneyPlan
     from das.solver.section import Section
     from das.solver.solution import Solution
+    from das.table.table import Table
 
     _Word = TypeVar("_Word", bound=StrEnum)
 
@@ -262,19 +263,18 @@ def plan_journey(
     return JourneyPlanner(journey, route, vehicle, level=losses).plan(shared)
 
 
-def read_table(folder: str | Path, section: Section) -> Front:
-    """The front of a section from a table that `das-precompute build` wrote; nothing is solved again.
+def read_table(path: str | Path) -> Table:
+    """A table that `das-precompute build` wrote: the front of a section, and its finished references.
 
-    A table holds fewer multipliers than `solve` uses, so its solutions may need a little more energy. Every file of the
-    table is checked against its hash. `das-precompute build` makes tables of sections in service: see `in_service`.
+    `front` has a row for each buffer, refined as the build was asked to; `references.finished` are the schedules that
+    the coach departs with. Raises DasError for a file that is no table, is damaged, or is of another release.
 
-    Raises DasError for a folder that is no table, and for a table that is damaged or of another section.
-
-        front = das.read_table("tables/flat-6km", section)
+        table = das.read_table("tables/flat-6km_a-b_re460-ic_l3_0a1b2c3d.json")
+        das.to_pandas(table.columns())
     """
-    from das.table.reading import read_front
+    from das.table.table import Table
 
-    return read_front(Path(folder), section)
+    return Table.read(Path(path))
 
 
 def to_pandas(columns: Mapping[str, ArrayLike]) -> pd.DataFrame:

@@ -187,7 +187,7 @@ class Coaching:
 class Source(IntEnum):
     """What advice is based on; the numbers are those of the bus message.
 
-    TABLE: optima solved offline. SOLVED: optima solved on board. FALLBACK: no optimum is known (yet).
+    TABLE: a reference finished offline. SOLVED: solved on board. FALLBACK: nothing is solved (yet).
     """
 
     NONE = 0

@@ -62,6 +62,12 @@ class Planner:
         self._settings = settings
         self._braked_early = False
         self._schedule: Schedule | None = None
+        self._finished = False
+
+    @property
+    def source(self) -> Source:
+        """What the present plan is based on."""
+        return Source.TABLE if self._finished else self.basis.source
 
     @property
     def last_plan(self) -> Plan | None:
@@ -79,6 +85,7 @@ class Planner:
         a state outside the section, InfeasibleError if the train cannot reach the end of the section.
         """
         schedule = None if reference is None else reference.schedule
+        self._finished = reference is not None and reference.finished
         if self.plan is None or schedule is not self._schedule or not self._follows(self.plan, state):
             self._schedule = schedule
             planned, v_mps = self._planned_mps(state.s_m), state.v_mps

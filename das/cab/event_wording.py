@@ -10,7 +10,7 @@ from datetime import UTC, datetime, tzinfo
 from typing import Final
 
 from das.advice import wording
-from das.advice.advice import Cause, Source, Withdrawal
+from das.advice.advice import Cause, Withdrawal
 from das.advice.regimes import Regime
 from das.cab.heard import Kind, Target
 from das.domain.conditions import Conditions
@@ -324,10 +324,14 @@ def calibration_ignored(error: Exception) -> str:
     return f"calibration ignored: {error}"
 
 
-def front_found(start: str, end: str, source: Source, why: str) -> str:
-    """A leg whose front was found, the front's source, and why it was searched for again (empty: the first search)."""
-    how = "from a table" if source is Source.TABLE else "solved"
-    return f"{start} – {end}: {how}" + (f" ({why})" if why else "")
+def front_found(start: str, end: str, why: str) -> str:
+    """A leg whose front was solved, and why it was solved again (empty: the first time)."""
+    return f"{start} – {end}: solved" + (f" ({why})" if why else "")
+
+
+def references_found(start: str, end: str) -> str:
+    """A leg for which a table has finished references."""
+    return f"{start} – {end}: references from a table"
 
 
 def no_front(section: str, why: str) -> str:
@@ -350,24 +354,14 @@ def impossible_now(why: str, error: Exception) -> str:
     return f"{why}: {error}"
 
 
-def table_broken(error: Exception) -> str:
-    """A table that proved unusable when it was read."""
-    return f"{error}; solved instead"
-
-
-def table_unfit(folder: object, why: str) -> str:
-    """A table that has the ends of the section but does not fit it otherwise."""
-    return f"{folder}: {why}; solved instead"
-
-
-def table_not_used(error: Exception) -> str:
-    """A table whose manifest cannot be used."""
-    return f"{error}; not used"
+def table_unfit(error: Exception) -> str:
+    """A table that cannot be read, or is not for the section."""
+    return f"{error}; references are solved instead"
 
 
 def no_table(folder: object, section: str) -> str:
     """A section that no table of the folder is for."""
-    return f"{folder}: no table of {section}; solved instead"
+    return f"{folder}: no table of {section}; references are solved instead"
 
 
 def no_tables(folder: object) -> str:
@@ -375,9 +369,9 @@ def no_tables(folder: object) -> str:
     return f"{folder}: no table in this folder"
 
 
-def tables_not_used(folder: object, error: Exception) -> str:
-    """Tables that cannot be compared with the solver, because its source is missing."""
-    return f"{folder}: nobody can tell which solver code made the tables ({error}); none is used"
+def old_tables(folder: object) -> str:
+    """A folder with tables of earlier releases, which were folders."""
+    return f"{folder}: holds tables of an earlier release, which no longer serve; build them again"
 
 
 # --- advice, position and faults -------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Fronts for the legs of a journey: looked up or solved when they are needed, in the background or at once.
+"""Fronts for the legs of a journey: solved when they are needed, in the background or at once.
 
 If the situation of a leg changes (a restriction, another train, load or level, a new target), the advice follows the
 last plan under the new limits until the new front is found. The search runs in a thread, or at once where time
@@ -13,6 +13,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from das.advice.advice import Source
 from das.advice.coach.settings import CoachSettings
 from das.advice.goal import PassingTarget
 from das.advice.passing import PassingFronts, PassingRun
@@ -20,13 +21,13 @@ from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
 from das.advice.worker import Worker
 from das.cab import event_wording
-from das.cab.fronts import Found, Fronts, onboard_ladder
+from das.cab.fronts import FoundGuide, Fronts, onboard_ladder
 from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
 from das.domain.errors import DasError, RunawayError
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.solver.guide.policies import GuideFront
+from das.solver.front import Front
 from das.solver.section import Section
 
 NO_COACH = CoachSettings(enabled=False)
@@ -44,7 +45,7 @@ class News(NamedTuple):
 class _Answer(NamedTuple):
     """The result of a search for a front; `refusal`: why there is none; `failed`: whether that was unforeseen."""
 
-    found: Found | None
+    found: Front | None
     passing: PassingFronts | None
     refusal: str
     failed: bool
@@ -67,7 +68,7 @@ class _Prepared:
     """From where on (m) the brakes hold the train, if the leg is refused for a descent; it is judged again there."""
     ready: bool = False
     search: Future[_Answer] | None = None
-    guide: Future[GuideFront | str] | None = None
+    guide: Future[FoundGuide | str] | None = None
     """The search for the coach's policies, which follows that for the front; a text says why there are
     none."""
     failed_ns: int | None = None
@@ -209,22 +210,24 @@ class Preparation:
         one.refusal = ""
         if answer.refusal:
             self._news.append(News(event_wording.target_unsolved(answer.refusal), True))
-        self._news += [News(note, True) for note in found.notes]
-        section = found.front.section
-        leg.use(PlanBasis(section=section, front=found.front, source=found.source, passing=answer.passing))
+        section = found.section
+        leg.use(PlanBasis(section=section, front=found, source=Source.SOLVED, passing=answer.passing))
         why, one.why = one.why, ""
-        self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
+        self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, why)))
         if self._coach.enabled:
             s_m = _Question.of(leg).s_m
             one.guide = self.coach_worker.submit(lambda: _search_guide(self._fronts, section, self._coach, s_m))
 
-    def _take_guide(self, leg: Leg, one: _Prepared, answer: GuideFront | str) -> None:
+    def _take_guide(self, leg: Leg, one: _Prepared, answer: FoundGuide | str) -> None:
         """Let the coach lead by the policies found; without any, the leg goes on without a coach."""
         one.guide = None
         if isinstance(answer, str):
             self._news.append(News(event_wording.no_coach(answer), True))
-        else:
-            leg.use_guide(answer)
+            return
+        self._news += [News(note, True) for note in answer.notes]
+        if answer.front.references is not None:
+            self._news.append(News(event_wording.references_found(leg.start.name, leg.end.name)))
+        leg.use_guide(answer.front)
 
 
 def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
@@ -276,7 +279,7 @@ def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], f
     found, passing, refusal, failed = None, None, "", False
     try:
         found = fronts.find(question.section, question.s_m)
-        passing = _passing(question, found.front.section)
+        passing = _passing(question, found.section)
     except DasError as error:
         refusal = str(error)
     except Exception as error:  # A thread must not die in silence: giving no advice is better.
@@ -284,7 +287,7 @@ def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], f
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 
-def _search_guide(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> GuideFront | str:
+def _search_guide(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> FoundGuide | str:
     """Search for the policies of a section; after an error, return its text."""
     try:
         return fronts.find_guide(section, coach, s_m)

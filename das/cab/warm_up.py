@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from das.advice.advice import Source, Timetable
 from das.advice.braking_model import BrakingBasis
 from das.advice.coach.settings import CoachSettings
@@ -17,11 +15,7 @@ from das.domain.units import NS
 from das.estimate.fix import PositionFix
 from das.estimate.localisation import Localisation
 from das.solver.guide.policies import GuideFront
-from das.solver.section import build_section
-from das.solver.solve import solve_front
-from das.solver.warm_up import tiny_route, tiny_vehicle
 from das.solver.warm_up import warm_up as solve_tiny
-from das.table.format import ARRAYS, packed, unpacked
 
 
 def warm_up() -> None:
@@ -41,16 +35,3 @@ def warm_up() -> None:
         localisation.take(PositionFix(time_ns=tick, s_m=s_m, speed_mps=speed_mps))
         here = localisation.at(tick)
         LastWord().judge(leg.advise(here), here, basis)
-
-
-def warm_up_tables() -> None:
-    """Compile, or load from the cache, the kernels that read the arrays of a table; some 6 s the first time."""
-    section = build_section(tiny_route(), tiny_vehicle())
-    front = solve_front(section, lambda_w=np.array([0.0, 1e4, 1e5, 1e6]))
-    read = {  # read-only, as the arrays of a file are
-        name: np.frombuffer(array.tobytes(), ARRAYS[name].kind).reshape(array.shape)
-        for name, array in packed(front).items()
-    }
-    stored, least_time_s = unpacked(section, front.lambda_w, read), front.fastest().time_s
-    for buffer_ratio in (0.01, 0.1, 0.3):
-        stored.trajectory(least_time_s * (1 + buffer_ratio))

@@ -23,13 +23,14 @@ from das.cab.orders import Post
 from das.cab.outputs import NodeState
 from das.cab.situation import Situation
 from das.cab.trains import Trains
-from das.cab.warm_up import warm_up, warm_up_tables
+from das.cab.warm_up import warm_up
 from das.command_line.files import load_route, load_vehicle, warn_of_braking, warn_unusual
 from das.command_line.options import NODE_ENDPOINT
 from das.command_line.printing import loading_solver, say
 from das.command_line.process import StopFlag
 from das.domain.braking import SiteBraking
 from das.domain.clocks import MONOTONIC_S, WALL_STOPWATCH
+from das.domain.errors import DasError
 from das.domain.files.vehicles import read_loss_map
 from das.domain.route import Route, section_stops
 from das.domain.units import KMH
@@ -69,6 +70,8 @@ class CabPlan:
 def plan_cab(options: NodeOptions) -> CabPlan:
     """Read the files that the options name. Raises DasError for anything unusable."""
     line, driven, advice = options.line, options.driven, options.advice
+    if advice.tables is not None and not advice.led.coach:
+        raise DasError(f"--tables {advice.tables}: tables have the coach's departures: expected no --no-coach")
     route, stops_m = _line(line)
     base = _vehicle(driven)
     started = base if driven.load is None else base.loaded(driven.load)
@@ -170,7 +173,7 @@ def serve(options: NodeOptions) -> None:
     refusals = Refusals().listen() if file else None
     with made as bus, contextlib.closing(plan.cab()) as cab:
         node = Node(bus, cab, WallClock() if advice.clock is ClockKind.WALL else BusClock())
-        _begin(node, plan.stops_m, tables=advice.tables is not None)
+        _begin(node, plan.stops_m)
         served, where = plan.situation, f"bus {file.path}" if file else f"listening on {listen}"
         say(f"das-node {place.train}: {served.route.id}, {served.vehicle.id}, {where}")
         if not cab.has_journey:
@@ -179,14 +182,12 @@ def serve(options: NodeOptions) -> None:
         node.status(NodeState.STOPPING, "stopped")
 
 
-def _begin(node: Node, stops_m: list[float], *, tables: bool) -> None:
+def _begin(node: Node, stops_m: list[float]) -> None:
     """Load the compiled code, take a journey that is on the bus already, and prepare the first section."""
     node.bus.watch([JOURNEY, RESTRICTION, TARGET, STATUS])
     node.status(NodeState.STARTING, "solving the section")
     with loading_solver():
         warm_up()
-        if tables:
-            warm_up_tables()
     legs = node.cab.legs
     legs.check(stops_m)
     if node.clock.is_wall:

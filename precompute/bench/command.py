@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from precompute.bench.measuring import Figure
 
 NAMES = (
-    *("front", "steps", "transitions", "sweep", "trajectory", "re-solve", "look-up", "verify", "build", "exact"),
+    *("front", "steps", "transitions", "sweep", "trajectory", "re-solve", "look-up", "build", "exact"),
     *("growth", "memory"),
 )
 """The figures, in order."""
 WITH_LINES_OF_THEIR_OWN = frozenset({"build", "exact", "growth", "memory"})
 """Figures that are not of the reference section."""
-ON_ONE_THREAD = frozenset({"transitions", "sweep", "trajectory", "look-up", "verify"})
+ON_ONE_THREAD = frozenset({"transitions", "sweep", "trajectory"})
 """Figures that take one thread, however many there are."""
 ROUTE, VEHICLE = "zurich-luzern", "re460-ic"
 GIGA = 1e9
@@ -37,7 +37,7 @@ LEGEND = {
     "median, least, most": "of all rounds of the figure, in its unit",
     "baseline": "the median of the alternative that the figure is compared with; both are measured in turns",
     "× better": "how many times better than the baseline; below 1 it is worse",
-    "of best %": "the share of what its arithmetic alone would allow (verify: its hashes); –: no such bound is known",
+    "of best %": "the share of what its arithmetic alone would allow; –: no such bound is known",
 }
 
 
@@ -107,7 +107,6 @@ def figures_by_name() -> dict[str, Callable[[Reference], Iterator[Figure]]]:
         "trajectory": figures.trajectory,
         "re-solve": figures.resolve,
         "look-up": table_figures.look_up,
-        "verify": table_figures.open_and_verify,
         "build": table_figures.build,
         "exact": figures.exact,
         "growth": figures.growth,

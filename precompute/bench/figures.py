@@ -49,7 +49,6 @@ class BenchSize:
     rounds: int
     slow_rounds: int
     trajectories: int
-    look_ups: int
     built_sections: int
     lengths_km: tuple[float, ...]
     exact_buffer_ratio: float
@@ -59,7 +58,6 @@ FULL = BenchSize(
     rounds=9,
     slow_rounds=3,
     trajectories=24,
-    look_ups=2000,
     built_sections=24,
     lengths_km=(10.0, 30.0, 100.0, 300.0),
     exact_buffer_ratio=0.02,
@@ -68,7 +66,6 @@ QUICK = BenchSize(
     rounds=2,
     slow_rounds=1,
     trajectories=3,
-    look_ups=20,
     built_sections=2,
     lengths_km=(2.0, 5.0),
     exact_buffer_ratio=0.001,

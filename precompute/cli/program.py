@@ -61,9 +61,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
     Entry(
         name="verify",
         where="precompute.tables.command:verify",
-        summary=(
-            "Check every byte of tables, that this solver made them, and that no table of the last build is missing."
-        ),
+        summary="Check every byte of tables, that this release can use them, and that none is missing.",
         examples=("das-precompute verify tables",),
     ),
     Entry(

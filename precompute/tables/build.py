@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import time
 import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -15,17 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from das.domain.errors import DasError
-from das.domain.files.writing import UNFINISHED, folder_held, write_whole
-from das.table.format import MANIFEST, TableError
-from das.table.hashes import section_hashes
-from das.table.reading import Table
+from das.domain.files.writing import folder_held, write_whole
+from das.table.table import OLD, Table
 from precompute.pool import JobLostError, Made
 from precompute.tables.plan import BuildPlan
-from precompute.tables.writing import HASH_DIGITS, Job, warm_up, write_table
+from precompute.tables.writing import Job, warm_up
 from precompute.workers import Workers
 
 REPORT = "build.json"
-REPORT_VERSION = 1
+REPORT_VERSION = 2
 
 
 class BuildStatus(StrEnum):
@@ -57,66 +54,31 @@ class Outcome:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove the folders that killed writers left unfinished."""
-    for path in folder.glob(f"{UNFINISHED}*"):
-        shutil.rmtree(path, ignore_errors=True)
+    """Remove the files that killed writers left unfinished."""
+    for path in folder.glob(".*.json.*"):
+        path.unlink(missing_ok=True)
 
 
 def finished(folder: Path, job: Job) -> int | None:
-    """The size of the job's table (bytes) if it is there, whole and made for this job by this code, else None."""
+    """The size of the job's table (bytes) if it is there, whole and what the job would make, else None."""
+    path = folder / job.name
     try:
-        table = Table.open(folder / job.name)
-        if table.manifest["table_sha256"] != job.key:
-            return None
-        table.verify()
-        return table.size_bytes
-    except TableError:
+        return path.stat().st_size if path.exists() and job.is_done(Table.read(path)) else None
+    except DasError:
         return None
 
 
-def remove_superseded(folder: Path, done: Sequence[Job]) -> list[str]:
-    """Remove tables of former inputs if the table of the present inputs is done; returns the removed names.
+def table_files(folder: Path) -> list[Path]:
+    """The tables in a folder, sorted by name, also those of earlier releases, which are folders; or the one table.
 
-    A table that another plan asked for, with other braking, buffers or refinement, stays.
+    Raises DasError if there is no such folder or file.
     """
-    wanted = {job.name for job in done}
-    jobs = {job.label: job for job in done}
-    removed = []
-    for path in table_folders(folder):
-        label, _, digits = path.name.rpartition("_")
-        if label not in jobs or len(digits) != HASH_DIGITS or path.name in wanted:
-            continue
-        if _asked_alike(path, jobs[label]):
-            shutil.rmtree(path, ignore_errors=True)
-            removed.append(path.name)
-    return removed
-
-
-def _asked_alike(path: Path, job: Job) -> bool:
-    """Whether a table was made for the braking, buffers and refinement of a job; not if it cannot be opened."""
-    try:
-        manifest = Table.open(path).manifest
-    except TableError:
-        return False
-    settings = job.settings
-    buffers = [*settings.buffers_percent, *([None] if settings.with_max else [])]
-    return bool(
-        manifest["inputs_sha256"].get("braking") == section_hashes(job.route, job.vehicle, job.course)["braking"]
-        and manifest["refine"] == settings.refine
-        and [one["buffer_percent"] for one in manifest["trajectories"]] == buffers
-    )
-
-
-def table_folders(folder: Path) -> list[Path]:
-    """The folders of tables in a folder, sorted by name; the folder itself if it is a table.
-
-    Raises DasError if there is no such folder.
-    """
+    if folder.is_file() or (folder / "manifest.json").is_file():
+        return [folder]
     if not folder.is_dir():
         raise DasError(f"{folder}: no such folder")
-    if (folder / MANIFEST).is_file():
-        return [folder]
-    return sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+    files = (path for path in folder.glob("[!.]*.json") if path.name != REPORT)
+    return sorted([*files, *(path.parent for path in folder.glob(OLD))])
 
 
 def read_report(folder: Path) -> dict[str, Any]:
@@ -144,7 +106,7 @@ def missing_tables(folder: Path) -> list[str]:
     """Names of the tables that the last build finished and that are no longer there."""
     done = (BuildStatus.BUILT, BuildStatus.KEPT)
     names = [section["name"] for section in read_report(folder).get("sections", []) if section["status"] in done]
-    return [name for name in names if not (folder / name).is_dir()]
+    return [name for name in names if not (folder / name).is_file()]
 
 
 def write_report(folder: Path, facts: Mapping[str, Any], outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -180,7 +142,6 @@ def build(plan: BuildPlan, folder: Path, workers: Workers, watch: Callable[[Outc
                 for outcome in coming:
                     state.take(outcome)
                     watch(outcome)
-            state.superseded = remove_superseded(folder, state.jobs_that_are(BuildStatus.BUILT, BuildStatus.KEPT))
         finally:
             remove_unfinished(folder)
             state.look_again()
@@ -200,8 +161,8 @@ def solve_jobs(jobs: Sequence[Job], folder: Path, workers: Workers) -> Generator
             yield _outcome(made, folder)
 
 
-def solved(job: Job, folder: Path | None) -> tuple[Outcome, dict[str, bytes]]:
-    """Solve a job, as a worker does; returns its outcome, and the files of its table unless `folder` is given.
+def solved(job: Job, folder: Path | None) -> tuple[Outcome, bytes]:
+    """Solve a job, as a worker does; returns its outcome, and the content of its table unless `folder` is given.
 
     A worker with a `folder` puts the table there itself.
     """
@@ -212,29 +173,29 @@ def solved(job: Job, folder: Path | None) -> tuple[Outcome, dict[str, bytes]]:
         return Outcome(name=job.name, status=status, reason=reason, seconds=seconds, size_bytes=size_bytes)
 
     try:
-        files = job.solve()
+        content = job.solve()
         if folder is not None:
-            write_table(folder / job.name, files)
+            write_whole(folder / job.name, content)
     except DasError as error:
-        return became(BuildStatus.FAILED, " ".join(str(error).split())), {}
+        return became(BuildStatus.FAILED, " ".join(str(error).split())), b""
     except MemoryError:
         raise
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         fault = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
-        return became(BuildStatus.FAILED, f"a fault of the solver: {fault}"), {}
-    built = became(BuildStatus.BUILT, size_bytes=sum(map(len, files.values())))
-    return built, files if folder is None else {}
+        return became(BuildStatus.FAILED, f"a fault of the solver: {fault}"), b""
+    built = became(BuildStatus.BUILT, size_bytes=len(content))
+    return built, content if folder is None else b""
 
 
-def _outcome(made: Made[Job, tuple[Outcome, dict[str, bytes]]], folder: Path) -> Outcome:
+def _outcome(made: Made[Job, tuple[Outcome, bytes]], folder: Path) -> Outcome:
     """The outcome of a job; writes its table if its worker did not."""
     error = made.error
     if made.result is not None:
-        outcome, files = made.result
+        outcome, content = made.result
         try:
-            if files:
-                write_table(folder / outcome.name, files)
+            if content:
+                write_whole(folder / outcome.name, content)
             return replace(outcome, attempts=made.attempts)
         except DasError as failure:
             error = failure
@@ -249,7 +210,6 @@ class _State:
     def __init__(self, plan: BuildPlan, folder: Path, facts: Mapping[str, Any]) -> None:
         self._plan, self._folder, self._facts = plan, folder, facts
         self._began_s = self._reported_s = time.perf_counter()
-        self.superseded: list[str] = []
         before = {section["name"]: section for section in read_report(folder).get("sections", [])}
         self._outcomes = {job.name: _standing(job, folder, before.get(job.name, {})) for job in plan.jobs}
 
@@ -278,7 +238,6 @@ class _State:
             "plan": str(self._plan.source),
             **self._facts,
             "seconds": self._reported_s - self._began_s,
-            "superseded": self.superseded,
         }
         return write_report(self._folder, facts, list(self._outcomes.values()))
 

@@ -22,13 +22,13 @@ from precompute.workers import Workers
 if TYPE_CHECKING:
     from rich.table import Table as PrintedTable
 
-    from das.table.reading import Table
+    from das.table.table import Table
 
 EXIT_SOME_FAILED = 1
 LEGEND = """\
-least s: the least running time; runs: trajectories in the table.
-kWh: net energy at the current collector of the first and of the last run, which
-  is mostly the one of least energy.
+least s: the least running time; refs: finished references for the cab.
+kWh: net energy at the current collector of the first and of the last run of the
+  front, which is mostly the one of least energy.
 gap %: by how much at most the energy of a run can lie above the least possible,
   over the runs for which the build proved it. –: it proved none.
 refined: by how much the refinement lowered the energy of the runs, on average
@@ -51,13 +51,13 @@ def build(
 ) -> None:
     """Solve every section of a plan into a table for the cab.
 
-    A table that is already there is kept if it is whole and neither an input nor the solver has changed. A build that
+    A table that is already there is kept if it is whole and neither an input nor the method has changed. A build that
     was stopped continues where it left off. A section that fails is reported and does not stop the rest; the exit code
     is then 1. DIR/build.json says what became of each section.
 
-    By default the trajectories of a table are refined, which takes 2 to 3 s a section, where solving takes half a
-    second. The policies, which are all that a node uses, are not refined. SECONDS
-    limit the time of each section; tables may then differ from one build to the next.
+    A table holds the coach's finished references for departures, which take most of the time, and the front of time and
+    energy. By default the front is refined, which takes 2 to 3 s a section. SECONDS limit that; fronts may then differ
+    from one build to the next.
     """
     hands = Workers.asked(workers, scheduler)
     with busy("reading the plan …"):
@@ -78,13 +78,13 @@ def build(
 
 
 def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """Check every byte of tables, that this solver made them, and that no table of the last build is missing.
+    """Check every byte of tables, that this release can use them, and that none is missing.
 
-    The exit code is 1 if a table is damaged, missing, or made by other solver code.
+    The exit code is 1 if a table is damaged, missing, or of another release.
     """
-    from precompute.tables.build import REPORT, missing_tables, table_folders
+    from precompute.tables.build import REPORT, missing_tables, table_files
 
-    paths, missing = table_folders(folder), missing_tables(folder)
+    paths, missing = table_files(folder), missing_tables(folder)
     if not paths and not missing:
         raise DasError(f"{folder}: no tables in it")
     results: list[dict[str, Any]] = [
@@ -94,7 +94,7 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
     began = time.perf_counter()
     for path in shown(paths, lambda path: path.name):
         table = _checked(path)
-        size, problem = (0, table) if isinstance(table, str) else (table.size_bytes, None)
+        size, problem = (0, table) if isinstance(table, str) else (path.stat().st_size, None)
         results.append({"name": path.name, "size_bytes": size, "problem": problem})
     seconds, damaged = time.perf_counter() - began, [result for result in results if result["problem"]]
     if as_json:
@@ -111,11 +111,12 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
 def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
     """Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.
 
-    Each table is checked first, as by `verify`; problems are listed below the others.
+    Each table is checked first, as by `verify`; problems are listed below the others. `--json` has all points of the
+    fronts and the times and energies of all references.
     """
-    from precompute.tables.build import table_folders
+    from precompute.tables.build import table_files
 
-    paths = table_folders(folder)
+    paths = table_files(folder)
     if not paths:
         raise DasError(f"{folder}: no tables in it")
     rows: list[dict[str, Any]] = []
@@ -130,24 +131,21 @@ def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
 
 def _checked(path: Path) -> Table | str:
-    """The table in a folder if it is whole and made by this solver; else a text that says what is wrong with it."""
-    from das.table.format import TableError
-    from das.table.reading import Table
+    """The table in a file if it is whole and of this release; else a text that says what is wrong with it."""
+    from das.table.table import Table, TableError
 
+    if path.is_dir():
+        return f"{path}: a table of an earlier release, which no longer serves; remove it and build it again"
     try:
-        table = Table.open(path)
-        table.verify()
+        return Table.read(path)
     except TableError as error:
         return str(error)
-    return table
 
 
 def _print_report(report: dict[str, Any], folder: Path) -> None:
     for section in report["sections"]:
         if section["reason"]:
             print(f"{section['name']}: {section['status']}: {section['reason']}")
-    if report["superseded"]:
-        print(f"removed {len(report['superseded'])} tables whose inputs have changed")
     counts = ", ".join(f"{count} {status}" for status, count in report["counts"].items() if count)
     size_mb = sum(section["size_bytes"] or 0 for section in report["sections"]) / MEGABYTE
     print(f"{folder}: {counts or 'nothing to do'} ({size_mb:.1f} MB, {report['seconds']:.1f} s)")
@@ -155,29 +153,23 @@ def _print_report(report: dict[str, Any], folder: Path) -> None:
 
 def _facts(table: Table) -> dict[str, Any]:
     """What `show` prints of a table; energies at the collector (kWh)."""
-    runs = table.manifest["trajectories"]
-    fastest, slowest = runs[0], runs[-1]
-    table_gaps = [run["table_gap_ratio"] for run in runs if run["table_gap_ratio"] is not None]
-    gaps = [run["gap_ratio"] for run in runs if run["gap_ratio"] is not None]
-    saved = [run["refinement_saved_j"] / max(abs(run["energy_input_j"]), 1.0) for run in runs]
+    front, references = table.front, table.references.finished
+    gaps = [one["gap_ratio"] for one in front if one["gap_ratio"] is not None]
+    saved = [one["refinement_saved_j"] / max(abs(one["energy_input_j"]), 1.0) for one in front]
     return {
-        "name": table.folder.name,
+        "name": table.path.name,
         "problem": None,
-        **table.manifest["section"],
-        "size_bytes": table.size_bytes,
-        "decision_nodes": table.sizes.nodes,
-        "multipliers": table.sizes.multipliers,
-        "trajectories": table.sizes.runs,
-        "least_time_s": table.manifest["least_time_s"],
-        "first_buffer_percent": fastest["buffer_percent"],
-        "first_energy_kwh": kwh(fastest["energy_input_j"]),
-        "last_buffer_percent": slowest["buffer_percent"],
-        "last_energy_kwh": kwh(slowest["energy_input_j"]),
-        "largest_table_gap_ratio": max(table_gaps, default=None),
+        **table.facts,
+        "size_bytes": table.path.stat().st_size,
+        "least_time_s": table.least_time_s,
+        "first_energy_kwh": kwh(front[0]["energy_input_j"]),
+        "last_energy_kwh": kwh(front[-1]["energy_input_j"]),
         "largest_gap_ratio": max(gaps, default=None),
         "gaps_proven": len(gaps),
-        "refine": table.manifest["refine"],
-        "refinement_saved_ratio": sum(saved) / len(saved) if saved else 0.0,
+        "refine": table.settings["refine"],
+        "refinement_saved_ratio": sum(saved) / len(saved),
+        "front": front,
+        "references": [{"time_s": x.time_s, "energy_j": x.energy_j, "phases": len(x.phases)} for x in references],
     }
 
 
@@ -195,7 +187,7 @@ def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
 
 def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
     """What `show` prints, at most 80 columns wide unless names are long; a row has two or three lines."""
-    figures = ("\nkm", "least\ns", "\nruns", "kWh\nfirst", "kWh\nlast", "refined\n%", "gap\n%", "\nMB")
+    figures = ("\nkm", "least\ns", "\nrefs", "kWh\nfirst", "kWh\nlast", "refined\n%", "gap\n%", "\nMB")
     printed = new_table("", ("route, section\ntrain, level",), figures)
     for row in rows:
         gap = row["largest_gap_ratio"]
@@ -205,11 +197,11 @@ def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
             Text(f"{row['route']}\n{ends}\n{row['train']}, {row['level']}"),
             f"{(row['end_m'] - row['start_m']) / KM:.1f}",
             f"{row['least_time_s']:.1f}",
-            f"{row['trajectories']}",
+            f"{len(row['references'])}",
             f"{row['first_energy_kwh']:.2f}",
             f"{row['last_energy_kwh']:.2f}",
             f"{100 * row['refinement_saved_ratio']:.2f}" if row["refine"] != "off" else "–",
             f"{100 * gap:.3f}" if gap is not None else "–",
-            f"{row['size_bytes'] / MEGABYTE:.1f}",
+            f"{row['size_bytes'] / MEGABYTE:.2f}",
         )
     return printed

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-import unicodedata
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
@@ -19,17 +17,13 @@ from das.domain.files.vehicles import read_loss_map, site_braking
 from das.domain.levels import Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
-from das.table.hashes import Course
 from precompute.tables.synthetic import synthetic_routes
-from precompute.tables.writing import FEWEST_MULTIPLIERS, Job, TableSettings
+from precompute.tables.writing import Job, TableSettings
 
 SCHEMA_VERSION = 1
 MOST_SECTIONS = 100_000
 MOST_BUFFERS = 1000
 LARGEST_BUFFER_PERCENT = 1000.0
-MOST_MULTIPLIERS = 256
-_NAME_LENGTH = 48
-"""Longest part of a table's name that comes from one input."""
 _T = TypeVar("_T")
 
 
@@ -61,7 +55,7 @@ class _Train:
 def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
     """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation).
 
-    `refine_s` is the time (s) for which the trajectories of each section are refined (see `TableSettings`).
+    `refine_s` is the time (s) for which the front of each section is refined (see `TableSettings`).
     """
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
@@ -100,22 +94,15 @@ def _braking(fields: Fields) -> SiteBraking | None:
 
 def _job(route: Route, start: Stop, end: Stop, train: _Train, site: SiteBraking | None, settings: TableSettings) -> Job:
     vehicle, level = train.vehicle, train.level
-    braking = None if site is None else site.of(vehicle)
-    course = Course(level=level, start_m=start.position_m, end_m=end.position_m, braking=braking)
-    ends = f"{_slug(start.name)}-{_slug(end.name)}"
-    return Job.of(
-        f"{_slug(route.id)}_{ends}_{_slug(vehicle.id)}_{level}",
-        route,
-        vehicle,
-        course,
-        settings,
+    return Job(
+        route=route,
+        vehicle=vehicle,
+        level=level,
+        start_m=start.position_m,
+        end_m=end.position_m,
+        braking=None if site is None else site.of(vehicle),
+        settings=settings,
     )
-
-
-def _slug(text: str) -> str:
-    """A name as a part of a folder's name: plain letters, digits and hyphens."""
-    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
-    return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_NAME_LENGTH] or "x"
 
 
 def _entries(fields: Fields, key: str) -> Iterator[Fields]:
@@ -199,12 +186,11 @@ def _level(fields: Fields, name: str) -> Level:
 
 
 def _settings(fields: Fields) -> TableSettings:
-    fields.check_keys(["buffers_percent", "max", "multipliers", "proven"])
+    fields.check_keys(["buffers_percent", "max", "proven"])
     default = TableSettings()
     return TableSettings(
         buffers_percent=_buffers(fields) if fields.has("buffers_percent") else default.buffers_percent,
         with_max=fields.flag("max", default.with_max),
-        multipliers=fields.whole("multipliers", (FEWEST_MULTIPLIERS, MOST_MULTIPLIERS), default.multipliers),
         proven=fields.whole("proven", (0, MOST_BUFFERS), default.proven),
     )
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from das.compiling import FOLDER, KEPT_VERSIONS, SourcesMissingError, code_sha256, kernel, sources_of
+from das.compiling import FOLDER, KEPT_VERSIONS, SourcesMissingError, kernel, sources_of
 from tests.support.copies import copy_of, edit, run_copy, started_copy
 from tests.support.making import REPOSITORY
 
@@ -261,32 +261,6 @@ def test_the_solver_depends_on_its_kernels_and_on_the_domain_and_on_nothing_else
     assert {"das.domain.vehicle", "das.domain.route", "das.domain.losses", "das.domain.units"} <= found
     assert any(name.startswith("das.solver.kernels") for name in found)
     assert all(name.startswith(("das.solver", "das.domain")) or name == "das.compiling" for name in found)
-
-
-@pytest.mark.parametrize(
-    ("text", "is_same"),
-    [
-        ('"""Another text."""\nA = 1  # why\n\n\ndef f(x):\n    "Other."\n    return (x +\n        A)\n', True),
-        ("A = 1\ndef f(x): return x + A\n", True),
-        ("A = 1\ndef f(x):\n    return x - A\n", False),
-        ("A = 2\ndef f(x):\n    return x + A\n", False),
-        ("A = 1.0\ndef f(x):\n    return x + A\n", False),
-        ("A = '1'\ndef f(x):\n    return x + A\n", False),
-        ("A = 1\ndef f(x):\n    return A + x\n", False),
-        ("A = 1\ndef f(x, y):\n    return x + A\n", False),
-        ("A = 1\ndef g(x):\n    return x + A\n", False),
-        ("A = 1\n@njit\ndef f(x):\n    return x + A\n", False),
-    ],
-)
-def test_only_what_code_does_counts(text: str, is_same: bool) -> None:
-    plain = b'"""A module."""\n\nA = 1\n"""A constant."""\n\ndef f(x):\n    """A function."""\n    return x + A\n'
-    assert (code_sha256({"m": text.encode()}) == code_sha256({"m": plain})) is is_same
-
-
-def test_an_order_counts() -> None:
-    first, second = b"A = 1\nB = A\n", b"B = A\nA = 1\n"
-    assert code_sha256({"m": first}) != code_sha256({"m": second})
-    assert code_sha256({"m": b"f(a, b)"}) != code_sha256({"m": b"f(a)(b)"})
 
 
 def test_a_module_without_its_source_is_refused(package: Path) -> None:

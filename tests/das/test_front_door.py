@@ -21,7 +21,7 @@ import das.domain.files.load
 import das.front_door
 import sim
 import sim.front_door
-from precompute.tables.writing import TableSettings, make_table, write_table
+from precompute.tables.writing import TableSettings, make_table
 from tests.support.making import REPOSITORY
 
 
@@ -141,16 +141,15 @@ def test_points_end_at_the_run_of_least_energy(front: das.Front) -> None:
     assert {column.shape for column in points.values()} == {(3,)}
 
 
-def test_a_table_gives_the_front_back(section: das.Section, front: das.Front, tmp_path: Path) -> None:
-    folder = tmp_path / "table"
-    write_table(folder, make_table(section, TableSettings(buffers_percent=(5.0,), refine_s=0.0, proven=0)))
-    wanted_s = 1.07 * front.fastest().time_s
-    from_table, solved = das.read_table(str(folder), section).trajectory(wanted_s), front.trajectory(wanted_s)
-    assert from_table.time_s == pytest.approx(wanted_s, abs=0.02)
-    assert from_table.balance.input == pytest.approx(solved.balance.input, rel=2e-3)
-    other = das.build_section(section.route, section.vehicle, level="l3")
-    with pytest.raises(das.DasError, match="not the table of"):
-        das.read_table(folder, other)
+def test_a_table_gives_the_front_and_the_references(section: das.Section, front: das.Front, tmp_path: Path) -> None:
+    path = tmp_path / "table.json"
+    path.write_bytes(make_table(section, TableSettings(buffers_percent=(5.0,), refine_s=0.0, proven=0)))
+    table, solved = das.read_table(str(path)), front.trajectory(1.05 * front.fastest().time_s)
+    frame = das.to_pandas(table.columns())
+    assert list(frame["buffer_percent"].fillna(-1.0)) == [5.0, -1.0]
+    assert (frame["time_s"][0], frame["energy_input_j"][0]) == (solved.time_s, solved.balance.input)
+    near = min(table.references.finished, key=lambda one: abs(one.time_s - solved.time_s))
+    assert near.energy_j == pytest.approx(solved.balance.input, rel=0.03)
 
 
 def test_columns_and_energy_balances_become_data_frames(front: das.Front) -> None:
@@ -246,8 +245,8 @@ def test_bad_files(tmp_path: Path, section: das.Section) -> None:
         assert f"expected the name of a bundled {kind}, or a path" in refused(lambda load=load: load(None))
     assert "No such file" in refused(lambda: das.read_recording(tmp_path / "missing.mcap"))
     assert "directory" in refused(lambda: das.read_recording(tmp_path / "folder.mcap"))
-    assert "not a table" in refused(lambda: das.read_table(tmp_path / "missing", section))
-    assert "not a table" in refused(lambda: das.read_table(tmp_path, section))
+    assert "missing: cannot be read" in refused(lambda: das.read_table(tmp_path / "missing"))
+    assert "cannot be read" in refused(lambda: das.read_table(tmp_path))
 
 
 def test_bad_journeys() -> None:

@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 import pytest
 
+from das.advice.coach.planning import Wanted, departing
 from das.bus.contents import read_contents
 from das.bus.recording import recording_of
 from das.cab.situation import Situation
@@ -36,9 +37,9 @@ from das.domain.files.load import load_journey, load_route, load_vehicle
 from das.domain.files.reading import Fields
 from das.domain.files.routes import journey_of
 from das.domain.route import Route
+from das.solver.guide.policies import DEFAULT, GuideFront
 from das.solver.section import Section, build_section
-from das.table.format import MANIFEST
-from das.table.reading import Table, read_front
+from das.table.table import Table
 from precompute.cli.journey_report import as_dict, table
 from precompute.cli.journey_report import warnings as warnings_of
 from precompute.gtfs import FeedTrip, read_trip
@@ -48,7 +49,7 @@ from precompute.route_import.importing import imported
 from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.route_file import route_toml
 from precompute.tables.plan import read_plan
-from precompute.tables.writing import make_table, write_table
+from precompute.tables.writing import make_table
 from sim.recording.check import check_contents
 from sim.world.scenario import read_scenario
 from tests.precompute.route_import.test_tables import PATH
@@ -119,21 +120,14 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
     plan.write_text(
         'schema_version = 1\n[[routes]]\nroute = "zurich-luzern"\nreverse = "both"\n[[trains]]\nvehicle = "re460-ic"\n'
     )
-    table = folder / "table"
-    write_table(table, make_table(section, SETTINGS))
-
-    def manifest(path: Path) -> None:
-        (table / MANIFEST).write_bytes(path.read_bytes())
-        Table.open(table)
-        read_front(table, section)
+    sealed = folder / "table.json"
+    sealed.write_bytes(make_table(section, SETTINGS))
 
     maps = {"tracks.geojson": FILES["tracks.geojson"], "heights.csv": FILES["heights.csv"], "path.yaml": PATH.encode()}
     maps["overpass.json"] = json.dumps(as_overpass(made_map()), indent=1).encode()
     maps["limits.csv"] = b"position_km,limit_kmh,gradient_permille\n0,80,0\n2.5,120,4.5\n9,100,-3\n"
     for name, content in maps.items():
         (folder / name).write_bytes(content)
-    sealed = folder / "manifest.json"
-    sealed.write_bytes((table / MANIFEST).read_bytes())
     feed, imported = write_feed(folder / "feed.zip"), folder / "imported.toml"
     imported.write_text(_journey_text(read_trip(feed, TripChoice(trip="101")), None), encoding="utf-8")
     recording = folder / "recording.mcap"
@@ -147,8 +141,8 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
         ("plan", plan, read_plan),
         ("scenario", REPOSITORY / "sim" / "world" / "scenarios" / "train-ahead.toml", read_scenario),
         *((f"import of {name}", folder / name, lambda path: _imported_line(path, folder)) for name in maps),
-        ("manifest", sealed, manifest),
-        ("resealed manifest", sealed, lambda path: _resealed(path, table, sealed, section)),
+        ("table", sealed, lambda path: _departing(path, section)),
+        ("resealed table", sealed, lambda path: _resealed(path, sealed, section)),
     ]
     return [
         *(Kind(*one, mutated_text) for one in texts),
@@ -202,18 +196,24 @@ def _recording(path: Path) -> None:
         raise ValueError(f"not one line: {wrong!r}")
 
 
-def _resealed(path: Path, table: Path, sealed: Path, section: Section) -> None:
-    """Use a manifest whose values were changed by somebody who knows how it is sealed."""
+def _departing(path: Path, section: Section) -> None:
+    """Depart with the references of a table."""
+    front = GuideFront(section, references=Table.read(path).references_for(section, DEFAULT))
+    left_s = 1.1 * float(section.fastest_run.time_to_go_s[0])
+    departing(front, Wanted(s_m=section.start_m, v_mps=0.0, left_s=left_s))
+
+
+def _resealed(path: Path, sealed: Path, section: Section) -> None:
+    """Use a table whose values were changed by somebody who knows how it is sealed."""
     chance = random.Random(path.read_bytes())
-    (table / MANIFEST).write_bytes(sealed.read_bytes())
+    path.write_bytes(sealed.read_bytes())
 
     def change(facts: object) -> None:
         for _ in range(chance.randrange(1, 3)):
             _change_somewhere(facts, chance)
 
-    seal_anew(table, change)
-    Table.open(table)
-    read_front(table, section)
+    seal_anew(path, change)
+    _departing(path, section)
 
 
 def _change_somewhere(facts: object, chance: random.Random) -> None:

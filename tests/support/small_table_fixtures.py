@@ -1,4 +1,4 @@
-"""The small section with its front and its table, made once: fixtures for the tests that read, write and look up."""
+"""The small section with its front and its table, made once: fixtures for the tests that read and write."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from das.solver.front import Front
 from das.solver.section import Section, build_section
 from das.solver.solve import solve_front
-from precompute.tables.writing import make_table, write_table
+from precompute.tables.writing import make_table
 from tests.support.small_tables import SETTINGS, line, train
 
 
@@ -24,8 +24,8 @@ def front(section: Section) -> Front:
 
 
 @pytest.fixture(scope="session")
-def folder(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The table; tests leave it as it is."""
-    path = tmp_path_factory.mktemp("tables") / "table"
-    write_table(path, make_table(section, SETTINGS))
+    path = tmp_path_factory.mktemp("tables") / "table.json"
+    path.write_bytes(make_table(section, SETTINGS))
     return path

@@ -1,4 +1,4 @@
-"""A small section with its table: where both are read, written, damaged and looked up in."""
+"""A small section with its table: where both are read, written and damaged."""
 
 from __future__ import annotations
 
@@ -8,13 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from das.solver.front import Front
-from das.table.format import MANIFEST, sealed
+from das.table.table import SEAL, seal_of
 from precompute.tables.writing import TableSettings
 from tests.support.making import make_route, make_train
 
@@ -39,21 +36,9 @@ def train() -> Vehicle:
     return replace(made, train_length_m=60.0)
 
 
-def states(front: Front, count: int, buffers: tuple[float, float] = (0.02, 0.3)) -> list[tuple[float, float, float]]:
-    """Positions, speeds and times left all over a section."""
-    rng, section = np.random.default_rng(4), front.section
-    found = []
-    for _ in range(count):
-        s_m = float(rng.uniform(section.start_m + 10, section.end_m - 1000))
-        top = float(np.interp(s_m, section.node_m, section.envelope_mps))
-        v_mps = top * float(rng.uniform(0.4, 0.99))
-        found.append((s_m, v_mps, front.least_time_s(s_m, v_mps) * (1 + float(rng.uniform(*buffers)))))
-    return found
-
-
-def seal_anew(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    """Change the manifest of a table and seal it anew, as somebody who knows the format could."""
-    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    del manifest["manifest_sha256"]
-    change(manifest)
-    (folder / MANIFEST).write_bytes(sealed(manifest))
+def seal_anew(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Change what a table holds and seal it anew, as somebody who knows the format could."""
+    body = json.loads(path.read_text(encoding="utf-8"))
+    change(body)
+    body[SEAL] = seal_of(body)
+    path.write_text(json.dumps(body), encoding="utf-8")

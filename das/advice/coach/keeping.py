@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from das.advice.advice import Replan, ReplanCause
-from das.advice.coach.planning import Wanted, passes_s, planned
+from das.advice.coach.planning import Wanted, departing, passes_s, planned
 from das.advice.coach.settings import CoachSettings, KeepingSettings, MarginSettings
 from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.worker import AT_ONCE, Worker
@@ -52,6 +52,8 @@ class StandingReference:
     arrival_ns: int
     point: PassingTarget | None
     replan: Replan
+    finished: bool = False
+    """It was made beforehand, and read from a table."""
 
 
 class Kept(NamedTuple):
@@ -64,7 +66,8 @@ class Kept(NamedTuple):
     @property
     def scheduled(self) -> Scheduled:
         """The schedule of the reference with the forecast from here."""
-        return Scheduled(self.reference.schedule, self.forecast, self.reference.lambda_w)
+        reference = self.reference
+        return Scheduled(reference.schedule, self.forecast, reference.lambda_w, reference.finished)
 
 
 class Drift:
@@ -155,7 +158,8 @@ class Keeper:
         if before.reference is not None:
             section = self._front.section if self._front is not None else self._section
             schedule = on_section(before.reference.schedule, section)
-            self.reference, self._changed = replace(before.reference, schedule=schedule), True
+            self.reference = replace(before.reference, schedule=schedule, finished=False)
+            self._changed = True
 
     def forget(self) -> None:
         """Drop the reference, and a request for a new one."""
@@ -207,14 +211,16 @@ class Keeper:
         return Kept(self.reference, forecast, forecast.time_s - goal.aimed_s(state.now_ns))
 
     def _ask(self, cause: ReplanCause, kept: Kept | None, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
-        """Have the worker make a new reference."""
+        """Have the worker make a new reference, unless a table has one for a train that departs."""
         assert self._front is not None
         front = self._front
         wanted = self._wanted(state, goal)
         if kept is not None and doubted:
             shown_s = self._settings.showing.lead.coasting_s
             wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast), shown_s=shown_s)
-        answer = self._worker.submit(lambda: planned(front, wanted))
+        ready = departing(front, wanted)
+        worker = self._worker if ready is None else AT_ONCE
+        answer = worker.submit(lambda: ready or planned(front, wanted))
         if doubted:
             self._doubted_ns = state.now_ns
         return _Asked(cause, doubted, state, goal, answer)
@@ -328,7 +334,7 @@ class Keeper:
         self._changed, self._standing = False, state.v_mps <= STANDSTILL_MPS
         self.reference = StandingReference(
             schedule=found.schedule, lambda_w=found.lambda_w, arrival_ns=goal.arrival_ns, point=goal.passing,
-            replan=replan,
+            replan=replan, finished=found.finished,
         )  # fmt: skip
         late_s = found.forecast.time_s - goal.aimed_s(state.now_ns)
         self._drift.see(state.now_ns, late_s, anew=True)

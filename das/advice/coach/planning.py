@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from das.domain.errors import DasError
 from das.domain.journey import Window
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, through
@@ -16,6 +17,9 @@ from das.solver.guide.schedule import Prospect, Schedule, Scheduled
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
+DEPARTS_WITHIN_M, DEPARTS_MPS = 50.0, 2.0
+"""A train this near (m) to the start of its section, and no faster than this (m/s), departs there: a driver who begins
+late is given a new reference when the train has just begun to move."""
 KEPT_S = 10.0
 """A new reference that is not necessary leaves the present one as it is for this time."""
 
@@ -56,6 +60,26 @@ def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
     else:
         run, _ = in_time(front, state, left_s, told)
     return scheduled_run(front, run)
+
+
+def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
+    """The finished schedule of a table for what is wanted, which takes no search.
+
+    None if the front has none, if the train is under way, stalls, or has to pass a point at another time.
+    """
+    s_m, v_mps, point_m = wanted.s_m, wanted.v_mps, wanted.point_m
+    departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= DEPARTS_WITHIN_M
+    if front.references is None or wanted.kept is not None or not departs:
+        return None
+    try:
+        found = front.references.departing(front.section, front.settings.back_share, s_m, v_mps, wanted.left_s)
+    except DasError:
+        return None  # Somebody has changed the table, or the train stands outside its section.
+    if found is None or point_m is None or point_m <= s_m:
+        return found
+    at_s = passes_s(found.schedule, found.forecast, s_m, point_m)
+    latest_s = math.inf if wanted.latest_s is None else wanted.latest_s
+    return found if (wanted.earliest_s or 0.0) <= at_s <= latest_s else None
 
 
 def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect) -> Scheduled:

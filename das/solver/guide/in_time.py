@@ -5,15 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from das.domain.journey import Window
+from das.solver.guide.lateness import LATE_RATIO, NEAR_AT_PLACE_S, NEAR_S, lateness_s
 from das.solver.guide.policies import GuideFront, GuideRun, PolicyFrom
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
-NEAR_S, NEAR_AT_PLACE_S = 0.7, 0.3
-"""A run that arrives, or passes a place with a window, within this time (s) of the wanted one is near enough."""
-LATE_RATIO, EARLY_RATIO, EARLY_S = 3.0, 0.7, 2.0
-"""A second late costs this many times the price of time, and a second early is worth this share of it. No more early
-seconds than `EARLY_S` count: the price of a run that is early is too high."""
 SLOWER = (8, 24, 41)
 """Two neighbouring prices may differ in time by many seconds. Policies this many prices below them fill such a gap: of
 the ladder's own prices, those at 0.8, 0.5 and 0.3 of the price."""
@@ -23,17 +19,14 @@ ROUNDS = 2
 Plan = tuple[PolicyFrom, ...]
 
 
-def lateness_s(late_s: float) -> float:
-    """The seconds at the price of time that arriving late (s; early < 0) costs."""
-    return LATE_RATIO * late_s if late_s > 0.0 else EARLY_RATIO * max(late_s, -EARLY_S)
-
-
 class _Search:
     """The runs tried so far for a time to a place (m)."""
 
-    def __init__(self, front: GuideFront, state: State, time_s: float, told: int, at_m: float) -> None:
+    def __init__(
+        self, front: GuideFront, state: State, time_s: float, told: int, at_m: float, near_s: float = NEAR_S
+    ) -> None:
         self._front, self._state, self._time_s, self._told, self._at_m = front, state, time_s, told, at_m
-        self._near_s = NEAR_S if at_m == front.section.end_m else NEAR_AT_PLACE_S
+        self._near_s = near_s
         self._found: list[tuple[float, GuideRun, Plan]] = []
 
     def late_s(self, *plan: PolicyFrom) -> float:
@@ -41,6 +34,11 @@ class _Search:
         run = self._front.run(self._state, plan, self._told)
         self._found.append((run.passes_s(self._at_m) - self._time_s, run, plan))
         return self._found[-1][0]
+
+    @property
+    def runs(self) -> list[GuideRun]:
+        """The runs."""
+        return [run for _, run, _ in self._found]
 
     @property
     def is_near(self) -> bool:
@@ -70,6 +68,13 @@ def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTR
     """
     search = _Search(front, state, time_s, told, front.section.end_m)
     return search.best(_tried(search, front, state.first_node, len(front.section.decision) - 1))
+
+
+def all_tried(front: GuideFront, state: State, time_s: float) -> list[GuideRun]:
+    """All runs to be found about a time to the end: none is near enough to end the search."""
+    search = _Search(front, state, time_s, NO_INSTRUCTION, front.section.end_m, near_s=0.0)
+    _tried(search, front, state.first_node, len(front.section.decision) - 1)
+    return search.runs
 
 
 def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
@@ -112,7 +117,7 @@ def through(front: GuideFront, state: State, time_s: float, at_m: float, window:
             break
         number = plan[0].number
         before = front.until(node, number)
-        search = _Search(before, state, aim_s, told, at_m)
+        search = _Search(before, state, aim_s, told, at_m, NEAR_AT_PLACE_S)
         _tried(search, before, state.first_node, node)
         off_s, run = search.nearest(not_early=aim_s > passes_s)
         found.append((off_s, run))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.units import KMH
+from das.solver.guide.references import References
 from das.solver.kernels.driving import run_energy, trip_time
 from das.solver.kernels.guide_policy import (
     CODE,
@@ -41,8 +42,6 @@ SAME_MPS = 1e-6
 """Speeds of a section that differ by less come from rounding."""
 MOST_SPEEDS = NO_INSTRUCTION // CODE
 """Most speeds that the number of an instruction has room for."""
-KEPT_BYTES = 100_000_000
-"""The policies used last are kept up to this size (bytes): ten to twenty of 30 km, four of 100 km."""
 WAITING = 40
 """Number of negative prices of time, for a train that waits for its window at a point."""
 
@@ -75,6 +74,8 @@ class GuideSettings:
     train on a slow line needs almost as much to keep a timetable with a buffer of 8 %."""
     back_share: float = 0.6
     """A train slower than the speed to hold gets back to it with this share of its traction."""
+    kept_bytes: int = 100_000_000
+    """The policies used last are kept up to this size (bytes): ten to twenty of 30 km, four of 100 km."""
 
 
 DEFAULT = GuideSettings()
@@ -139,13 +140,21 @@ class _Behind(NamedTuple):
 class GuideFront:
     """The policies of a section for a ladder of prices of time (W, ascending), each solved when it is first needed.
 
-    It begins at the start of the section, or a little behind the position `s_m` (m). Thread-safe.
+    It begins at the start of the section, or a little behind the position `s_m` (m). `references` are finished
+    schedules of the section; None: there are none. Thread-safe.
     """
 
     def __init__(
-        self, section: Section, settings: GuideSettings = DEFAULT, s_m: float | None = None, *, threads: int = 2
+        self,
+        section: Section,
+        settings: GuideSettings = DEFAULT,
+        s_m: float | None = None,
+        *,
+        threads: int = 2,
+        references: References | None = None,
     ) -> None:
-        self.section, self.settings = section, settings
+        self.section, self.settings, self.references = section, settings, references
+        self._first = node_behind(section, section.start_m if s_m is None else s_m)
         self._threads, self._lock = threads, Lock()
         self.speeds_mps = told_speeds(section, settings)
         goal_mps, foot_m = falls_to(section.envelope_mps, section.node_m)
@@ -157,23 +166,37 @@ class GuideFront:
             grid.line, grid.bounds.envelope_mps, np.minimum.reduceat(section.limit_mps, decision[:-1]),
             goal_mps, self._nearest(goal_mps), self.speeds_mps, settings.line_mps,
         )  # fmt: skip
-        self._power_w = usable_power_w(section)
         size = 1 + math.ceil(math.log(settings.high_ratio / settings.low_ratio) / math.log(settings.ladder_ratio))
-        self.lambda_w = self._power_w * settings.high_ratio * settings.ladder_ratio ** np.arange(1.0 - size, 1.0)
+        self.lambda_w = self.power_w * settings.high_ratio * settings.ladder_ratio ** np.arange(1.0 - size, 1.0)
         self._behind: _Behind | None = None
-        self._ahead = self._solved_from(section.start_m if s_m is None else s_m)
+        self._solved_ahead: _Ahead | None = None
+
+    @property
+    def power_w(self) -> float:
+        """The traction power that can be used on the section, by which prices are counted (W)."""
+        return usable_power_w(self.section)
 
     @property
     def nbytes(self) -> int:
         """The size of the moves and of the policies that are kept (bytes)."""
-        ahead = self._ahead
+        ahead = self._solved_ahead
+        if ahead is None:
+            return 0
         return sum(one.nbytes for one in ahead.moves) + sum(map(_size, list(ahead.policies.values())))
 
     def cover(self, s_m: float) -> None:
         """From now on, solve policies for a train at a position (m) and for all places ahead of it."""
         with self._lock:
-            if node_behind(self.section, s_m) < self._ahead.node:
-                self._ahead = self._solved_from(s_m)
+            first = node_behind(self.section, s_m)
+            if first < self._first:
+                self._first, self._solved_ahead = first, None
+
+    @property
+    def _ahead(self) -> _Ahead:
+        """What is solved ahead of the train; the moves are found when they are first needed."""
+        if self._solved_ahead is None:
+            self._solved_ahead = self._solved_from(self._first)
+        return self._solved_ahead
 
     def goal_mps(self, node: int) -> float:
         """The speed to which the braking curve falls from an integration node on."""
@@ -182,8 +205,8 @@ class GuideFront:
     def prices(self, number: int) -> GuidePrices:
         """The prices that go with a price of time."""
         settings, late_j = self.settings, self.settings.change_time_s * max(float(self.lambda_w[number]), 0.0)
-        change_j = settings.change_s * self._power_w + late_j
-        young_j = max(settings.young_s * self._power_w + late_j, change_j)
+        change_j = settings.change_s * self.power_w + late_j
+        young_j = max(settings.young_s * self.power_w + late_j, change_j)
         return GuidePrices(float(self.lambda_w[number]), change_j, young_j, settings.brake_changes * change_j)
 
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:
@@ -193,7 +216,7 @@ class GuideFront:
         train stalls.
         """
         section = self.section
-        if state.first_node < self._ahead.node:
+        if state.first_node < self._first:
             self.cover(float(state.node_m[0]))
         ahead, policies = self._policies([one.number for one in plan])
         first = len(section.node_m) - len(state.node_m)
@@ -220,9 +243,9 @@ class GuideFront:
         nearest = np.abs(goal_mps[:, np.newaxis] - self.speeds_mps).argmin(axis=1)
         return np.where(goal_mps > SAME_MPS, nearest, -1)
 
-    def _solved_from(self, s_m: float) -> _Ahead:
-        """The moves from a little behind a position (m) to the end, and no policy yet."""
-        first, last = node_behind(self.section, s_m), len(self._grid.limit_mps)
+    def _solved_from(self, first: int) -> _Ahead:
+        """The moves from a decision node to the end, and no policy yet."""
+        last = len(self._grid.limit_mps)
         lines = int(np.ceil(self._grid.envelope_mps[first:].max() / self.settings.line_mps - SAME_MPS)) + 1
         shape = (last - first, lines, COLUMNS)
         moves = GuideMoves(
@@ -250,7 +273,7 @@ class GuideFront:
             elif missing:
                 found[missing[0]] = self._solved(missing[0])
             kept.update(found)
-            while len(kept) > len(found) and sum(map(_size, kept.values())) > KEPT_BYTES:
+            while len(kept) > len(found) and sum(map(_size, kept.values())) > self.settings.kept_bytes:
                 del kept[next(iter(kept))]
             return ahead, [found[one] for one in numbers]
 
@@ -269,9 +292,9 @@ class GuideFront:
         costs_j = self._swept(node, len(self._grid.limit_mps), self._free(ahead), moves, number, behind)
         found = copy(self)
         waiting = np.geomspace(1.0, settings.low_ratio, WAITING)
-        found.lambda_w = np.concatenate((-self._power_w * waiting, self.lambda_w))
+        found.lambda_w = np.concatenate((-self.power_w * waiting, self.lambda_w))
         found._behind = _Behind(node, behind, costs_j)
-        found._ahead, found._lock = ahead._replace(policies={}), Lock()
+        found._solved_ahead, found._lock = ahead._replace(policies={}), Lock()
         return found
 
     def _solved(self, number: int) -> GuidePolicy:

@@ -172,11 +172,15 @@ class Schedule:
 
 
 class Scheduled(NamedTuple):
-    """A schedule, the forecast of a train that keeps to it, and its price of time (W)."""
+    """A schedule, the forecast of a train that keeps to it, and its price of time (W).
+
+    `finished`: it was made beforehand, and read from a table.
+    """
 
     schedule: Schedule
     forecast: Prospect
     lambda_w: float
+    finished: bool = False
 
     def solution(self, s_m: float, v_mps: float, requested_s: float) -> Solution:
         """The solution of a train that keeps to the schedule from a state; `requested_s` is the time asked for.

@@ -68,5 +68,5 @@ def test_fronts_of_different_drivers_are_different_ones() -> None:
     own = fronts.find(gentle)
     assert own is fronts.find(gentle)
     assert own is not fronts.find(usual)
-    assert own.front.section.envelope_mps.max() < usual.envelope_mps.max()
-    assert own.front.section.allowed_mps.max() == usual.allowed_mps.max()
+    assert own.section.envelope_mps.max() < usual.envelope_mps.max()
+    assert own.section.allowed_mps.max() == usual.allowed_mps.max()

@@ -13,12 +13,13 @@ from das.advice.passing import PassingFronts
 from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
 from das.advice.wording import words
-from das.cab.fronts import Found, Fronts
+from das.cab.fronts import Fronts
 from das.cab.heard import Target
 from das.cab.preparation import TRY_AGAIN_S
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
+from das.solver.front import Front
 from das.solver.section import Section
 from tests.support.small_trips import DUE, LINE, SmallTrip, at, broken, highest, ns, trip
 
@@ -31,7 +32,7 @@ class HeldFronts(Fronts):
         self.go = Event()
         self.go.set()
 
-    def find(self, section: Section, s_m: float | None = None) -> Found:
+    def find(self, section: Section, s_m: float | None = None) -> Front:
         assert self.go.wait(30)
         return super().find(section, s_m)
 
@@ -107,7 +108,7 @@ class Flaky(Fronts):
         super().__init__(threads=1)
         self.room, self.asked = room, 0
 
-    def find(self, section: Section, s_m: float | None = None) -> Found:
+    def find(self, section: Section, s_m: float | None = None) -> Front:
         self.asked += 1
         if not self.room:
             raise MemoryError("no room")
@@ -166,7 +167,7 @@ def test_a_failed_search_for_a_point_is_repeated(monkeypatch: pytest.MonkeyPatch
 
 def test_a_section_that_cannot_be_driven_is_not_searched_again() -> None:
     class Never(Flaky):
-        def find(self, section: Section, s_m: float | None = None) -> Found:
+        def find(self, section: Section, s_m: float | None = None) -> Front:
             self.asked += 1
             raise DasError("it cannot be driven")
 

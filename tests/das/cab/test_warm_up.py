@@ -10,11 +10,10 @@ import pytest
 
 WARMED = """
 import sys
-from das.cab.warm_up import warm_up, warm_up_tables
+from das.cab.warm_up import warm_up
 from das.command_line.printing import loading_solver
 with loading_solver():
     warm_up()
-    warm_up_tables()
 print(*(name for name in ("numba.np.linalg", "numba.np.arraymath", "scipy.linalg") if name in sys.modules))
 """
 DRIVEN = """

@@ -12,7 +12,7 @@ from das.solver import tolerances as tol
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
 from das.solver.tolerances import SolverSettings
-from das.table.hashes import hashes_of
+from das.table.key import section_sha256
 from tests.support.making import flat, make_route, make_train
 
 
@@ -33,7 +33,7 @@ def test_decision_steps_are_as_short_as_asked_and_never_longer_than_usual() -> N
     assert 25.0 < steps_m[60.0].max() <= 60.0 + 1e-6
     assert np.array_equal(sections[150.0].node_m, usual.node_m)
     # Fronts that are kept by what determines them are kept apart for these grids.
-    hashes = [hashes_of(one)["solver"] for one in (usual, *sections.values())]
+    hashes = [section_sha256(one) for one in (usual, *sections.values())]
     assert hashes[3] == hashes[0]
     assert len(set(hashes)) == 3
 

@@ -1,5 +1,5 @@
 """The fixtures of the small table."""
 
-from tests.support.small_table_fixtures import folder, front, section
+from tests.support.small_table_fixtures import front, made, section
 
-__all__ = ["folder", "front", "section"]
+__all__ = ["front", "made", "section"]

@@ -24,7 +24,7 @@ from tests.support.closeness import assert_close
 from tests.support.making import in_a_process, make_route, make_train
 from tests.support.transitions import all_moves
 
-UNBOUNDED = {"trajectory", "look-up", "look-up-p99", "build", "exact", "memory"}
+UNBOUNDED = {"trajectory", "look-up", "cold-start", "build", "exact", "memory"}
 """The figures for which no bound is known."""
 
 
@@ -175,7 +175,7 @@ def test_every_figure_has_a_baseline_and_a_true_bound_or_none() -> None:
     assert list(figures_by_name()) == list(NAMES)
     result = measure(list(NAMES), longest_section("flat-6km", "re460-ic"), 2, quick=True)
     figures = json.loads(json.dumps(result))["figures"]
-    names = [figure["name"] for figure in figures if figure["name"] != "look-up-p99"]
+    names = [figure["name"] for figure in figures if figure["name"] != "cold-start"]
     expected = [name for name in NAMES if name not in {"growth", "memory"}]
     assert names[: len(expected)] == expected
     assert names[len(expected) :][:2] == ["growth-2km", "growth-5km"]

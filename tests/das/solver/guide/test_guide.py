@@ -304,15 +304,16 @@ def test_only_what_is_ahead_of_a_train_is_solved_and_the_run_is_the_same() -> No
     assert ahead.run(State.at(section), plan).time_s == front.run(State.at(section), plan).time_s
 
 
-def test_the_policies_kept_have_a_size(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_policies_kept_have_a_size() -> None:
     """What is kept is counted, and the policy that has not been used for longest is forgotten."""
     section, _, _ = solved(ROUTE, LOCAL)
     front, state = GuideFront(section, threads=1), State.at(section)
-    empty = front.nbytes
+    assert front.nbytes == 0
     front.run(state, (PolicyFrom(0, 100),))
-    one = front.nbytes - empty
-    monkeypatch.setattr("das.solver.guide.policies.KEPT_BYTES", 2 * one)
-    for number in (110, 100, 120):
+    one = sum(array.nbytes for array in front._ahead.policies[100])
+    empty = front.nbytes - one
+    front = GuideFront(section, GuideSettings(kept_bytes=2 * one), threads=1)
+    for number in (100, 110, 100, 120):
         front.run(state, (PolicyFrom(0, number),))
     assert front.nbytes == empty + 2 * one
     assert list(front._ahead.policies) == [100, 120]
