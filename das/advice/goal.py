@@ -66,7 +66,8 @@ class Goal:
 
     `departure_ns` and `due_ns` are departure and arrival by the timetable (ns since 1970; 0: none). `target_ns` is the
     arrival that traffic management wants (None: that of the timetable). `passing` is the next point that must be passed
-    in a window of time, `operator_delay_s` the delay that the operator stated; None if there is none.
+    in a window of time, `operator_delay_s` the delay that the operator stated; None if there is none. `counts`: being
+    on time counts at the stop ahead, as at a journey's last one; a train that is early at another one waits there.
     """
 
     departure_ns: int = 0
@@ -74,6 +75,7 @@ class Goal:
     target_ns: int | None = None
     passing: PassingTarget | None = None
     operator_delay_s: float | None = None
+    counts: bool = True
 
     @property
     def arrival_ns(self) -> int:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from das.advice.advice import Advice, Coaching, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
 from das.advice.coach.coach import Coach
+from das.advice.coach.drift import Drift
 from das.advice.coach.keeping import Kept
 from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.display import Display, Scene
@@ -49,7 +50,7 @@ class _Progress:
 class Leg:
     """One section of the journey under way: it takes timetable, targets and delay, and advises for a known state.
 
-    The `coach_worker` makes the references of the coach.
+    The `coach_worker` makes the references of the coach; `drift` is what is known of the driver from other legs.
     """
 
     def __init__(
@@ -59,10 +60,11 @@ class Leg:
         section: Section,
         settings: AdviceSettings = DEFAULT,
         coach_worker: Worker = AT_ONCE,
+        drift: Drift | None = None,
     ) -> None:
         self.start, self.end = start, end
         self.planner, self.display = Planner(PlanBasis(section=section), settings), Display(settings)
-        self.coach = Coach(section, None, settings.coach, coach_worker) if settings.coach.enabled else None
+        self.coach = Coach(section, None, settings.coach, coach_worker, drift) if settings.coach.enabled else None
         self.arrival_ns: int | None = None
         """The arrival that traffic management wants (ns since 1970); None: by the timetable."""
         self.points: list[PassingTarget] = []
@@ -111,12 +113,12 @@ class Leg:
         """Plan for a changed section without a front yet: the last plan holds, capped by the speeds safe now."""
         self.use(PlanBasis(section=section, before=self.planner.last_plan))
 
-    def set_timetable(self, timetable: Timetable) -> None:
-        """Take over a timetable; raises DasError if it leaves no time."""
+    def set_timetable(self, timetable: Timetable, *, counts: bool = True) -> None:
+        """Take over a timetable, and whether being on time counts at its end; raises DasError if it leaves no time."""
         timetable.check()
         if (timetable.departure_ns, timetable.arrival_ns) != (self.goal.departure_ns, self.goal.due_ns):
             self.planner.forget()
-        self.goal = replace(self.goal, departure_ns=timetable.departure_ns, due_ns=timetable.arrival_ns)
+        self.goal = replace(self.goal, departure_ns=timetable.departure_ns, due_ns=timetable.arrival_ns, counts=counts)
 
     def set_delay(self, delay_s: float) -> None:
         """Take over the delay that the operator states (s): it appears in the reason; plans follow the timetable."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from das.advice.advice import Advice, Timetable
+from das.advice.coach.drift import Drift
 from das.advice.settings import DEFAULT, AdviceSettings, StopSettings
 from das.cab import event_wording
 from das.cab.heard import Target
@@ -107,7 +108,12 @@ class Legs:
         known = {(leg.start.position_m, leg.end.position_m): leg for leg in self.legs}
         free = replace(situation, restrictions=())
         s_m = -math.inf if moment is None else moment[0]
-        legs = [known.get((a.position_m, b.position_m)) or self._new_leg(free, a, b, s_m) for a, b in pairwise(stops)]
+        going_on = [known[ends] for ends in pairwise(stop.position_m for stop in stops) if ends in known]
+        drift = _drift_of(going_on, self._settings)
+        legs = [
+            known.get((a.position_m, b.position_m)) or self._new_leg(free, (a, b), s_m, drift)
+            for a, b in pairwise(stops)
+        ]
         _set_timetables(legs, timetables)
         for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
             leg.start, leg.end = start, end  # The places are the same; the names may differ.
@@ -127,13 +133,13 @@ class Legs:
         self.preparation.drop(self.legs)
         self.legs, self._index = (), None
 
-    def _new_leg(self, free: Situation, start: Stop, end: Stop, s_m: float) -> Leg:
-        """A leg that is not prepared yet, for a train at a position (m).
+    def _new_leg(self, free: Situation, ends: tuple[Stop, Stop], s_m: float, drift: Drift) -> Leg:
+        """A leg between two stops that is not prepared yet, for a train at a position (m) with a driver.
 
         Raises DasError if it cannot be driven even without restrictions.
         """
-        section = free.section_ahead(start.position_m, end.position_m, s_m)
-        return Leg(start, end, section, self._settings, self.preparation.coach_worker)
+        section = free.section_ahead(ends[0].position_m, ends[1].position_m, s_m)
+        return Leg(*ends, section, self._settings, self.preparation.coach_worker, drift)
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
         """Take over all restrictions known; plans keep to each of them as soon as it counts."""
@@ -198,7 +204,13 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
     for timetable in timetables:
         timetable.check()
     for leg, timetable in zip(legs, timetables, strict=True):
-        leg.set_timetable(timetable)
+        leg.set_timetable(timetable, counts=leg is legs[-1])
+
+
+def _drift_of(legs: Sequence[Leg], settings: AdviceSettings) -> Drift:
+    """What is known of the driver of these legs; nothing if no leg of another journey goes on."""
+    coach = legs[0].coach if legs else None
+    return coach.drift if coach is not None else Drift(settings.coach.margin, settings.coach.loss)
 
 
 def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool], settings: StopSettings) -> int:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.planning import elapsed_s
-from das.advice.coach.settings import DEFAULT, CoachSettings
+from das.advice.coach.settings import DEFAULT, CoachSettings, LossSettings
 from das.advice.goal import Goal, TrainState
 from das.domain.units import NS
 from das.solver.guide.schedule import Prospect, Schedule
 from tests.support.bundled_sections import Which, asked_s, guide_of, section_of
 
+SURE = replace(DEFAULT, loss=LossSettings(running_s_per_min=0.0, braking_ratio=0.0))
+"""The settings of a coach whose drivers lose no time, so that references have no reserve."""
 T0 = 1_800_000_000_000_000_000
 
 
@@ -23,7 +26,7 @@ def ns(seconds: float) -> int:
     return T0 + round(seconds / NS)
 
 
-def keeper_of(which: Which, settings: CoachSettings = DEFAULT) -> Keeper:
+def keeper_of(which: Which, settings: CoachSettings = SURE) -> Keeper:
     """A keeper of a bundled section that has made no reference yet."""
     return Keeper(section_of(which), guide_of(which), settings)
 
@@ -88,7 +91,7 @@ def _on_the_way(which: Which, goal: Goal, settings: CoachSettings) -> tuple[Keep
     return keeper, *departed(keeper, which, goal)
 
 
-def waiting(which: Which, goal: Goal, settings: CoachSettings = DEFAULT) -> Keeper:
+def waiting(which: Which, goal: Goal, settings: CoachSettings = SURE) -> Keeper:
     """A keeper that has made the reference of a train that has not departed yet.
 
     A reference takes a quarter of a second: it is made once a process, and each caller has a copy of its keeper.
@@ -96,7 +99,7 @@ def waiting(which: Which, goal: Goal, settings: CoachSettings = DEFAULT) -> Keep
     return copied(_waiting(which, goal, settings), which)
 
 
-def started(which: Which, goal: Goal, settings: CoachSettings = DEFAULT) -> tuple[Keeper, Kept, Keeping]:
+def started(which: Which, goal: Goal, settings: CoachSettings = SURE) -> tuple[Keeper, Kept, Keeping]:
     """A keeper whose train departed 5 s ago, its reference, and a train that keeps it; made once, as for `waiting`."""
     keeper, kept, train = _on_the_way(which, goal, settings)
     return copied(keeper, which), kept, train

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Coaching, Instruction, Replan, ReplanCause
 from das.advice.braking import BrakingAhead
+from das.advice.coach.drift import Drift
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
@@ -64,10 +65,13 @@ class Coach:
         front: GuideFront | None,
         settings: CoachSettings = DEFAULT,
         worker: Worker = AT_ONCE,
+        drift: Drift | None = None,
     ) -> None:
         self._section, self._settings, self._worker = section, settings, worker
         self._ahead_of_train = BrakingAhead(section)
-        self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
+        self.drift = drift or Drift(settings.margin, settings.loss)
+        """What is known of the driver."""
+        self._keeper, self._showing = Keeper(section, front, settings, worker, self.drift), Showing(settings.showing)
         self._news: tuple[Restriction, ...] = ()
         self._lost = False
         self._said_late_s = 0.0
@@ -75,7 +79,7 @@ class Coach:
 
     def successor(self, section: Section, front: GuideFront | None) -> Coach:
         """The coach that takes over from this one, with another front or under other limits."""
-        found = Coach(section, front, self._settings, self._worker)
+        found = Coach(section, front, self._settings, self._worker, self.drift)
         found._keeper.take_over(self._keeper)
         found._showing, found._said_late_s, found._reasoned = self._showing, self._said_late_s, self._reasoned
         known = self._section.route.restrictions

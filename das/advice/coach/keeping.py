@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from das.advice.advice import Replan, ReplanCause
+from das.advice.coach.drift import Drift, UsualLoss
 from das.advice.coach.planning import Wanted, departing, passes_s, planned
-from das.advice.coach.settings import CoachSettings, KeepingSettings, MarginSettings
+from das.advice.coach.settings import CoachSettings, KeepingSettings
 from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
@@ -18,7 +18,10 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.guide.policies import GuideFront
 from das.solver.guide.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
-from das.solver.state import State
+from das.solver.state import State, least_time_s
+
+LEARNED_TO_M = 50.0
+"""A driver this near (m) to his stop brakes by eye: the forecast says little about his arrival any more."""
 
 
 class Changes(NamedTuple):
@@ -70,43 +73,6 @@ class Kept(NamedTuple):
         return Scheduled(reference.schedule, self.forecast, reference.lambda_w, reference.finished)
 
 
-class Drift:
-    """How well the driver keeps the reference: by how much the forecast arrival drifts in a minute."""
-
-    def __init__(self, settings: MarginSettings) -> None:
-        self._settings = settings
-        self._mean, self._square = 0.0, settings.drift_s_per_min**2
-        self._since: tuple[int, float] | None = None
-
-    def see(self, now_ns: int, late_s: float, *, anew: bool) -> None:
-        """Take in how late the train is forecast to arrive; `anew`: do not compare it with the previous forecast."""
-        if anew or self._since is None or now_ns < self._since[0]:
-            self._since = (now_ns, late_s)
-            return
-        minutes = (now_ns - self._since[0]) * NS / 60.0
-        if minutes * 60.0 < self._settings.sampled_s:
-            return
-        drift_s = late_s - self._since[1]
-        kept = math.exp(-minutes / self._settings.forgotten_min)
-        self._mean = kept * self._mean + (1.0 - kept) * drift_s / minutes
-        self._square = kept * self._square + (1.0 - kept) * drift_s**2 / minutes
-        self._since = (now_ns, late_s)
-
-    def pause(self) -> None:
-        """Do not compare the next forecast with the one before: what changed in between is not the driver's doing."""
-        self._since = None
-
-    def margin_s(self, ahead_s: float) -> float:
-        """The margin (s) to keep to a time that is `ahead_s` from now."""
-        settings = self._settings
-        spread_s = settings.deviations * math.sqrt(self._square * max(ahead_s, 0.0) / 60.0)
-        return min(max(spread_s, settings.least_s), settings.most_s)
-
-    def loss_s(self, ahead_s: float) -> float:
-        """The time (s) that this driver is likely to lose against the reference in the next `ahead_s`."""
-        return min(max(self._mean, 0.0) * max(ahead_s, 0.0) / 60.0, self._settings.most_s)
-
-
 class _Gain(NamedTuple):
     """What a new reference gains over keeping the present one.
 
@@ -141,14 +107,20 @@ class Keeper:
     """Holds the reference of a section, and has the worker make a new one if there is a reason to."""
 
     def __init__(
-        self, section: Section, front: GuideFront | None, settings: CoachSettings, worker: Worker = AT_ONCE
+        self,
+        section: Section,
+        front: GuideFront | None,
+        settings: CoachSettings,
+        worker: Worker = AT_ONCE,
+        drift: Drift | None = None,
     ) -> None:
         self._section, self._front, self._settings, self._worker = section, front, settings, worker
         self.reference: StandingReference | None = None
         self._changed = self._standing = False
         self._asked: _Asked | None = None
         self._doubted_ns = 0
-        self._drift = Drift(settings.margin)
+        self._drift = drift or Drift(settings.margin, settings.loss)
+        self._usual = UsualLoss(section, settings.loss)
 
     def take_over(self, before: Keeper) -> None:
         """Take over the reference and the driver's drift from the previous keeper, for this keeper's section."""
@@ -176,7 +148,7 @@ class Keeper:
         must, forecast = self._why_at_once(state, goal)
         kept = self._kept(state, goal, forecast)
         if must is ReplanCause.NONE and kept is not None:
-            self._drift.see(state.now_ns, kept.late_s, anew=state.v_mps <= STANDSTILL_MPS)
+            self._see(kept.forecast, state, goal, anew=state.v_mps <= STANDSTILL_MPS)
         if self._front is None:
             return kept
         if self._asked is not None and not self._asked.serves(must, goal):
@@ -199,16 +171,37 @@ class Keeper:
     def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
         """How late the train is likely to arrive (s; early < 0): by its forecast, with the time that its driver loses.
 
-        The forecast alone is early by that loss, because references are made quicker by it.
+        The forecast alone is early by that loss, because references leave a reserve for it.
         """
+        return kept.forecast.time_s - goal.left_s(state.now_ns) + self._loss_s(state, goal)
+
+    def _loss_s(self, state: TrainState, goal: Goal) -> float:
+        """The time (s) that the driver loses at most before the stop, with the probability wanted for this stop."""
+        loss, usual_s = self._settings.loss, self._usual.at_last_s(state.s_m, goal.left_s(state.now_ns))
+        return self._drift.loss_s(usual_s, loss.on_time_ratio if goal.counts else loss.elsewhere_ratio)
+
+    def _aimed_s(self, state: TrainState, goal: Goal) -> float:
+        """The time (s) that a reference may take from here: what is left, less a reserve for what the driver loses.
+
+        The reserve is no more than the fastest run leaves, so a train that cannot be on time has none.
+        """
+        left_s = goal.aimed_s(state.now_ns)
+        spare_s = left_s - least_time_s(self._section, state.s_m, state.v_mps)
+        return left_s - min(self._loss_s(state, goal), max(spare_s, 0.0))
+
+    def _see(self, forecast: Prospect, state: TrainState, goal: Goal, *, anew: bool) -> None:
+        """Learn how the driver keeps the reference, until he brings the train to its mark by eye."""
+        if self._section.end_m - state.s_m < LEARNED_TO_M:
+            return
         left_s = goal.left_s(state.now_ns)
-        return kept.forecast.time_s - left_s + self._drift.loss_s(left_s)
+        usual_s = self._usual.from_s(state.s_m, forecast.time_s)
+        self._drift.see(state.now_ns, forecast.time_s - left_s, usual_s, anew=anew)
 
     def _kept(self, state: TrainState, goal: Goal, forecast: Prospect | None) -> Kept | None:
         """The present reference with its forecast; None if there is none or it cannot be kept."""
         if self.reference is None or forecast is None:
             return None
-        return Kept(self.reference, forecast, forecast.time_s - goal.aimed_s(state.now_ns))
+        return Kept(self.reference, forecast, forecast.time_s - self._aimed_s(state, goal))
 
     def _ask(self, cause: ReplanCause, kept: Kept | None, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
         """Have the worker make a new reference, unless a table has one for a train that departs."""
@@ -264,7 +257,7 @@ class Keeper:
         if self._changed:
             return ReplanCause.LINE, forecast
         if self._standing and state.v_mps > STANDSTILL_MPS:
-            late_s, keeping = forecast.time_s - goal.aimed_s(state.now_ns), self._settings.keeping
+            late_s, keeping = forecast.time_s - self._aimed_s(state, goal), self._settings.keeping
             if not -keeping.early_s <= late_s <= keeping.late_s:
                 return ReplanCause.START, forecast
             self._standing = False  # What the driver was told while the train stood still holds.
@@ -310,10 +303,7 @@ class Keeper:
         """What a new reference gains over the present one (all 0 if there is none)."""
         if kept is None:
             return _Gain(0.0, 0.0, 0.0)
-        left_s = goal.aimed_s(state.now_ns)
-        # The driver is likely to lose the same time with either reference; the new one is made quicker by that time.
-        loss_s = self._drift.loss_s(left_s)
-        lateness_s = abs(kept.late_s + loss_s) - abs(found.forecast.time_s - left_s + loss_s)
+        lateness_s = abs(kept.late_s) - abs(found.forecast.time_s - self._aimed_s(state, goal))
         energy_j = kept.forecast.energy_j - found.forecast.energy_j
         worth_j = energy_j + found.lambda_w * (kept.forecast.time_s - found.forecast.time_s)
         return _Gain(energy_j, lateness_s, worth_j)
@@ -336,9 +326,8 @@ class Keeper:
             schedule=found.schedule, lambda_w=found.lambda_w, arrival_ns=goal.arrival_ns, point=goal.passing,
             replan=replan, finished=found.finished,
         )  # fmt: skip
-        late_s = found.forecast.time_s - goal.aimed_s(state.now_ns)
-        self._drift.see(state.now_ns, late_s, anew=True)
-        return Kept(self.reference, found.forecast, late_s)
+        self._see(found.forecast, state, goal, anew=True)
+        return Kept(self.reference, found.forecast, found.forecast.time_s - self._aimed_s(state, goal))
 
     def _wanted(self, state: TrainState, goal: Goal) -> Wanted:
         """What the worker makes a new reference for."""
@@ -355,7 +344,9 @@ class Keeper:
         return Wanted(
             s_m=state.s_m,
             v_mps=state.v_mps,
-            left_s=left_s - self._drift.loss_s(left_s),
+            left_s=left_s,
+            reserve_s=left_s - self._aimed_s(state, goal),
+            reserve_ratio=self._settings.loss.dearest_ratio,
             point_m=None if point is None else point.s_m,
             earliest_s=earliest_s,
             latest_s=latest_s,

@@ -12,7 +12,7 @@ from das.domain.journey import Window
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, through
 from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.guide.policies import GuideFront
+from das.solver.guide.policies import GuideFront, PolicyFrom
 from das.solver.guide.schedule import Prospect, Schedule, Scheduled
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
@@ -28,6 +28,7 @@ KEPT_S = 10.0
 class Wanted:
     """What a reference is made for: the train's state, the time left to the end (s), and a point with its window.
 
+    It arrives earlier by as much of `reserve_s` as costs, in a second, no more than `reserve_ratio` of full power.
     `point_m` is None without such a point. `earliest_s` and `latest_s` count from now; None means that this end of the
     window is open. `kept` is a reference, with its forecast, that is to be kept for the next `KEPT_S`; a phase that
     begins within `shown_s` is shown already. `told` is the phase that the train is in.
@@ -36,6 +37,8 @@ class Wanted:
     s_m: float
     v_mps: float
     left_s: float
+    reserve_s: float = 0.0
+    reserve_ratio: float = 0.0
     point_m: float | None = None
     earliest_s: float | None = None
     latest_s: float | None = None
@@ -51,8 +54,9 @@ def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
     """
     if wanted.kept is not None:
         return _later(front, wanted, *wanted.kept)
-    state, left_s = State.at(front.section, wanted.s_m, wanted.v_mps), max(wanted.left_s, 1.0)
+    state = State.at(front.section, wanted.s_m, wanted.v_mps)
     told = NO_INSTRUCTION if wanted.told is None else said_of(front, wanted.told)
+    left_s = max(_aimed_s(front, wanted, state, told), 1.0)
     if wanted.point_m is not None and wanted.point_m > wanted.s_m:
         latest_s = math.inf if wanted.latest_s is None else wanted.latest_s
         window = Window(earliest_s=wanted.earliest_s or 0.0, latest_s=latest_s)
@@ -71,8 +75,9 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
     departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= DEPARTS_WITHIN_M
     if front.references is None or wanted.kept is not None or not departs:
         return None
+    left_s = _less_reserve_s(wanted, front.references.quickest_s(_dearest_w(front, wanted)))
     try:
-        found = front.references.departing(front.section, front.settings.back_share, s_m, v_mps, wanted.left_s)
+        found = front.references.departing(front.section, front.settings.back_share, s_m, v_mps, left_s)
     except DasError:
         return None  # Somebody has changed the table, or the train stands outside its section.
     if found is None or point_m is None or point_m <= s_m:
@@ -80,6 +85,24 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
     at_s = passes_s(found.schedule, found.forecast, s_m, point_m)
     latest_s = math.inf if wanted.latest_s is None else wanted.latest_s
     return found if (wanted.earliest_s or 0.0) <= at_s <= latest_s else None
+
+
+def _aimed_s(front: GuideFront, wanted: Wanted, state: State, told: int) -> float:
+    """The time left less the reserve (s): as much of it as there is for its price."""
+    if wanted.reserve_s <= 0.0:
+        return wanted.left_s
+    number = max(int(np.searchsorted(front.lambda_w, _dearest_w(front, wanted), side="right")) - 1, 0)
+    return _less_reserve_s(wanted, front.run(state, (PolicyFrom(state.first_node, number),), told).time_s)
+
+
+def _less_reserve_s(wanted: Wanted, dearest_s: float) -> float:
+    """The time left less the reserve (s), but no less than a run takes whose price of time is that of the reserve."""
+    return min(max(wanted.left_s - wanted.reserve_s, dearest_s), wanted.left_s)
+
+
+def _dearest_w(front: GuideFront, wanted: Wanted) -> float:
+    """The price of time (W) up to which a reserve is kept."""
+    return wanted.reserve_ratio / front.settings.high_ratio * float(front.lambda_w[-1])
 
 
 def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect) -> Scheduled:

@@ -10,9 +10,9 @@ from das.solver.guide.policies import GuideFront, GuideRun, PolicyFrom
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
-SLOWER = (8, 24, 41)
+SLOWER = (4, 8, 16, 24, 32, 41)
 """Two neighbouring prices may differ in time by many seconds. Policies this many prices below them fill such a gap: of
-the ladder's own prices, those at 0.8, 0.5 and 0.3 of the price."""
+the ladder's own prices, those from 0.9 to 0.3 of the price."""
 ROUNDS = 2
 """The price behind a place depends on the speed there, which depends on that price: it is found in so many rounds."""
 

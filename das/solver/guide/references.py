@@ -43,6 +43,10 @@ class References:
         price_w = self._lambda_w[np.abs(late_s).argmin()]
         return int((self._energy_j + price_w * lateness_s(late_s)).argmin())
 
+    def quickest_s(self, dearest_w: float) -> float:
+        """The time (s) of the quickest one whose price of time is at most this (W); infinity if none is so cheap."""
+        return float(self._time_s[self._lambda_w <= dearest_w].min(initial=np.inf))
+
     def departing(
         self, section: Section, back_share: float, s_m: float, v_mps: float, time_s: float
     ) -> Scheduled | None:
