@@ -32,7 +32,7 @@ from sim.plant.kernels import PlantState
 from sim.world.loop import InProcess, World
 from sim.world.outcome import outcome
 from sim.world.scenario import load_scenario
-from sim.world.service import make_day, prepare_service
+from sim.world.service import Day, make_day, prepare_service
 
 if TYPE_CHECKING:
     from sim.drive.comparison import AlignedDrives
@@ -103,9 +103,9 @@ def run_day(
     `scenario` is the name of a bundled scenario or a TOML file. `seed` draws what happens on the day, and the driver;
     the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "rms", "timetable", "human",
     or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation", "rms",
-    "four-mode", "vector", "coach" or "sheet"), `level` how losses are modelled (the default is the vehicle's own).
-    `participant` is the number of a human driver of the default population, who is the same on every day; the seed then
-    draws the day alone. Nothing is recorded: `das-sim run` does that.
+    "four-mode", "vector", "coach", "guide" or "sheet"), `level` how losses are modelled (the default is the
+    vehicle's own). `participant` is the number of a human driver of the default population, who is the same on every
+    day; the seed then draws the day alone. Nothing is recorded: `das-sim run` does that.
 
     Raises InputError for an unknown word, DasError for an unusable scenario or a train that does not arrive.
 
@@ -126,7 +126,7 @@ def run_day(
         raise InputError("run_day", "scenario", scenario, "the name of a bundled scenario, or a path")
     person = _person(kind, participant)
     day = make_day(prepare_service(load_scenario(str(scenario)), level=losses), seed, person)
-    run = World(day, day.driver(kind), shown, InProcess(day.service, coach=presenter_of(shown).needs_coach)).run()
+    run = World(day, day.driver(kind), shown, _link(day, shown)).run()
     states = {
         name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
     }
@@ -139,6 +139,12 @@ def run_day(
         line=day.service.line,
         between_s=(first.time_s, last.time_s),
     )
+
+
+def _link(day: Day, shown: Presentation) -> InProcess:
+    """The on-board system that a presentation needs, in this process."""
+    shows = presenter_of(shown)
+    return InProcess(day.service, coach=shows.needs_coach, guide=shows.needs_guide)
 
 
 def record_day(

@@ -14,6 +14,7 @@ from das.advice.coach.keeping import Kept
 from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.display import Display, Scene
 from das.advice.goal import Goal, PassingTarget, TrainState, is_too_fast
+from das.advice.guide.guide import Guide
 from das.advice.planner import PlanBasis, Planner
 from das.advice.reason import Reason, ReasonCode
 from das.advice.settings import DEFAULT, AdviceSettings
@@ -64,7 +65,8 @@ class Leg:
     ) -> None:
         self.start, self.end = start, end
         self.planner, self.display = Planner(PlanBasis(section=section), settings), Display(settings)
-        self.coach = Coach(section, None, settings.coach, coach_worker, drift) if settings.coach.enabled else None
+        coach, showing = settings.coach, Guide() if settings.coach.guided else None
+        self.coach = Coach(section, None, coach, coach_worker, drift, showing) if coach.enabled else None
         self.arrival_ns: int | None = None
         """The arrival that traffic management wants (ns since 1970); None: by the timetable."""
         self.points: list[PassingTarget] = []

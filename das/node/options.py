@@ -85,6 +85,10 @@ class CoachGiven:
             "possible.",
         ),
     ] = True
+    guide: Annotated[
+        bool,
+        typer.Option("--guide", help="Let the guide make the instructions of the coach's reference plan."),
+    ] = False
     planning_brake: Annotated[
         float | None,
         typer.Option(

@@ -119,7 +119,7 @@ def _settings(advice: AdviceGiven) -> CabSettings:
         no_restrictions=advice.no_restrictions,
         calibrate=advice.calibrate,
         background=by_wall,
-        advice=AdviceSettings(coach=CoachSettings(enabled=advice.led.coach)),
+        advice=AdviceSettings(coach=CoachSettings(enabled=advice.led.coach, guided=advice.led.guide)),
         stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
     )
 

@@ -256,6 +256,8 @@ class InstructionWatch:
         self._at_s = -math.inf
         self._announced: deque[tuple[float, _Task, float]] = deque(maxlen=2 * REMEMBERED)
         self._coasted_s = 0
+        self._led_mps = math.nan
+        """The speed shown last: to coast is one instruction though its speed changes."""
         self._reliance = _RelianceWatch()
 
     @property
@@ -277,6 +279,7 @@ class InstructionWatch:
             return
         if before is None or told.seen != before.seen:
             self._changed(before, told, advice)
+        self._led_mps = told.to_mps
         self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
         for one in advice.coach.following:
             kind = KIND_OF.get(int(one.mode))
@@ -297,7 +300,7 @@ class InstructionWatch:
             counts["efforts_in_brakes"] += told.kind is InstructionKind.BRAKE and told.effort != before.effort
             return
         counts["changes"] += 1
-        counts["announced"] += _is_own_end(before, told) or self._was_announced(told)
+        counts["announced"] += _is_own_end(before._replace(to_mps=self._led_mps), told) or self._was_announced(told)
         counts["brakes"] += told.kind is InstructionKind.BRAKE
         counts["led"] += told.kind is InstructionKind.BRAKE and told.due_s - told.time_s >= LEAD_S
         counts["missed_coasts"] += coasted_s >= LEAST_COAST_S and _misses(before, told, coasted_s)

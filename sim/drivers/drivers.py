@@ -154,7 +154,7 @@ class LiteralDriver:
 
     def command(self, cab: CabView) -> Command:
         view = cab.shown
-        if view is None or view.presentation is not Presentation.COACH:
+        if view is None or not presenter_of(view.presentation).needs_coach:
             self._due = None
             return self._alone.command(cab)
         if cab.shall_stand:

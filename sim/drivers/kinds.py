@@ -77,6 +77,8 @@ class Presentation(StrEnum):
     """Speed and effort now, and for the next seconds."""
     COACH = "coach"
     """What to do now, up to which speed and with what effort, and the next two changes."""
+    GUIDE = "guide"
+    """As the coach, by the guide, which is to take its place."""
     SHEET = "sheet"
     """On paper: what to do from which kilometre on; it never changes."""
 

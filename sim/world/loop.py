@@ -280,8 +280,8 @@ TRAIN = "train"
 class InProcess:
     """The link to an on-board system in this process, which receives what the bus would carry; nothing is recorded."""
 
-    def __init__(self, service: Service, *, coach: bool = False) -> None:
-        self._service, self._coach = service, coach
+    def __init__(self, service: Service, *, coach: bool = False, guide: bool = False) -> None:
+        self._service, self._coach, self._guide = service, coach, guide
         self._kept: dict[Kind, Heard] = {}
         self._judged_ns = 0
         self.said: list[Output] = []
@@ -301,7 +301,7 @@ class InProcess:
         )
         trains = Trains(service.vehicle, service.vehicle)
         post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
-        advice = AdviceSettings(coach=CoachSettings(enabled=self._coach))
+        advice = AdviceSettings(coach=CoachSettings(enabled=self._coach, guided=self._guide))
         calibrate = service.scenario.sensors.force_noise_ratio is not None
         self.cab = Cab(post, situation, service.onboard, CabSettings(calibrate=calibrate, advice=advice))
         """The on-board system."""

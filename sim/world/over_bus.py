@@ -118,7 +118,8 @@ def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Pr
     Raises DasError if a process fails or the train does not arrive.
     """
     if out is None:
-        link = InProcess(day.service, coach=presenter_of(how.advice).needs_coach)
+        shows = presenter_of(how.advice)
+        link = InProcess(day.service, coach=shows.needs_coach, guide=shows.needs_guide)
         return DayRun(World(day, driver, how.advice, link, how.screen).run(progress), None)
     processes = make_processes(day, how, out)
     with Lockstep(processes) as lockstep:
@@ -161,9 +162,11 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
         **{f"{name}_sha256": sha256(path) for name, path in files.items()},
         **how.metadata,
     }
+    shows = presenter_of(how.advice)
+    leads = ("--coach" if shows.needs_coach else "--no-coach", *(("--guide",) if shows.needs_guide else ()))
     return Processes(
         train=how.train,
-        node_arguments=(*_node_arguments(service), "--coach" if presenter_of(how.advice).needs_coach else "--no-coach"),
+        node_arguments=(*_node_arguments(service), *leads),
         out=out,
         metadata=metadata,
         start_ns=service.moment_ns(-BEFORE_S),

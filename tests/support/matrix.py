@@ -181,7 +181,9 @@ def judged(cell: Cell, folder: Path) -> Judged:
     }
     driver = driver_of(day, cell, witness)
     try:
-        run = World(day, driver, ADVISED, InProcess(service, coach=presenter_of(ADVISED).needs_coach)).run()
+        shows = presenter_of(ADVISED)
+        link = InProcess(service, coach=shows.needs_coach, guide=shows.needs_guide)
+        run = World(day, driver, ADVISED, link).run()
     except DasError as error:
         return Judged(**found, **_witnessed(driver), stops_missed=1, said=str(error))
     found |= _witnessed(driver) | _of_run(run) | _shown(run)

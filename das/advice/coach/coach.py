@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import takewhile
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from das.advice.advice import Coaching, Instruction, Replan, ReplanCause
 from das.advice.braking import BrakingAhead
 from das.advice.coach.drift import Drift
-from das.advice.coach.keeping import Keeper, Kept
+from das.advice.coach.keeping import Changes, Keeper, Kept
 from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
@@ -53,10 +54,42 @@ SLOWING = (PhaseKind.COAST, PhaseKind.BRAKE)
 NOT_FASTER = (*SLOWING, PhaseKind.HOLD)
 
 
+class Shows(Protocol):
+    """What chooses the instruction to show, and remembers it."""
+
+    changes: Changes
+    """When the instruction shown last changed, and when its next change is due."""
+
+    @property
+    def shown_effort(self) -> float:
+        """The braking effort shown (> 0); 0 if no brake is shown."""
+
+    def forget(self) -> None:
+        """Forget what was shown: from now on nothing is shown."""
+
+    def has_shown(self, now: Instruction, now_ns: int) -> None:
+        """Take note of a brake that was shown at a moment (ns) though none was chosen; other acts do not last."""
+
+    def stands_at_mark(self, state: TrainState) -> bool:
+        """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
+
+    def braking(self, effort: float) -> Instruction:
+        """The instruction to brake to a standstill with an effort (> 0), whatever the reference is."""
+
+    def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
+        """What to show of the reference to a driver whose train is in this state."""
+
+    def creeping(
+        self, section: Section, state: TrainState, place: SpeedsAllowed
+    ) -> tuple[Instruction, tuple[Instruction, ...], float]:
+        """The instruction to creep to the stop, or to brake if that is due; the brake after it; and the force (N)."""
+
+
 class Coach:
     """Leads a driver along one section, by instructions that follow a reference (a standing plan).
 
-    The same inputs give the same advice, bit for bit, unless the `worker` makes references in the background.
+    `showing` chooses the instructions, if it is not the coach's own display. The same inputs give the same advice, bit
+    for bit, unless the `worker` makes references in the background.
     """
 
     def __init__(
@@ -66,12 +99,14 @@ class Coach:
         settings: CoachSettings = DEFAULT,
         worker: Worker = AT_ONCE,
         drift: Drift | None = None,
+        showing: Shows | None = None,
     ) -> None:
         self._section, self._settings, self._worker = section, settings, worker
         self._ahead_of_train = BrakingAhead(section)
         self.drift = drift or Drift(settings.margin, settings.loss)
         """What is known of the driver."""
-        self._keeper, self._showing = Keeper(section, front, settings, worker, self.drift), Showing(settings.showing)
+        self._keeper = Keeper(section, front, settings, worker, self.drift)
+        self._showing = showing or Showing(settings.showing)
         self._news: tuple[Restriction, ...] = ()
         self._lost = False
         self._said_late_s = 0.0
@@ -79,9 +114,9 @@ class Coach:
 
     def successor(self, section: Section, front: GuideFront | None) -> Coach:
         """The coach that takes over from this one, with another front or under other limits."""
-        found = Coach(section, front, self._settings, self._worker, self.drift)
+        found = Coach(section, front, self._settings, self._worker, self.drift, self._showing)
         found._keeper.take_over(self._keeper)
-        found._showing, found._said_late_s, found._reasoned = self._showing, self._said_late_s, self._reasoned
+        found._said_late_s, found._reasoned = self._said_late_s, self._reasoned
         known = self._section.route.restrictions
         found._news = tuple(one for one in section.route.restrictions if one not in known) or self._news
         return found

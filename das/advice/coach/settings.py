@@ -220,6 +220,8 @@ class CoachSettings:
 
     enabled: bool = False
     """Whether there is a coach; if not, nothing is computed for it."""
+    guided: bool = False
+    """Whether the guide (`das.advice.guide`) makes the instructions of the coach's reference."""
     guide: GuideSettings = field(default_factory=GuideSettings)
     keeping: KeepingSettings = field(default_factory=KeepingSettings)
     showing: ShowingSettings = field(default_factory=ShowingSettings)

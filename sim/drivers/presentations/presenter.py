@@ -105,6 +105,8 @@ class Presenter(ABC):
     """What the display shows, for readers of a study."""
     needs_coach: ClassVar[bool] = False
     """Whether the on-board system must have its coach enabled."""
+    needs_guide: ClassVar[bool] = False
+    """Whether the guide must make the coach's instructions."""
     says_mode: ClassVar[bool] = True
     """Whether the display says how to drive; a display that does not say this shows at most a top speed."""
     says_effort: ClassVar[bool] = True

@@ -111,6 +111,14 @@ def test_the_speed_that_an_instruction_leads_to_needs_no_announcement() -> None:
     assert (other.changes, other.announced) == (1, 0)
 
 
+def test_coasting_ends_at_the_speed_that_it_named_last() -> None:
+    """Coasting to 90 km/h, and from some second on to 95, is one instruction; 95 is then held."""
+    for held_kmh, announced in ((95, 1), (90, 0)):
+        spells = (told(C, 90), 20, 100.0), (told(C, 95), 20, 96.0), (told(H, held_kmh), 20, 95.0)
+        figures = found(*spells, announce=False)
+        assert (figures.instructions, figures.changes, figures.announced) == (2, 1, announced)
+
+
 def test_a_brake_is_led_if_it_is_shown_2_s_before_it_is_due() -> None:
     led = found((told(H, 100), 20, 100.0), (told(B, 60, in_s=2.5), 20, 90.0))
     late = found((told(H, 100), 20, 100.0), (told(B, 60, in_s=1.0), 20, 90.0))

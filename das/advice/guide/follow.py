@@ -1,0 +1,287 @@
+"""What is wanted of this train: the present step, or the way back to it for a driver who has strayed from it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice.advice import Instruction
+from das.advice.braking import LEAST_MPS2, NeededBrake
+from das.advice.goal import OVERSPEED_MPS
+from das.advice.guide.effort import rate_mps2, stepped
+from das.advice.guide.guard import LEAST_LEAD_S, SHORT_M, Proposal, begins_s, braked
+from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
+from das.advice.guide.scene import Sight
+from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, told_mps
+from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
+from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
+from das.domain.units import KMH
+
+WORTH_S = 40.0
+"""A driver is not told to accelerate back to a speed if the next step begins within this time: it would be wasted."""
+ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
+"""A driver above the speed to hold coasts back to it if that takes no longer than the first; else he brakes with the
+motors, so that he has it after the second."""
+COAST_MISSES_MPS = 4.0 * KMH
+"""Coasting that ends further than this from the speed shown leads to another one, and says that."""
+ROLLS_SOON_S = 10.0
+"""A train that would roll up to its speed within this time is told to hold it: coasting would be over at once."""
+BRIEF_S, GAINS_S = 30.0, 2.5
+"""An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast."""
+EARLY_RATIO = 0.5
+"""A driver for whom this share of the planned braking is enough is told to coast, or to creep to his stop."""
+CREEP_MPS = 10.0 * KMH
+"""The lowest speed to creep with."""
+
+Floats = NDArray[np.float64]
+
+
+def advanced(scene: Sight, memory: Memory) -> Memory:
+    """The memory at the step in force here; it never goes back."""
+    state, number = scene.state, memory.step
+    while number + 1 < len(scene.steps):
+        following = scene.steps[number + 1]
+        if following.from_m > (state.braked_m if following.kind is InstructionKind.BRAKE else state.s_m):
+            break
+        number += 1
+    return memory if number == memory.step else at_step(memory, number)
+
+
+def at_step(memory: Memory, number: int) -> Memory:
+    """The memory at the begin of a step."""
+    return replace(memory, step=number, mode=Lead.FOLLOW, back=None, reached=False)
+
+
+def wanted(scene: Sight, memory: Memory) -> tuple[Proposal, Memory]:
+    """What the train is to do now by its step, due when that begins, and the memory after it."""
+    step = scene.steps[memory.step]
+    if memory.back is not None and _is_back(scene, memory, step):
+        memory = replace(memory, mode=Lead.FOLLOW, back=None, reached=memory.mode is not Lead.CREEP)
+    if memory.back is None:
+        found, memory = _of_step(scene, memory, step)
+    else:
+        found = Proposal(memory.back, mode=memory.mode)
+    in_s = scene.due_s(memory.step)
+    return found._replace(in_s=in_s) if memory.back is None and not found.brakes else found, memory
+
+
+def _of_step(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
+    if step.kind is InstructionKind.BRAKE and not memory.reached:
+        return _braking(scene, memory, step)
+    if step.kind is InstructionKind.COAST and scene.state.s_m < step.by_m:
+        return coasting(scene, memory.shown, memory.step), memory
+    if step.kind is InstructionKind.TRACTION and not memory.reached:
+        to_mps = reachable_mps(scene, memory.step)
+        if scene.state.v_mps < to_mps - REACHED_MPS:
+            return Proposal(_accelerating(scene, memory, step, to_mps)), memory
+        memory = replace(memory, reached=True)
+    return _holding(scene, memory, step)
+
+
+def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
+    """Whether a deviation from the step is over."""
+    assert memory.back is not None
+    v_mps, to_mps = scene.state.v_mps, memory.back.speed_mps
+    if memory.mode is Lead.CREEP:
+        return _need(scene, step) > _planned(scene, step)
+    if memory.mode is Lead.BACK_UP:
+        return v_mps >= to_mps - REACHED_MPS
+    return v_mps <= to_mps + SAME_MPS
+
+
+def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
+    """The speed of a step is held; a train too far from it returns to it."""
+    to_mps, away_mps = step.speed_mps, scene.state.v_mps - step.speed_mps
+    if away_mps < -OFF_MPS and scene.due_s(memory.step + 1) > WORTH_S:
+        back = traction(step.effort if step.kind is InstructionKind.TRACTION else scene.schedule.back_share, to_mps)
+        return Proposal(back, mode=Lead.BACK_UP), replace(memory, mode=Lead.BACK_UP, back=back)
+    if away_mps > OFF_MPS:
+        back = coast(to_mps)
+        if -scene.rolls_mps2 * ROLLS_BACK_S < away_mps or scene.ahead.is_due(
+            scene.state.braked_m, scene.state.v_mps, BRAKES_BACK_S
+        ):
+            effort = scene.ahead.effort_of(away_mps / BRAKES_BACK_S, scene.state.s_m, scene.state.v_mps)
+            back = brake(min(stepped(effort), 1.0), to_mps)
+        return Proposal(back, mode=Lead.BACK_DOWN), replace(memory, mode=Lead.BACK_DOWN, back=back)
+    return Proposal(hold(to_mps)), memory
+
+
+# --- accelerating ----------------------------------------------------------------------------------------------------
+
+
+def reachable_mps(scene: Sight, number: int) -> float:
+    """The speed to accelerate to: no higher than the next step needs of a train that is slower than the reference."""
+    to_mps = scene.steps[number].speed_mps
+    if number + 1 < len(scene.steps):
+        after = scene.steps[number + 1]
+        if after.kind in (InstructionKind.BRAKE, InstructionKind.HOLD) and after.speed_mps < to_mps:
+            reached_mps = scene.foreseen.speed_mps(after.from_m)
+            to_mps = after.speed_mps if reached_mps < after.speed_mps + SAME_MPS else to_mps
+    return to_mps
+
+
+def _accelerating(scene: Sight, memory: Memory, step: GuideStep, to_mps: float) -> Instruction:
+    """The acceleration of a step; a hold where it would gain too little before a brake that follows soon."""
+    state, shown = scene.state, memory.shown
+    if shown.mode in TRACTION or not is_vain(scene, memory.step):
+        return traction(step.effort, to_mps)
+    if shown.mode is Regime.CRUISE and shown.speed_mps <= to_mps:
+        return shown
+    after = scene.steps[memory.step + 1].speed_mps if memory.step + 1 < len(scene.steps) else 0.0
+    return hold(min(max(target_below(state.v_mps), after), to_mps))
+
+
+def is_vain(scene: Sight, number: int) -> bool:
+    """Whether the acceleration of a step gains this train too little time before a brake that follows soon."""
+    begin_m = max(scene.steps[number].from_m, scene.state.s_m)
+    end_m, v_mps = _brakes_m(scene, number), max(scene.foreseen.speed_mps(begin_m), 1.0)
+    left_s = scene.foreseen.time_s(end_m) - scene.foreseen.time_s(begin_m)
+    return left_s < BRIEF_S and (end_m - begin_m) / v_mps - left_s < GAINS_S
+
+
+def _brakes_m(scene: Sight, number: int) -> float:
+    """Where a train that accelerates as forecast must brake (m): for the step after it, or for a limit before that."""
+    after = scene.steps[number + 1] if number + 1 < len(scene.steps) else None
+    next_m = after.from_m if after is not None else math.inf
+    speeds_mps, at_m = scene.foreseen.speeds_mps[1:-1], scene.foreseen.at_m[1:-1]
+    curve_mps = scene.schedule.section.envelope_mps[-len(at_m) - 1 :]
+    slowed = (curve_mps[:-1] < speeds_mps + SAME_MPS) & (np.diff(curve_mps) < 0.0) & (at_m < next_m)
+    slowed &= at_m > scene.steps[number].from_m
+    if slowed.any():
+        return float(at_m[np.argmax(slowed)])
+    return next_m if after is not None and after.kind is InstructionKind.BRAKE else math.inf
+
+
+# --- coasting --------------------------------------------------------------------------------------------------------
+
+
+class _Leads(NamedTuple):
+    """Where coasting leads: the speeds on the way, and the highest speed that may be named for its end."""
+
+    end_m: float
+    speeds_mps: Floats
+    highest_mps: float
+
+    @property
+    def only_slows(self) -> bool:
+        """Whether the train ends no faster than it begins, and is hardly faster or slower on the way."""
+        first, last = self.speeds_mps[0], self.speeds_mps[-1]
+        strays_mps = max(last - self.speeds_mps.min(), self.speeds_mps.max() - first)
+        return bool(last <= first + SAME_MPS and strays_mps <= COAST_MISSES_MPS)
+
+
+def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
+    """To coast to where that leads; a hold where it does as well, or where the train would be there in a moment."""
+    step, after = scene.steps[number], scene.steps[number + 1] if number + 1 < len(scene.steps) else None
+    from_m = max(scene.state.s_m, step.from_m)
+    v_mps = scene.foreseen.speed_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
+    leads, to_mps = _leads(scene, step, from_m, v_mps), step.speed_mps
+    goes_on = after is not None and after.kind in (InstructionKind.HOLD, InstructionKind.TRACTION)
+    is_next = step.to_m > step.by_m or (after is not None and goes_on and after.speed_mps > to_mps - SAME_MPS)
+    least_mps = REACHED_MPS if shown.mode is Regime.COAST else -SAME_MPS
+    if is_next and to_mps - v_mps > least_mps and leads.only_slows:
+        return Proposal(hold(to_mps))
+    told = _told_mps(scene, shown, step, leads)
+    if shown.mode is Regime.CRUISE or shown.mode in BRAKES:
+        rolled_mps, section = scene.ahead.rolling_mps(from_m, v_mps), scene.schedule.section
+        soon = section.node_m[-len(rolled_mps) :] < from_m + ROLLS_SOON_S * v_mps
+        tops_mps = section.limit_mps[-len(rolled_mps) :]
+        tops_mps = np.minimum(tops_mps, told) if v_mps <= told + SAME_MPS else tops_mps
+        reached = tops_mps[soon & (rolled_mps > np.maximum(tops_mps - SAME_READING_MPS, v_mps))]
+        if reached.size:
+            return Proposal(hold(float(reached[0])))
+    return Proposal(coast(told), at_m=leads.end_m)
+
+
+def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads:
+    """Where the coasting of a step leads from a place and a speed.
+
+    It ends with the step, or where the train must brake before: by more than a driver would hold a limit with.
+    """
+    ahead, state, section, end_m = scene.ahead, scene.state, scene.schedule.section, step.by_m
+    rolled_mps = ahead.rolling_mps(from_m, v_mps)
+    rolled_mps = np.minimum(rolled_mps, section.limit_mps[-len(rolled_mps) :])
+    at_m = np.append(from_m, section.node_m[-len(rolled_mps) :])
+    passes_mps = np.append(v_mps, rolled_mps)
+    brakes_m = max(ahead.curve_begins_m(from_m, rolled_mps) - state.ahead_m, state.s_m)
+    if brakes_m < end_m:
+        at_mps = float(np.interp(brakes_m, at_m, passes_mps))
+        needed = ahead.needed(brakes_m, at_mps)
+        if needed.effort > 0.0 and needed.target_mps < at_mps - OVERSPEED_MPS:
+            end_m = brakes_m
+    ends_mps = float(np.interp(end_m, at_m, passes_mps))
+    on_way = (section.node_m[:-1] >= from_m) & (section.node_m[:-1] < end_m)
+    highest_mps = float(section.limit_mps[on_way].min(initial=scene.place.limit_mps))
+    return _Leads(end_m, np.append(passes_mps[at_m < end_m], ends_mps), highest_mps)
+
+
+def _told_mps(scene: Sight, shown: Instruction, step: GuideStep, leads: _Leads) -> float:
+    """The speed to name to a driver who coasts: the one shown or planned if the train ends near it, else its own."""
+    ends_mps = float(leads.speeds_mps[-1])
+    goes_on = shown.mode is Regime.COAST and shown.speed_mps <= leads.highest_mps + SAME_READING_MPS
+    for told in (shown.speed_mps if goes_on else math.nan, step.speed_mps):
+        if abs(ends_mps - told) <= COAST_MISSES_MPS:
+            return told
+    return told_mps(min(max(ends_mps, CREEP_MPS), leads.highest_mps), scene.schedule.section, leads.highest_mps)
+
+
+# --- braking ---------------------------------------------------------------------------------------------------------
+
+
+def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
+    """The brake of a step with one effort; one who has braked too much coasts to a lower speed, or creeps to a stop."""
+    state, to_mps, slows = scene.state, step.speed_mps, step.speed_mps > SAME_MPS
+    if slows and state.v_mps <= to_mps + SAME_MPS:
+        return _holding(scene, replace(memory, reached=True), step)
+    need, in_s = _need(scene, step), scene.due_s(memory.step)
+    if in_s > 0.0 and step.effort == 0.0:
+        in_s = min(in_s, max(begins_s(scene, state.v_mps), LEAST_LEAD_S))
+    if in_s <= 0.0 and need < EARLY_RATIO * _planned(scene, step):
+        back = _eased(scene, memory, step)
+        if back is not None:
+            mode = Lead.BACK_DOWN if slows else Lead.CREEP
+            return Proposal(back, mode=mode), replace(memory, mode=mode, back=back)
+    if step.effort > 0.0:  # No limit asks for this brake: the motors' is enough.
+        need = min(max(need, step.effort), 1.0)
+    found = braked(scene, memory, NeededBrake(need, to_mps, _by_m(scene, step)), in_s)
+    return found._replace(waits=step.effort > 0.0), memory
+
+
+def _eased(scene: Sight, memory: Memory, step: GuideStep) -> Instruction | None:
+    """What a driver does who has braked early or hard; None if he is too near to do anything else."""
+    state, v_mps, to_mps = scene.state, scene.state.v_mps, step.speed_mps
+    left_m = _by_m(scene, step) - state.s_m
+    if to_mps > SAME_MPS:
+        rolled_w = v_mps**2 + 2.0 * scene.rolls_mps2 * left_m
+        return coast(to_mps) if v_mps > to_mps + OFF_MPS and rolled_w <= to_mps**2 else None
+    shown = memory.shown if memory.shown.mode in BRAKES else brake(_planned(scene, step), 0.0)
+    soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
+    low_mps = max(target_below(soon_mps), CREEP_MPS)
+    if scene.ahead.is_due(state.braked_m, low_mps, BRAKES_BACK_S):
+        return None
+    rolls_m = v_mps**2 / (2.0 * max(-scene.rolls_mps2, LEAST_MPS2))
+    by_eye = left_m - STANDS_S * v_mps < STOP_BY_EYE_M
+    return None if by_eye and rolls_m > left_m - SHORT_M else hold(low_mps)
+
+
+def _by_m(scene: Sight, step: GuideStep) -> float:
+    """Where a brake has its speed (m); for a train beyond that, where the step ends."""
+    return step.by_m if scene.state.s_m < step.by_m else step.to_m
+
+
+def _need(scene: Sight, step: GuideStep) -> float:
+    """The effort that the brake of a step needs from here, or from its begin."""
+    from_m = max(scene.state.braked_m, step.from_m)
+    return scene.ahead.effort_to(from_m, scene.state.v_mps, _by_m(scene, step), step.speed_mps)
+
+
+def _planned(scene: Sight, step: GuideStep) -> float:
+    """The effort that the reference needs for the brake of a step."""
+    if step.effort > 0.0:
+        return step.effort
+    v_mps = max(scene.schedule.speed_at(step.from_m), 1.0)
+    return scene.ahead.effort_to(step.from_m, v_mps, step.by_m, step.speed_mps)

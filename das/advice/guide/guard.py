@@ -1,0 +1,252 @@
+"""The guard: the only rule for safety. What limits, the curve and the stop ahead ask for, whatever is wanted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice.advice import Instruction
+from das.advice.braking import AT_MARK_M, BRAKED_MORE, BrakingAhead, NeededBrake
+from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
+from das.advice.guide.effort import STEP_RATIO, shown_effort, way_m
+from das.advice.guide.memory import Lead, Memory, brake, coast, hold
+from das.advice.guide.scene import Sight
+from das.advice.guide.timeline import OFF_MPS, SAME_MPS
+from das.advice.regimes import BRAKES, TRACTION, Regime
+from das.advice.shown import SAME_READING_MPS, target_below
+
+BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0
+"""A brake is shown the first before it is due: with one advice a second at least the last. A driver who sees it earlier
+brakes early. One who accelerates, or is faster than the reference, is shown it earlier: he ends his traction late."""
+SOONER_S = 0.7
+"""A brake begins this long before the train is on the curve: brakes build up, and the position is uncertain."""
+SHORT_M = 8.0
+"""A train this far from its mark stands clearly short of it, and a creeping one is shown the brake for it."""
+BRAKED_MPS = 0.9
+"""A driver above the limit by more than this is told to brake; by less, to coast, or to hold the limit."""
+HELD_MPS2 = 0.5
+"""A driver below the speed to hold is assumed to accelerate to it at no more than this."""
+STEEP_MPS2 = 0.15
+"""A hill that slows a coasting train by more than this brakes for a lower limit as well as brakes do."""
+NEAR_MARK_M = 3.0
+"""Near its mark the brake stands as it is while the train stands with it within this of the mark: it is seen there."""
+
+Floats = NDArray[np.float64]
+
+
+class Proposal(NamedTuple):
+    """An instruction that could be shown: in what time it is due, and why it is said.
+
+    `guarded`: limits or the stop ask for it, whatever is wanted. `waits`: it can wait until it has been announced. A
+    brake is for the place `at_m`, and `exact` is the effort needed for it, before it is rounded up.
+    """
+
+    one: Instruction
+    in_s: float = 0.0
+    mode: Lead = Lead.FOLLOW
+    guarded: bool = False
+    at_m: float = math.nan
+    exact: float = 0.0
+    waits: bool = True
+
+    @property
+    def brakes(self) -> bool:
+        """Whether it is a brake."""
+        return self.one.mode in BRAKES
+
+
+def guarded(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
+    """What is wanted if limits and the stop allow it, else what they ask for."""
+    return _curve(scene, memory, _limit(scene, memory, wanted))
+
+
+def braked(
+    scene: Sight, memory: Memory, needed: NeededBrake, in_s: float = 0.0, *, mode: Lead = Lead.FOLLOW
+) -> Proposal:
+    """The brake that is needed, with the effort that is shown for it; to coast where the train has no brake."""
+    ahead, state = scene.ahead, scene.state
+    begin_m = state.braked_m + in_s * state.v_mps
+    largest = ahead.largest(begin_m, state.v_mps)
+    if largest == 0.0:
+        rolls_mps = ahead.rolls_to_brakes_mps(begin_m, state.v_mps)
+        return Proposal(coast(max(needed.target_mps, target_below(rolls_mps))), in_s, mode, guarded=mode is Lead.GUARD)
+    effort = min(shown_effort(ahead, needed, memory, state, begin_m if in_s > 0.0 else -math.inf), largest)
+    one, exact = brake(effort, needed.target_mps), min(needed.effort, largest)
+    return Proposal(one, in_s, mode, mode is Lead.GUARD, needed.at_m, exact)
+
+
+def begins_s(scene: Sight, keeps_mps: float) -> float:
+    """In what time (s) a train that keeps a speed must begin to brake."""
+    nodes_m, from_m = scene.ahead.section.node_m, scene.state.braked_m
+    v_mps, count = max(keeps_mps, 1.0), len(nodes_m) - int(np.searchsorted(nodes_m, from_m, side="right"))
+    begins_m = scene.ahead.curve_begins_m(from_m, np.full(count, v_mps)) if count else from_m
+    return max((begins_m - from_m) / v_mps - SOONER_S, 0.0)
+
+
+def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
+    """What brings a train back under the limit here, or keeps it from rolling above it."""
+    state, place, ahead, one = scene.state, scene.place, scene.ahead, wanted.one
+    top_mps = _top_mps(scene, one) if wanted.in_s <= 0.0 else math.inf
+    if one.mode not in BRAKES and one.speed_mps > top_mps:
+        one = replace(one, speed_mps=top_mps)
+        wanted = wanted._replace(one=one)
+    limit_mps, rolls_mps2 = min(place.limit_mps, place.allowed_mps), scene.rolls_mps2
+    excess = state.v_mps - limit_mps
+    rises_mps = max(rolls_mps2, 0.0) * BRAKE_LEAD_S
+    waits = one.mode is Regime.COAST and wanted.in_s > 0.0 and excess <= OVERSPEED_MPS
+    if excess + rises_mps <= 0.0 or waits:
+        return wanted
+    if one.mode in TRACTION and excess + rises_mps > SAME_MPS:
+        return Proposal(hold(min(one.speed_mps, limit_mps)), mode=Lead.GUARD, guarded=True)  # The hill takes it there.
+    falls = place.allowed_mps < place.limit_mps
+    if excess > (SAME_MPS if falls or wanted.brakes else BRAKED_MPS):
+        needed = ahead.back_under(state.s_m, state.v_mps, limit_mps)
+        # A train above the curve of full braking must not wait while the effort shown grows step by step.
+        effort = max(needed.effort, ahead.full(state.s_m, state.v_mps)) if falls else needed.effort
+        if not wanted.brakes or effort > -one.effort_ratio:
+            target_mps = min(one.speed_mps, limit_mps)
+            return braked(scene, memory, needed._replace(effort=effort, target_mps=target_mps), mode=Lead.GUARD)
+    if wanted.brakes or (one.mode is not Regime.COAST and excess <= OVERSPEED_MPS):
+        return wanted
+    if one.speed_mps <= limit_mps and excess + rises_mps <= SAME_READING_MPS:
+        return wanted  # Nobody can read how little the coasting train is above the limit.
+    if -rolls_mps2 * COASTS_IN_S < excess:
+        return Proposal(hold(limit_mps), mode=Lead.GUARD, guarded=True)
+    if one.mode is Regime.COAST and one.speed_mps <= limit_mps:
+        return wanted
+    return Proposal(coast(min(one.speed_mps, limit_mps)), mode=Lead.GUARD, guarded=True)
+
+
+def _top_mps(scene: Sight, one: Instruction) -> float:
+    """The highest speed to name here: the limit, or less where a nearer one would have to be braked for at once."""
+    state, ahead, section = scene.state, scene.ahead, scene.ahead.section
+    reachable_mps = float(section.envelope_mps[-len(section.node_m[section.node_m > state.s_m]) - 1 :].max())
+    top_mps = min(scene.place.limit_mps, max(reachable_mps, state.v_mps)) + (one.mode is Regime.COAST) * SAME_MPS
+    if one.mode in TRACTION and ahead.is_due(state.braked_m, one.speed_mps):
+        nearer_mps = ahead.needed(state.braked_m, one.speed_mps).target_mps
+        top_mps = min(top_mps, nearer_mps) if state.v_mps < nearer_mps + SAME_MPS else top_mps
+    return top_mps
+
+
+def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
+    """The brake that limits and the stop ahead ask for, if it is due within its lead and more than what is wanted."""
+    ahead, state, one, v_mps = scene.ahead, scene.state, wanted.one, scene.state.v_mps
+    lead_s = brake_lead_s(scene, one)
+    soon_mps = _soon_mps(scene, one, lead_s)
+    lead_s = max(lead_s + SOONER_S, SHORT_M / max(soon_mps, 1.0)) + (wanted.in_s if wanted.brakes else 0.0)
+    if not ahead.is_due(state.braked_m, soon_mps, lead_s):
+        return wanted
+    if one.mode is Regime.COAST and scene.rolls_mps2 < -STEEP_MPS2:
+        rolls = foreseen_brake(scene, one, wanted.in_s)
+        if rolls is None or rolls.in_s > lead_s:
+            return wanted  # The hill brakes enough.
+    begun = memory.shown.mode in BRAKES and memory.due_ns <= state.now_ns
+    waits_s = 0.0 if begun else begins_s(scene, _keeps_mps(one, v_mps))
+    waits_s = min(waits_s, wanted.in_s) if wanted.brakes else waits_s
+    lowest_mps = ahead.lowest_mps(state.braked_m, soon_mps * lead_s)
+    if waits_s > lead_s and lowest_mps > v_mps:  # Only a faster train would have to brake so soon.
+        return _no_faster(wanted, target_below(lowest_mps), v_mps)
+    needed = ahead.needed(state.braked_m + v_mps * waits_s, soon_mps if one.mode is Regime.COAST else v_mps)
+    above_mps = v_mps - ahead.allowed_mps(state.braked_m)
+    if needed.effort > 0.0 and above_mps > SAME_MPS and v_mps > needed.target_mps + OVERSPEED_MPS:
+        # If the effort only grew with the need, it would always be too little.
+        needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
+    if wanted.brakes and -one.effort_ratio >= needed.effort:
+        return wanted._replace(exact=max(wanted.exact, needed.effort))
+    # A train that goes on accelerating must brake to this speed; if it is above the present one, coasting will do.
+    passes_mps = ahead.needed(state.braked_m, soon_mps).target_mps if one.mode in TRACTION else -math.inf
+    coasts = needed.effort < STEP_RATIO and passes_mps > v_mps
+    if needed.effort > 0.0 and not coasts:
+        found = braked(scene, memory, needed, waits_s, mode=Lead.GUARD)
+        if wanted.brakes and found.brakes and one.speed_mps < needed.target_mps:  # One brake, strong enough for both.
+            return found._replace(one=replace(found.one, speed_mps=one.speed_mps))
+        return found
+    return _no_faster(wanted, passes_mps if coasts else needed.target_mps, v_mps)
+
+
+def brake_lead_s(scene: Sight, now: Instruction) -> float:
+    """How long before it is due a brake is shown to a driver who is told this."""
+    known_mps = scene.schedule.speed_at(scene.state.s_m)
+    known_mps = min(known_mps, now.speed_mps) if now.mode is Regime.CRUISE else known_mps
+    astray = now.mode in TRACTION or scene.state.v_mps > known_mps + SAME_MPS
+    return ASTRAY_LEAD_S if astray else BRAKE_LEAD_S
+
+
+def _soon_mps(scene: Sight, one: Instruction, lead_s: float) -> float:
+    """The speed of the train after the lead, if its driver does what he is told."""
+    v_mps, pulls = scene.state.v_mps, one.mode in TRACTION
+    if one.mode is Regime.COAST or (pulls and v_mps <= one.speed_mps):
+        gains = scene.ahead.accelerates_mps2(one.effort_ratio, scene.state.s_m, v_mps)
+        soon_mps = v_mps + max(gains, 0.0) * lead_s
+        return min(soon_mps, one.speed_mps) if pulls else soon_mps
+    gains_mps = min(max(one.speed_mps - v_mps, 0.0), HELD_MPS2 * lead_s) if one.mode is Regime.CRUISE else 0.0
+    return _keeps_mps(one, v_mps) + gains_mps
+
+
+def _no_faster(wanted: Proposal, most_mps: float, v_mps: float) -> Proposal:
+    """What is wanted with no higher speed; an acceleration becomes a hold of it, or coasting if it is far from it."""
+    one, to_mps = wanted.one, min(wanted.one.speed_mps, most_mps)
+    if one.mode is Regime.CRUISE and to_mps > v_mps:
+        return wanted._replace(one=replace(one, speed_mps=to_mps))
+    if one.mode not in TRACTION:
+        return wanted
+    slower = hold(to_mps) if v_mps > to_mps - OFF_MPS else coast(to_mps)
+    return Proposal(slower, mode=Lead.GUARD, guarded=True)
+
+
+def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal | None:
+    """The brake that limits and the stop will ask for if the driver goes on as told; due where he meets the curve.
+
+    What he is told he does in `waits_s`, and keeps his speed until then.
+    """
+    ahead, state, v_mps = scene.ahead, scene.state, scene.state.v_mps
+    from_m = min(state.s_m + waits_s * v_mps, ahead.section.end_m - 1.0)
+    speeds_mps = _told_speeds_mps(scene, now, from_m)
+    begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
+    passes_mps = float(np.interp(begins_m, ahead.section.node_m[-len(speeds_mps) :], speeds_mps))
+    needed = ahead.needed(begins_m, passes_mps)
+    # Above a limit that does not fall, a driver who rolls on is told to hold it, not to brake for what is far off.
+    if needed.effort <= 0.0 or not ahead.is_due(begins_m, passes_mps + OVERSPEED_MPS, BRAKE_LEAD_S):
+        return None
+    in_s = waits_s + ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m)
+    one = replace(brake(max(needed.effort, STEP_RATIO), needed.target_mps), way_m=begins_m - state.s_m, in_s=in_s)
+    return Proposal(one, in_s)
+
+
+def _keeps_mps(now: Instruction, v_mps: float) -> float:
+    """The speed that a driver keeps: one who is told to hold a speed, and is hardly faster, holds it from here on."""
+    holds = now.mode is Regime.CRUISE and v_mps <= now.speed_mps + OVERSPEED_MPS
+    return min(v_mps, now.speed_mps) if holds else v_mps
+
+
+def _told_speeds_mps(scene: Sight, now: Instruction, from_m: float) -> Floats:
+    """The speeds (m/s) at the nodes ahead of a driver who goes on as told."""
+    ahead, v_mps = scene.ahead, scene.state.v_mps
+    rolling_mps = ahead.rolling_mps(from_m, v_mps)
+    if now.mode is Regime.COAST:  # A driver who rolls up to a limit is told to hold it.
+        return np.asarray(np.minimum(rolling_mps, ahead.section.limit_mps[-len(rolling_mps) :]))
+    if now.mode in BRAKES:
+        braked_n = -ahead.force_n(-now.effort_ratio, scene.state.s_m, v_mps)
+        return np.asarray(np.maximum(ahead.rolling_mps(from_m, v_mps, braked_n), now.speed_mps))
+    if now.mode is Regime.CRUISE:
+        return np.full(len(rolling_mps), now.speed_mps if v_mps < now.speed_mps - OFF_MPS else _keeps_mps(now, v_mps))
+    return np.minimum(max(now.speed_mps, v_mps), ahead.gaining_mps(from_m, v_mps))
+
+
+def stands_at_mark(ahead: BrakingAhead, now: Instruction, state: TrainState) -> bool:
+    """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
+    left_m = ahead.section.end_m - state.s_m
+    if now.mode not in BRAKES or now.speed_mps > SAME_MPS or left_m > AT_MARK_M:
+        return False
+    return abs(left_m - way_m(ahead, -now.effort_ratio, 0.0, state)) <= NEAR_MARK_M
+
+
+def lasts_s(scene: Sight, now: Instruction) -> float:
+    """The time (s) in which a brake reaches its speed."""
+    v_mps = scene.state.v_mps
+    way = way_m(scene.ahead, -now.effort_ratio, now.speed_mps, scene.state)
+    return 2.0 * way / max(v_mps + now.speed_mps, 0.1)

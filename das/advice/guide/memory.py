@@ -1,0 +1,129 @@
+"""What the guide remembers from one second to the next, and the instructions as it words them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from typing import NamedTuple
+
+from das.advice.advice import Instruction
+from das.advice.braking import braking_mode
+from das.advice.guide.timeline import SAME_MPS, STANDS_S
+from das.advice.regimes import FULL_RATIO, KIND_OF, TRACTION, InstructionKind, Regime
+from das.domain.units import NS
+
+SAME_CHANGE_S = 10.0
+"""An announcement that moves by less than this from one second to the next announces the same change."""
+PASSED_S = 2.0
+"""An announcement that ends this long before it is due, or less, has not been dropped: its change comes now."""
+
+
+NOTHING = Instruction()
+
+
+class Lead(Enum):
+    """What the guide does in a second."""
+
+    FOLLOW = auto()
+    """It says the present step."""
+    BACK_UP = auto()
+    """It leads a train that is too slow back to the speed of the step."""
+    BACK_DOWN = auto()
+    """It leads a train that is too fast back to the speed of the step."""
+    CREEP = auto()
+    """It lets a train that would stop short of its mark hold a low speed."""
+    GUARD = auto()
+    """It says what limits or the stop ask for."""
+    SILENT = auto()
+    """It says nothing."""
+
+
+class Notice(NamedTuple):
+    """An announced change: its kind and speed, since when it is announced, and when it is due (ns)."""
+
+    kind: InstructionKind
+    speed_mps: float
+    since_ns: int
+    due_ns: int
+
+    def is_of(self, one: Instruction, due_ns: int) -> bool:
+        """Whether it announces this instruction for about this time; to coast is one change to whatever speed."""
+        same = KIND_OF.get(one.mode) is self.kind
+        same &= self.kind is InstructionKind.COAST or abs(one.speed_mps - self.speed_mps) < SAME_MPS
+        return same and abs(due_ns - self.due_ns) * NS < SAME_CHANGE_S
+
+
+@dataclass(frozen=True, kw_only=True)
+class Memory:
+    """All that the guide remembers.
+
+    `step` is the number of the step that is said; `reached`: its speed was reached, and is held. `mode` and `back` are
+    what the guide does instead, and the instruction with which it does. `shown` was shown first at `since_ns`, and is
+    due at `due_ns`. `efforts` are the braking efforts shown last, by the place that they are for (m).
+    """
+
+    step: int = 0
+    reached: bool = False
+    mode: Lead = Lead.SILENT
+    back: Instruction | None = None
+    shown: Instruction = NOTHING
+    since_ns: int = 0
+    due_ns: int = 0
+    announced: tuple[Notice, ...] = ()
+    noted_ns: int = 0
+    efforts: Mapping[float, float] = field(default_factory=dict)
+
+    def lacks_s(self, one: Instruction, now_ns: int, in_s: float) -> float:
+        """How much longer (s) an instruction must be announced that could be due in `in_s`; 0: it has been."""
+        due_ns = now_ns + round(in_s / NS)
+        since_ns = next((old.since_ns for old in self.announced if old.is_of(one, due_ns)), now_ns)
+        return max(STANDS_S - in_s - (now_ns - since_ns) * NS, 0.0)
+
+    def noted(self, following: tuple[Instruction, ...], now_ns: int) -> tuple[Notice, ...]:
+        """The announcements once these are made as well; one that was dropped, or moved by much, counts anew."""
+        said: list[Notice] = []
+        for one in following:
+            due_ns, kind = now_ns + round(one.in_s / NS), KIND_OF[one.mode]
+            since_ns = next((old.since_ns for old in self.announced if old.is_of(one, due_ns)), now_ns)
+            said.append(Notice(kind, one.speed_mps, since_ns, due_ns))
+        kinds = {one.kind for one in said}
+        due = (old for old in self.announced if -PASSED_S < (now_ns - old.due_ns) * NS < SAME_CHANGE_S)
+        return (*said, *(old for old in due if old.kind not in kinds))
+
+
+def traction(share: float, to_mps: float) -> Instruction:
+    """The instruction to accelerate to a speed with a share of the largest traction."""
+    mode = Regime.FULL_TRACTION if share >= FULL_RATIO else Regime.REDUCED_TRACTION
+    return Instruction(mode=mode, speed_mps=to_mps, effort_ratio=share)
+
+
+def hold(speed_mps: float) -> Instruction:
+    """The instruction to hold a speed."""
+    return Instruction(mode=Regime.CRUISE, speed_mps=speed_mps)
+
+
+def coast(to_mps: float) -> Instruction:
+    """The instruction to coast to a speed."""
+    return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
+
+
+def brake(effort: float, to_mps: float) -> Instruction:
+    """The instruction to brake to a speed with an effort; the mode follows from the effort."""
+    return Instruction(mode=braking_mode(effort), speed_mps=to_mps, effort_ratio=-effort)
+
+
+def alike(one: Instruction, other: Instruction) -> bool:
+    """Whether two instructions are of one kind and lead to one speed."""
+    same = KIND_OF.get(one.mode) is KIND_OF.get(other.mode) is not None
+    return same and abs(one.speed_mps - other.speed_mps) < SAME_MPS
+
+
+def repeats(one: Instruction, before: Instruction) -> bool:
+    """Whether an instruction tells a driver nothing new; a traction with another effort does."""
+    return alike(one, before) and not (one.mode in TRACTION and one.effort_ratio != before.effort_ratio)
+
+
+def is_own_end(one: Instruction, before: Instruction) -> bool:
+    """Whether an instruction holds the speed to which the one before it leads."""
+    return one.mode is Regime.CRUISE and abs(one.speed_mps - before.speed_mps) < SAME_MPS

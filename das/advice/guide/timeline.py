@@ -1,0 +1,136 @@
+"""The timeline of a reference: the steps that a driver is told, one after another, made once and never changed."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from das.advice.regimes import InstructionKind
+from das.advice.shown import TARGET_STEP_MPS, target_below
+from das.solver.guide.phases import BRAKES, Phase, PhaseKind
+from das.solver.guide.schedule import Schedule
+from das.solver.section import Section
+
+SAME_MPS = 0.3
+"""Speeds that differ by less than this look the same on a display, and count as equal."""
+REACHED_MPS = 0.5
+"""A speed to reach counts as reached when the train is less than this below it: the rest is the driver's."""
+OFF_MPS = TARGET_STEP_MPS
+"""A driver who keeps within this of a speed holds it: he may keep 2 km/h below a limit, and wander by as much."""
+STANDS_S = 8.0
+"""An instruction stands this long, and one of another kind is announced this long before it is due: time to read it, to
+act, and to check."""
+
+
+class GuideStep(NamedTuple):
+    """One thing to do: its kind, the speed that it leads to and then holds, its effort, and its places.
+
+    It begins at `from_m`, has led to its speed at `by_m`, and holds it up to `to_m`, where the next one begins.
+    `effort` is a share of the largest traction or motor brake; 0 for coasting, for a hold, and for a brake that limits
+    ask for. `number` is that of its phase.
+    """
+
+    kind: InstructionKind
+    speed_mps: float
+    effort: float
+    from_m: float
+    by_m: float
+    to_m: float
+    number: int
+
+
+def timeline(schedule: Schedule) -> tuple[GuideStep, ...]:
+    """The steps of a schedule in the order of the line.
+
+    A limit that rises inside an acceleration begins a step of its own. A hold of the speed to which the step before
+    leads is part of that step.
+    """
+    found: list[GuideStep] = []
+    for number, phase in enumerate(schedule.phases):
+        for step in _brake(schedule, number) if phase.kind in BRAKES else _steps(schedule, number, phase):
+            if found and _goes_on(found[-1], step, schedule.speed_at(step.from_m)):
+                found[-1] = found[-1]._replace(to_m=step.to_m)
+            else:
+                found.append(step)
+    return tuple(found)
+
+
+def _goes_on(before: GuideStep, step: GuideStep, begins_mps: float) -> bool:
+    """Whether a step only says what the one before it said; `begins_mps` is the speed at which it begins.
+
+    A brake that takes hardly anything off the end of coasting is no step: the guard brakes a train that needs it.
+    """
+    alike = step.kind is InstructionKind.HOLD or (step.kind, step.effort) == (before.kind, before.effort)
+    if before.kind is InstructionKind.COAST and step.kind is InstructionKind.BRAKE:
+        alike = begins_mps <= step.speed_mps + SAME_MPS
+    return alike and abs(step.speed_mps - before.speed_mps) < SAME_MPS
+
+
+def _brake(schedule: Schedule, number: int) -> list[GuideStep]:
+    """The steps of a phase to brake: down to its speed, and the hold of it."""
+    begin_m, end_m, to_mps = schedule.begin_m(number), schedule.begin_m(number + 1), aim_mps(schedule, number)
+    effort = float(schedule.phases[number].share) if schedule.brakes_by_effort(number) else 0.0
+    by_m = schedule.reached_m(number, begin_m)
+    brake = GuideStep(InstructionKind.BRAKE, to_mps, effort, begin_m, by_m, by_m, number)
+    return (
+        [brake, GuideStep(InstructionKind.HOLD, to_mps, 0.0, by_m, end_m, end_m, number)] if by_m < end_m else [brake]
+    )
+
+
+def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
+    """The steps of a phase that does not brake: for an acceleration or a hold, one for each limit that rises."""
+    section, known, to_mps = schedule.section, schedule.known, aim_mps(schedule, number)
+    begin_m, end_m = schedule.begin_m(number), schedule.begin_m(number + 1)
+    if phase.kind is PhaseKind.COAST or phase.rolls_up:
+        return [GuideStep(InstructionKind.COAST, to_mps, 0.0, begin_m, end_m, end_m, number)]
+    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
+    tops_mps = np.minimum(section.limit_mps[phase.begin : end], to_mps)
+    firsts = [0, *(np.flatnonzero(np.abs(np.diff(tops_mps)) > SAME_MPS) + 1).tolist()]
+    speeds_mps = known.speed_mps[phase.begin :]
+    for before, first in reversed(list(pairwise(firsts))):  # What a lower limit further on forbids is not reached.
+        if speeds_mps[first] < tops_mps[first] - SAME_MPS:
+            tops_mps[before:first] = np.minimum(tops_mps[before:first], tops_mps[first])
+    found: list[GuideStep] = []
+    for first, last in pairwise([*firsts, len(tops_mps)]):
+        node, top_mps = phase.begin + first, float(tops_mps[first])
+        lasts_s = known.time_to_go_s[node] - known.time_to_go_s[phase.begin + last]
+        if found and found[-1].speed_mps < top_mps + SAME_MPS and lasts_s < STANDS_S:
+            continue  # Over before a driver has acted on it.
+        below_mps = REACHED_MPS if found or phase.kind is PhaseKind.TRACTION else OFF_MPS
+        pulls = speeds_mps[first] < top_mps - below_mps
+        kind = InstructionKind.TRACTION if pulls else InstructionKind.HOLD
+        effort = (phase.share or schedule.back_share) if pulls else 0.0
+        from_m = float(section.node_m[node])
+        found.append(GuideStep(kind, top_mps, effort, from_m, end_m, end_m, number))
+    nexts_m = [*(one.from_m for one in found[1:]), end_m]
+    return [one._replace(by_m=to_m, to_m=to_m) for one, to_m in zip(found, nexts_m, strict=True)]
+
+
+def aim_mps(schedule: Schedule, number: int) -> float:
+    """The speed (m/s) that a phase leads to; for an acceleration, limits on the way may be lower.
+
+    For a brake, it is at most the speed allowed at its end; for coasting, the lowest limit on the way as well, so that
+    it stays the same while limits rise. The schedule itself may have a higher speed: if a limit was received late, or
+    if a limit slows the train without a phase to brake for it.
+    """
+    section, one = schedule.section, schedule.phases[number]
+    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
+    if one.kind in (PhaseKind.TRACTION, PhaseKind.HOLD):
+        return told_mps(one.target_mps, section, float(section.envelope_mps[one.begin : end + 1].max()))
+    highest = float(section.envelope_mps[end])
+    if schedule.brakes_by_effort(number):
+        return told_mps(one.target_mps, section, highest)
+    limits = section.limit_mps[one.begin : end] if one.kind is PhaseKind.COAST else section.limit_mps[end : end + 1]
+    limit_mps = float(limits.min()) if limits.size else highest  # A brake to the stop has no limit at its end.
+    return told_mps(one.target_mps, section, min(highest, limit_mps))
+
+
+def told_mps(speed_mps: float, section: Section, highest_mps: float) -> float:
+    """The speed to tell a driver for one that is no whole step: the limit near it, else the nearest step allowed."""
+    limit_mps = float(section.limit_mps[np.abs(section.limit_mps - speed_mps).argmin()])
+    if abs(speed_mps - limit_mps) < SAME_MPS and limit_mps < highest_mps + SAME_MPS:
+        return limit_mps
+    nearest = round(speed_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
+    return nearest if nearest <= highest_mps else target_below(highest_mps)

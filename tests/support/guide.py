@@ -1,0 +1,64 @@
+"""References of few phases on a flat line, and the scenes of the guide on them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from das.advice.advice import Replan, ReplanCause
+from das.advice.braking import BrakingAhead
+from das.advice.coach.keeping import Kept, StandingReference
+from das.advice.coach.shown_brakes import SpeedsAllowed
+from das.advice.goal import TrainState
+from das.advice.guide.scene import Sight, TrainForecast
+from das.advice.guide.timeline import timeline
+from das.domain.restriction import Restriction
+from das.domain.units import KMH
+from das.solver.guide.phases import Phase, PhaseKind
+from das.solver.guide.schedule import Schedule, known_run
+from das.solver.section import Section, build_section
+from tests.support.bundled_sections import BUNDLED, section_of
+from tests.support.coach import ns
+
+FREE = SpeedsAllowed(math.inf, math.inf)
+KINDS = {"T": PhaseKind.TRACTION, "H": PhaseKind.HOLD, "C": PhaseKind.COAST, "B": PhaseKind.BRAKE}
+
+
+def flat(*limits: tuple[float, float, float]) -> Section:
+    """A flat section of 6 km, with limits (from and to in m, km/h)."""
+    section = section_of(BUNDLED[0])
+    if not limits:
+        return section
+    boards = tuple(Restriction(start_m=start, end_m=end, limit_mps=kmh * KMH) for start, end, kmh in limits)
+    return build_section(section.route.with_restrictions(boards), section.vehicle)
+
+
+def reference(
+    *phases: tuple[str, float, float, float], section: Section | None = None, at_kmh: float = 0.0
+) -> Schedule:
+    """A schedule of these phases (kind, share, from in m, to km/h), driven from a speed at the start."""
+    section = section or flat()
+    made = tuple(
+        Phase(KINDS[kind], share, int(np.searchsorted(section.node_m, at_m)), kmh * KMH)
+        for kind, share, at_m, kmh in phases
+    )
+    speeds = np.full(len(section.node_m), max(at_kmh, 1.0) * KMH)
+    raw = Schedule(section=section, phases=made, known=known_run(section, speeds), back_share=0.7)
+    return raw.settled(section.start_m, at_kmh * KMH)[0]
+
+
+def kept(schedule: Schedule, state: TrainState, replan: Replan | None = None) -> Kept:
+    """The reference with the forecast of a train in a state."""
+    standing = StandingReference(
+        schedule=schedule, lambda_w=1e6, arrival_ns=ns(400), point=None,
+        replan=replan or Replan(cause=ReplanCause.NONE),
+    )  # fmt: skip
+    return Kept(standing, schedule.forecast(state.s_m, state.v_mps), 0.0)
+
+
+def scene(schedule: Schedule, s_m: float, kmh: float, place: SpeedsAllowed = FREE, second: float = 100.0) -> Sight:
+    """What the guide sees of a train at a place, at a speed."""
+    state = TrainState(ns(second), s_m, kmh * KMH)
+    foreseen = TrainForecast.of(kept(schedule, state), state)
+    return Sight(schedule, timeline(schedule), foreseen, state, place, BrakingAhead(schedule.section))
