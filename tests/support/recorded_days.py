@@ -15,6 +15,7 @@ from das.cab.heard import Heard
 from sim.drivers.cab import AdviceView, CabView, Driver
 from sim.drivers.kinds import Presentation
 from sim.drivers.messages import CabLook, cab_message
+from sim.drivers.presentations.presenter import presenter_of
 from sim.plant.kernels import Command
 from sim.plant.plant import speed
 from sim.recording.inputs import DriveInputs
@@ -27,10 +28,10 @@ from sim.world.service import Day
 class KeptInProcess(InProcess):
     """A node in this process, without a bus; it keeps everything that a recorder would write."""
 
-    def __init__(self, day: Day, *, coach: bool = False) -> None:
+    def __init__(self, day: Day, *, coach: bool = False, guide: bool = False) -> None:
         self.day = day
         self.messages: dict[str, list[Stamped]] = {}
-        super().__init__(day.service, coach=coach)
+        super().__init__(day.service, coach=coach, guide=guide)
         self._keep(
             *codec.encode_input(day.service.journey(TRAIN, day.service.moment_ns(-BEFORE_S))),
             day.service.moment_ns(-BEFORE_S),
@@ -62,7 +63,8 @@ def run_and_recording(
     day: Day, driver: Driver, presentation: Presentation = Presentation.VECTOR
 ) -> tuple[Run, Recording]:
     """Drive a day; the run, and what a recorder would have written, without the attached files."""
-    link = KeptInProcess(day, coach=presentation is Presentation.COACH)
+    shows = presenter_of(presentation)
+    link = KeptInProcess(day, coach=shows.needs_coach, guide=shows.needs_guide)
     run = World(day, driver, presentation, link).run()
     return run, Recording(
         path=Path("day.mcap"), train=TRAIN, trains=(TRAIN,), attachments=(), complete=True,

@@ -169,11 +169,12 @@ class Keeper:
         return self._answered(asked, kept, state, goal)
 
     def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
-        """How late the train is likely to arrive (s; early < 0): by its forecast, with the time that its driver loses.
+        """How late the train is likely to arrive (s; early < 0): by its forecast.
 
-        The forecast alone is early by that loss, because references leave a reserve for it.
+        A forecast that is early by the reserve for what the driver loses, or by less, is on time.
         """
-        return kept.forecast.time_s - goal.left_s(state.now_ns) + self._loss_s(state, goal)
+        late_s = kept.forecast.time_s - goal.left_s(state.now_ns)
+        return late_s + min(self._loss_s(state, goal), max(-late_s, 0.0))
 
     def _loss_s(self, state: TrainState, goal: Goal) -> float:
         """The time (s) that the driver loses at most before the stop, with the probability wanted for this stop."""

@@ -135,3 +135,20 @@ def test_elapsed_times_are_those_of_the_trajectory() -> None:
     run = trajectory_on(section, State.at(section, s_m, v_mps), forecast.speeds_mps[i:])
     assert times == pytest.approx(run.t_s, abs=1e-6)
     assert node_m == pytest.approx(run.s_m)
+
+
+@pytest.mark.parametrize("later_s", [-15.0, 25.0])
+def test_a_new_reference_leaves_what_is_told_now_and_says_nothing_twice(later_s: float) -> None:
+    """What is kept for a moment goes on into the new reference only where both say the same."""
+    which = BUNDLED[1]
+    found = plan(which, wanted_from_start(which, 0.1))
+    for share in np.arange(0.1, 0.9, 0.04):
+        s_m, schedule = place_m(which, float(share)), found.schedule
+        v_mps = schedule.speed_at(s_m)
+        forecast = schedule.forecast(s_m, v_mps)
+        now = Wanted(s_m=s_m, v_mps=v_mps, left_s=forecast.time_s + later_s, kept=(schedule, forecast))
+        new = plan(which, now).schedule
+        here = int(np.searchsorted(schedule.section.node_m, s_m))
+        old_one, new_one = (one.phases[int(one.at[here])] for one in (schedule, new))
+        assert (new_one.kind, new_one.share) == (old_one.kind, old_one.share)
+        assert not any(one[:2] == then[:2] and one[3] == then[3] for one, then in pairwise(new.phases))
