@@ -70,6 +70,8 @@ class CabPlan:
 def plan_cab(options: NodeOptions) -> CabPlan:
     """Read the files that the options name. Raises DasError for anything unusable."""
     line, driven, advice = options.line, options.driven, options.advice
+    if advice.led.guide and not advice.led.coach:
+        raise DasError("--guide: the guide shows the coach's reference: expected no --no-coach")
     if advice.tables is not None and not advice.led.coach:
         raise DasError(f"--tables {advice.tables}: tables have the coach's departures: expected no --no-coach")
     route, stops_m = _line(line)
