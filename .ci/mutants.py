@@ -2,7 +2,7 @@
 
 `uv run python .ci/mutants.py --count 40 --seed 7` draws 40 of them from the whole product, in a clone that may be
 spoiled. Those that no test notices are listed: each is a test that is missing, or a change that changes nothing.
-`--under das/solver/guide das/advice/coach` draws from these files and folders alone.
+`--under das/solver/guide das/advice/guide` draws from these files and folders alone.
 """
 
 from __future__ import annotations

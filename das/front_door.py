@@ -267,7 +267,7 @@ def read_table(path: str | Path) -> Table:
     """A table that `das-precompute build` wrote: the front of a section, and its finished references.
 
     `front` has a row for each buffer, refined as the build was asked to; `references.finished` are the schedules that
-    the coach departs with. Raises DasError for a file that is no table, is damaged, or is of another release.
+    the guide departs with. Raises DasError for a file that is no table, is damaged, or is of another release.
 
         table = das.read_table("tables/flat-6km_a-b_re460-ic_l3_0a1b2c3d.json")
         das.to_pandas(table.columns())

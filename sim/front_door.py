@@ -94,7 +94,7 @@ def run_day(
     seed: int = 0,
     *,
     driver: DriverKind | str = DriverKind.HUMAN,
-    advice: Presentation | str = Presentation.COACH,
+    advice: Presentation | str = Presentation.GUIDE,
     level: Level | str | None = None,
     participant: int | None = None,
 ) -> SimulatedDay:
@@ -103,7 +103,7 @@ def run_day(
     `scenario` is the name of a bundled scenario or a TOML file. `seed` draws what happens on the day, and the driver;
     the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "rms", "timetable", "human",
     or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation", "rms",
-    "four-mode", "vector", "coach", "guide" or "sheet"), `level` how losses are modelled (the default is the
+    "four-mode", "vector", "guide" or "sheet"), `level` how losses are modelled (the default is the
     vehicle's own). `participant` is the number of a human driver of the default population, who is the same on every
     day; the seed then draws the day alone. Nothing is recorded: `das-sim run` does that.
 
@@ -144,7 +144,7 @@ def run_day(
 def _link(day: Day, shown: Presentation) -> InProcess:
     """The on-board system that a presentation needs, in this process."""
     shows = presenter_of(shown)
-    return InProcess(day.service, coach=shows.needs_coach, guide=shows.needs_guide)
+    return InProcess(day.service, guide=shows.needs_guide)
 
 
 def record_day(
@@ -153,7 +153,7 @@ def record_day(
     seed: int = 0,
     *,
     driver: DriverKind | str = DriverKind.HUMAN,
-    advice: Presentation | str = Presentation.COACH,
+    advice: Presentation | str = Presentation.GUIDE,
     participant: int | None = None,
 ) -> Drive:
     """Drive a day as `run_day` does, but with the advice node and the recorder as processes, into a recording `out`.
@@ -233,7 +233,7 @@ def compare(first: Drive | str | Path, *others: Drive | str | Path, step_m: floa
 
     Raises DasError for recordings that cannot be used, and for drives of different lines.
 
-        print(sim.compare("without.mcap", "coached.mcap"))
+        print(sim.compare("without.mcap", "guided.mcap"))
     """
     from sim.drive.comparison import AlignedDrives, drives_on_track
 

@@ -108,7 +108,7 @@ class Withdrawal:
 
 
 class ReplanCause(IntEnum):
-    """Why the coach made a new reference; the numbers are those of the bus message."""
+    """Why the guide made a new reference; the numbers are those of the bus message."""
 
     NONE = 0
     """There is no reference."""
@@ -154,7 +154,7 @@ class Instruction:
 
 @dataclass(frozen=True, kw_only=True)
 class Replan:
-    """Why and when (ns since 1970) the coach made its reference, and what it gains over the previous one (J, s)."""
+    """Why and when (ns since 1970) the guide made its reference, and what it gains over the previous one (J, s)."""
 
     cause: ReplanCause = ReplanCause.NONE
     time_ns: int = 0
@@ -164,7 +164,7 @@ class Replan:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Coaching:
+class Guidance:
     """What the driver should do now and next, and why where the instruction does not say it.
 
     `target_m` and `target_s` are distance and time to where the speed of `now` is reached, or no longer held. `force_n`
@@ -248,7 +248,7 @@ class Advice:
     next_four_mode: Regime = Regime.NONE
     next_four_change_s: float = math.nan
     cause: Cause = Cause.NONE
-    coach: Coaching | None = None
+    guide: Guidance | None = None
     departure_speed_mps: float = 0.0
     departure_force_ratio: float = 0.0
     replaced_parts: int = 0

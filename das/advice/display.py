@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice import wording
-from das.advice.advice import Advice, Coaching, Instruction, Source, Withdrawal
+from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
 from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
 from das.advice.passing import time_at
 from das.advice.plan import Floats, Place, Plan, four_mode
@@ -26,9 +26,9 @@ from das.solver.solution import Fit
 
 
 class Scene(NamedTuple):
-    """What an advice is built from: state, estimated position and speed, planner, goal, and the coach's advice.
+    """What an advice is built from: state, estimated position and speed, planner, goal, and the guide's advice.
 
-    `late_s` is how late the train will be with the coach (s; NaN: as planned). `too_fast`: the driver is told that the
+    `late_s` is how late the train will be with the guide (s; NaN: as planned). `too_fast`: the driver is told that the
     train is too fast.
     """
 
@@ -36,7 +36,7 @@ class Scene(NamedTuple):
     here: Estimate
     planner: Planner
     goal: Goal
-    coach: Coaching | None = None
+    guide: Guidance | None = None
     late_s: float = math.nan
     too_fast: bool = False
 
@@ -50,7 +50,7 @@ class _Change(NamedTuple):
 
     @classmethod
     def to(cls, one: Instruction) -> _Change:
-        """The change that an announced instruction of the coach makes."""
+        """The change that an announced instruction of the guide makes."""
         return cls(one.mode, one.way_m, one.in_s)
 
 
@@ -61,7 +61,7 @@ class Display:
         self._settings = settings
         self._mode, self._mode_since_ns, self._force_n = Regime.NONE, 0, 0.0
         self._four_mode = Regime.NONE
-        self._coached: Instruction | None = None
+        self._guided: Instruction | None = None
         self._shown_mps = math.nan
 
     def withdrawn(self, here: Estimate, why: Withdrawal) -> Advice:
@@ -80,7 +80,7 @@ class Display:
 
     def standing(self, scene: Scene, reason: Reason, reduced_max_speed_mps: float = math.nan) -> Advice:
         """The advice for a train that stands at a stop and is to stay there."""
-        state, here, planner, coach = scene.state, scene.here, scene.planner, scene.coach
+        state, here, planner, guide = scene.state, scene.here, scene.planner, scene.guide
         horizon_s = self._settings.display.horizon_s
         self._show(Regime.STOP, state.now_ns)
         return Advice(
@@ -102,7 +102,7 @@ class Display:
             valid_until_ns=self._valid_until_ns(state),
             limit_mps=planner.limit_mps(state.s_m),
             position_sd_m=here.position_sd_m,
-            coach=coach,
+            guide=guide,
         )
 
     def waiting(self, scene: Scene) -> Advice:
@@ -126,8 +126,8 @@ class Display:
             speed_mps=step_below(float(run.v_mps[int(plan.next_change[place.interval])])),
             effort_ratio=moving.advised_force_ratio,
         )
-        if scene.coach is not None and math.isfinite(scene.coach.now.effort_ratio):
-            departs = replace(scene.coach.now, mode=departure_regime(scene.coach.now.effort_ratio))
+        if scene.guide is not None and math.isfinite(scene.guide.now.effort_ratio):
+            departs = replace(scene.guide.now, mode=departure_regime(scene.guide.now.effort_ratio))
         return replace(
             moving,
             mode=Regime.DEPART,
@@ -149,7 +149,7 @@ class Display:
 
     def braking(self, scene: Scene, reason: Reason) -> Advice:
         """The advice to brake fully, without a plan: to the stop at the section's end, or down to what is allowed."""
-        state, here, planner, coach = scene.state, scene.here, scene.planner, scene.coach
+        state, here, planner, guide = scene.state, scene.here, scene.planner, scene.guide
         train, v_mps = planner.section.train, state.v_mps
         available_n = float(brake_limit(max(v_mps, 0.1), train, train.friction_force_n))
         slowed_n = planner.section.resistance_n(state.s_m, v_mps)
@@ -182,12 +182,12 @@ class Display:
             valid_until_ns=self._valid_until_ns(state),
             limit_mps=planner.limit_mps(state.s_m),
             position_sd_m=here.position_sd_m,
-            coach=coach,
+            guide=guide,
         )
 
     def following(self, scene: Scene, plan: Plan) -> Advice:
-        """The advice for a moving train, from its plan and the coach's advice."""
-        state, here, planner, goal, coach, late_s, _ = scene
+        """The advice for a moving train, from its plan and the guide's advice."""
+        state, here, planner, goal, guide, late_s, _ = scene
         place, allowed = plan.at(state.s_m), planner.allowed_for(state)
         excess_mps = state.v_mps - allowed
         too_fast = excess_mps > OVERSPEED_MPS
@@ -231,7 +231,7 @@ class Display:
             valid_until_ns=self._valid_until_ns(state),
             limit_mps=planner.limit_mps(state.s_m),
             position_sd_m=here.position_sd_m,
-            coach=coach,
+            guide=guide,
         )
 
     def _horizon(self, plan: Plan, scene: Scene, advised_mps: float, *, too_fast: bool) -> tuple[Floats, Floats]:
@@ -268,34 +268,34 @@ class Display:
         return mode
 
     def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, _Change]:
-        """The mode to show and the next change: those of the coach once its instruction is due, else of the plan."""
-        coach = scene.coach
-        waits = coach is None or coach.now.mode is Regime.DEPART or coach.now.in_s > 0.0
-        self._coached = None if coach is None or waits else coach.now
-        if coach is not None and not waits:
-            return self._as_coached(coach, plan, scene, place, too_fast=too_fast)
+        """The mode to show and the next change: those of the guide once its instruction is due, else of the plan."""
+        guide = scene.guide
+        waits = guide is None or guide.now.mode is Regime.DEPART or guide.now.in_s > 0.0
+        self._guided = None if guide is None or waits else guide.now
+        if guide is not None and not waits:
+            return self._as_guided(guide, plan, scene, place, too_fast=too_fast)
         mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
-        if coach is not None and coach.now.in_s > 0.0:
-            return mode, _Change.to(coach.now)
+        if guide is not None and guide.now.in_s > 0.0:
+            return mode, _Change.to(guide.now)
         return mode, self._next_change(plan, mode, scene.state, place)
 
-    def _as_coached(
-        self, coach: Coaching, plan: Plan, scene: Scene, place: Place, *, too_fast: bool
+    def _as_guided(
+        self, guide: Guidance, plan: Plan, scene: Scene, place: Place, *, too_fast: bool
     ) -> tuple[Regime, _Change]:
-        """The mode and the next change of the coach's instruction, with the force that keeps to its reference.
+        """The mode and the next change of the guide's instruction, with the force that keeps to its reference.
 
         A braking effort is a share of the motors' brake, whose force grows as the train slows down. The advised force
         stays constant until the advice expires, so that a larger one may be needed.
         """
-        state, mode, self._force_n = scene.state, coach.now.mode, coach.reference_force_n
+        state, mode, self._force_n = scene.state, guide.now.mode, guide.reference_force_n
         if mode in BRAKES:
             mode, self._force_n = braked_enough(
                 mode, self._force_n, state, scene.planner, place.speed_mps, too_fast=too_fast
             )
         if mode is not self._mode:
             self._show(mode, state.now_ns)
-        if coach.following:
-            return self._mode, _Change.to(coach.following[0])
+        if guide.following:
+            return self._mode, _Change.to(guide.following[0])
         end_m = float(plan.solution.trajectory.s_m[-1])
         return self._mode, _Change(Regime.STOP, end_m - state.s_m, plan.solution.time_s - place.time_s)
 
@@ -340,11 +340,11 @@ class Display:
         """Choose which of the four modes is wanted now, by the plan or by the mode `shown`; return the next one."""
         place = plan.at(found.state.s_m)
         planned = Regime(int(plan.four_modes[place.interval]))
-        if self._coached is not None:
+        if self._guided is not None:
             self._four_mode = four_mode(
                 shown, self._force_n, place.speed_mps, plan.solution.section, self._settings.modes
             )
-            if self._four_mode is Regime.FULL_TRACTION and found.reaches(self._coached.speed_mps):
+            if self._four_mode is Regime.FULL_TRACTION and found.reaches(self._guided.speed_mps):
                 self._four_mode = Regime.CRUISE
             return following._replace(mode=Regime(int(FOUR_MODES[following.mode])))
         if shown == plan.modes[place.interval] or self._four_mode is Regime.NONE:

@@ -3,7 +3,7 @@
 The rule: assume that the driver does what is shown until the advice expires, and then brakes fully, wherever the train
 may really be. Then the train exceeds no limit by more than `LIMIT_TOLERANCE_MPS` and passes no stop by more than
 `STOP_TOLERANCE_M`. Speeds shown for places further ahead are no higher than allowed there. The judgement uses its own
-model, `das.advice.braking_model`, and shares nothing with the planner, the coach or the display.
+model, `das.advice.braking_model`, and shares nothing with the planner, the guide or the display.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from das.advice import last_word_kernels as kernels
 from das.advice import wording
-from das.advice.advice import Advice, Cause, Coaching, Instruction, Source, Withdrawal
+from das.advice.advice import Advice, Cause, Guidance, Instruction, Source, Withdrawal
 from das.advice.braking_model import (
     LONGEST_S,
     STOPPED_MPS,
@@ -61,9 +61,9 @@ class Part(StrEnum):
     LIMIT = "limit"
     FIGURES = "infinite figures"
     FOUR_MODES = "four modes"
-    COACH = "coach"
-    COACH_SPEED = "speed of the coach"
-    COACH_NEXT = "next instruction"
+    GUIDE = "guide"
+    GUIDE_SPEED = "speed of the guide"
+    GUIDE_NEXT = "next instruction"
 
 
 class Act(NamedTuple):
@@ -115,7 +115,7 @@ class _Judgement:
         self._judge_speeds()
         self._judge_horizon()
         self._judge_four_modes()
-        self._judge_coach()
+        self._judge_guide()
         return self._advice, tuple(self._acts)
 
     def _replace(self, act: Act, **changes: Any) -> None:
@@ -260,43 +260,43 @@ class _Judgement:
             return Doing(until_s, 0.0, held_mps, True)
         return Doing(until_s, -model.most_brake_n(v_mps), 0.0)
 
-    # --- the coach ---------------------------------------------------------------------------------------------------
+    # --- the guide ---------------------------------------------------------------------------------------------------
 
-    def _judge_coach(self) -> None:
-        """Judge the coach's present instruction, with its force and the reference's, and those that it announces."""
-        coach = self._advice.coach
-        if coach is None or coach.now.mode in (Regime.NONE, *_STANDS):
+    def _judge_guide(self) -> None:
+        """Judge the guide's present instruction, with its force and the reference's, and those that it announces."""
+        guide = self._advice.guide
+        if guide is None or guide.now.mode in (Regime.NONE, *_STANDS):
             return
-        excess = self._excess_of(coach)
+        excess = self._excess_of(guide)
         if excess is not None:
-            coach = self._safe_coach(coach)
-            self._replace(Act(Part.COACH, *excess, instead_n=coach.force_n), coach=coach)
-        self._judge_speed_of(coach.now)
+            guide = self._safe_guide(guide)
+            self._replace(Act(Part.GUIDE, *excess, instead_n=guide.force_n), guide=guide)
+        self._judge_speed_of(guide.now)
         self._judge_following()
 
-    def _excess_of(self, coach: Coaching) -> Excess | None:
-        """The excess of a driver who does what the coach says, with the force shown or with the reference's, if any.
+    def _excess_of(self, guide: Guidance) -> Excess | None:
+        """The excess of a driver who does what the guide says, with the force shown or with the reference's, if any.
 
         Where a brake is shown without an effort, he brakes by eye to the mark, and finds it; a limit before it he may
         miss.
         """
-        now = coach.now
-        if not _finite(coach.force_n, coach.reference_force_n, now.speed_mps, now.way_m, now.in_s, coach.target_m):
+        now = guide.now
+        if not _finite(guide.force_n, guide.reference_force_n, now.speed_mps, now.way_m, now.in_s, guide.target_m):
             return Excess(self._train.v_mps, math.nan)
-        by_eye = now.mode in BRAKES and math.isnan(coach.lever_ratio) and not self._train.sees_only_mark
-        for force_n in {self._train.by_eye_n() if by_eye else coach.force_n, coach.reference_force_n}:
+        by_eye = now.mode in BRAKES and math.isnan(guide.lever_ratio) and not self._train.sees_only_mark
+        for force_n in {self._train.by_eye_n() if by_eye else guide.force_n, guide.reference_force_n}:
             excess = self._train.unavailable(force_n, self._train.v_mps)
-            excess = excess or self._train.excess(self._led(coach, force_n), self._train.valid_s)
+            excess = excess or self._train.excess(self._led(guide, force_n), self._train.valid_s)
             if excess is not None:
                 return excess
         return None
 
-    def _led(self, coach: Coaching, force_n: float) -> list[Doing]:
-        """What a driver who follows the coach does until the next change and after it.
+    def _led(self, guide: Guidance, force_n: float) -> list[Doing]:
+        """What a driver who follows the guide does until the next change and after it.
 
         Until an instruction is due, he keeps his speed.
         """
-        now, following = coach.now, coach.following
+        now, following = guide.now, guide.following
         after = following[0] if following and _finite(following[0].in_s, following[0].speed_mps) else None
         waiting = [Doing(now.in_s, 0.0, self._train.v_mps, True)] if now.in_s > 0 else []
         # The effort shown stays the same, so the braking force grows with that of the motors.
@@ -309,23 +309,23 @@ class _Judgement:
         brakes = after.mode in BRAKES and _finite(after.effort_ratio)
         return [*doings, _instructed(after, self._train.brake_n(after.effort_ratio) if brakes else most_n, math.inf)]
 
-    def _safe_coach(self, coach: Coaching) -> Coaching:
-        """The coach's advice with the least change that is safe.
+    def _safe_guide(self, guide: Guidance) -> Guidance:
+        """The guide's advice with the least change that is safe.
 
         That is without what it announces; or to go no faster than is allowed here, for an instruction that would only
         become unsafe because the train speeds up; or to brake as strongly as needed.
         """
-        held_mps = step_below(min(coach.now.speed_mps, self._model.allowed_mps(self._train.ahead_m)))
+        held_mps = step_below(min(guide.now.speed_mps, self._model.allowed_mps(self._train.ahead_m)))
         now = Instruction(mode=Regime.CRUISE, speed_mps=held_mps)
-        held = replace(coach, now=now, force_n=0.0, reference_force_n=0.0, lever_ratio=math.nan)
-        choices = [replace(coach, following=()), held, replace(held, following=())]
-        if coach.now.mode in BRAKES or not held_mps > STOPPED_MPS:
+        held = replace(guide, now=now, force_n=0.0, reference_force_n=0.0, lever_ratio=math.nan)
+        choices = [replace(guide, following=()), held, replace(held, following=())]
+        if guide.now.mode in BRAKES or not held_mps > STOPPED_MPS:
             choices = choices[:1]
         safe = (one for one in choices if self._excess_of(one) is None)
-        return next(safe, None) or self._braked_coach(coach)
+        return next(safe, None) or self._braked_guide(guide)
 
-    def _braked_coach(self, coach: Coaching) -> Coaching:
-        """The coach's advice, replaced by an instruction to brake as strongly as needed.
+    def _braked_guide(self, guide: Guidance) -> Guidance:
+        """The guide's advice, replaced by an instruction to brake as strongly as needed.
 
         The announced instructions that come after this braking are kept.
         """
@@ -338,9 +338,9 @@ class _Judgement:
             effort_ratio=force_n / scale_n if scale_n > 0 else 0.0,
         )
         return replace(
-            coach,
+            guide,
             now=now,
-            following=tuple(one for one in coach.following if one.way_m > way_m),
+            following=tuple(one for one in guide.following if one.way_m > way_m),
             target_m=way_m,
             target_s=2.0 * way_m / max(self._train.v_mps + needed.speed_mps, STOPPED_MPS),
             force_n=force_n,
@@ -355,47 +355,47 @@ class _Judgement:
         A speed to reach or to hold is judged here and where the instruction is due; a speed to brake or coast to, where
         the braking or coasting ends.
         """
-        coach, model = self._advice.coach, self._model
-        assert coach is not None
+        guide, model = self._advice.guide, self._model
+        assert guide is not None
         leads = now.mode in (*BRAKES, Regime.COAST)
         ahead_m = self._train.ahead_m, self._told_from_m + now.way_m
-        places_m = (self._told_from_m + coach.target_m,) if leads else ahead_m
+        places_m = (self._told_from_m + guide.target_m,) if leads else ahead_m
         bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SAME_READING_MPS
         if not now.speed_mps <= bound_mps:
             rounded = target_below if now.mode is Regime.COAST else step_below
             instead_mps = rounded(max(model.allowed_mps(place_m) for place_m in places_m))
-            act = Act(Part.COACH_SPEED, now.speed_mps, bound_mps, instead_mps)
-            self._replace(act, coach=replace(coach, now=replace(now, speed_mps=instead_mps)))
+            act = Act(Part.GUIDE_SPEED, now.speed_mps, bound_mps, instead_mps)
+            self._replace(act, guide=replace(guide, now=replace(now, speed_mps=instead_mps)))
 
     def _judge_following(self) -> None:
         """Lower announced speeds that are above the limit at their place, and drop a brake announced too late."""
-        coach = self._advice.coach
-        assert coach is not None
+        guide = self._advice.guide
+        assert guide is not None
         kept: list[Instruction] = []
         first: Act | None = None
-        for k, one in enumerate(coach.following):
-            excess = self._late(coach) if k == 0 and one.mode in BRAKES else None
+        for k, one in enumerate(guide.following):
+            excess = self._late(guide) if k == 0 and one.mode in BRAKES else None
             if excess is not None or not _finite(one.speed_mps, one.way_m, one.in_s):
-                first = first or Act(Part.COACH_NEXT, *(excess or Excess(one.speed_mps, math.nan)))
+                first = first or Act(Part.GUIDE_NEXT, *(excess or Excess(one.speed_mps, math.nan)))
                 break  # The instructions after it no longer apply.
             at_m = self._told_from_m + one.way_m
             # A speed to reach or to hold applies where it begins; a speed to coast or brake to, at the end of that.
-            ends = k + 1 < len(coach.following) and one.mode in (*BRAKES, Regime.COAST)
-            to_m = self._told_from_m + coach.following[k + 1].way_m if ends else at_m
+            ends = k + 1 < len(guide.following) and one.mode in (*BRAKES, Regime.COAST)
+            to_m = self._told_from_m + guide.following[k + 1].way_m if ends else at_m
             limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)
             if one.speed_mps > limit_mps + SAME_READING_MPS:
-                first = first or Act(Part.COACH_NEXT, one.speed_mps, limit_mps, step_below(limit_mps))
+                first = first or Act(Part.GUIDE_NEXT, one.speed_mps, limit_mps, step_below(limit_mps))
                 one = replace(one, speed_mps=step_below(limit_mps))  # noqa: PLW2901
             kept.append(one)
         if first is not None:
-            self._replace(first, coach=replace(coach, following=tuple(kept)))
+            self._replace(first, guide=replace(guide, following=tuple(kept)))
 
-    def _late(self, coach: Coaching) -> Excess | None:
+    def _late(self, guide: Guidance) -> Excess | None:
         """The excess of a driver who does what is shown now until the announced brake is due; None if none."""
-        in_s = coach.following[0].in_s
+        in_s = guide.following[0].in_s
         if not in_s <= LONGEST_S:
             return None
-        led, now = self._led(coach, coach.force_n)[:-1], coach.now
+        led, now = self._led(guide, guide.force_n)[:-1], guide.now
         if now.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
             led[-1] = led[-1]._replace(holds=True)  # He accelerates to that speed and then holds it.
         excess = self._train.excess(led, in_s, in_s)

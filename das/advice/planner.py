@@ -1,6 +1,6 @@
 """The planner of a section: it makes the plan for a state and a goal, without a bus, a clock or randomness.
 
-A plan is the optimal trajectory from the train's state, or the trajectory that keeps the coach's reference. While the
+A plan is the optimal trajectory from the train's state, or the trajectory that keeps the guide's reference. While the
 train stays near the plan, the plan is kept, so that the advice does not follow every deviation of the driver. A train
 that leaves this band gets a new plan from where it is. The same inputs give the same plans, bit for bit.
 """
@@ -81,7 +81,7 @@ class Planner:
     def plan_for(self, state: TrainState, goal: Goal, reference: Scheduled | None = None) -> Plan:
         """The plan for a state: the present one if the train follows it, else a new one.
 
-        If the coach has a `reference`, the plan keeps to it, so that all parts of an advice agree. Raises DasError for
+        If the guide has a `reference`, the plan keeps to it, so that all parts of an advice agree. Raises DasError for
         a state outside the section, InfeasibleError if the train cannot reach the end of the section.
         """
         schedule = None if reference is None else reference.schedule

@@ -119,12 +119,12 @@ class Quiet:
     def _brakes_soon(self, advice: Advice) -> bool:
         """Whether the advice itself announces a brake for soon, which the driver may begin early."""
         announced = [(advice.next_mode, advice.next_change_s)]
-        if advice.coach is not None:
-            announced += [(one.mode, one.in_s) for one in advice.coach.following]
+        if advice.guide is not None:
+            announced += [(one.mode, one.in_s) for one in advice.guide.following]
         return any(mode in BRAKES and in_s <= self._settings.brakes_ahead_s for mode, in_s in announced)
 
 
 def _modes(advice: Advice) -> set[Regime]:
-    """The modes that the displays show: of the full advice, of the four modes, and of the coach."""
+    """The modes that the displays show: of the full advice, of the four modes, and of the guide."""
     shown = {advice.mode, advice.four_mode}
-    return shown if advice.coach is None else shown | {advice.coach.now.mode}
+    return shown if advice.guide is None else shown | {advice.guide.now.mode}

@@ -46,7 +46,7 @@ KIND_OF: Final[dict[int, InstructionKind]] = {
 }
 """The kind of each mode that tells the driver of a moving train what to do."""
 FULL_RATIO: Final = 0.97
-"""An effort that the coach shows counts as full if it is at least this share of the largest one."""
+"""An effort that the guide shows counts as full if it is at least this share of the largest one."""
 
 EFFORT_ORDER = (
     Regime.FULL_TRACTION,

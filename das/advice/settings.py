@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from das.advice.coach.settings import CoachSettings
+from das.advice.guide.settings import GuideSettings
 from das.domain.units import KMH
 
 
@@ -179,7 +179,7 @@ class AdviceSettings:
     reduced: ReducedSpeedSettings = field(default_factory=ReducedSpeedSettings)
     stop: StopSettings = field(default_factory=StopSettings)
     quiet: QuietSettings = field(default_factory=QuietSettings)
-    coach: CoachSettings = field(default_factory=CoachSettings)
+    guide: GuideSettings = field(default_factory=GuideSettings)
 
 
 DEFAULT = AdviceSettings()

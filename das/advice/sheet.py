@@ -1,6 +1,6 @@
 """The driver's sheet of a section: what to do from which place on, fixed before departure and never changed.
 
-Its instructions are the phases of a schedule for the planned running time, made as the coach makes them, but
+Its instructions are the phases of a schedule for the planned running time, made as the guide makes them, but
 with a higher price of a change: what is read on paper must be little.
 """
 
@@ -12,19 +12,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.coach.planning import Wanted, elapsed_s, planned
+from das.advice.guide.planning import Wanted, elapsed_s, planned
 from das.advice.regimes import InstructionKind
 from das.domain.journey import Window
 from das.solver.guide.phases import PhaseKind
-from das.solver.guide.policies import GuideFront, GuideSettings
+from das.solver.guide.policies import GuideFront, PolicySettings
 from das.solver.guide.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 
-CHANGE_S = 4.0 * GuideSettings().change_s
+CHANGE_S = 4.0 * PolicySettings().change_s
 """A change of what the driver does must save as much energy as full power needs in this time: four times the price that
-the coach has. On a sheet, every line has to be found, read and remembered."""
+the guide has. On a sheet, every line has to be found, read and remembered."""
 PLACE_M = 100.0
 """Places on a sheet are whole multiples of this (m): that is how closely a driver can tell them by posts and boards."""
 SAME_MPS = 0.5
@@ -36,7 +36,7 @@ _KINDS = {
     PhaseKind.BRAKE: InstructionKind.BRAKE,
     PhaseKind.CURVE: InstructionKind.BRAKE,
 }
-SETTINGS = GuideSettings(change_s=CHANGE_S, young_s=2.0 * CHANGE_S)
+SETTINGS = PolicySettings(change_s=CHANGE_S, young_s=2.0 * CHANGE_S)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from das.advice.advice import Coaching
+from das.advice.advice import Guidance
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.units import KMH
 
@@ -50,14 +50,14 @@ def lever_ratio(force_n: float, largest_n: tuple[float, float]) -> float:
     return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0
 
 
-def as_read(coaching: Coaching, largest_n: tuple[float, float], *, sees_mark: bool = False) -> Coaching:
-    """The coach's advice as a driver reads it: rounded speeds, and the effort of the instruction.
+def as_read(guidance: Guidance, largest_n: tuple[float, float], *, sees_mark: bool = False) -> Guidance:
+    """The guide's advice as a driver reads it: rounded speeds, and the effort of the instruction.
 
     An acceleration keeps its effort up to its speed. A speed to hold has none, nor has the end of a brake for a stop.
     `largest_n` are the forces (N) that traction and both brakes can give at the train's speed. `sees_mark`: the driver
     is nearer than `STOP_BY_EYE_M` to his stop, and no lower limit lies before it.
     """
-    now = coaching.now
+    now = guidance.now
     by_eye = sees_mark and now.mode in BRAKES and step_below(now.speed_mps) == 0.0
     if by_eye:
         now = replace(now, mode=Regime.REDUCED_BRAKE, effort_ratio=math.nan)
@@ -66,10 +66,10 @@ def as_read(coaching: Coaching, largest_n: tuple[float, float], *, sees_mark: bo
     elif now.mode in TRACTION:
         shown_ratio = now.effort_ratio
     else:
-        shown_ratio = lever_ratio(coaching.force_n, largest_n)
+        shown_ratio = lever_ratio(guidance.force_n, largest_n)
     return replace(
-        coaching,
+        guidance,
         now=replace(now, speed_mps=step_below(now.speed_mps)),
-        following=tuple(replace(one, speed_mps=step_below(one.speed_mps)) for one in coaching.following),
+        following=tuple(replace(one, speed_mps=step_below(one.speed_mps)) for one in guidance.following),
         lever_ratio=shown_ratio,
     )

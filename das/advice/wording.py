@@ -312,13 +312,13 @@ def mode_words(mode: Regime, language: Language = Language.EN) -> str:
 
 
 def instruction_words(mode: Regime, language: Language = Language.EN) -> str:
-    """What a display of the coach shows for a mode: the verb of the instruction; its effort stands beside it."""
+    """What a display of the guide shows for a mode: the verb of the instruction; its effort stands beside it."""
     kind = KIND_OF.get(mode)
     return mode_words(mode, language) if kind is None else _WORDS[language].kinds[kind]
 
 
 def words_before_speed(mode: Regime, language: Language = Language.EN) -> str:
-    """What a display of the coach writes before the speed of an instruction.
+    """What a display of the guide writes before the speed of an instruction.
 
     A train that coasts has no speed to hold: it rolls, up or down, until it has the speed of the next instruction.
     """

@@ -93,8 +93,8 @@ def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
     """The message of an advice; the field names are the same."""
     fields = dict(vars(advice))  # A deep copy would take half of the time between a position and its advice.
     fields["reason"] = vars(advice.reason)
-    if advice.coach is not None:
-        fields["coach"] = dataclasses.asdict(advice.coach)
+    if advice.guide is not None:
+        fields["guide"] = dataclasses.asdict(advice.guide)
     return das_pb2.Advice(tick=tick, **fields)
 
 

@@ -185,7 +185,7 @@ class _ReplanCauseEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ReplanCau
     """it cannot be kept to from where the train is"""
 
 class ReplanCause(_ReplanCause, metaclass=_ReplanCauseEnumTypeWrapper):
-    """Why the coach's reference was made anew."""
+    """Why the guide's reference was made anew."""
 
 REPLAN_NONE: ReplanCause.ValueType  # 0
 """there is no reference"""
@@ -616,7 +616,7 @@ class Reason(_message.Message):
 Global___Reason: _TypeAlias = Reason  # noqa: Y015
 
 @_typing.final
-class Coaching(_message.Message):
+class Guidance(_message.Message):
     """What leads a driver along a reference that stands: what to do, up to which speed, and what comes after it."""
 
     DESCRIPTOR: _descriptor.Descriptor
@@ -703,24 +703,24 @@ class Coaching(_message.Message):
     lever_ratio: _builtins.float
     """[ratio] effort of the instruction on the controller's scale, −1 … 1; NaN: none is shown"""
     @_builtins.property
-    def now(self) -> Global___Coaching.Instruction: ...
+    def now(self) -> Global___Guidance.Instruction: ...
     @_builtins.property
-    def following(self) -> _containers.RepeatedCompositeFieldContainer[Global___Coaching.Instruction]:
+    def following(self) -> _containers.RepeatedCompositeFieldContainer[Global___Guidance.Instruction]:
         """the next two changes"""
 
     @_builtins.property
-    def replan(self) -> Global___Coaching.Replan: ...
+    def replan(self) -> Global___Guidance.Replan: ...
     @_builtins.property
     def reason(self) -> Global___Reason: ...
     def __init__(
         self,
         *,
-        now: Global___Coaching.Instruction | None = ...,
-        following: _abc.Iterable[Global___Coaching.Instruction] | None = ...,
+        now: Global___Guidance.Instruction | None = ...,
+        following: _abc.Iterable[Global___Guidance.Instruction] | None = ...,
         target_m: _builtins.float = ...,
         target_s: _builtins.float = ...,
         force_n: _builtins.float = ...,
-        replan: Global___Coaching.Replan | None = ...,
+        replan: Global___Guidance.Replan | None = ...,
         reference_force_n: _builtins.float = ...,
         reason: Global___Reason | None = ...,
         lever_ratio: _builtins.float = ...,
@@ -731,7 +731,7 @@ class Coaching(_message.Message):
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___Coaching: _TypeAlias = Coaching  # noqa: Y015
+Global___Guidance: _TypeAlias = Guidance  # noqa: Y015
 
 @_typing.final
 class Advice(_message.Message):
@@ -788,7 +788,7 @@ class Advice(_message.Message):
     NEXT_FOUR_MODE_FIELD_NUMBER: _builtins.int
     NEXT_FOUR_CHANGE_S_FIELD_NUMBER: _builtins.int
     CAUSE_FIELD_NUMBER: _builtins.int
-    COACH_FIELD_NUMBER: _builtins.int
+    GUIDE_FIELD_NUMBER: _builtins.int
     DEPARTURE_SPEED_MPS_FIELD_NUMBER: _builtins.int
     DEPARTURE_FORCE_RATIO_FIELD_NUMBER: _builtins.int
     REASON_FIELD_NUMBER: _builtins.int
@@ -856,8 +856,8 @@ class Advice(_message.Message):
         """[N]"""
 
     @_builtins.property
-    def coach(self) -> Global___Coaching:
-        """absent: the node has no coach, or no reference yet"""
+    def guide(self) -> Global___Guidance:
+        """absent: the node has no guide, or no reference yet"""
 
     @_builtins.property
     def reason(self) -> Global___Reason: ...
@@ -892,15 +892,15 @@ class Advice(_message.Message):
         next_four_mode: Global___Mode.ValueType = ...,
         next_four_change_s: _builtins.float = ...,
         cause: Global___WithdrawalCause.ValueType = ...,
-        coach: Global___Coaching | None = ...,
+        guide: Global___Guidance | None = ...,
         departure_speed_mps: _builtins.float = ...,
         departure_force_ratio: _builtins.float = ...,
         reason: Global___Reason | None = ...,
         replaced_parts: _builtins.int = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["coach", b"coach", "reason", b"reason"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["guide", b"guide", "reason", b"reason"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "coach", b"coach", "departure_force_ratio", b"departure_force_ratio", "departure_speed_mps", b"departure_speed_mps", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "replaced_parts", b"replaced_parts", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "departure_force_ratio", b"departure_force_ratio", "departure_speed_mps", b"departure_speed_mps", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "guide", b"guide", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "replaced_parts", b"replaced_parts", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1202,7 +1202,7 @@ class Cab(_message.Message):
         PRESENTATION_RMS: Cab._Presentation.ValueType  # 1
         PRESENTATION_FOUR_MODE: Cab._Presentation.ValueType  # 2
         PRESENTATION_VECTOR: Cab._Presentation.ValueType  # 3
-        PRESENTATION_COACH: Cab._Presentation.ValueType  # 4
+        PRESENTATION_GUIDE: Cab._Presentation.ValueType  # 4
         PRESENTATION_DEVIATION: Cab._Presentation.ValueType  # 5
 
     class Presentation(_Presentation, metaclass=_PresentationEnumTypeWrapper): ...
@@ -1210,7 +1210,7 @@ class Cab(_message.Message):
     PRESENTATION_RMS: Cab.Presentation.ValueType  # 1
     PRESENTATION_FOUR_MODE: Cab.Presentation.ValueType  # 2
     PRESENTATION_VECTOR: Cab.Presentation.ValueType  # 3
-    PRESENTATION_COACH: Cab.Presentation.ValueType  # 4
+    PRESENTATION_GUIDE: Cab.Presentation.ValueType  # 4
     PRESENTATION_DEVIATION: Cab.Presentation.ValueType  # 5
 
     class _Interlock:
@@ -1310,7 +1310,7 @@ class Cab(_message.Message):
     """of the advice shown now; NONE: nothing is shown"""
     mode: Global___Mode.ValueType
     advised_speed_mps: _builtins.float
-    """[m/s] of the coach: the speed to reach or to hold"""
+    """[m/s] of the guide: the speed to reach or to hold"""
     advised_lever_ratio: _builtins.float
     """[ratio]"""
     next_mode: Global___Mode.ValueType
@@ -1347,7 +1347,7 @@ class Cab(_message.Message):
     advised_force_n: _builtins.float
     """[N]"""
     due_s: _builtins.float
-    """[s] time until the speed of the coach is due"""
+    """[s] time until the speed of the guide is due"""
     target_way_m: _builtins.float
     """[m] way to where it is reached"""
     friction_ratio: _builtins.float
@@ -1355,9 +1355,9 @@ class Cab(_message.Message):
     deviation_s: _builtins.float
     """[s] how late the train is (early < 0), where that alone is shown; NaN otherwise"""
     next_speed_mps: _builtins.float
-    """[m/s] of the coach: the speed to reach or to hold after the next change; NaN: not shown"""
+    """[m/s] of the guide: the speed to reach or to hold after the next change; NaN: not shown"""
     next_effort_ratio: _builtins.float
-    """[ratio] of the coach: the share of the largest effort after it; NaN: not shown"""
+    """[ratio] of the guide: the share of the largest effort after it; NaN: not shown"""
     interlock: Global___Cab.Interlock.ValueType
     late_s: _builtins.float
     """[s] late > 0, against the planned run for the timetable; NaN: not known"""
@@ -1372,7 +1372,7 @@ class Cab(_message.Message):
     next_change_m: _builtins.float
     """[m] way to the next change; NaN: not shown"""
     second_mode: Global___Mode.ValueType
-    """of the coach: the change after the next"""
+    """of the guide: the change after the next"""
     second_change_s: _builtins.float
     """[s]"""
     second_change_m: _builtins.float
@@ -1401,7 +1401,7 @@ class Cab(_message.Message):
 
     @_builtins.property
     def reason(self) -> Global___Reason:
-        """of the coach"""
+        """of the guide"""
 
     def __init__(
         self,

@@ -93,7 +93,7 @@ class Cab:
 
     def __init__(self, post: Post, situation: Situation, fronts: Fronts, settings: CabSettings | None = None) -> None:
         settings = settings or CabSettings()
-        preparation = Preparation(fronts, settings.stopwatch, settings.advice.coach, background=settings.background)
+        preparation = Preparation(fronts, settings.stopwatch, settings.advice.guide, background=settings.background)
         self.legs = Legs(situation, preparation, settings.advice)
         """The legs of the journey under way."""
         self.here = Estimate(time_ns=0)

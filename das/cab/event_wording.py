@@ -344,9 +344,9 @@ def solving_failed(error: Exception) -> str:
     return f"solving failed ({type(error).__name__}: {error})"
 
 
-def no_coach(why: str) -> str:
-    """A section on which there is advice but no coach."""
-    return f"no coach: {why}"
+def no_guide(why: str) -> str:
+    """A section on which there is advice but no guide."""
+    return f"no guide: {why}"
 
 
 def impossible_now(why: str, error: Exception) -> str:

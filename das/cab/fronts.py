@@ -1,4 +1,4 @@
-"""Provides the front of a section and the policies of the coach: kept from before, or solved now.
+"""Provides the front of a section and the policies of the guide: kept from before, or solved now.
 
 The finished references of a section come from a table on disk, if there is one.
 """
@@ -14,12 +14,12 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.coach.settings import CoachSettings
+from das.advice.guide.settings import GuideSettings
 from das.cab import event_wording
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.guide.policies import GuideFront, GuideSettings
+from das.solver.guide.policies import GuideFront, PolicySettings
 from das.solver.guide.references import References
 from das.solver.section import Section
 from das.solver.solve import default_ladder, solve_ahead
@@ -60,14 +60,14 @@ class _Kept(Generic[T]):
 
 
 class FoundGuide(NamedTuple):
-    """The policies of the coach on a section, and why a table made for the section cannot be used."""
+    """The policies of the guide on a section, and why a table made for the section cannot be used."""
 
     front: GuideFront
     notes: tuple[str, ...] = ()
 
 
 class Fronts:
-    """Finds the fronts of sections and the policies of the coach; several threads may use it."""
+    """Finds the fronts of sections and the policies of the guide; several threads may use it."""
 
     def __init__(self, tables: Path | None = None, *, threads: int = 2, kept_bytes: int = KEPT_BYTES) -> None:
         """Look into a folder of tables; `notes` says what is wrong with it. DasError if there is no such folder."""
@@ -99,21 +99,21 @@ class Fronts:
         front = solve_ahead(section, s_m, threads=self._threads, lambda_w=onboard_ladder(section))
         return self._known.put(key, front)
 
-    def find_guide(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> FoundGuide:
-        """The policies of the coach on a section: kept, or begun now, with the finished references of its table.
+    def find_guide(self, section: Section, settings: GuideSettings, s_m: float | None = None) -> FoundGuide:
+        """The policies of the guide on a section: kept, or begun now, with the finished references of its table.
 
         For a train at a position (m), the line behind it is not solved; the answers are the same.
         """
-        key = key_of(section, settings.guide)
+        key = key_of(section, settings.policies)
         known = self._guides.get(key)
         if known is not None:
             known.front.cover(section.start_m if s_m is None else s_m)
             return known
-        references, notes = self._references(section, settings.guide)
-        front = GuideFront(section, settings.guide, s_m, threads=self._threads, references=references)
+        references, notes = self._references(section, settings.policies)
+        front = GuideFront(section, settings.policies, s_m, threads=self._threads, references=references)
         return self._guides.put(key, FoundGuide(front, notes))
 
-    def _references(self, section: Section, guide: GuideSettings) -> tuple[References | None, tuple[str, ...]]:
+    def _references(self, section: Section, guide: PolicySettings) -> tuple[References | None, tuple[str, ...]]:
         """The references of a section's table; without a table that fits, None and why."""
         if self._folder is None:
             return None, ()

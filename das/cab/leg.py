@@ -6,15 +6,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from das.advice.advice import Advice, Coaching, Timetable, Withdrawal
+from das.advice.advice import Advice, Guidance, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
-from das.advice.coach.coach import Coach
-from das.advice.coach.drift import Drift
-from das.advice.coach.keeping import Kept
-from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.display import Display, Scene
 from das.advice.goal import Goal, PassingTarget, TrainState, is_too_fast
+from das.advice.guide.drift import Drift
+from das.advice.guide.effort import STEP_RATIO
 from das.advice.guide.guide import Guide
+from das.advice.guide.keeping import Kept
+from das.advice.guide.scene import SpeedsAllowed
 from das.advice.planner import PlanBasis, Planner
 from das.advice.reason import Reason, ReasonCode
 from das.advice.settings import DEFAULT, AdviceSettings
@@ -51,7 +51,7 @@ class _Progress:
 class Leg:
     """One section of the journey under way: it takes timetable, targets and delay, and advises for a known state.
 
-    The `coach_worker` makes the references of the coach; `drift` is what is known of the driver from other legs.
+    The `guide_worker` makes the references of the guide; `drift` is what is known of the driver from other legs.
     """
 
     def __init__(
@@ -60,13 +60,13 @@ class Leg:
         end: Stop,
         section: Section,
         settings: AdviceSettings = DEFAULT,
-        coach_worker: Worker = AT_ONCE,
+        guide_worker: Worker = AT_ONCE,
         drift: Drift | None = None,
     ) -> None:
         self.start, self.end = start, end
         self.planner, self.display = Planner(PlanBasis(section=section), settings), Display(settings)
-        coach, showing = settings.coach, Guide() if settings.coach.guided else None
-        self.coach = Coach(section, None, coach, coach_worker, drift, showing) if coach.enabled else None
+        guide = settings.guide
+        self.guide = Guide(section, None, guide, guide_worker, drift) if guide.enabled else None
         self.arrival_ns: int | None = None
         """The arrival that traffic management wants (ns since 1970); None: by the timetable."""
         self.points: list[PassingTarget] = []
@@ -107,9 +107,9 @@ class Leg:
         self._lead(front)
 
     def _lead(self, front: GuideFront | None) -> None:
-        """Replace the coach by a successor that goes on where it ended, but has no reference if there is no front."""
-        if self.coach is not None:
-            self.coach = self.coach.successor(self.section, front)
+        """Replace the guide by a successor that goes on where it ended, but has no reference if there is no front."""
+        if self.guide is not None:
+            self.guide = self.guide.successor(self.section, front)
 
     def use_meanwhile(self, section: Section) -> None:
         """Plan for a changed section without a front yet: the last plan holds, capped by the speeds safe now."""
@@ -166,21 +166,21 @@ class Leg:
             self._arrived_ns = None
         if stands:
             if beyond_m >= -stop.at_stop_m:
-                scene = scene._replace(coach=self._standing(state))
+                scene = scene._replace(guide=self._standing(state))
                 late_s = self._arrival_late_s(state.now_ns)
                 return self.display.standing(scene, Reason(code=ReasonCode.ARRIVED, late_s=late_s))
             if state.s_m <= self.section.start_m + stop.at_stop_m and state.now_ns < self.goal.departure_ns:
-                return self.display.waiting(scene._replace(coach=self._standing(state)))
+                return self.display.waiting(scene._replace(guide=self._standing(state)))
         if beyond_m >= -stop.standstill_m:
             needed = planner.ahead.effort_to(state.s_m, state.v_mps, self.section.end_m, 0.0)
             reason = Reason(code=ReasonCode.STOP, stop=self.section.end_stop_name)
             return self._braking(scene, reason, needed)
         try:
-            kept = None if self.coach is None else self.coach.plan(state, self.goal)
+            kept = None if self.guide is None else self.guide.plan(state, self.goal)
             plan = planner.plan_for(state, self.goal, None if kept is None else kept.scheduled)
-            scene = scene._replace(coach=self._coaching(kept, state, stands=stands))
-            if self.coach is not None and kept is not None:
-                scene = scene._replace(late_s=self.coach.arrival_late_s(kept, state, self.goal))
+            scene = scene._replace(guide=self._guidance(kept, state, stands=stands))
+            if self.guide is not None and kept is not None:
+                scene = scene._replace(late_s=self.guide.arrival_late_s(kept, state, self.goal))
             return self.display.departing(scene, plan) if stands else self.display.following(scene, plan)
         except DasError as error:
             if state.v_mps > planner.allowed_mps(state.s_m):
@@ -200,47 +200,46 @@ class Leg:
         self.progress.too_fast = False
         if not why.cause.is_quiet:
             self._forget()
-        elif self.coach is not None:
-            self.coach.hush()
+        elif self.guide is not None:
+            self.guide.hush()
         return self.display.withdrawn(here, why)
 
     def _braking(self, scene: Scene, reason: Reason, needed: float = math.inf) -> Advice:
-        """Advise full brakes without a plan; the coach shows the `needed` effort, but no less than it shows already."""
-        shown = 0.0 if self.coach is None else self.coach.shown_effort
-        if self.coach is not None and math.isfinite(needed) and self.coach.stands_at_mark(scene.state):
+        """Advise full brakes without a plan; the guide shows the `needed` effort, but no less than it shows already."""
+        shown = 0.0 if self.guide is None else self.guide.shown_effort
+        if self.guide is not None and math.isfinite(needed) and self.guide.stands_at_mark(scene.state):
             needed = shown
         self._forget()
         advice = self.display.braking(scene, reason)
-        if self.coach is None:
+        if self.guide is None:
             return advice
         ahead, state = self.planner.ahead, scene.state
         largest = advice.advised_force_n / min(ahead.force_n(1.0, state.s_m, state.v_mps), -1.0)
-        least = self._settings.coach.showing.effort.step_ratio
-        effort = max(min(max(needed, least), largest), min(shown, ahead.largest(state.s_m, state.v_mps)))
+        effort = max(min(max(needed, STEP_RATIO), largest), min(shown, ahead.largest(state.s_m, state.v_mps)))
         force_n = ahead.force_n(effort, state.s_m, state.v_mps)
-        return replace(advice, coach=self.coach.brakes(effort, force_n, reason, state))
+        return replace(advice, guide=self.guide.brakes(effort, force_n, reason, state))
 
     def _forget(self) -> None:
-        """Forget the plan and the reference of the coach."""
+        """Forget the plan and the reference of the guide."""
         self.planner.forget()
-        if self.coach is not None:
-            self.coach.forget()
+        if self.guide is not None:
+            self.guide.forget()
 
-    def _coaching(self, kept: Kept | None, state: TrainState, *, stands: bool) -> Coaching | None:
-        """The coach's instruction to a train that runs, or that stands and has to go on; None without a coach."""
-        if self.coach is None:
+    def _guidance(self, kept: Kept | None, state: TrainState, *, stands: bool) -> Guidance | None:
+        """The guide's instruction to a train that runs, or that stands and has to go on; None without a guide."""
+        if self.guide is None:
             return None
         planner = self.planner
         limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
         place = SpeedsAllowed(planner.allowed_for(state), limit_mps, self.progress.too_fast)
-        show = self.coach.departs if stands else self.coach.show
+        show = self.guide.departs if stands else self.guide.show
         return show(kept, state, self.goal, place)
 
-    def _standing(self, state: TrainState) -> Coaching | None:
-        """The coach's instruction to a train that has to stand; None without a coach."""
-        if self.coach is None:
+    def _standing(self, state: TrainState) -> Guidance | None:
+        """The guide's instruction to a train that has to stand; None without a guide."""
+        if self.guide is None:
             return None
-        return self.coach.stands(max((self.goal.departure_ns - state.now_ns) * NS, 0.0))
+        return self.guide.stands(max((self.goal.departure_ns - state.now_ns) * NS, 0.0))
 
     def _arrival_late_s(self, now_ns: int) -> float:
         """How late the train arrived (s); the value stays while the train stands."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from das.advice.advice import Advice, Timetable
-from das.advice.coach.drift import Drift
+from das.advice.guide.drift import Drift
 from das.advice.settings import DEFAULT, AdviceSettings, StopSettings
 from das.cab import event_wording
 from das.cab.heard import Target
@@ -73,8 +73,8 @@ class Legs:
             return advice
         situation = self.situation.at(self._now_ns)
         judged = self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
-        if leg.coach is not None and judged.coach is not None and judged.replaced_parts:
-            leg.coach.has_shown(judged.coach.now, judged.time_ns)
+        if leg.guide is not None and judged.guide is not None and judged.replaced_parts:
+            leg.guide.has_shown(judged.guide.now, judged.time_ns)
         return judged
 
     def check(self, stops_m: Sequence[float]) -> None:
@@ -139,7 +139,7 @@ class Legs:
         Raises DasError if it cannot be driven even without restrictions.
         """
         section = free.section_ahead(ends[0].position_m, ends[1].position_m, s_m)
-        return Leg(*ends, section, self._settings, self.preparation.coach_worker, drift)
+        return Leg(*ends, section, self._settings, self.preparation.guide_worker, drift)
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
         """Take over all restrictions known; plans keep to each of them as soon as it counts."""
@@ -209,8 +209,8 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
 
 def _drift_of(legs: Sequence[Leg], settings: AdviceSettings) -> Drift:
     """What is known of the driver of these legs; nothing if no leg of another journey goes on."""
-    coach = legs[0].coach if legs else None
-    return coach.drift if coach is not None else Drift(settings.coach.margin, settings.coach.loss)
+    guide = legs[0].guide if legs else None
+    return guide.drift if guide is not None else Drift(settings.guide.margin, settings.guide.loss)
 
 
 def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool], settings: StopSettings) -> int:

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from das.advice.advice import Source
-from das.advice.coach.settings import CoachSettings
 from das.advice.goal import PassingTarget
+from das.advice.guide.settings import GuideSettings
 from das.advice.passing import PassingFronts, PassingRun
 from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
@@ -30,7 +30,7 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.front import Front
 from das.solver.section import Section
 
-NO_COACH = CoachSettings(enabled=False)
+NO_GUIDE = GuideSettings(enabled=False)
 TRY_AGAIN_S = 10.0
 """A search that failed for an unforeseen reason is repeated after this time, and whenever something changes."""
 
@@ -69,7 +69,7 @@ class _Prepared:
     ready: bool = False
     search: Future[_Answer] | None = None
     guide: Future[FoundGuide | str] | None = None
-    """The search for the coach's policies, which follows that for the front; a text says why there are
+    """The search for the guide's policies, which follows that for the front; a text says why there are
     none."""
     failed_ns: int | None = None
     """When the last search failed for an unforeseen reason; None if it did not."""
@@ -90,17 +90,17 @@ class _Prepared:
 class Preparation:
     """Keeps the legs that are near prepared for the present situation.
 
-    With `background`, searches for fronts run in a thread of their own, and all work for the coach in another one;
+    With `background`, searches for fronts run in a thread of their own, and all work for the guide in another one;
     otherwise each is over when the call returns, so that the advice depends on the messages alone. `stopwatch` gives
     seconds, which go into `solve_s` only. Call `close` at the end.
     """
 
     def __init__(
-        self, fronts: Fronts, stopwatch: Callable[[], float], coach: CoachSettings = NO_COACH, *, background: bool
+        self, fronts: Fronts, stopwatch: Callable[[], float], guide: GuideSettings = NO_GUIDE, *, background: bool
     ) -> None:
-        self._fronts, self._stopwatch, self._coach = fronts, stopwatch, coach
+        self._fronts, self._stopwatch, self._guide = fronts, stopwatch, guide
         self._solver = Worker("solve", background=background)
-        self.coach_worker = Worker("coach", background=background)
+        self.guide_worker = Worker("guide", background=background)
         """Finds policies and makes references, for which the advice does not wait."""
         self._prepared: dict[Leg, _Prepared] = {}
         self._news = [News(text, True) for text in fronts.notes]
@@ -147,21 +147,21 @@ class Preparation:
     def rehearse(self, section: Section) -> None:
         """Find the front of a section before there is a journey; raises DasError if there is none.
 
-        In the background the search for the coach's policies goes on afterwards, as for a leg under way:
+        In the background the search for the guide's policies goes on afterwards, as for a leg under way:
         the front alone is enough to advise.
         """
         began = self._stopwatch()
         self._fronts.find(section)
         self.solve_s = self._stopwatch() - began
-        if self._coach.enabled:
-            guide = self.coach_worker.submit(lambda: self._fronts.find_guide(section, self._coach))
-            if not self.coach_worker.in_background:
+        if self._guide.enabled:
+            guide = self.guide_worker.submit(lambda: self._fronts.find_guide(section, self._guide))
+            if not self.guide_worker.in_background:
                 guide.result()
 
     def close(self) -> None:
         """End the threads and give up what they are solving."""
         self._solver.close()
-        self.coach_worker.close()
+        self.guide_worker.close()
 
     def prepare(self, legs: Sequence[Leg], index: int, situation: Situation, now_ns: int, *, changed: bool) -> None:
         """Prepare the leg of number `index`, on which the train is, and the next one, and no others.
@@ -214,15 +214,15 @@ class Preparation:
         leg.use(PlanBasis(section=section, front=found, source=Source.SOLVED, passing=answer.passing))
         why, one.why = one.why, ""
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, why)))
-        if self._coach.enabled:
+        if self._guide.enabled:
             s_m = _Question.of(leg).s_m
-            one.guide = self.coach_worker.submit(lambda: _search_guide(self._fronts, section, self._coach, s_m))
+            one.guide = self.guide_worker.submit(lambda: _search_guide(self._fronts, section, self._guide, s_m))
 
     def _take_guide(self, leg: Leg, one: _Prepared, answer: FoundGuide | str) -> None:
-        """Let the coach lead by the policies found; without any, the leg goes on without a coach."""
+        """Let the guide lead by the policies found; without any, the leg goes on without a guide."""
         one.guide = None
         if isinstance(answer, str):
-            self._news.append(News(event_wording.no_coach(answer), True))
+            self._news.append(News(event_wording.no_guide(answer), True))
             return
         self._news += [News(note, True) for note in answer.notes]
         if answer.front.references is not None:
@@ -287,11 +287,11 @@ def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], f
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 
-def _search_guide(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> FoundGuide | str:
+def _search_guide(fronts: Fronts, section: Section, guide: GuideSettings, s_m: float) -> FoundGuide | str:
     """Search for the policies of a section; after an error, return its text."""
     try:
-        return fronts.find_guide(section, coach, s_m)
-    except Exception as error:  # Advice without a coach is better than a thread that dies in silence.
+        return fronts.find_guide(section, guide, s_m)
+    except Exception as error:  # Advice without a guide is better than a thread that dies in silence.
         return str(error) if isinstance(error, DasError) else event_wording.solving_failed(error)
 
 

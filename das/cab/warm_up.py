@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from das.advice.advice import Source, Timetable
 from das.advice.braking_model import BrakingBasis
-from das.advice.coach.settings import CoachSettings
+from das.advice.guide.settings import GuideSettings
 from das.advice.last_word import LastWord
 from das.advice.planner import PlanBasis
 from das.advice.settings import AdviceSettings
@@ -19,14 +19,14 @@ from das.solver.warm_up import warm_up as solve_tiny
 
 
 def warm_up() -> None:
-    """Run planner, coach and last word on a tiny section, under way and braking for the stop."""
+    """Run planner, guide and last word on a tiny section, under way and braking for the stop."""
     front = solve_tiny()
     section = front.section
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
-    settings = AdviceSettings(coach=CoachSettings(enabled=True))
+    settings = AdviceSettings(guide=GuideSettings(enabled=True))
     leg = Leg(start, end, section, settings)
     leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
-    leg.use_guide(GuideFront(section, settings.coach.guide))
+    leg.use_guide(GuideFront(section, settings.guide.policies))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     vehicle = section.vehicle
     basis = BrakingBasis(section.route, vehicle, section.brakes, (), Conditions(), section.start_m, section.end_m)

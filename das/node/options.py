@@ -74,21 +74,16 @@ class NodePlace(BusPlace):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CoachGiven:
-    """Whether the driver is led by the coach, and how drivers brake."""
+class GuideGiven:
+    """Whether the driver is led by the guide, and how drivers brake."""
 
-    coach: Annotated[
-        bool,
-        typer.Option(
-            "--coach/--no-coach",
-            help="Advise with the field coach: it leads the driver along a reference plan that it keeps as long as "
-            "possible.",
-        ),
-    ] = True
     guide: Annotated[
         bool,
-        typer.Option("--guide", help="Let the guide make the instructions of the coach's reference plan."),
-    ] = False
+        typer.Option(
+            "--guide/--no-guide",
+            help="Lead the driver along a reference plan that the guide keeps as long as possible.",
+        ),
+    ] = True
     planning_brake: Annotated[
         float | None,
         typer.Option(
@@ -145,7 +140,7 @@ class AdviceGiven:
             help="This site has no temporary restrictions: advise without waiting for a list of them.",
         ),
     ] = False
-    led: CoachGiven
+    led: GuideGiven
     tables: TablesOption = None
     with_parent: WithParentOption = None
 

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from das.advice.coach.settings import CoachSettings
+from das.advice.guide.settings import GuideSettings
 from das.advice.settings import AdviceSettings
 from das.bus.access import Refusals
 from das.bus.config import bus_options
@@ -70,10 +70,8 @@ class CabPlan:
 def plan_cab(options: NodeOptions) -> CabPlan:
     """Read the files that the options name. Raises DasError for anything unusable."""
     line, driven, advice = options.line, options.driven, options.advice
-    if advice.led.guide and not advice.led.coach:
-        raise DasError("--guide: the guide shows the coach's reference: expected no --no-coach")
-    if advice.tables is not None and not advice.led.coach:
-        raise DasError(f"--tables {advice.tables}: tables have the coach's departures: expected no --no-coach")
+    if advice.tables is not None and not advice.led.guide:
+        raise DasError(f"--tables {advice.tables}: tables have the guide's departures: expected no --no-guide")
     route, stops_m = _line(line)
     base = _vehicle(driven)
     started = base if driven.load is None else base.loaded(driven.load)
@@ -121,7 +119,7 @@ def _settings(advice: AdviceGiven) -> CabSettings:
         no_restrictions=advice.no_restrictions,
         calibrate=advice.calibrate,
         background=by_wall,
-        advice=AdviceSettings(coach=CoachSettings(enabled=advice.led.coach, guided=advice.led.guide)),
+        advice=AdviceSettings(guide=GuideSettings(enabled=advice.led.guide)),
         stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
     )
 

@@ -16,7 +16,7 @@ from das.domain.braking import ServiceBraking
 from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from das.solver.guide.policies import GuideSettings
+from das.solver.guide.policies import PolicySettings
 from das.solver.section import Section
 
 METHOD: Final = 1
@@ -82,7 +82,7 @@ def section_sha256(section: Section) -> str:
     return digest.hexdigest()
 
 
-def key_of(section: Section, guide: GuideSettings) -> str:
+def key_of(section: Section, guide: PolicySettings) -> str:
     """SHA-256 of everything that the references of a section depend on: the section, settings, and the method."""
     counts = {name: value for name, value in asdict(guide).items() if name != "kept_bytes"}
     return _sha256({"section": section_sha256(section), "guide": counts, "method": METHOD})

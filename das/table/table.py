@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from das.domain.errors import MISSING, DasError
 from das.domain.files.reading import Fields, read_json
 from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.guide.policies import GuideSettings
+from das.solver.guide.policies import PolicySettings
 from das.solver.guide.references import Finished, References
 from das.solver.section import Section
 from das.solver.solution import Fit
@@ -125,7 +125,7 @@ class Table:
         names = [name for name, test in _POINT.items() if test not in (_TEXT, _FIT)]
         return {name: np.array([one[name] for one in self.front], dtype=float) for name in names}
 
-    def references_for(self, section: Section, guide: GuideSettings) -> References:
+    def references_for(self, section: Section, guide: PolicySettings) -> References:
         """The references, if the table was made for this very section; else TableError names what differs."""
         begins = max(one.phases[-1].begin for one in self.references.finished)
         if self.key == key_of(section, guide) and begins < len(section.step_m):

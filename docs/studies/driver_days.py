@@ -37,12 +37,12 @@ PAGE: Final = FOLDER / "driver_days.md"
 KEPT: Final = DOCS.parent / "build" / "driver-days"
 SCENARIOS: Final = ("clear-day", "departure-delay", "signal-stop")
 SEEDS: Final = tuple(range(8))
-COMPARED: Final = (Presentation.NONE, Presentation.COACH)
+COMPARED: Final = (Presentation.NONE, Presentation.GUIDE)
 EXAMPLES: Final = tuple(
     OwnClass(module=one.__module__, name=one.__name__) for one in (Lazy, Doubting, WeakBraking, Belated)
 )
 EXAMPLE_SEEDS: Final = SEEDS[:3]
-FOLLOWED: Final = (Presentation.VECTOR, Presentation.COACH)
+FOLLOWED: Final = (Presentation.VECTOR, Presentation.GUIDE)
 """The presentations that the perfect driver follows."""
 PERFECT_SEEDS: Final = SEEDS[:1]
 
@@ -63,7 +63,7 @@ PERSON_COLUMNS: Final = ("participant", "late_s", "energy_kwh", "energy_optimum_
 
 
 def batches(seeds: Sequence[int] = SEEDS, folder: Path = KEPT) -> Iterator[Batch]:
-    """The four parts: every presentation; the coach with motors first; the example drivers; the perfect driver."""
+    """The four parts: every presentation; the guide with motors first; the example drivers; the perfect driver."""
     human, motors, clear = (DriverKind.HUMAN,), FrictionPolicy.ELECTRIC_FIRST, SCENARIOS[:1]
     of = partial(Batch, level=None, record=False, folder=folder)
     yield of(scenarios=SCENARIOS, drivers=human, advice=tuple(Presentation), seeds=seeds)

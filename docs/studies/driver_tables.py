@@ -106,7 +106,7 @@ def presentations(rows: Sequence[Row], scenario: str) -> Iterator[str]:
 
 
 def worth(rows: Sequence[Row]) -> Iterator[str]:
-    """What the coach saves the default driver, in % of the energy without advice: four ways to compare."""
+    """What the guide saves the default driver, in % of the energy without advice: four ways to compare."""
     yield f"| both drives | {' | '.join(SCENARIOS)} |"
     yield f"|---|{'---:|' * len(SCENARIOS)}"
     for columns, words in ((ENERGY, ""), (AT_EQUAL_ARRIVAL, ", at equal arrival")):
@@ -142,22 +142,22 @@ KEPT: Final[dict[str, Callable[[Drives], str]]] = {
     "acts of the last word": _sums("last_word_acts"),
     "seconds with advice": _share("availability_ratio"),
 }
-"""The rules of the coach's grammar, and how the drives of a group kept them."""
+"""The rules of the guide's grammar, and how the drives of a group kept them."""
 
 
 def grammar(rows: Sequence[Row]) -> Iterator[str]:
-    """How the coach kept its grammar with the default driver; counts are sums over the drives."""
-    yield f"| with the coach | {' | '.join(SCENARIOS)} |"
+    """How the guide kept its grammar with the default driver; counts are sums over the drives."""
+    yield f"| with the guide | {' | '.join(SCENARIOS)} |"
     yield f"|---|{'---:|' * len(SCENARIOS)}"
-    found = [groups(rows, (Presentation.COACH,), scenario)[0] for scenario in SCENARIOS]
+    found = [groups(rows, (Presentation.GUIDE,), scenario)[0] for scenario in SCENARIOS]
     for name, cell in KEPT.items():
         yield f"| {name} | {' | '.join(map(cell, found))} |"
 
 
 def examples(rows: Sequence[Row]) -> Iterator[str]:
-    """What the coach saves the example drivers on clear days."""
+    """What the guide saves the example drivers on clear days."""
     yield (
-        "| driver | kWh without advice | less with the coach | saved at equal arrival, % | late without and with, s | "
+        "| driver | kWh without advice | less with the guide | saved at equal arrival, % | late without and with, s | "
         "changes a minute | above limits, s |"
     )
     yield f"|---|{'---:|' * 6}"
@@ -214,7 +214,7 @@ def tables(rows: Sequence[Row], persons: Sequence[Row]) -> Iterator[tuple[Path, 
     """Every table: its page, its name there, and its lines."""
     for scenario in SCENARIOS:
         yield PAGE, scenario, list(presentations(rows, scenario))
-    for page in (PAGE, DOCS / "explanation" / "coach.md"):
+    for page in (PAGE, DOCS / "explanation" / "guide-figures.md"):
         yield page, "worth", list(worth(rows))
     for table in (grammar, examples, perfect):
         yield PAGE, table.__name__, list(table(rows))

@@ -46,7 +46,7 @@ PROGRAMS: Final = {
 }
 """Words that come after this Python for the first word of a command."""
 FIRST: Final = tuple(
-    f"python -m docs.studies.{name}" for name in ("pictures first-minute", "bundled", "null_experiments", "coach_days")
+    f"python -m docs.studies.{name}" for name in ("pictures first-minute", "bundled", "null_experiments", "guide_days")
 )
 """The longest commands, which are started first, so that none of them runs alone at the end."""
 MAKING: Final = "making-"

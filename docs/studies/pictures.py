@@ -19,30 +19,30 @@ from sim.cli.first_minute import DRIVER
 
 def first_minute(folder: Path) -> None:
     """The first minute: what it prints, its two drives beside each other, and the second one with a restriction."""
-    said, recorded, coached = _driven(folder)
+    said, recorded, guided = _driven(folder)
     (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
-    das_sim("view", coached, "--beside", recorded, "--plot", folder / "review.png")
-    coached.rename(folder / "coached.mcap")
+    das_sim("view", guided, "--beside", recorded, "--plot", folder / "review.png")
+    guided.rename(folder / "guided.mcap")
     again = ("--driver", DRIVER, "--restriction", "18-19.5:60", "-o", "restricted.mcap")
-    das_sim("what-if", "coached.mcap", *again, folder=folder)
-    compared = das_sim("compare", "coached.mcap", "restricted.mcap", "--plot", "what-if.png", folder=folder)
+    das_sim("what-if", "guided.mcap", *again, folder=folder)
+    compared = das_sim("compare", "guided.mcap", "restricted.mcap", "--plot", "what-if.png", folder=folder)
     (folder / "what-if.txt").write_text(compared, encoding="utf-8")
 
 
 def readme(folder: Path) -> None:
     """The two drives of the first minute beside each other."""
-    _, recorded, coached = _driven(folder)
-    das_sim("compare", recorded, coached, "--plot", folder / "first-minute.png")
+    _, recorded, guided = _driven(folder)
+    das_sim("compare", recorded, guided, "--plot", folder / "first-minute.png")
 
 
 def _driven(folder: Path) -> tuple[list[str], Path, Path]:
     """What the first minute prints, and its recordings by the names that pictures have."""
     said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
-    recorded, coached = (folder / f"{name}.mcap" for name in ("as recorded", "with the coach"))
-    (made,) = (folder / "recordings").glob("*-coach.mcap")
-    made.with_name(made.name.replace("-coach", "")).rename(recorded)
-    made.rename(coached)
-    return said, recorded, coached
+    recorded, guided = (folder / f"{name}.mcap" for name in ("as recorded", "with the guide"))
+    (made,) = (folder / "recordings").glob("*-guide.mcap")
+    made.with_name(made.name.replace("-guide", "")).rename(recorded)
+    made.rename(guided)
+    return said, recorded, guided
 
 
 def report(folder: Path) -> None:

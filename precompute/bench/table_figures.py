@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from itertools import cycle, pairwise
 from pathlib import Path
 
-from das.advice.coach.planning import Wanted, departing, planned
+from das.advice.guide.planning import Wanted, departing, planned
 from das.command_line.process import available_cores
 from das.domain.files.load import load_vehicle
 from das.domain.units import MEGABYTE

@@ -54,7 +54,7 @@ def few_switch(
     """Show what few changes of the controller cost: energy for each of a list of prices of a change.
 
     A change of what the driver does is made only where it saves as much energy as the train's full power needs in the
-    time given as its price. The rows show the schedule that the coach would make, with the section's own braking,
+    time given as its price. The rows show the schedule that the guide would make, with the section's own braking,
     beside the optimum and the best run of four modes.
     """
     wanted = buffer_numbers(buffers)
@@ -83,9 +83,9 @@ def few_switch(
 
 def few_switch_fronts(section: Section, prices_s: Sequence[float]) -> list[tuple[float, GuideFront]]:
     """Each price of a change (s), with the policies of a section for it."""
-    from das.solver.guide.policies import GuideFront, GuideSettings
+    from das.solver.guide.policies import GuideFront, PolicySettings
 
-    return [(price_s, GuideFront(section, GuideSettings(change_s=price_s))) for price_s in prices_s]
+    return [(price_s, GuideFront(section, PolicySettings(change_s=price_s))) for price_s in prices_s]
 
 
 def few_switch_rows(
@@ -107,7 +107,7 @@ def few_switch_rows(
 
 
 def _row_of_schedule(price_s: float, solved: GuideFront, front: Front, time_s: float) -> dict[str, Any]:
-    """The row for a price of a change; its schedule is made as the coach makes it."""
+    """The row for a price of a change; its schedule is made as the guide makes it."""
     from das.solver.guide.from_run import scheduled_run
     from das.solver.guide.in_time import in_time
     from das.solver.guide.phases import BRAKES

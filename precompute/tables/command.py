@@ -55,7 +55,7 @@ def build(
     was stopped continues where it left off. A section that fails is reported and does not stop the rest; the exit code
     is then 1. DIR/build.json says what became of each section.
 
-    A table holds the coach's finished references for departures, which take most of the time, and the front of time and
+    A table holds the guide's finished references for departures, which take most of the time, and the front of time and
     energy. By default the front is refined, which takes 2 to 3 s a section. SECONDS limit that; fronts may then differ
     from one build to the next.
     """

@@ -1,4 +1,4 @@
-"""The driver of the bundled recording, who can be shown the coach when his trip is driven anew."""
+"""The driver of the bundled recording, who can be shown the guide when his trip is driven anew."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GLANCE_S: Final = 5.0
 class RecordedDriver:
     """Drives as in the bundled recording: alone as fast as the limits allow, never minding the clock.
 
-    With the coach he does what he read at his last glance (`sim.drivers.asked`), with no more than its effort, in his
+    With the guide he does what he read at his last glance (`sim.drivers.asked`), with no more than its effort, in his
     own manner and with his own wandering. Limits of the line and stops he keeps as ever; temporary
     restrictions he does not know, for there are none on his trip. He brakes with the motors first, as the train of the
     recording did.
@@ -49,7 +49,7 @@ class RecordedDriver:
 
 
 def _told(view: AdviceView | None, speed_mps: float, efforts: Efforts) -> tuple[float, float]:
-    """The top speed (m/s) and the largest force (N) that the coach asks for at a speed; infinite without advice."""
+    """The top speed (m/s) and the largest force (N) that the guide asks for at a speed; infinite without advice."""
     if view is None:
         return math.inf, math.inf
     to_mps, effort = view.shown_speed_mps, view.lever_ratio

@@ -58,7 +58,7 @@ def batch(
     out: OutFolder,
     seeds: Annotated[str, typer.Option(metavar="LIST", help="Seeds, like 0-99 or 1,5,10-19.")] = "0-9",
     drivers: DriversOption = "human",
-    advice: AdviceListOption = "coach",
+    advice: AdviceListOption = "guide",
     friction: FrictionOption = FrictionPolicy.AS_MEASURED,
     participants: ParticipantsOption = None,
     population: PopulationOption = None,
@@ -156,7 +156,7 @@ def _participants(
 
 def sensitivity(
     scenario: ScenarioArgument,
-    advice: AdviceListOption = "coach",
+    advice: AdviceListOption = "guide",
     seeds: DaysOption = "0-3",
     parameters: ParametersOption = None,
     population: PopulationOption = None,

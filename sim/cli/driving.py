@@ -42,7 +42,7 @@ class DayAsked:
     """Options on the day to simulate, beside its scenario."""
 
     journey: JourneyOption = None
-    advice: AdviceOption = Presentation.COACH
+    advice: AdviceOption = Presentation.GUIDE
     seed: SeedOption = 0
     level: LevelOption = None
     train: TrainOption = DEFAULT_TRAIN

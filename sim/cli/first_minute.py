@@ -1,4 +1,4 @@
-"""The command without arguments: the bundled trip as it was recorded, and driven by the same driver with the coach."""
+"""The command without arguments: the bundled trip as it was recorded, and driven by the same driver with the guide."""
 
 from __future__ import annotations
 
@@ -23,36 +23,36 @@ if TYPE_CHECKING:
     from sim.drive.drive import Drive
 
 DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
-"""The driver of the bundled recording, who can be shown the coach."""
+"""The driver of the bundled recording, who can be shown the guide."""
 HANGS_ON: Final = (
-    "He watches no clock when alone, does what the coach says, and brakes with the motors first: drivers who keep time "
-    "by themselves save less (docs/explanation/coach.md)."
+    "He watches no clock when alone, does what the guide says, and brakes with the motors first: drivers who keep time "
+    "by themselves save less (docs/explanation/guide.md)."
 )
 """What the figures of the result hang on, in a sentence."""
 LOOK_AGAIN_S: Final = 0.2
-"""How often the progress of the drive with the coach is shown (s)."""
+"""How often the progress of the drive with the guide is shown (s)."""
 
 
 def first_minute() -> None:
-    """Replay the bundled recording while its trip is driven anew with the coach, and print what came of both."""
+    """Replay the bundled recording while its trip is driven anew with the guide, and print what came of both."""
     trip = bundled_recording()
     recorded = new_recording("replay", "start das-sim in a folder where it can write")
     with removed_if_unused(recorded):
         load_solver()
-    coached = new_file(recorded.with_name(f"{recorded.stem}-coach.mcap"))
-    with removed_if_unused(recorded), removed_if_unused(coached), naming_recorded(coached):
-        with _Coached(trip, coached) as drive:
+    guided = new_file(recorded.with_name(f"{recorded.stem}-guide.mcap"))
+    with removed_if_unused(recorded), removed_if_unused(guided), naming_recorded(guided):
+        with _Guided(trip, guided) as drive:
             replayed(trip, ReplayOptions(), recorded)
             with naming_recorded(recorded):
                 drive.finish()
-        found = _compared(recorded, coached)
+        found = _compared(recorded, guided)
     _print(found)
-    files = f"{shlex.quote(str(coached))} --beside {shlex.quote(str(recorded))}"
+    files = f"{shlex.quote(str(guided))} --beside {shlex.quote(str(recorded))}"
     tell(f"See it: {typed('das-sim')} view {files}")
 
 
-class _Coached:
-    """A recorded trip driven anew by the same driver with the coach, in a thread; use with `with`.
+class _Guided:
+    """A recorded trip driven anew by the same driver with the guide, in a thread; use with `with`.
 
     Each drive mostly waits for a node of its own, so that two at a time take little longer than one. If the block ends
     early, the drive does too.
@@ -60,10 +60,10 @@ class _Coached:
 
     def __init__(self, trip: Path, out: Path) -> None:
         self._trip, self._out = trip, out
-        self._pool = ThreadPoolExecutor(1, "coached")
+        self._pool = ThreadPoolExecutor(1, "guided")
         self._done_m, self._whole_m, self._ended = 0.0, 0.0, False
 
-    def __enter__(self) -> _Coached:
+    def __enter__(self) -> _Guided:
         self._drive = self._pool.submit(self._run)
         return self
 
@@ -74,7 +74,7 @@ class _Coached:
     def finish(self) -> None:
         """Show how far the drive is until it has ended; raises what ended it early."""
         if not self._drive.done():
-            with progress_bar("driving the trip with the coach", "under way", "m") as progress:
+            with progress_bar("driving the trip with the guide", "under way", "m") as progress:
                 while wait([self._drive], LOOK_AGAIN_S).not_done:
                     if self._whole_m:
                         progress(self._done_m, self._whole_m)
@@ -85,34 +85,34 @@ class _Coached:
         from sim.runs.what_if.origin import Origin
         from sim.runs.what_if.otherwise import DrivenOtherwise, Otherwise
 
-        new = Otherwise(driven=DrivenOtherwise(driver=DRIVER, advice=Presentation.COACH))
+        new = Otherwise(driven=DrivenOtherwise(driver=DRIVER, advice=Presentation.GUIDE))
         with tempfile.TemporaryDirectory(prefix="das-first-minute-") as folder:
             drive_again(day_again(Origin.read(self._trip, None, Path(folder)), new), self._out, self._progress)
 
     def _progress(self, done_m: float, whole_m: float) -> None:
         if self._ended:
-            raise DasError("the drive with the coach was ended early")
+            raise DasError("the drive with the guide was ended early")
         self._done_m, self._whole_m = done_m, whole_m
 
 
-def _compared(recorded: Path, coached: Path) -> AlignedDrives:
+def _compared(recorded: Path, guided: Path) -> AlignedDrives:
     from sim.drive.comparison import AlignedDrives, drives_on_track
     from sim.drive.drive import Drive
 
     with busy("comparing …"):
-        return AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(coached)]))
+        return AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(guided)]))
 
 
 def _print(found: AlignedDrives) -> None:
-    """Print both drives beside each other, and in one sentence what the coach was worth and what that hangs on."""
+    """Print both drives beside each other, and in one sentence what the guide was worth and what that hangs on."""
     before, after = (one.drive for one in found.drives)
-    alone_j, coached_j = (float(one[-1]) for one in found.energy_j)
+    alone_j, guided_j = (float(one[-1]) for one in found.energy_j)
     start, end = before.calls[0], before.calls[-1]
     rows = (
-        ("", "as recorded", "with the coach"),
+        ("", "as recorded", "with the guide"),
         (f"leaves {start.name} (due {_clock(before, start.due_departure_ns)})", *_times(found, first=True)),
         (f"arrives at {end.name} (due {_clock(before, end.due_arrival_ns)})", *_times(found, first=False)),
-        ("energy (estimated)", f"{kwh(alone_j):.0f} kWh", f"{kwh(coached_j):.0f} kWh"),
+        ("energy (estimated)", f"{kwh(alone_j):.0f} kWh", f"{kwh(guided_j):.0f} kWh"),
         ("instructions in the cab", "none", f"{after.instructions.instructions}"),
     )
     way = f"from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km"
@@ -128,7 +128,7 @@ def _print(found: AlignedDrives) -> None:
         at_equal = f"at the same arrival time {_less(equal.more_j)} ({share})"
     later_s = (after.calls[-1].arrived_ns - before.calls[-1].arrived_ns) * NS
     came = f"arrived {abs(later_s):.0f} s {'later' if later_s >= 0 else 'earlier'}"
-    paragraph(f"With the coach the same driver {came} and needed {_less(coached_j - alone_j)}; {at_equal}. {HANGS_ON}")
+    paragraph(f"With the guide the same driver {came} and needed {_less(guided_j - alone_j)}; {at_equal}. {HANGS_ON}")
 
 
 def _less(energy_j: float) -> str:

@@ -90,7 +90,7 @@ ENTRIES: Final = (
         name="sensitivity",
         where="sim.cli.batch:sensitivity",
         summary="Say how much each parameter of the human driver matters for the energy.",
-        examples=("das-sim sensitivity clear-day --advice vector,coach --seeds 0-3",),
+        examples=("das-sim sensitivity clear-day --advice vector,guide --seeds 0-3",),
     ),
     Entry(
         name="view",
@@ -152,7 +152,7 @@ ENTRIES: Final = (
         summary="Ask what would have been: other advice for a recorded drive, or its day driven anew.",
         examples=(
             "das-sim what-if run.mcap --level l1 -o l1.mcap",
-            "das-sim what-if run.mcap --advice coach --restriction 20-22:80",
+            "das-sim what-if run.mcap --advice guide --restriction 20-22:80",
         ),
     ),
     Entry(
@@ -194,7 +194,7 @@ ENTRIES: Final = (
 )
 ABOUT: Final = (
     "Replay a train's trip, or simulate a day, against a live advice node; record it and look at it.\n\n"
-    "Without a command, das-sim replays the bundled recording, drives its trip with the coach, and compares the two."
+    "Without a command, das-sim replays the bundled recording, drives its trip with the guide, and compares the two."
 )
 
 

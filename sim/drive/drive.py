@@ -366,7 +366,7 @@ class Drive(DrivenEnergy):
 
     @cached_property
     def instructions(self) -> InstructionFigures:
-        """How well the coach's instructions kept to their grammar."""
+        """How well the guide's instructions kept to their grammar."""
         return recorded_instructions(self.recording) if self.run is None else self.run.instructions
 
     @cached_property

@@ -1,6 +1,6 @@
-"""How well the coach's instructions keep to their grammar, second by second, in a run or in a recording.
+"""How well the guide's instructions keep to their grammar, second by second, in a run or in a recording.
 
-`docs/explanation/coach.md` states the grammar.
+`docs/explanation/guide.md` states the grammar.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class _Told(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class RelianceFigures:
-    """How far a driver can rely on the coach.
+    """How far a driver can rely on the guide.
 
     Of the `promised` changes (announced as the next one, and nearly due) `kept` came at about that time.
     `above_limit_s` counts the seconds in which the train of a driver who obeys is faster than the limit by 0.5 m/s,
@@ -111,7 +111,7 @@ class RelianceFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class InstructionFigures:
-    """Counts of the coach's instructions for a moving train.
+    """Counts of the guide's instructions for a moving train.
 
     `changes` is the number of changes of kind, `announced` those of them that were announced in time, or that the
     instruction before states itself: holding the speed to which it leads. `brakes` begin after another kind; `led` of
@@ -137,15 +137,15 @@ class InstructionFigures:
 
     @property
     def against_grammar(self) -> int:
-        """Instructions that the grammar of the coach excludes."""
+        """Instructions that the grammar of the guide excludes."""
         return self.missed_coasts + self.vain_accelerations + self.odd_speeds + self.standing_s
 
     def rows(self) -> list[tuple[str, str]]:
-        """The measures for tables; nothing if the coach gave no instructions."""
+        """The measures for tables; nothing if the guide gave no instructions."""
         if not self.changes:
             return []
         return [
-            ("coach's changes announced in time", f"{self.announced} of {self.changes}"),
+            ("guide's changes announced in time", f"{self.announced} of {self.changes}"),
             ("  brakes shown 2 s before they were due", f"{self.led} of {self.brakes}"),
             ("  instructions against the grammar", f"{self.against_grammar} of {self.instructions}"),
             ("  announced changes that came", f"{self.reliance.kept} of {self.reliance.promised}"),
@@ -178,7 +178,7 @@ class _ByEye(NamedTuple):
     @classmethod
     def begun(cls, told: _Told, advice: Any) -> _ByEye:
         """A brake by eye that begins with an advice."""
-        return cls(told.s_m, told.speed_mps, float(advice.limit_mps), told.s_m + advice.coach.target_m)
+        return cls(told.s_m, told.speed_mps, float(advice.limit_mps), told.s_m + advice.guide.target_m)
 
     def speed_at(self, s_m: float) -> float:
         """The speed (m/s) at a place if the train brakes steadily to the stop; 0 beyond it."""
@@ -212,7 +212,7 @@ class _RelianceWatch:
         self._obeyed_s = self._obeyed_s + 1 if _obeys(told, advice, force_n) else 0
         too_fast = advice.speed_mps > advice.limit_mps + OVERSPEED_MPS
         self._counts["above_limit_s"] += too_fast and self._obeyed_s > OBEYED_S
-        self._keep_promise(told, advice.coach.following, time_s)
+        self._keep_promise(told, advice.guide.following, time_s)
 
     def _count_time(self, advice: Any, time_s: float) -> None:
         """Count the seconds since the last look as advised or silent."""
@@ -224,7 +224,7 @@ class _RelianceWatch:
 
     def _judge_by_eye(self, told: _Told | None, advice: Any) -> None:
         """Count a limit that begins before the stop while the driver is told to stop by eye, if that breaks it."""
-        if told is None or not told.by_eye or advice.coach.now.in_s > 0:
+        if told is None or not told.by_eye or advice.guide.now.in_s > 0:
             self._stopping = None
             return
         begun = self._stopping = self._stopping or _ByEye.begun(told, advice)
@@ -281,7 +281,7 @@ class InstructionWatch:
             self._changed(before, told, advice)
         self._led_mps = told.to_mps
         self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
-        for one in advice.coach.following:
+        for one in advice.guide.following:
             kind = KIND_OF.get(int(one.mode))
             if kind is not None:
                 self._announced.append((time_s, _task(kind, one.speed_mps), time_s + one.in_s))
@@ -328,18 +328,18 @@ def recorded_instructions(recording: Recording) -> InstructionFigures:
 
 
 def _told(advice: Any) -> _Told | None:
-    """The coach's instruction in an advice; None if there is none for a moving train."""
-    coach = advice.coach
-    kind = None if coach is None else KIND_OF.get(int(coach.now.mode))
+    """The guide's instruction in an advice; None if there is none for a moving train."""
+    guide = advice.guide
+    kind = None if guide is None else KIND_OF.get(int(guide.now.mode))
     if kind is None or math.isnan(advice.speed_mps):
         return None
-    now, time_s = coach.now, advice.time_ns * NS
-    shows = not (math.isnan(now.effort_ratio) or math.isnan(coach.lever_ratio))
+    now, time_s = guide.now, advice.time_ns * NS
+    shows = not (math.isnan(now.effort_ratio) or math.isnan(guide.lever_ratio))
     effort = round(now.effort_ratio / EFFORT_STEP_RATIO) if shows else 0
     by_eye = kind is InstructionKind.BRAKE and math.isnan(now.effort_ratio)
     return _Told(
         kind, now.speed_mps, effort, by_eye, time_s, advice.s_m, advice.speed_mps, time_s + now.in_s,
-        int(coach.replan.time_ns),
+        int(guide.replan.time_ns),
     )  # fmt: skip
 
 
@@ -351,7 +351,7 @@ def _task(kind: InstructionKind, to_mps: float) -> _Task:
 def _is_odd(told: _Told, advice: Any) -> bool:
     """Whether the speed of an instruction is neither a whole step, nor the limit here, nor the one that it is for."""
     steps = round(told.to_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
-    known = steps, advice.limit_mps, advice.coach.reason.speed_mps
+    known = steps, advice.limit_mps, advice.guide.reason.speed_mps
     return not any(abs(told.to_mps - step_below(one)) < 0.5 * KMH for one in known if math.isfinite(one))
 
 
@@ -364,12 +364,12 @@ def _is_own_end(before: _Told, told: _Told) -> bool:
 def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
     """Whether a driver does what is shown, as far as speed and wheel force (N) tell."""
     if told.by_eye:  # No force is seen: a driver who does not pull does what is shown.
-        return bool(advice.coach.now.in_s > 0 or force_n <= 0)
+        return bool(advice.guide.now.in_s > 0 or force_n <= 0)
     if told.kind is InstructionKind.BRAKE:
-        return bool(advice.coach.now.in_s > 0 or force_n <= OBEYED_RATIO * advice.coach.force_n)
+        return bool(advice.guide.now.in_s > 0 or force_n <= OBEYED_RATIO * advice.guide.force_n)
     if told.kind is InstructionKind.COAST:
-        return bool(force_n <= 0 or advice.coach.now.in_s > 0)
-    slows = force_n <= OBEYED_RATIO * min(advice.coach.force_n, 0.0)  # Downhill, a speed is held by braking.
+        return bool(force_n <= 0 or advice.guide.now.in_s > 0)
+    slows = force_n <= OBEYED_RATIO * min(advice.guide.force_n, 0.0)  # Downhill, a speed is held by braking.
     return bool(slows or told.speed_mps <= told.to_mps + OVERSPEED_MPS)
 
 

@@ -42,11 +42,11 @@ class AdviceView:
     """Advice as the display shows it; what is not shown is NaN or empty.
 
     Times are in s on the cab's clock, modes are driving regimes by their numbers on the bus. `speed_mps` is the advised
-    speed: the top speed in RMS, the speed to hold in FOUR_MODE, the speed to reach or to hold in COACH.
+    speed: the top speed in RMS, the speed to hold in FOUR_MODE, the speed to reach or to hold in GUIDE.
     `display_speed_mps` is the same speed in whole km/h, as it is written on the display. `lever_ratio` is the advised
     effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
     after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
-    change, `next_change_m` is the way to it, and `second_…` is the change after it. In COACH, `due_s` is the time until
+    change, `next_change_m` is the way to it, and `second_…` is the change after it. In GUIDE, `due_s` is the time until
     the instruction is due, and `target_way_m` the distance to where its speed is reached; `replan_cause` and
     `replanned_s` are why and when its reference was made, which no display shows.
     In DEVIATION there is only `deviation_s`: how late the train is against the plan for its timetable (early < 0).

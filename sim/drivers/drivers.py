@@ -141,10 +141,10 @@ class PerfectDriver:
 
 
 class LiteralDriver:
-    """Does what the coach's card says, and knows nothing else: a witness of where the card alone leads.
+    """Does what the guide's card says, and knows nothing else: a witness of where the card alone leads.
 
     He reads the card, the speedometer and the distance to his stop. He knows no limit, board or signal, and brakes by
-    eye only where the card shows no effort. Without the coach he drives as `TimetableDriver`.
+    eye only where the card shows no effort. Without the guide he drives as `TimetableDriver`.
     """
 
     def __init__(self, line: LineKnowledge) -> None:
@@ -154,7 +154,7 @@ class LiteralDriver:
 
     def command(self, cab: CabView) -> Command:
         view = cab.shown
-        if view is None or not presenter_of(view.presentation).needs_coach:
+        if view is None or not presenter_of(view.presentation).needs_guide:
             self._due = None
             return self._alone.command(cab)
         if cab.shall_stand:

@@ -75,12 +75,15 @@ class Presentation(StrEnum):
     """Full traction, a speed to hold, coasting, braking; and when the next of them begins."""
     VECTOR = "vector"
     """Speed and effort now, and for the next seconds."""
-    COACH = "coach"
-    """What to do now, up to which speed and with what effort, and the next two changes."""
     GUIDE = "guide"
-    """As the coach, by the guide, which is to take its place."""
+    """What to do now, up to which speed and with what effort, and the next two changes."""
     SHEET = "sheet"
     """On paper: what to do from which kilometre on; it never changes."""
+
+    @classmethod
+    def recorded(cls, text: str) -> Presentation:
+        """The presentation that a recording names; the guide was called coach. Raises ValueError for another word."""
+        return cls(text.replace("coach", "guide"))
 
 
 class FrictionPolicy(StrEnum):

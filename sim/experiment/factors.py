@@ -46,7 +46,7 @@ class Setting:
     scenario: str = "clear-day"
     train: str | None = None
     driver: DriverKind | OwnClass = DriverKind.HUMAN
-    presentation: Presentation = Presentation.COACH
+    presentation: Presentation = Presentation.GUIDE
     loss_level: Level | None = None
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
     update_interval_s: float = 0.0

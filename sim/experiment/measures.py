@@ -28,7 +28,7 @@ LEAST_MOVE_RATIO: Final = 1e-9
 NOLD: Final = "as in Nold & Corman (2024)"
 BALANCE: Final = "energy balance of the simulated train (docs/reference/plant.md)"
 OWN: Final = "own definition"
-GRAMMAR: Final = "grammar of the coach (docs/explanation/coach.md)"
+GRAMMAR: Final = "grammar of the guide (docs/explanation/guide.md)"
 Measuring = Callable[[Driven], float | int | None]
 
 
@@ -240,7 +240,7 @@ _LISTED: Final = (
              "mean over the stops after the first of |where the train stands − where it should|", stop_error_m),
     _measure("speed_rmse_mps", "Speed error against what was shown", "m/s", "tracking error of manual control",
              "√ mean (v − shown)² over the moving seconds in which a speed was shown; for a reduced maximum speed "
-             "only what is above it counts, and of the coach only the times in which a speed is to be held",
+             "only what is above it counts, and of the guide only the times in which a speed is to be held",
              speed_rmse_mps),
     _measure("speed_in_band_ratio", "Time in band", "1", "band of 3 km/h: assumption",
              "share of those seconds with |v − shown| ≤ 3 km/h", speed_in_band_ratio),
@@ -311,7 +311,7 @@ _LISTED: Final = (
          "shortest time for which a mode was shown before another; brakes and what they end do not count"),
         ("advice_restless", "Restless advice", "1",
          "1 for more than 2 changes a minute or a mode shown for less than 8 s, else 0"),
-        ("instructions", "Instructions", "1", "instructions of the coach"),
+        ("instructions", "Instructions", "1", "instructions of the guide"),
     ),
     *_figures(
         GRAMMAR,

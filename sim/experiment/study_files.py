@@ -96,8 +96,8 @@ EVENT_COLUMNS: Final = {
     "next_mode": ("Next mode", "mode after the next change on the display", ""),
     "next_change_s": ("Next change", "time until the next change on the display", "s"),
     "next_speed_mps": ("Next speed", "speed after the next change on the display", "m/s"),
-    "replan_cause": ("Cause of replanning", "why the coach made the reference behind its instruction", ""),
-    "replan_age_s": ("Age of the reference", "time since the coach made that reference", "s"),
+    "replan_cause": ("Cause of replanning", "why the guide made the reference behind its instruction", ""),
+    "replan_age_s": ("Age of the reference", "time since the guide made that reference", "s"),
 }
 _OF_SHOWN: Final = list(EVENT_COLUMNS)[-8:]
 """The columns of what was shown, which other events do not have."""
@@ -124,7 +124,7 @@ _FRICTION: Final = {
 }
 _DRIVERS: Final = {
     DriverKind.PERFECT: "follows advice exactly and at once",
-    DriverKind.LITERAL: "does what the coach's card says and knows nothing else",
+    DriverKind.LITERAL: "does what the guide's card says and knows nothing else",
     DriverKind.FAST: "drives as fast as is allowed",
     DriverKind.RMS: "never drives faster than the reduced maximum speed",
     DriverKind.TIMETABLE: "keeps to the timetable without advice",

@@ -1,6 +1,6 @@
 """`python -m sim.world.late_kernels`: compile the kernels that a simulated day needs last, on a tiny line.
 
-A command that compiles the solver starts this beside itself: the plant, the coach's plans and the last word come
+A command that compiles the solver starts this beside itself: the plant, the guide's plans and the last word come
 when sections have been solved.
 """
 
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from das.advice.advice import Timetable
 from das.advice.braking_model import BrakingBasis
-from das.advice.coach.settings import CoachSettings
+from das.advice.guide.settings import GuideSettings
 from das.advice.last_word import LastWord
 from das.advice.settings import AdviceSettings
 from das.cab.leg import Leg
@@ -55,7 +55,7 @@ def _plan(section: Section) -> None:
 def _brake(section: Section) -> None:
     """Advise a train that comes to its stop, and judge the advice."""
     start, end = section.route.stops[0], section.route.stops[-1]
-    leg = Leg(start, end, section, AdviceSettings(coach=CoachSettings(enabled=True)))
+    leg = Leg(start, end, section, AdviceSettings(guide=GuideSettings(enabled=True)))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     basis = BrakingBasis(
         section.route, section.vehicle, section.brakes, (), Conditions(), section.start_m, section.end_m

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from das.advice.advice import Advice
-from das.advice.coach.settings import CoachSettings
+from das.advice.guide.settings import GuideSettings
 from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
@@ -135,7 +135,7 @@ class OnDisplay(NamedTuple):
 
 
 class _Watches(NamedTuple):
-    """What looks at the advice of a run: at what the driver is shown, and at the coach's instructions."""
+    """What looks at the advice of a run: at what the driver is shown, and at the guide's instructions."""
 
     shown: ShownWatch
     instructions: InstructionWatch
@@ -280,8 +280,8 @@ TRAIN = "train"
 class InProcess:
     """The link to an on-board system in this process, which receives what the bus would carry; nothing is recorded."""
 
-    def __init__(self, service: Service, *, coach: bool = False, guide: bool = False) -> None:
-        self._service, self._coach, self._guide = service, coach, guide
+    def __init__(self, service: Service, *, guide: bool = False) -> None:
+        self._service, self._guide = service, guide
         self._kept: dict[Kind, Heard] = {}
         self._judged_ns = 0
         self.said: list[Output] = []
@@ -301,7 +301,7 @@ class InProcess:
         )
         trains = Trains(service.vehicle, service.vehicle)
         post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
-        advice = AdviceSettings(coach=CoachSettings(enabled=self._coach, guided=self._guide))
+        advice = AdviceSettings(guide=GuideSettings(enabled=self._guide))
         calibrate = service.scenario.sensors.force_noise_ratio is not None
         self.cab = Cab(post, situation, service.onboard, CabSettings(calibrate=calibrate, advice=advice))
         """The on-board system."""

@@ -119,7 +119,7 @@ def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Pr
     """
     if out is None:
         shows = presenter_of(how.advice)
-        link = InProcess(day.service, coach=shows.needs_coach, guide=shows.needs_guide)
+        link = InProcess(day.service, guide=shows.needs_guide)
         return DayRun(World(day, driver, how.advice, link, how.screen).run(progress), None)
     processes = make_processes(day, how, out)
     with Lockstep(processes) as lockstep:
@@ -163,10 +163,10 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
         **how.metadata,
     }
     shows = presenter_of(how.advice)
-    leads = ("--coach" if shows.needs_coach else "--no-coach", *(("--guide",) if shows.needs_guide else ()))
+    leads = "--guide" if shows.needs_guide else "--no-guide"
     return Processes(
         train=how.train,
-        node_arguments=(*_node_arguments(service), *leads),
+        node_arguments=(*_node_arguments(service), leads),
         out=out,
         metadata=metadata,
         start_ns=service.moment_ns(-BEFORE_S),

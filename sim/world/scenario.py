@@ -162,7 +162,7 @@ def scenario_of(fields: Fields) -> Scenario:
     """The scenario of the fields of a file; raises InputError for anything unusable."""
     path = fields.source
     fields.check_schema_version(SCHEMA_VERSION)
-    fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "coach", "disturbances"])
+    fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "guide", "disturbances"])
     main = fields.table("scenario")
     main.check_keys(KEYS)
     timetable = fields.optional_table("timetable")
@@ -189,7 +189,7 @@ def scenario_of(fields: Fields) -> Scenario:
         truth=read_truth(fields.optional_table("truth")),
         human=read_human(fields.optional_table("human")),
         sensors=_sensors(fields.optional_table("sensors")),
-        braking=site_braking(fields.optional_table("coach")),
+        braking=site_braking(fields.optional_table("guide")),
         disturbances=_disturbances(fields),
         calls=_calls(main),
         loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,

@@ -1,4 +1,4 @@
-"""Days whose plan is to coast down a hill up to a higher speed: the coach saves there what the plan saves."""
+"""Days whose plan is to coast down a hill up to a higher speed: the guide saves there what the plan saves."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_coasting_down_to_a_higher_speed_saves_what_the_plan_saves(
     service, energies_kwh = prepare_service(read_scenario(tmp_path / "day.toml")), []
     for seed in seeds:
         day = make_day(service, seed)
-        world = World(day, day.driver(DriverKind.PERFECT), Presentation.COACH, InProcess(service, coach=True))
+        world = World(day, day.driver(DriverKind.PERFECT), Presentation.GUIDE, InProcess(service, guide=True))
         figures = outcome(day, world.run()).as_dict()
         assert -early_s < figures["late_s"] < 5.0
         assert figures["instructions"] <= most_instructions

@@ -22,7 +22,7 @@ from tests.support.crossing import few
 from tests.support.flat_days import FLAT, Alone, run_of, service_of, signal_at, standing_m, states_of
 
 
-@pytest.mark.parametrize("advice", few(Presentation, (Presentation.COACH,)))
+@pytest.mark.parametrize("advice", few(Presentation, (Presentation.GUIDE,)))
 def test_the_same_seed_drives_the_same_and_another_differently(flat: Callable[[str], Path], advice: str) -> None:
     """Every state of the day is the same for one seed, whatever advice is shown; another seed differs."""
     path = flat()

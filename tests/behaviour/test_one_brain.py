@@ -92,7 +92,7 @@ class Kept(InProcess):
 
 
 def advices_in_process(day: Day, hostile: bool, shown: Presentation = Presentation.VECTOR) -> list[bytes]:
-    kept = Kept(day.service, coach=shown is Presentation.COACH)
+    kept = Kept(day.service, guide=shown is Presentation.GUIDE)
     driver = make_driver(DriverKind.HUMAN, day.service.line, seed=SEED)
     World(day, driver, shown, Hostile(kept) if hostile else kept).run()
     return kept.payloads
@@ -160,15 +160,15 @@ def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(name: 
 
 
 @pytest.mark.nightly
-def test_the_coach_says_the_same_in_process_and_over_the_bus(tmp_path: Path) -> None:
-    """On a day with a window, planned with the braking of its drivers; every advice under way has a coach."""
+def test_the_guide_says_the_same_in_process_and_over_the_bus(tmp_path: Path) -> None:
+    """On a day with a window, planned with the braking of its drivers; every advice under way has a guide."""
     file = tmp_path / "braking.toml"
-    braking = "[coach]\nplanning_brake_mps2 = 0.5\nbelow_limit_kmh = 2.1\n"
+    braking = "[guide]\nplanning_brake_mps2 = 0.5\nbelow_limit_kmh = 2.1\n"
     file.write_text(f"{bundled_scenarios()['train-ahead'].read_text()}\n{braking}")
     service = prepare_service(read_scenario(file))
-    here = advices_in_process(make_day(service, SEED), False, Presentation.COACH)
-    there = advices_over_bus(make_day(service, SEED), False, tmp_path / "run.mcap", Presentation.COACH)
+    here = advices_in_process(make_day(service, SEED), False, Presentation.GUIDE)
+    there = advices_over_bus(make_day(service, SEED), False, tmp_path / "run.mcap", Presentation.GUIDE)
     assert len(here) == len(there) > 100
     assert [tick for tick, (a, b) in enumerate(zip(here, there, strict=True), 1) if a != b] == []
-    coached = [das_pb2.Advice.FromString(one).HasField("coach") for one in here]
-    assert sum(coached) > 0.9 * len(coached)
+    guided = [das_pb2.Advice.FromString(one).HasField("guide") for one in here]
+    assert sum(guided) > 0.9 * len(guided)

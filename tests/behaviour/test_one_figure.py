@@ -153,9 +153,9 @@ def test_a_simulated_day_has_one_set_of_figures(folder: Path) -> None:
 def test_what_advice_saved_is_one_figure_at_equal_arrival(folder: Path) -> None:
     """By what-if, comparison, batch and the energies above the optimum."""
     before = json.loads((folder / "none.json").read_text())
-    found = run(folder, "what-if", "none.mcap", "--advice", "coach", "-o", "coach.mcap")
+    found = run(folder, "what-if", "none.mcap", "--advice", "guide", "-o", "guide.mcap")
     recorded, what_if = (figures(one) for one in found["comparison"]["drives"])
-    drives = [Drive.read(folder / name) for name in ("none.mcap", "coach.mcap")]
+    drives = [Drive.read(folder / name) for name in ("none.mcap", "guide.mcap")]
     first, other = of_comparison(*drives)
     check_same(comparison=first, run={**figures(before), "time_s": first["time_s"]}, recorded=recorded)
     check_same(what_if=what_if, comparison=other)
@@ -175,9 +175,9 @@ def test_what_advice_saved_is_one_figure_at_equal_arrival(folder: Path) -> None:
 def test_a_batch_says_the_same_as_a_run_and_a_what_if(folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     told = run(
-        folder, "batch", "flat.toml", "--seeds", "1", "--advice", "none,coach", "--out", "batch", "--workers", "1"
+        folder, "batch", "flat.toml", "--seeds", "1", "--advice", "none,guide", "--out", "batch", "--workers", "1"
     )
-    run(folder, "what-if", "none.mcap", "--advice", "coach", "-o", "again.mcap")
+    run(folder, "what-if", "none.mcap", "--advice", "guide", "-o", "again.mcap")
     drives = [Drive.read(folder / name) for name in ("none.mcap", "again.mcap")]
     *_, other = of_comparison(*drives)
     (saved,) = told["savings"]
@@ -196,12 +196,12 @@ def test_a_trip_its_replay_and_a_what_if_of_it_have_one_set_of_figures(folder: P
     source = bundled_recording() if trip == "bundled" else folder / "none.mcap"
     told = run(folder, "replay", str(source), "-o", f"{trip}.mcap")
     looked_at = run(folder, "trip", str(source))
-    path, new = folder / f"{trip}.mcap", folder / f"{trip}-coach.mcap"
+    path, new = folder / f"{trip}.mcap", folder / f"{trip}-guide.mcap"
     compared = check_same(replay=figures(told), trip=figures(looked_at["energy"]), **of_recording(path))
     assert "above_optimum_likely_low_kwh" in compared
     if trip == "bundled":  # the simulator measured the energy of the other
         check_same(replay=figures(told), **of_recording(source))
-    found = run(folder, "what-if", path.name, "--advice", "coach", "-o", new.name)["comparison"]["drives"]
+    found = run(folder, "what-if", path.name, "--advice", "guide", "-o", new.name)["comparison"]["drives"]
     assert found[0]["energy_kwh"] == pytest.approx(told["energy_kwh"])
     two_runs = "that takes two simulated runs of the same day, one of them without advice"
     assert found[1]["saved_by_advice_not_comparable"] == two_runs

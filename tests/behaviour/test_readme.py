@@ -35,10 +35,10 @@ def lines(page: str) -> list[list[str]]:
 def run(words: list[str], folder: Path) -> str:
     """Run a command line in a folder as the page says it; what it printed."""
     program, *arguments = words
-    coached = next(iter((folder / "recordings").glob("replay-*-coach.mcap")), folder)
+    guided = next(iter((folder / "recordings").glob("replay-*-guide.mcap")), folder)
     named = {
-        "recordings/replay-….mcap": str(coached).replace("-coach", ""),
-        "recordings/replay-…-coach.mcap": str(coached),
+        "recordings/replay-….mcap": str(guided).replace("-guide", ""),
+        "recordings/replay-…-guide.mcap": str(guided),
     }
     arguments = [named.get(one, one) for one in arguments]
     assert program in ("das-sim", "das-precompute"), words

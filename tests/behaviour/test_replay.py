@@ -52,44 +52,44 @@ def default_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.Co
     return in_a_process("sim.cli", cwd=folder), folder
 
 
-COACH = das_pb2.Cab.PRESENTATION_COACH
+GUIDE = das_pb2.Cab.PRESENTATION_GUIDE
 DRIVER = "sim.bundled.recorded_driver:RecordedDriver"
 
 
 def recordings(run: tuple[subprocess.CompletedProcess[str], Path]) -> tuple[Path, Path]:
-    """The two recordings of a run of `das-sim` without arguments: the replay, and the drive with the coach."""
+    """The two recordings of a run of `das-sim` without arguments: the replay, and the drive with the guide."""
     found = sorted((run[1] / "recordings").glob("*.mcap"), key=lambda path: len(path.name))
     assert len(found) == 2
-    assert found[1].name == f"{found[0].stem}-coach.mcap"
+    assert found[1].name == f"{found[0].stem}-guide.mcap"
     return found[0], found[1]
 
 
 @pytest.mark.slow
-def test_das_sim_alone_compares_the_bundled_trip_with_the_coach(
+def test_das_sim_alone_compares_the_bundled_trip_with_the_guide(
     default_run: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:
     """At most 12 lines: both drives, one sentence with what its figures hang on, and how to look at them."""
     done, _ = default_run
     assert done.returncode == 0, done.stderr
-    replayed, coached = recordings(default_run)
+    replayed, guided = recordings(default_run)
     lines = done.stdout.splitlines()
     assert len(lines) <= 11  # the last one is longer than 80 columns
-    assert lines[-1].endswith(f"das-sim view recordings/{coached.name} --beside recordings/{replayed.name}")
+    assert lines[-1].endswith(f"das-sim view recordings/{guided.name} --beside recordings/{replayed.name}")
     said = " ".join(lines[:-1])
     assert all(
-        words in said for words in ("as recorded", "with the coach", "at the same arrival time", "simulated driver")
+        words in said for words in ("as recorded", "with the guide", "at the same arrival time", "simulated driver")
     )
 
 
 @pytest.mark.slow
-def test_the_drive_with_the_coach_is_of_the_same_driver_train_and_brakes(
+def test_the_drive_with_the_guide_is_of_the_same_driver_train_and_brakes(
     default_run: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:
     """The figures that are printed are those of the two recordings, at equal arrival and with the motors first."""
     before, after = (Drive.read(path) for path in recordings(default_run))
     run = after.recording.metadata["run"]
-    assert (run["driver"], run["advice"], run["friction_policy"]) == (DRIVER, "coach", "electric-first")
-    assert all(one.message.presentation == COACH for one in after.recording.of(CAB)[20:-5])
+    assert (run["driver"], run["advice"], run["friction_policy"]) == (DRIVER, "guide", "electric-first")
+    assert all(one.message.presentation == GUIDE for one in after.recording.of(CAB)[20:-5])
     assert after.violations.over_limit_s == 0
     assert abs(after.late_s) < 30.0
     equal = EqualArrival.of(before, after, own=False)
@@ -104,7 +104,7 @@ def test_the_drive_with_the_coach_is_of_the_same_driver_train_and_brakes(
 
 
 @pytest.mark.nightly
-def test_without_the_coach_the_driver_drives_the_recorded_trip_again(
+def test_without_the_guide_the_driver_drives_the_recorded_trip_again(
     default_run: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
 ) -> None:
     """On the train of the simulator of today, with another sequence of chances: 1 % of the energy, 15 s."""

@@ -39,7 +39,7 @@ class Listening(InProcess):
 def driven(path: Path, presentation: str) -> tuple[Run, list[Advice], Callable[[int], float]]:
     """The day of a scenario driven by its advice: the run, the advices, and their times on the run's clock (s)."""
     service = service_of(path)
-    said = Listening(service, coach=presentation == "coach")
+    said = Listening(service, guide=presentation == "guide")
     made = make_driver(DriverKind.PERFECT, service.line, seed=1)
     run = World(make_day(service, 1), made, Presentation(presentation), said).run()
     return run, said.advices, service.clock_s
@@ -53,7 +53,7 @@ def restricted(window: str) -> str:
     )
 
 
-@pytest.mark.parametrize("presentation", ["vector", "coach"])
+@pytest.mark.parametrize("presentation", ["vector", "guide"])
 def test_a_restriction_that_ends_while_the_train_is_in_it_lets_it_go(
     flat: Callable[[str], Path], presentation: str
 ) -> None:
@@ -75,7 +75,7 @@ def test_a_restriction_that_ends_while_the_train_is_in_it_lets_it_go(
     assert max(one.limit_mps for one in advices if FROM_M < one.s_m < TO_M) > 40.0
 
 
-@pytest.mark.parametrize("presentation", ["vector", pytest.param("coach", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("presentation", ["vector", pytest.param("guide", marks=pytest.mark.slow)])
 def test_a_restriction_that_begins_before_the_train_passes_is_kept(
     flat: Callable[[str], Path], presentation: str
 ) -> None:

@@ -73,8 +73,8 @@ FASTEST_S = 7.0
 class Witness(InProcess):
     """The advisor in this process, and everything that goes to and fro."""
 
-    def __init__(self, service: Service, *, coach: bool = False) -> None:
-        super().__init__(service, coach=coach)
+    def __init__(self, service: Service, *, guide: bool = False) -> None:
+        super().__init__(service, guide=guide)
         self.ticks: list[Tick] = []
         self.advices: list[Advice] = []
         self.told: list[Told] = []
@@ -151,7 +151,7 @@ def driven_once(name: str, driver: str, advice: str, seed: int, way: tuple[int, 
 
 
 def driven_day(day: Day, driver: str, advice: str, seed: int = SEED) -> Driven:
-    said = Witness(day.service, coach=advice == Presentation.COACH)
+    said = Witness(day.service, guide=advice == Presentation.GUIDE)
     run = World(day, make_driver(DriverKind(driver), day.service.line, seed=seed), Presentation(advice), said).run()
     found = outcome(day, run)
     return Driven(day, run, said, found.as_dict(), found)
@@ -350,7 +350,7 @@ BRAKES_MPS2 = 0.2
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("advice", ["coach", "vector"])
+@pytest.mark.parametrize("advice", ["guide", "vector"])
 def test_nobody_who_brakes_for_a_signal_or_stands_at_it_is_told_to_go_on(advice: str) -> None:
     """From 3 s after the driver begins to brake until the train moves; then the advice is there at once.
 
@@ -365,7 +365,7 @@ def test_nobody_who_brakes_for_a_signal_or_stands_at_it_is_told_to_go_on(advice:
     moves = int(stands[-1]) + 1
     quiet = (Cause.DRIVER_BRAKES, Cause.STANDS_ON_LINE)
     for one in said[begins + 3 : moves]:
-        shown = one.coach.now.mode if one.coach else one.mode
+        shown = one.guide.now.mode if one.guide else one.mode
         assert shown in {Regime.NONE, Regime.COAST, *BRAKES}
         assert one.mode is not Regime.NONE or one.cause in quiet
     assert {said[k].cause for k in stands[1:]} == {Cause.STANDS_ON_LINE}

@@ -117,7 +117,7 @@ def test_the_recording_is_whole_and_says_how_it_was_made(recording: Recording, f
     run = recording.metadata["run"]
     assert (run["kind"], run["scenario"], run["seed"], run["driver"], run["advice"]) == (
         *("run", "eventful", "4"),
-        *("human", "coach"),
+        *("human", "guide"),
     )
     assert "signal at km 4.5 at danger, seen 900 m ahead" in run["happens"]
     assert all(len(run[f"{name}_sha256"]) == 64 for name in ("scenario", "route", "vehicle"))
@@ -229,8 +229,8 @@ def test_the_same_seed_gives_the_same_recording_byte_for_byte(folder: Path, foun
 @pytest.mark.slow
 def test_without_a_bus_the_train_runs_the_same(folder: Path, recording: Recording) -> None:
     service = prepare_service(read_scenario(folder / "eventful.toml"))
-    driver, link = make_driver(DriverKind.HUMAN, service.line, seed=4), InProcess(service, coach=True)
-    states = World(make_day(service, 4), driver, Presentation.COACH, link).run().states
+    driver, link = make_driver(DriverKind.HUMAN, service.line, seed=4), InProcess(service, guide=True)
+    states = World(make_day(service, 4), driver, Presentation.GUIDE, link).run().states
     truth = recording.columns(TRUTH, "time_ns", "s_m", "speed_mps", "energy_input_j")
     assert [state.s_m for state in states[:-1]] == truth["s_m"].tolist()
     assert [state.speed_mps for state in states[:-1]] == truth["speed_mps"].tolist()

@@ -12,7 +12,7 @@ from sim.drivers.kinds import Presentation
 from sim.jobs.batch import make_run
 
 ROWS, PERSON_ROWS = read(), read(PERSONS)
-NONE, COACH = Presentation.NONE, Presentation.COACH
+NONE, GUIDE = Presentation.NONE, Presentation.GUIDE
 TOLERANCES = {
     "late_s": 3.0, "energy_kwh": 2.0, "energy_optimum_kwh": 1.0, "friction_brake_ratio": 0.005,
     "advice_changes_per_min": 0.1, "instructions": 2.0, "announced_ratio": 0.05, "brakes_led_ratio": 0.1,
@@ -27,7 +27,7 @@ def test_every_table_is_what_the_rows_give() -> None:
 
 
 def test_presentations_are_compared_on_the_days_that_all_have() -> None:
-    """On two days the coach takes 20 and 10 kWh less; the later arrival is worth 4 of them. A third day lacks pairs."""
+    """On two days the guide takes 20 and 10 kWh less; the later arrival is worth 4 of them. A third day lacks pairs."""
 
     def row(advice: Presentation, seed: float, energy_kwh: float, optimum_kwh: float) -> Row:
         return {
@@ -36,22 +36,22 @@ def test_presentations_are_compared_on_the_days_that_all_have() -> None:
             "friction_brake_ratio": 0.141, "over_limit_s": 0.5, "advice_changes_per_min": 1.9, "late_s": 3.0,
         }  # fmt: skip
 
-    rows = [row(shown, seed, 200.0, 120.0) for shown in Presentation for seed in (0.0, 1.0) if shown is not COACH]
-    rows += [row(COACH, 1.0, 190.0, 116.0), row(COACH, 0.0, 180.0, 116.0), row(COACH, 2.0, 0.0, 0.0)]
-    alone, coach = groups(rows, (NONE, COACH), "day")
-    assert list(coach) == [0, 1]
-    assert less(coach, alone, *AT_EQUAL_ARRIVAL) == pytest.approx([16.0, 6.0])
+    rows = [row(shown, seed, 200.0, 120.0) for shown in Presentation for seed in (0.0, 1.0) if shown is not GUIDE]
+    rows += [row(GUIDE, 1.0, 190.0, 116.0), row(GUIDE, 0.0, 180.0, 116.0), row(GUIDE, 2.0, 0.0, 0.0)]
+    alone, guide = groups(rows, (NONE, GUIDE), "day")
+    assert list(guide) == [0, 1]
+    assert less(guide, alone, *AT_EQUAL_ARRIVAL) == pytest.approx([16.0, 6.0])
     lines = {line.split(" | ")[0]: line for line in presentations(rows, "day")}
     assert lines["| none"] == "| none | +3 | 200.0 |  |  |  | 14.1 % |  | 0.5 |"
-    assert lines["| coach"] == "| coach | +3 | 185.0 | +15.0 | +11.0 | +6.0 | 14.1 % | 1.9 | 0.5 |"
+    assert lines["| guide"] == "| guide | +3 | 185.0 | +15.0 | +11.0 | +6.0 | 14.1 % | 1.9 | 0.5 |"
 
 
 @pytest.mark.slow
 def test_the_program_still_drives_as_the_rows_say() -> None:
-    """The probe: one drive with the coach. If it fails, make the data set again and read the sentences around it."""
-    (job,) = (job for job in next(batches(SEEDS[:1])).jobs() if (job.scenario_id, job.advice) == ("clear-day", COACH))
+    """The probe: one drive with the guide. If it fails, make the data set again and read the sentences around it."""
+    (job,) = (job for job in next(batches(SEEDS[:1])).jobs() if (job.scenario_id, job.advice) == ("clear-day", GUIDE))
     made = plain(make_run(job).row)
-    (kept,) = groups(ROWS, (COACH,))
+    (kept,) = groups(ROWS, (GUIDE,))
     off = {name: float(np.abs(made[name] - kept[SEEDS[0]][name])) for name in TOLERANCES}
     assert {name: by for name, by in off.items() if by > TOLERANCES[name]} == {}
 

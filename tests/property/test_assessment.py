@@ -3,7 +3,7 @@
 `DAS_ASSESSMENT_DAYS=1000 pytest tests/property/test_assessment.py` drives more days; `DAS_ASSESSMENT_FIRST=500` begins
 with another one.
 
-Drivers do exactly what one of the presentations shows (the coach's, the full advice, the top speed, the four modes) up
+Drivers do exactly what one of the presentations shows (the guide's, the full advice, the top speed, the four modes) up
 to 2 s late, and have no eyes of their own. On each day restrictions come, overlap and go, often nearer than the train
 can brake for; operators are lost, doubled or replaced; the journey is changed, the node started anew, the force sensor
 has a gain of 0.5 to 1.5; on four days of ten positions, speeds or clocks are wrong as well. No part of any advice may

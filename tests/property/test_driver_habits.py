@@ -116,7 +116,7 @@ def watched_day(service: Service, presentation: Presentation, seed: int) -> Watc
     human = day.driver(DriverKind.HUMAN, FrictionPolicy.AS_MEASURED)
     assert isinstance(human, HumanDriver)
     watched = WatchedHand(human)
-    link = InProcess(service, coach=presenter_of(presentation).needs_coach)
+    link = InProcess(service, guide=presenter_of(presentation).needs_guide)
     run = World(day, watched, presentation, link).run()
     arrivals = [arrival for _, arrival in run.legs]
     off_m = [state.s_m - stop.position_m for state, stop in zip(arrivals, service.stops[1:], strict=True)]
@@ -198,7 +198,7 @@ def test_efforts_are_no_bursts(presentation: Presentation) -> None:
     most = OF_FOUR_MODES if presentation is Presentation.FOUR_MODE else BURSTS_PER_MIN
     watched = days(presentation)
     moving_min = LOOK_S / 60.0 * sum(look.speed_mps > MOVES_MPS for day in watched for look in day.looks)
-    # Bursts are whole: over one day of 38 min the bound of 3.8 is 4. One day has 0 to 7 of them (over 20 days the coach
+    # Bursts are whole: over one day of 38 min the bound of 3.8 is 4. One day has 0 to 7 of them (over 20 days the guide
     # has 0.07 a minute), so that a mean needs some days.
     assert bursts_per_min(watched) * moving_min <= math.ceil(most * moving_min) + 1e-9
 
@@ -212,7 +212,7 @@ def test_nobody_brakes_who_is_told_to_coast_unless_a_limit_or_a_stop_asks_for_it
     assert braked.all_s >= braked.unasked_s
 
 
-@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.COACH])
+@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.GUIDE])
 def test_all_that_is_advised_is_set(presentation: Presentation) -> None:
     """At 100 % advice the controller is at 99 % at least: the end of the scale is a stop."""
     set_to = set_at_full(days(presentation))

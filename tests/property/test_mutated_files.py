@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import pytest
 
-from das.advice.coach.planning import Wanted, departing
+from das.advice.guide.planning import Wanted, departing
 from das.bus.contents import read_contents
 from das.bus.recording import recording_of
 from das.cab.situation import Situation

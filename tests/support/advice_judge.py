@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from das.advice.advice import Advice, Coaching, Instruction
+from das.advice.advice import Advice, Guidance, Instruction
 from das.advice.regimes import Regime
 from sim.drivers.kinds import Presentation
 from tests.support.assessed_day import AT_STOP_M, Seen, Stood
@@ -89,8 +89,8 @@ class DayJudge:
         if advice.mode in (Regime.STOP, Regime.DEPART):
             return
         yield from self._shown(seen)
-        if self._drawn.presentation is Presentation.COACH and advice.coach is not None:
-            yield from self._coached(seen, advice, advice.coach)
+        if self._drawn.presentation is Presentation.GUIDE and advice.guide is not None:
+            yield from self._guided(seen, advice, advice.guide)
 
     def stood(self, stood: Stood) -> Problem | None:
         """The problem of where the train stopped at the end of a leg, if any; careless drivers find the mark by eye."""
@@ -166,39 +166,39 @@ class DayJudge:
                 yield self._problem("horizon", seen, after - bound, text)
                 return
 
-    def _coached(self, seen: Seen, advice: Advice, coach: Coaching) -> Iterator[Problem]:
-        """The problems of the coach's speeds, efforts and forces."""
-        now, true_m, off_m = coach.now, seen.state.s_m, self._off_m
+    def _guided(self, seen: Seen, advice: Advice, guide: Guidance) -> Iterator[Problem]:
+        """The problems of the guide's speeds, efforts and forces."""
+        now, true_m, off_m = guide.now, seen.state.s_m, self._off_m
         if now.mode in (Regime.NONE, Regime.STOP, Regime.DEPART):
             return
-        ahead_m = 0.0 if now.mode is Regime.CRUISE else coach.target_m
+        ahead_m = 0.0 if now.mode is Regime.CRUISE else guide.target_m
         bound = self._allowed.curve(true_m - off_m, true_m + ahead_m + off_m) + SLACK_MPS
-        yield from self._above("coach-speed", seen, now.speed_mps, bound)
-        yield from self._above("coach-speed-limit", seen, _wanted(now), self._allowed_limit(true_m, off_m))
+        yield from self._above("guide-speed", seen, now.speed_mps, bound)
+        yield from self._above("guide-speed-limit", seen, _wanted(now), self._allowed_limit(true_m, off_m))
         yield from self._effort(seen, now)
-        yield from self._force("coach-force", seen, coach.force_n, advice.speed_mps)
-        yield from self._force("coach-reference-force", seen, coach.reference_force_n, advice.speed_mps)
-        reference_n = coach.reference_force_n
-        yield from self._held("coach-held-force", seen, lambda s, v: reference_n)
+        yield from self._force("guide-force", seen, guide.force_n, advice.speed_mps)
+        yield from self._force("guide-reference-force", seen, guide.reference_force_n, advice.speed_mps)
+        reference_n = guide.reference_force_n
+        yield from self._held("guide-held-force", seen, lambda s, v: reference_n)
         if now.in_s <= 0:
             by_eye = _by_eye(now)
-            yield from self._stopped(seen) if by_eye else self._held("coach-held-card", seen, self._card(now))
-        yield from self._announced(seen, coach)
+            yield from self._stopped(seen) if by_eye else self._held("guide-held-card", seen, self._card(now))
+        yield from self._announced(seen, guide)
 
-    def _announced(self, seen: Seen, coach: Coaching) -> Iterator[Problem]:
+    def _announced(self, seen: Seen, guide: Guidance) -> Iterator[Problem]:
         """Announced instructions with a speed above the limit where it applies.
 
         A speed to reach may be that of any limit up to the next change.
         """
-        ends_m = [*(after.way_m for after in coach.following[1:]), math.inf]
-        for after, end_m in zip(coach.following, ends_m, strict=False):
+        ends_m = [*(after.way_m for after in guide.following[1:]), math.inf]
+        for after, end_m in zip(guide.following, ends_m, strict=False):
             at_m = seen.state.s_m + after.way_m
             reach_m = self._off_m + WAY_RATIO * after.way_m
             to_m = at_m if after.mode is Regime.CRUISE else seen.state.s_m + end_m
             bound = self._allowed.limit(at_m - reach_m, min(to_m, self.line.length_m) + reach_m) + SLACK_MPS
             if after.speed_mps > bound:
                 text = f"announced {after.mode.name} {after.speed_mps:.2f} m/s at {at_m:.0f} m, allowed {bound:.2f}"
-                yield self._problem("coach-announced", seen, after.speed_mps - bound, text)
+                yield self._problem("guide-announced", seen, after.speed_mps - bound, text)
 
     def _allowed_limit(self, s_m: float, off_m: float) -> float:
         return self._allowed.limit(s_m - off_m, s_m + off_m) + SLACK_MPS
@@ -213,7 +213,7 @@ class DayJudge:
             now.mode in BRAKES and not -most * FORCE_RATIO <= share < 0
         )
         if wrong:
-            yield self._problem("coach-effort", seen, abs(share), f"effort {share:.2f} with {now.mode.name}")
+            yield self._problem("guide-effort", seen, abs(share), f"effort {share:.2f} with {now.mode.name}")
 
     def _card(self, now: Instruction) -> Callable[[float, float], float]:
         """The force (N) by position and speed of a driver who follows an instruction until its speed is reached."""
@@ -243,7 +243,7 @@ class DayJudge:
             worst = max(worst, (v - max(self._allowed.limit(*near_m), highest(self._excused_mps, *near_m)), at_m))
         if worst[0] > OBEYED_MPS:
             text = f"told to stop by eye past a limit at {worst[1]:.0f} m, too fast by {worst[0]:.2f}"
-            yield self._problem("coach-by-eye", seen, worst[0], text)
+            yield self._problem("guide-by-eye", seen, worst[0], text)
 
     def _held(self, kind: str, seen: Seen, force_n: Callable[[float, float], float]) -> Iterator[Problem]:
         """The problem of a force that, applied for a while before full brakes, breaks a limit or passes the stop.

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from das.advice.advice import Advice
-from das.advice.coach.settings import CoachSettings
+from das.advice.guide.settings import GuideSettings
 from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
@@ -203,9 +203,9 @@ class AssessedDay:
 
     def _new_cab(self) -> Cab:
         post = Post(train="T", route=self.route, trains=Trains(self.vehicle, self.vehicle))
-        coach = CoachSettings(enabled=self.drawn.presentation is Presentation.COACH)
+        guide = GuideSettings(enabled=self.drawn.presentation is Presentation.GUIDE)
         situation = Situation(route=self.route, vehicle=self.vehicle)
-        return Cab(post, situation, self._fronts, CabSettings(calibrate=True, advice=AdviceSettings(coach=coach)))
+        return Cab(post, situation, self._fronts, CabSettings(calibrate=True, advice=AdviceSettings(guide=guide)))
 
     def _clock_ns(self, second: float) -> int:
         """The time of the cab's clock (ns since 1970)."""

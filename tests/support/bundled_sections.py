@@ -10,7 +10,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.solver.front import Front
 from das.solver.guide.from_run import scheduled_run
 from das.solver.guide.in_time import in_time
-from das.solver.guide.policies import GuideFront, GuideSettings
+from das.solver.guide.policies import GuideFront, PolicySettings
 from das.solver.guide.schedule import Schedule, Scheduled
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
@@ -38,9 +38,9 @@ def front_of(which: Which) -> Front:
 
 
 @cache
-def guide_of(which: Which, change_s: float = GuideSettings().change_s) -> GuideFront:
+def guide_of(which: Which, change_s: float = PolicySettings().change_s) -> GuideFront:
     """The guide's policies of a bundled section; each change costs the energy of full power for `change_s`."""
-    return GuideFront(section_of(which), GuideSettings(change_s=change_s))
+    return GuideFront(section_of(which), PolicySettings(change_s=change_s))
 
 
 def asked_s(which: Which, buffer_ratio: float) -> float:

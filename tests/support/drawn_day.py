@@ -73,13 +73,13 @@ class Change(StrEnum):
 
 
 STYLES: dict[Presentation, tuple[Style, ...]] = {
-    Presentation.COACH: (Style.FORCE, Style.EFFORT, Style.SPEED, Style.CARELESS),
+    Presentation.GUIDE: (Style.FORCE, Style.EFFORT, Style.SPEED, Style.CARELESS),
     Presentation.VECTOR: (Style.FORCE, Style.EFFORT, Style.SPEED, Style.CARELESS),
     Presentation.RMS: (Style.SPEED, Style.CARELESS),
     Presentation.FOUR_MODE: (Style.EFFORT, Style.CARELESS),
 }
 """The styles of driving that each presentation shows enough for."""
-SHARES = {Presentation.COACH: 0.5, Presentation.VECTOR: 0.26, Presentation.RMS: 0.12, Presentation.FOUR_MODE: 0.12}
+SHARES = {Presentation.GUIDE: 0.5, Presentation.VECTOR: 0.26, Presentation.RMS: 0.12, Presentation.FOUR_MODE: 0.12}
 
 
 @dataclass(frozen=True, kw_only=True)

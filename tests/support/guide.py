@@ -8,10 +8,9 @@ import numpy as np
 
 from das.advice.advice import Replan, ReplanCause
 from das.advice.braking import BrakingAhead
-from das.advice.coach.keeping import Kept, StandingReference
-from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import TrainState
-from das.advice.guide.scene import Sight, TrainForecast
+from das.advice.guide.keeping import Kept, StandingReference
+from das.advice.guide.scene import Sight, SpeedsAllowed, TrainForecast
 from das.advice.guide.timeline import timeline
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
@@ -19,7 +18,7 @@ from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.schedule import Schedule, known_run
 from das.solver.section import Section, build_section
 from tests.support.bundled_sections import BUNDLED, section_of
-from tests.support.coach import ns
+from tests.support.keeping import ns
 
 FREE = SpeedsAllowed(math.inf, math.inf)
 KINDS = {"T": PhaseKind.TRACTION, "H": PhaseKind.HOLD, "C": PhaseKind.COAST, "B": PhaseKind.BRAKE}

@@ -182,7 +182,7 @@ def judged(cell: Cell, folder: Path) -> Judged:
     driver = driver_of(day, cell, witness)
     try:
         shows = presenter_of(ADVISED)
-        link = InProcess(service, coach=shows.needs_coach, guide=shows.needs_guide)
+        link = InProcess(service, guide=shows.needs_guide)
         run = World(day, driver, ADVISED, link).run()
     except DasError as error:
         return Judged(**found, **_witnessed(driver), stops_missed=1, said=str(error))

@@ -111,8 +111,8 @@ class ObedientDriver:
             return False
         if self._presentation is Presentation.RMS:
             return not math.isnan(advice.reduced_max_speed_mps)
-        is_coached = advice.coach is not None and advice.coach.now.mode is not Regime.NONE
-        return is_coached or self._presentation is not Presentation.COACH
+        is_guided = advice.guide is not None and advice.guide.now.mode is not Regime.NONE
+        return is_guided or self._presentation is not Presentation.GUIDE
 
     def command(self, scene: Scene) -> Command:
         """How the driver sets the controller, by the advice shown one reaction time ago."""
@@ -154,8 +154,8 @@ class ObedientDriver:
 
     def _obeyed(self, scene: Scene, advice: Advice, since_s: float) -> Command:
         """Do what the display shows."""
-        if self._presentation is Presentation.COACH:
-            return self._coached(scene, advice, since_s)
+        if self._presentation is Presentation.GUIDE:
+            return self._guided(scene, advice, since_s)
         state = scene.state
         if self._style is Style.FORCE:
             return force(advice.advised_force_n)
@@ -183,13 +183,13 @@ class ObedientDriver:
             return self._brake(state)
         return speed(soon, rate_mps2=later - soon)
 
-    def _coached(self, scene: Scene, advice: Advice, since_s: float) -> Command:
-        """Do what the coach shows; where it shows a brake for the stop without an effort, brake by eye."""
-        state, coach = scene.state, advice.coach
-        assert coach is not None
+    def _guided(self, scene: Scene, advice: Advice, since_s: float) -> Command:
+        """Do what the guide shows; where it shows a brake for the stop without an effort, brake by eye."""
+        state, guide = scene.state, advice.guide
+        assert guide is not None
         if self._style is Style.FORCE:
-            return force(coach.reference_force_n)
-        now = coach.now
+            return force(guide.reference_force_n)
+        now = guide.now
         if self._due is None or now.in_s - since_s <= 0:
             before, self._due = self._due, now
             same = before is not None and (before.mode, before.speed_mps) == (now.mode, now.speed_mps)

@@ -28,10 +28,10 @@ from sim.world.service import Day
 class KeptInProcess(InProcess):
     """A node in this process, without a bus; it keeps everything that a recorder would write."""
 
-    def __init__(self, day: Day, *, coach: bool = False, guide: bool = False) -> None:
+    def __init__(self, day: Day, *, guide: bool = False) -> None:
         self.day = day
         self.messages: dict[str, list[Stamped]] = {}
-        super().__init__(day.service, coach=coach, guide=guide)
+        super().__init__(day.service, guide=guide)
         self._keep(
             *codec.encode_input(day.service.journey(TRAIN, day.service.moment_ns(-BEFORE_S))),
             day.service.moment_ns(-BEFORE_S),
@@ -64,7 +64,7 @@ def run_and_recording(
 ) -> tuple[Run, Recording]:
     """Drive a day; the run, and what a recorder would have written, without the attached files."""
     shows = presenter_of(presentation)
-    link = KeptInProcess(day, coach=shows.needs_coach, guide=shows.needs_guide)
+    link = KeptInProcess(day, guide=shows.needs_guide)
     run = World(day, driver, presentation, link).run()
     return run, Recording(
         path=Path("day.mcap"), train=TRAIN, trains=(TRAIN,), attachments=(), complete=True,

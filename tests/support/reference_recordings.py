@@ -52,8 +52,8 @@ SPANS_S = {
     REPLAY: (0.0, 600.0),
 }
 """From when to when after the first tick (s) what the node said is kept: when a scenario's disturbance acts."""
-COACHED = ("clear-day", "departure-delay", "train-ahead", "restriction-ahead")
-"""Days on which the coach advises; on the others it is off."""
+GUIDED = ("clear-day", "departure-delay", "train-ahead", "restriction-ahead")
+"""Days on which the guide advises; on the others it is off."""
 SEED = 1
 STEPS = {unit: 2.0 ** math.floor(math.log2(amount / 4)) for unit, amount in TOLERANCES.items() if unit != "_ns"}
 """The recorder of references rounds answers to multiples of these, by the unit at the end of a field's name."""
@@ -77,7 +77,7 @@ def make(name: str, out: Path) -> None:
             replay(prepare(bundled_recording(), ReplayOptions(), whole, COMMAND), lambda _done, _all: None)
         else:
             day = make_day(prepare_service(read_scenario(bundled_scenarios()[name])), SEED)
-            shown = Presentation.COACH if name in COACHED else Presentation.VECTOR
+            shown = Presentation.GUIDE if name in GUIDED else Presentation.VECTOR
             how = How(driver=DriverKind.HUMAN, advice=shown, train="T1", command=COMMAND)
             drive_day(day, day.driver(DriverKind.HUMAN), how, whole)
         shorten(whole, out, SPANS_S[name])

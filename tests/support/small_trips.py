@@ -65,7 +65,7 @@ class SmallTrip:
     def __init__(
         self, situation: Situation, fronts: Fronts, *, background: bool = False, settings: AdviceSettings = DEFAULT
     ) -> None:
-        self.preparation = Preparation(fronts, time.perf_counter, settings.coach, background=background)
+        self.preparation = Preparation(fronts, time.perf_counter, settings.guide, background=background)
         self.legs = Legs(situation, self.preparation, settings)
         self.localisation = Localisation(situation.vehicle, BELIEVED)
         self.set_restrictions, self.set_targets = self.legs.set_restrictions, self.legs.set_targets

@@ -1,1 +1,1 @@
-"""The guide: from a reference to what a driver is told, second by second, without looking at a reference twice."""
+"""The guide: it plans a reference, keeps it as long as it can, and leads the driver along it by instructions."""

@@ -57,8 +57,17 @@ def stepped(effort: float) -> float:
 
 def rate_mps2(ahead: BrakingAhead, effort: float, state: TrainState) -> float:
     """The deceleration (m/s²) that an effort gives the train here, at least one that ends."""
+    return max(_slows_mps2(ahead, effort, state), LEAST_MPS2)
+
+
+def slows(ahead: BrakingAhead, effort: float, state: TrainState) -> bool:
+    """Whether an effort slows the train here: on a steep descent, the motors alone may not."""
+    return _slows_mps2(ahead, effort, state) > LEAST_MPS2
+
+
+def _slows_mps2(ahead: BrakingAhead, effort: float, state: TrainState) -> float:
     braked_mps2 = -ahead.force_n(effort, state.s_m, state.v_mps) / ahead.section.train.inertial_mass_kg
-    return max(braked_mps2 - ahead.rolls_mps2(state.s_m, state.v_mps), LEAST_MPS2)
+    return braked_mps2 - ahead.rolls_mps2(state.s_m, state.v_mps)
 
 
 def way_m(ahead: BrakingAhead, effort: float, to_mps: float, state: TrainState) -> float:

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
 from das.advice.braking import LEAST_MPS2, NeededBrake
-from das.advice.coach.announcing import told_mps
 from das.advice.goal import OVERSPEED_MPS
-from das.advice.guide.effort import rate_mps2, stepped
+from das.advice.guide.effort import rate_mps2, slows, stepped
 from das.advice.guide.guard import LEAST_LEAD_S, SHORT_M, Proposal, begins_s, braked
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
 from das.advice.guide.scene import Sight
-from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep
+from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, told_mps
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.domain.units import KMH
@@ -25,8 +24,8 @@ from das.domain.units import KMH
 WORTH_S = 40.0
 """A driver is not told to accelerate back to a speed if the next step begins within this time: it would be wasted."""
 ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
-"""A driver above the speed to hold coasts back to it if that takes no longer than the first; else he brakes with the
-motors, so that he has it after the second."""
+"""A driver above the speed to hold coasts back to it if that takes no longer than the first; else he brakes so that he
+has it after the second: with the motors alone where they slow the train."""
 COAST_MISSES_MPS = 4.0 * KMH
 """Coasting that ends further than this from the speed shown leads to another one, and says that."""
 ROLLS_SOON_S = 10.0
@@ -42,8 +41,9 @@ Floats = NDArray[np.float64]
 
 
 def advanced(scene: Sight, memory: Memory) -> Memory:
-    """The memory at the step in force here; it never goes back."""
-    state, number = scene.state, memory.step
+    """The memory at the step in force here; it goes back only if the train turns out to be far behind its begin."""
+    state = scene.state
+    number = memory.step if scene.due_s(memory.step) <= STANDS_S else 0
     while number + 1 < len(scene.steps):
         following = scene.steps[number + 1]
         if following.from_m > (state.braked_m if following.kind is InstructionKind.BRAKE else state.s_m):
@@ -73,7 +73,7 @@ def wanted(scene: Sight, memory: Memory) -> tuple[Proposal, Memory]:
 def _of_step(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
     if step.kind is InstructionKind.BRAKE and not memory.reached:
         return _braking(scene, memory, step)
-    if step.kind is InstructionKind.COAST and scene.state.s_m < step.by_m:
+    if step.kind is InstructionKind.COAST and scene.state.s_m < step.by_m and not _has_rolled_up(scene, step):
         return coasting(scene, memory.shown, memory.step), memory
     if step.kind is InstructionKind.TRACTION and not memory.reached:
         to_mps = reachable_mps(scene, memory.step)
@@ -81,6 +81,12 @@ def _of_step(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
             return Proposal(_accelerating(scene, memory, step, to_mps)), memory
         memory = replace(memory, reached=True)
     return _holding(scene, memory, step)
+
+
+def _has_rolled_up(scene: Sight, step: GuideStep) -> bool:
+    """Whether a train that coasts to a higher speed has it, maybe sooner than planned."""
+    begins_mps = scene.schedule.speed_at(step.from_m)
+    return begins_mps < step.speed_mps - SAME_MPS and scene.state.v_mps > step.speed_mps - SAME_READING_MPS
 
 
 def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
@@ -106,7 +112,7 @@ def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
             scene.state.braked_m, scene.state.v_mps, BRAKES_BACK_S
         ):
             effort = scene.ahead.effort_of(away_mps / BRAKES_BACK_S, scene.state.s_m, scene.state.v_mps)
-            back = brake(min(stepped(effort), 1.0), to_mps)
+            back = brake(stepped(min(effort, 1.0) if slows(scene.ahead, 1.0, scene.state) else effort), to_mps)
         return Proposal(back, mode=Lead.BACK_DOWN), replace(memory, mode=Lead.BACK_DOWN, back=back)
     return Proposal(hold(to_mps)), memory
 

@@ -9,18 +9,18 @@ from das.advice.advice import Instruction
 from das.advice.goal import TrainState
 from das.advice.guide.guard import BRAKE_LEAD_S, Proposal
 from das.advice.guide.memory import Lead, Memory, is_own_end, repeats
-from das.advice.guide.timeline import SAME_MPS, STANDS_S
+from das.advice.guide.timeline import COAST_LEAD_S, SAME_MPS, STANDS_S
 from das.advice.regimes import BRAKES, KIND_OF, InstructionKind, Regime
 from das.domain.units import NS
 
 LEADS_S = {
-    InstructionKind.COAST: 5.0,
+    InstructionKind.COAST: COAST_LEAD_S,
     InstructionKind.BRAKE: BRAKE_LEAD_S,
     InstructionKind.TRACTION: 2.0,
     InstructionKind.HOLD: 0.0,
 }
-"""How long before it is due each kind is shown: coasting about the time in which a driver reacts; an acceleration so
-early that a driver who looks when it is due sees it."""
+"""How long before it is due each kind is shown: an acceleration so early that a driver who looks when it is due sees
+it."""
 
 
 class Opening(NamedTuple):

@@ -100,7 +100,7 @@ def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     waits = one.mode is Regime.COAST and wanted.in_s > 0.0 and excess <= OVERSPEED_MPS
     if excess + rises_mps <= 0.0 or waits:
         return wanted
-    if one.mode in TRACTION and excess + rises_mps > SAME_MPS:
+    if one.mode in TRACTION and SAME_MPS - rises_mps < excess <= BRAKED_MPS:
         return Proposal(hold(min(one.speed_mps, limit_mps)), mode=Lead.GUARD, guarded=True)  # The hill takes it there.
     falls = place.allowed_mps < place.limit_mps
     if excess > (SAME_MPS if falls or wanted.brakes else BRAKED_MPS):
@@ -233,7 +233,7 @@ def _told_speeds_mps(scene: Sight, now: Instruction, from_m: float) -> Floats:
         braked_n = -ahead.force_n(-now.effort_ratio, scene.state.s_m, v_mps)
         return np.asarray(np.maximum(ahead.rolling_mps(from_m, v_mps, braked_n), now.speed_mps))
     if now.mode is Regime.CRUISE:
-        return np.full(len(rolling_mps), now.speed_mps if v_mps < now.speed_mps - OFF_MPS else _keeps_mps(now, v_mps))
+        return np.full(len(rolling_mps), max(now.speed_mps, _keeps_mps(now, v_mps)))
     return np.minimum(max(now.speed_mps, v_mps), ahead.gaining_mps(from_m, v_mps))
 
 

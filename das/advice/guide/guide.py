@@ -1,292 +1,289 @@
-"""The guide: what a driver is told in a second, by one memory, one guard and one gate."""
+"""The guide of a section: it keeps the reference, chooses the instruction to show, and says why."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import takewhile
 
 import numpy as np
+from numpy.typing import NDArray
 
-from das.advice.advice import Instruction, ReplanCause
+from das.advice.advice import Guidance, Instruction, Replan, ReplanCause
 from das.advice.braking import BrakingAhead
-from das.advice.coach.keeping import Changes, Kept
-from das.advice.coach.showing import ShownNow
-from das.advice.coach.shown_brakes import SpeedsAllowed
-from das.advice.goal import TrainState
-from das.advice.guide.announce import following
-from das.advice.guide.effort import STEP_RATIO, stepped, way_m
-from das.advice.guide.follow import CREEP_MPS, advanced, at_step, wanted
-from das.advice.guide.gate import LEADS_S, Opening, has_led, opening, reached
-from das.advice.guide.guard import (
-    BRAKE_LEAD_S,
-    SHORT_M,
-    SOONER_S,
-    Proposal,
-    brake_lead_s,
-    braked,
-    foreseen_brake,
-    guarded,
-    lasts_s,
-    stands_at_mark,
-)
-from das.advice.guide.memory import Lead, Memory, alike, brake, hold, is_own_end, repeats
-from das.advice.guide.scene import Sight, TrainForecast
-from das.advice.guide.timeline import SAME_MPS, STANDS_S, GuideStep, timeline
-from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
-from das.advice.shown import SAME_READING_MPS
-from das.domain.units import NS
+from das.advice.goal import Goal, TrainState
+from das.advice.guide.drift import Drift
+from das.advice.guide.follow import CREEP_MPS
+from das.advice.guide.keeping import Keeper, Kept
+from das.advice.guide.planning import passes_s
+from das.advice.guide.scene import SpeedsAllowed
+from das.advice.guide.settings import DEFAULT, GuideSettings
+from das.advice.guide.showing import Showing, ShownNow
+from das.advice.reason import NO_REASON, Reason, ReasonCode
+from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
+from das.advice.shown import SPEED_STEP_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, as_read
+from das.advice.worker import AT_ONCE, Worker
+from das.domain.errors import DasError
+from das.domain.restriction import Restriction
+from das.domain.route import Route
+from das.domain.units import KMH, NS
+from das.estimate.plausibility import STANDSTILL_MPS
+from das.solver.guide.phases import PhaseKind
+from das.solver.guide.policies import GuideFront
 from das.solver.guide.schedule import Schedule
-from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
 
-FORGOTTEN_S = 15.0
-"""A driver to whom nothing was shown for this long is told anew, as if nothing had been shown before."""
-CLOSES_IN_S = 4.0
-"""The force of an instruction reaches its speed in this time: longer than advice is valid, so that a driver who sets
-exactly this force does not overshoot the speed."""
-IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
-"""Causes of a new reference that came from outside: what is shown was chosen without knowing them."""
+Floats = NDArray[np.float64]
+NEAR_M = 4000.0
+"""The limit or stop that an instruction leads to is named if it is nearer than this."""
+BESIDE_M = 100.0
+"""A limit may begin this far (m) beyond the phase that slows down for it, which ends before it."""
+BINDS_MPS = 10.0 * KMH
+"""A limit that the train is forecast to pass slower than this below it is not what it slows down for."""
+SLOWED_S = 30.0
+"""A train that passes a point more than this (s) after its earliest time is not slowed down for it."""
+SAID_LATE_S = 30.0
+"""A train's arrival is named if it is late or early by at least this (s): a driver cannot do anything about less."""
+SAID_ANEW_S = 10.0
+"""An arrival that was named is named anew if it has changed by this (s): a figure that changes often is not read."""
+NEWS_S = 20.0
+"""A restriction that was received on the way and changed the reference is named for this long (s)."""
+ARRIVING_M = 500.0
+"""A train this near (m) to its stop is not told when it arrives."""
+CREEPS_M = 100.0
+"""A train so slow that no reference leads to its stop creeps there if it is no further (m) away than this."""
+SLOWING = (PhaseKind.COAST, PhaseKind.BRAKE)
+NOT_FASTER = (*SLOWING, PhaseKind.HOLD)
 
 
 class Guide:
-    """Says what to do now and next, second by second, and remembers it."""
+    """Leads a driver along one section, by instructions that follow a reference (a standing plan).
 
-    def __init__(self) -> None:
-        self._memory = Memory()
-        self._schedule: Schedule | None = None
-        self._steps: tuple[GuideStep, ...] = ()
-        self._ahead: BrakingAhead | None = None
-        self.changes = Changes()
-        """When the instruction shown last changed, and when its next change is due."""
+    The same inputs give the same advice, bit for bit, unless the `worker` makes references in the background.
+    """
+
+    def __init__(
+        self,
+        section: Section,
+        front: GuideFront | None,
+        settings: GuideSettings = DEFAULT,
+        worker: Worker = AT_ONCE,
+        drift: Drift | None = None,
+    ) -> None:
+        self._section, self._settings, self._worker = section, settings, worker
+        self._ahead_of_train = BrakingAhead(section)
+        self.drift = drift or Drift(settings.margin, settings.loss)
+        """What is known of the driver."""
+        self._keeper = Keeper(section, front, settings, worker, self.drift)
+        self._showing = Showing()
+        self._news: tuple[Restriction, ...] = ()
+        self._lost = False
+        self._said_late_s = 0.0
+        self._reasoned: tuple[Instruction, Reason] = Instruction(), NO_REASON
+
+    def successor(self, section: Section, front: GuideFront | None) -> Guide:
+        """The guide that takes over from this one, with another front or under other limits."""
+        found = Guide(section, front, self._settings, self._worker, self.drift)
+        found._keeper.take_over(self._keeper)
+        found._showing = self._showing
+        found._said_late_s, found._reasoned = self._said_late_s, self._reasoned
+        known = self._section.route.restrictions
+        found._news = tuple(one for one in section.route.restrictions if one not in known) or self._news
+        return found
 
     def forget(self) -> None:
-        """Forget what was shown: from now on nothing is shown."""
-        self._memory = replace(self._memory, shown=Instruction(), mode=Lead.SILENT, back=None)
+        """Drop the reference and all that was shown."""
+        self._keeper.forget()
+        self._showing.forget()
+        self._said_late_s = 0.0
+
+    def plan(self, state: TrainState, goal: Goal) -> Kept | None:
+        """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
+        self._lost = False
+        try:
+            return self._keeper.keep(state, goal, changes=self._showing.changes)
+        except DasError:
+            self._lost = True
+            return None
+
+    def show(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Guidance | None:
+        """What the driver should do now and next; None if there is no reference."""
+        if kept is None:
+            return self._creeping(state, place) if self._lost else None
+        shown = self._showing.show(kept, state, place)
+        found = Guidance(
+            now=shown.now,
+            following=shown.following,
+            target_m=shown.target_m,
+            target_s=shown.target_s,
+            force_n=shown.force_n,
+            reference_force_n=shown.reference_force_n,
+            reason=self._reason(kept, shown, state, goal, place),
+            replan=kept.reference.replan,
+        )
+        return self._as_read(found, state)
+
+    def _as_read(self, found: Guidance, state: TrainState) -> Guidance:
+        """The advice as a driver in this state reads it."""
+        near = self._section.end_m - state.s_m < STOP_BY_EYE_M
+        sees_mark = near and self._ahead_of_train.stop_is_next(state.s_m, state.v_mps)
+        return as_read(found, self._section.largest_n(state.v_mps), sees_mark=sees_mark)
+
+    def _creeping(self, state: TrainState, place: SpeedsAllowed) -> Guidance | None:
+        """The advice to creep to the stop, for a train so slow that no reference leads there; None for a faster one."""
+        way_m = self._section.end_m - state.s_m
+        if state.v_mps > CREEP_MPS or way_m > CREEPS_M:
+            return None
+        now, following, force_n = self._showing.creeping(self._section, state, place)
+        found = Guidance(
+            now=now, following=following, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
+            reference_force_n=force_n, reason=Reason(code=ReasonCode.STOP, stop=self._section.end_stop_name),
+        )  # fmt: skip
+        return self._as_read(found, state)
+
+    def stands(self, departs_in_s: float = 0.0) -> Guidance:
+        """The advice for a train that stands at a stop and departs in `departs_in_s`."""
+        self._showing.forget()
+        now = Instruction(mode=Regime.STOP, speed_mps=0.0, effort_ratio=0.0)
+        return Guidance(now=now, target_s=departs_in_s)
 
     def has_shown(self, now: Instruction, now_ns: int) -> None:
-        """Take note of a brake that was shown at a moment (ns) though none was chosen; other acts do not last."""
-        if now.mode in BRAKES and self._memory.shown.mode not in BRAKES:
-            self._memory = replace(self._memory, shown=now, since_ns=now_ns, due_ns=now_ns)
-            self.changes = self.changes._replace(last_ns=now_ns)
+        """Take note of the instruction that was shown at a moment (ns) in place of the guide's."""
+        self._showing.has_shown(now, now_ns)
+
+    def hush(self) -> None:
+        """Take note that the instruction of this moment is not shown; the reference goes on."""
+        self._showing.forget()
 
     @property
     def shown_effort(self) -> float:
         """The braking effort shown (> 0); 0 if no brake is shown."""
-        return -self._memory.shown.effort_ratio if self._memory.shown.mode in BRAKES else 0.0
+        return self._showing.shown_effort
 
     def stands_at_mark(self, state: TrainState) -> bool:
         """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
-        return self._ahead is not None and stands_at_mark(self._ahead, self._memory.shown, state)
+        return self._showing.stands_at_mark(state)
 
-    def braking(self, effort: float) -> Instruction:
-        """The instruction to brake to a standstill with an effort (> 0), whatever the reference is."""
-        self._memory = replace(self._memory, shown=brake(effort, 0.0), mode=Lead.GUARD)
-        return self._memory.shown
+    def brakes(self, effort: float, force_n: float, reason: Reason, state: TrainState) -> Guidance:
+        """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast.
 
-    def creeping(
-        self, section: Section, state: TrainState, place: SpeedsAllowed
-    ) -> tuple[Instruction, tuple[Instruction, ...], float]:
-        """The instruction to creep to the stop, or to brake if that is due; the brake after it; and the force (N)."""
+        At the stop the driver brakes by eye, also behind the mark.
+        """
         self.forget()
-        self._ahead = ahead = BrakingAhead(section)
-        v_mps = max(state.v_mps, 1.0)
-        begins_m = ahead.curve_begins_m(state.s_m, np.full(_nodes_ahead(section, state.s_m), CREEP_MPS))
-        needed = ahead.needed(begins_m, CREEP_MPS)
-        lead_s = max(BRAKE_LEAD_S + SOONER_S, SHORT_M / v_mps)
-        if place.allowed_mps < CREEP_MPS:  # In the last metres he finds the mark by eye.
-            now = brake(STEP_RATIO, 0.0)
-        elif ahead.is_due(state.braked_m, v_mps, lead_s):
-            now = brake(stepped(ahead.needed(state.braked_m, v_mps).effort), needed.target_mps)
-        else:
-            now = hold(CREEP_MPS)
-        stops = replace(brake(stepped(needed.effort), needed.target_mps), way_m=begins_m - state.s_m)
-        after = () if now.mode in BRAKES else (replace(stops, in_s=stops.way_m / CREEP_MPS),)
-        return now, after, force_n(ahead, now, state)
+        now = self._showing.braking(effort)
+        found = Guidance(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
+        return self._as_read(found, state)
 
-    def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
-        """What to show of the reference to a driver whose train is in this state."""
-        scene, memory = self._begin(kept, state, place), self._memory
-        replan, now_ns = kept.reference.replan, state.now_ns
-        imposed = replan.cause in IMPOSED and replan.time_ns > self.changes.last_ns
-        chosen, due_s, memory, put_off = self._chosen(scene, memory, imposed=imposed)
-        one = chosen.one
-        changed = not repeats(one, memory.shown) or (
-            one.mode in BRAKES and one.effort_ratio != memory.shown.effort_ratio
-        )
-        if not alike(one, memory.shown):
-            memory = replace(memory, due_ns=now_ns + round(due_s / NS))
-        if chosen.brakes and math.isfinite(chosen.at_m):
-            memory = replace(memory, efforts={**memory.efforts, chosen.at_m: -one.effort_ratio})
-        if changed:
-            memory = replace(memory, since_ns=now_ns)
-            self.changes = self.changes._replace(last_ns=now_ns)
-        memory = replace(memory, shown=one)
-        if chosen.guarded:
-            memory = replace(memory, mode=Lead.GUARD, back=None)
-        elif memory.mode is Lead.SILENT or (memory.mode is Lead.GUARD and not chosen.brakes):
-            memory = replace(memory, mode=Lead.FOLLOW)
-        in_s = max((memory.due_ns - now_ns) * NS, 0.0)
-        now = replace(one, way_m=in_s * state.v_mps, in_s=in_s)
-        after = following(scene, memory, now, put_off)
-        memory = replace(memory, announced=memory.noted(after, now_ns), noted_ns=now_ns)
-        self._memory = memory
-        next_s = in_s if in_s > 0.0 or not after else after[0].in_s
-        self.changes = self.changes._replace(next_ns=now_ns + round(next_s / NS), imposed=imposed)
-        goal_m = self._goal_m(scene, memory, chosen)
-        exact = replace(now, effort_ratio=-chosen.exact) if 0.0 < chosen.exact < -now.effort_ratio else now
-        return ShownNow(
-            now, after, max(goal_m - state.s_m, 0.0), scene.foreseen.time_s(goal_m), scene.steps[memory.step].number,
-            force_n(scene.ahead, now, state), force_n(scene.ahead, exact, state),
-        )  # fmt: skip
+    def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Guidance | None:
+        """The advice for a standing train that is due to depart: stand until cleared, then follow the reference.
 
-    def _begin(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> Sight:
-        """The scene of this second; another reference begins its timeline anew."""
+        None if there is no reference, or if the reference brakes here.
+        """
+        self._showing.forget()
+        found = self.show(kept, state, goal, place)
+        self._showing.forget()
+        if found is None or found.now.mode in BRAKES:
+            return None
+        ratio = found.now.effort_ratio if found.now.mode in TRACTION else math.nan
+        now = Instruction(mode=Regime.DEPART, speed_mps=found.now.speed_mps, effort_ratio=ratio)
+        return replace(found, now=now, force_n=0.0, reference_force_n=0.0, lever_ratio=0.0)
+
+    def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Reason:
+        """What the instruction does not say: what it is for, and when the train arrives if that is late or early."""
+        if place.too_fast:
+            return Reason(code=ReasonCode.TOO_FAST, speed_mps=state.v_mps - place.allowed_mps)
+        ahead = self._standing_reason(shown.now, self._ahead(kept, shown, state), state)
+        if not ahead and _is_slowed_for_point(kept, state, goal):
+            point = goal.passing
+            assert point is not None
+            time_ns = point.earliest_ns or 0
+            return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
+        ahead = ahead or self._new_restriction(kept.reference.replan, state)
+        late_s = self._said_arrival_s(kept, state, goal)
+        if shown.now.mode in BRAKES or abs(late_s) < SAID_LATE_S:
+            return ahead
+        return replace(ahead, code=ahead.code or ReasonCode.ARRIVAL, late_s=late_s)
+
+    def _new_restriction(self, replan: Replan, state: TrainState) -> Reason:
+        """The next restriction that was received just now and made the reference anew."""
+        ahead = [one for one in self._news if one.start_m > state.s_m]
+        if replan.cause is not ReplanCause.LINE or (state.now_ns - replan.time_ns) * NS > NEWS_S or not ahead:
+            return NO_REASON
+        first = min(ahead, key=lambda one: one.start_m)
+        return Reason(code=ReasonCode.RESTRICTION, speed_mps=first.limit_mps, at_m=first.start_m)
+
+    def _standing_reason(self, now: Instruction, ahead: Reason, state: TrainState) -> Reason:
+        """What the instruction is for; it stays while the same instruction is shown and its place is still ahead."""
+        shown, kept = self._reasoned
+        same = KIND_OF.get(now.mode) is KIND_OF.get(shown.mode) and now.speed_mps == shown.speed_mps
+        if not (same and kept and kept.at_m > state.s_m):
+            self._reasoned = now, ahead
+        return self._reasoned[1]
+
+    def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
+        """How late the train is likely to arrive (s; early < 0)."""
+        return self._keeper.arrival_late_s(kept, state, goal)
+
+    def _said_arrival_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
+        """How late the train is said to arrive (s): the last value until it is off by `SAID_ANEW_S`.
+
+        It is 0, so that nothing is said, for a train that stands, whose reference is made anew when it departs, and for
+        one that is almost there.
+        """
+        if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
+            return 0.0
+        late_s = self.arrival_late_s(kept, state, goal)
+        if abs(late_s - self._said_late_s) >= SAID_ANEW_S:
+            self._said_late_s = late_s
+        return self._said_late_s
+
+    def _ahead(self, kept: Kept, shown: ShownNow, state: TrainState) -> Reason:
+        """The lower limit or the stop to which the instruction to coast or to brake leads, if it is near."""
+        if shown.now.mode is not Regime.COAST and shown.now.mode not in BRAKES:
+            return NO_REASON
         schedule = kept.reference.schedule
-        if self._ahead is None or self._ahead.section is not schedule.section:
-            self._ahead = BrakingAhead(schedule.section)
-            self._memory = replace(self._memory, efforts={})
-        if schedule is not self._schedule:
-            self._schedule, self._steps = schedule, timeline(schedule)
-            self._memory = at_step(self._memory, 0)
-        if not 0 <= (state.now_ns - self._memory.noted_ns) * NS <= FORGOTTEN_S:
-            self._memory = replace(self._memory, shown=Instruction())
-        scene = Sight(schedule, self._steps, TrainForecast.of(kept, state), state, place, self._ahead)
-        self._memory = advanced(scene, self._memory)
-        return scene
-
-    def _chosen(
-        self, scene: Sight, memory: Memory, *, imposed: bool
-    ) -> tuple[Proposal, float, Memory, Instruction | None]:
-        """What is shown, in what time it is due, the memory with it, and a change that waits to be announced."""
-        state, shown = scene.state, memory.shown
-        stands = Proposal(shown, max((memory.due_ns - state.now_ns) * NS, 0.0), memory.mode)
-        if stands_at_mark(scene.ahead, shown, state):
-            return stands, stands.in_s, memory, None
-        asked = guarded(scene, memory, stands)
-        is_safe = shown.mode not in KIND_OF or _suffices(shown, asked.one)
-        freely, memory = wanted(scene, memory)
-        one = self._still_guarded(scene, memory, guarded(scene, memory, freely))
-        early = self._early(scene, memory, is_safe=is_safe)
-        if early is not None and (early[0].brakes or not one.guarded):
-            return early[0], early[1].due_s, early[2], None
-        if not is_safe and asked.brakes and not one.guarded and memory.mode is not Lead.FOLLOW:
-            one = asked  # It is due later than a brake of the guide's own.
-        stood = (state.now_ns - memory.since_ns) * NS >= STANDS_S
-        slower = one.one.speed_mps < state.v_mps - SAME_MPS and not one.guarded
-        if imposed and stood and slower and shown.mode in TRACTION:
-            # News from outside want a slower train: it accelerates no further, but brakes only with its notice.
-            return Proposal(hold(one.one.speed_mps)) if one.brakes else one, 0.0, memory, None
-        next_s = _next_s(scene, memory.step, one)
-        opens = opening(memory, one, state, is_safe=is_safe, next_s=next_s)
-        if has_led(memory, one.one, state) and 0.0 < opens.due_s < math.inf:
-            # It is released: what else comes after it has its notice first.
-            notice = replace(one.one, in_s=opens.due_s, way_m=opens.due_s * state.v_mps)
-            return Proposal(hold(shown.speed_mps)), 0.0, memory, notice
-        if opens.now:
-            return one, opens.due_s, memory, _rest(scene, memory, freely, one)
-        put_off = _rest(scene, memory, freely, one)
-        if KIND_OF.get(one.one.mode) is not KIND_OF.get(shown.mode) and 0.0 < opens.due_s < math.inf:
-            put_off = replace(one.one, in_s=opens.due_s, way_m=opens.due_s * state.v_mps)
-        kept = one._replace(one=shown) if one.brakes and shown.mode in BRAKES else stands
-        return kept, stands.in_s, memory, put_off
-
-    def _still_guarded(self, scene: Sight, memory: Memory, one: Proposal) -> Proposal:
-        """The brake of the guard stands until its speed is reached, or until far less is needed."""
-        shown, state = memory.shown, scene.state
-        if memory.mode is not Lead.GUARD or shown.mode not in BRAKES or one.brakes or reached(shown, state.v_mps):
-            return one
-        needed = scene.ahead.needed(state.braked_m, state.v_mps)
-        same = abs(needed.target_mps - shown.speed_mps) < SAME_MPS
-        is_due = scene.ahead.is_due(state.braked_m, state.v_mps, STANDS_S)
-        if same and is_due and needed.effort > -0.5 * shown.effort_ratio:
-            return braked(scene, memory, needed, mode=Lead.GUARD)
-        return one
-
-    def _early(self, scene: Sight, memory: Memory, *, is_safe: bool) -> tuple[Proposal, Opening, Memory] | None:
-        """The next step if it is shown already, a little before it begins."""
-        number, state = memory.step + 1, scene.state
-        if number >= len(scene.steps) or not (is_safe or scene.steps[number].kind is InstructionKind.BRAKE):
-            return None
-        step, here = scene.steps[number], scene.steps[memory.step]
-        if (
-            here.kind is InstructionKind.BRAKE
-            and state.v_mps > here.speed_mps + SAME_MPS
-            and step.kind is not InstructionKind.BRAKE
-        ):
-            return None
-        lead_s, due_s = LEADS_S[step.kind], scene.due_s(number)
-        if step.kind is InstructionKind.BRAKE:
-            lead_s = brake_lead_s(scene, memory.shown) + SOONER_S + state.ahead_m / max(state.v_mps, 1.0)
-        if step.kind is InstructionKind.TRACTION and step.speed_mps > scene.place.limit_mps:
-            lead_s = 0.0
-        if due_s > lead_s:
-            return None
-        one, then = wanted(scene, at_step(memory, number))
-        one = guarded(scene, then, one)
-        next_s = _next_s(scene, number, one)
-        opens = opening(then, one, state, is_safe=True, next_s=next_s, lead_s=lead_s)
-        return (one, opens, then) if opens.now else None
-
-    def _goal_m(self, scene: Sight, memory: Memory, chosen: Proposal) -> float:
-        """Where the instruction shown has led to its speed, or ends (m)."""
-        step, one, state = scene.steps[memory.step], chosen.one, scene.state
-        goal_m = chosen.at_m if math.isfinite(chosen.at_m) and chosen.at_m > state.s_m else math.inf
-        if chosen.brakes:
-            way = way_m(scene.ahead, -one.effort_ratio, one.speed_mps, state)
-            return goal_m if math.isfinite(goal_m) else state.s_m + way
-        if one.mode is not Regime.COAST:
-            return step.to_m
-        section = scene.schedule.section
-        lower = (section.node_m > max(state.s_m, step.from_m)) & (
-            section.envelope_mps < one.speed_mps - SAME_READING_MPS
-        )
-        return min(step.to_m, goal_m, float(section.node_m[np.argmax(lower)]) if lower.any() else math.inf)
+        section, first = schedule.section, schedule.phases[shown.number].begin
+        from_mps = max(float(schedule.known.speed_mps[first]), state.v_mps)
+        slows_m, holds_m = _ends_m(schedule, shown.number, SLOWING), _ends_m(schedule, shown.number, NOT_FASTER)
+        for at_m, limit_mps in zip(*falling_limits(section.route), strict=True):
+            leads_m = holds_m if shown.now.speed_mps <= limit_mps + SPEED_STEP_MPS else slows_m
+            near = state.s_m < at_m <= min(leads_m + BESIDE_M, state.s_m + NEAR_M)
+            # A brake to the stop is not for a board on the way.
+            is_passed = shown.now.mode in BRAKES and limit_mps > shown.now.speed_mps + TARGET_STEP_MPS
+            if not near or limit_mps >= from_mps or is_passed:
+                continue
+            passed_mps = float(np.interp(at_m, section.node_m, kept.forecast.speeds_mps))
+            if passed_mps > limit_mps - BINDS_MPS:
+                return _of_limit(section.route, at_m, limit_mps)
+        if slows_m >= section.end_m and section.end_m - state.s_m <= NEAR_M:
+            return Reason(code=ReasonCode.STOP, stop=section.end_stop_name)
+        return NO_REASON
 
 
-def _next_s(scene: Sight, number: int, one: Proposal) -> float:
-    """In what time (s) the next change is due after a wanted one: the next step, or a brake that ends a coast."""
-    brake_s = math.inf
-    if one.one.mode is Regime.COAST:
-        guard = foreseen_brake(scene, one.one, one.in_s)
-        brake_s = math.inf if guard is None else guard.in_s
-    return min(scene.due_s(number + 1), brake_s)
+def _is_slowed_for_point(kept: Kept, state: TrainState, goal: Goal) -> bool:
+    """Whether the train would pass the point ahead too early if the reference did not slow it down."""
+    point = goal.passing
+    if point is None or point.earliest_ns is None or not goal.waits(state):
+        return False
+    passes = passes_s(kept.reference.schedule, kept.forecast, state.s_m, point.s_m)
+    return passes - (point.earliest_ns - state.now_ns) * NS < SLOWED_S
 
 
-def _rest(scene: Sight, memory: Memory, freely: Proposal, one: Proposal) -> Instruction | None:
-    """The step that a brake of the guard interrupts: it goes on behind it; None if it is over by then."""
-    if not (one.brakes and one.guarded) or freely.brakes or is_own_end(freely.one, one.one):
-        return None
-    if freely.one.mode is Regime.COAST and freely.one.speed_mps > one.one.speed_mps - SAME_MPS:
-        return None
-    in_s = one.in_s + lasts_s(scene, one.one)
-    if scene.due_s(memory.step + 1) < in_s + STANDS_S:
-        return None
-    return replace(freely.one, in_s=in_s, way_m=in_s * 0.5 * (scene.state.v_mps + one.one.speed_mps))
+def _ends_m(schedule: Schedule, number: int, kinds: tuple[PhaseKind, ...]) -> float:
+    """Where the phases of these kinds end that follow one another from a phase on (m)."""
+    count = len(list(takewhile(lambda one: one.kind in kinds, schedule.phases[number:])))
+    return schedule.begin_m(number + count)
 
 
-def _suffices(shown: Instruction, needed: Instruction) -> bool:
-    """Whether what is shown is all that the guard asks for."""
-    same = alike(shown, needed) or (shown.mode is needed.mode is Regime.NONE)
-    return same and not (shown.mode in BRAKES and needed.effort_ratio < shown.effort_ratio)
+def falling_limits(route: Route) -> tuple[Floats, Floats]:
+    """Where the limits of a line fall (m), and to what (m/s)."""
+    limits = route.limits_mps
+    falls = np.flatnonzero(np.diff(limits.value) < 0) + 1
+    return limits.start_m[falls], limits.value[falls]
 
 
-def _nodes_ahead(section: Section, s_m: float) -> int:
-    """How many nodes of a section lie ahead of a place."""
-    return max(len(section.node_m) - int(np.searchsorted(section.node_m, s_m, side="right")), 1)
-
-
-def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:
-    """The wheel force (N) with which a driver follows an instruction, within what the train can give.
-
-    Near the speed to reach or to hold, it is the force that leads to that speed without overshooting it.
-    """
-    s_m, v_mps = state.s_m, max(state.v_mps, 0.1)
-    if now.mode in BRAKES:
-        return ahead.force_n(-now.effort_ratio, s_m, v_mps)
-    if now.mode is Regime.COAST:
-        return 0.0
-    train, closing_mps2 = ahead.section.train, (now.speed_mps - v_mps) / CLOSES_IN_S
-    wanted_n = ahead.section.resistance_n(s_m, v_mps) + train.inertial_mass_kg * closing_mps2
-    most_n = float(traction_limit(v_mps, train)) * (now.effort_ratio if now.mode in TRACTION else 1.0)
-    least_n = 0.0 if now.mode in TRACTION else ahead.force_n(1.0, s_m, v_mps)
-    return min(max(wanted_n, least_n), most_n)
+def _of_limit(route: Route, at_m: float, limit_mps: float) -> Reason:
+    """The reason for slowing down to a limit that begins at a position (m): the line's own, or a restriction."""
+    restricted = any(one.start_m == at_m and one.limit_mps == limit_mps for one in route.restrictions)
+    code = ReasonCode.RESTRICTION if restricted else ReasonCode.LIMIT
+    return Reason(code=code, speed_mps=float(limit_mps), at_m=float(at_m))

@@ -8,14 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.braking import BrakingAhead
-from das.advice.coach.keeping import Kept
-from das.advice.coach.planning import elapsed_s
-from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import TrainState
+from das.advice.guide.keeping import Kept
+from das.advice.guide.planning import elapsed_s
 from das.advice.guide.timeline import GuideStep
 from das.solver.guide.schedule import Schedule
 
 Floats = NDArray[np.float64]
+
+
+class SpeedsAllowed(NamedTuple):
+    """The bounds on an instruction where the train is: the highest safe speed, and the limit over the train (m/s).
+
+    `too_fast`: the driver is told that the train is too fast.
+    """
+
+    allowed_mps: float
+    limit_mps: float
+    too_fast: bool = False
 
 
 class TrainForecast(NamedTuple):
@@ -53,10 +63,11 @@ class Sight(NamedTuple):
     ahead: BrakingAhead
 
     def due_s(self, number: int) -> float:
-        """In what time (s) a step begins for this train; 0 if it has begun, infinity beyond the last one."""
+        """In what time (s) a step begins for this train; 0 if it has begun, like the first; infinity: none."""
         if number >= len(self.steps):
             return float("inf")
-        return self.foreseen.time_s(self.steps[number].from_m) if self.steps[number].from_m > self.state.s_m else 0.0
+        begun = number == 0 or self.steps[number].from_m <= self.state.s_m
+        return 0.0 if begun else self.foreseen.time_s(self.steps[number].from_m)
 
     @property
     def rolls_mps2(self) -> float:

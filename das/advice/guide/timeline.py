@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from das.advice.coach.announcing import aim_mps
 from das.advice.regimes import InstructionKind
-from das.advice.shown import TARGET_STEP_MPS
+from das.advice.shown import TARGET_STEP_MPS, target_below
 from das.solver.guide.phases import BRAKES, Phase, PhaseKind
 from das.solver.guide.schedule import Schedule
+from das.solver.section import Section
 
 SAME_MPS = 0.3
 """Speeds that differ by less than this look the same on a display, and count as equal."""
@@ -22,6 +22,10 @@ OFF_MPS = TARGET_STEP_MPS
 STANDS_S = 8.0
 """An instruction stands this long, and one of another kind is announced this long before it is due: time to read it, to
 act, and to check."""
+COAST_LEAD_S = 5.0
+"""Coasting is shown this long before it is due: about the time in which a driver reacts."""
+NEAR_LIMIT_MPS = 0.2
+"""A speed this near to a limit is that of the limit."""
 
 
 class GuideStep(NamedTuple):
@@ -106,3 +110,36 @@ def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
         found.append(GuideStep(kind, top_mps, effort, from_m, end_m, end_m, number))
     nexts_m = [*(one.from_m for one in found[1:]), end_m]
     return [one._replace(by_m=to_m, to_m=to_m) for one, to_m in zip(found, nexts_m, strict=True)]
+
+
+def aim_mps(schedule: Schedule, number: int) -> float:
+    """The speed (m/s) that a phase leads to; for an acceleration, limits on the way may be lower.
+
+    For a brake, it is at most the speed allowed at its end; for coasting, the lowest limit on the way as well, so that
+    it stays the same while limits rise. The schedule itself may have a higher speed: if a limit was received late, or
+    if a limit slows the train without a phase to brake for it.
+    """
+    section, one = schedule.section, schedule.phases[number]
+    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
+    if one.kind in (PhaseKind.TRACTION, PhaseKind.HOLD):
+        return told_mps(one.target_mps, section, float(section.envelope_mps[one.begin : end + 1].max()))
+    if schedule.brakes_by_effort(number):
+        return told_mps(one.target_mps, section, float(section.envelope_mps[end]))
+    limits = section.limit_mps[one.begin : end] if one.kind is PhaseKind.COAST else section.limit_mps[end : end + 1]
+    highest = float(section.envelope_mps[end])
+    limit_mps = float(limits.min()) if limits.size else highest  # A brake to the stop has no limit at its end.
+    return _in_step(one.target_mps, limit_mps, min(highest, limit_mps))
+
+
+def told_mps(speed_mps: float, section: Section, highest_mps: float) -> float:
+    """The speed to tell a driver for a speed of the schedule that is no whole step: the nearest step, or a limit."""
+    limit_mps = float(section.limit_mps[np.abs(section.limit_mps - speed_mps).argmin()])
+    return _in_step(speed_mps, limit_mps, highest_mps)
+
+
+def _in_step(speed_mps: float, limit_mps: float, highest_mps: float) -> float:
+    """The limit (m/s) if a speed is near it, else the nearest step that is not above `highest_mps`."""
+    if abs(speed_mps - limit_mps) < NEAR_LIMIT_MPS and limit_mps < highest_mps + SAME_MPS:
+        return limit_mps
+    nearest = round(speed_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
+    return nearest if nearest <= highest_mps else target_below(highest_mps)

@@ -47,7 +47,7 @@ WAITING = 40
 
 
 @dataclass(frozen=True, kw_only=True)
-class GuideSettings:
+class PolicySettings:
     """What an instruction costs, and how finely speeds are told and solved."""
 
     step_mps: float = 5.0 * KMH
@@ -78,7 +78,7 @@ class GuideSettings:
     """The policies used last are kept up to this size (bytes): ten to twenty of 30 km, four of 100 km."""
 
 
-DEFAULT = GuideSettings()
+DEFAULT = PolicySettings()
 
 
 class PolicyFrom(NamedTuple):
@@ -147,7 +147,7 @@ class GuideFront:
     def __init__(
         self,
         section: Section,
-        settings: GuideSettings = DEFAULT,
+        settings: PolicySettings = DEFAULT,
         s_m: float | None = None,
         *,
         threads: int = 2,
@@ -338,7 +338,7 @@ def falls_to(envelope_mps: Floats, node_m: Floats) -> tuple[Floats, Floats]:
     return goal, foot_m
 
 
-def told_speeds(section: Section, settings: GuideSettings) -> Floats:
+def told_speeds(section: Section, settings: PolicySettings) -> Floats:
     """The speeds that may be told on a section, ascending: its limits, and steps from the lowest to the highest.
 
     If they are more than the number of an instruction has room for, equal parts of them are left out.

@@ -59,7 +59,7 @@ REPLANS: Final = {
     7: "keeping the plan would cost more energy than a new one",
     8: "the plan could no longer be kept",
 }
-"""Why the coach made a new reference plan, by the numbers of `ReplanCause` on the bus."""
+"""Why the guide made a new reference plan, by the numbers of `ReplanCause` on the bus."""
 
 
 class NewPlan(NamedTuple):
@@ -131,9 +131,9 @@ def advice_events(recording: Recording, trip: DrivenCourse, zone: tzinfo = UTC) 
             last = bisect_right(made, advice.time_ns) - 1
             new = last >= 0 and made[last] > since_ns
             cause = f"new plan: {plans[last].cause}" if new else "the plan goes on"
-            if advice.HasField("coach") and advice.coach.replan.time_ns > max(since_ns, replanned_ns):
-                cause = f"new plan: {REPLANS.get(advice.coach.replan.cause, 'there was none before')}"
-                replanned_ns = advice.coach.replan.time_ns
+            if advice.HasField("guide") and advice.guide.replan.time_ns > max(since_ns, replanned_ns):
+                cause = f"new plan: {REPLANS.get(advice.guide.replan.cause, 'there was none before')}"
+                replanned_ns = advice.guide.replan.time_ns
             if before is Regime.NONE:
                 cause = "advice is given again" if since_ns else "the first advice"
             yield _changed(advice, before, told, cause, zone, timed=not own_timetable(recording))

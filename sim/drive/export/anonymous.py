@@ -23,14 +23,14 @@ KEPT: Final[Mapping[str, str]] = {
         "tick position_time_ns s_m speed_mps mode advised_speed_mps advised_force_n advised_force_ratio "
         "horizon_speed_mps horizon_force_n next_mode next_change_m next_change_s predicted_arrival_ns "
         "predicted_deviation_s buffer_ratio energy_to_go_j source valid_until_ns limit_mps position_sd_m "
-        "display_speed_mps reduced_max_speed_mps four_mode next_four_mode next_four_change_s cause coach_now_mode "
-        "coach_now_speed_mps coach_now_effort_ratio coach_now_way_m coach_now_in_s coach_target_m coach_target_s "
-        "coach_force_n coach_replan_cause coach_replan_time_ns coach_replan_gain_j coach_replan_gain_s "
-        "coach_reference_force_n coach_reason_code coach_reason_speed_mps coach_reason_at_m coach_reason_time_ns "
-        "coach_reason_late_s coach_lever_ratio departure_speed_mps departure_force_ratio reason_code "
+        "display_speed_mps reduced_max_speed_mps four_mode next_four_mode next_four_change_s cause guide_now_mode "
+        "guide_now_speed_mps guide_now_effort_ratio guide_now_way_m guide_now_in_s guide_target_m guide_target_s "
+        "guide_force_n guide_replan_cause guide_replan_time_ns guide_replan_gain_j guide_replan_gain_s "
+        "guide_reference_force_n guide_reason_code guide_reason_speed_mps guide_reason_at_m guide_reason_time_ns "
+        "guide_reason_late_s guide_lever_ratio departure_speed_mps departure_force_ratio reason_code "
         "reason_speed_mps reason_at_m reason_time_ns reason_late_s replaced_parts"
     ),
-    "advice_coach_following": "number mode speed_mps effort_ratio way_m in_s",
+    "advice_guide_following": "number mode speed_mps effort_ratio way_m in_s",
     "plan": "s_m t_s speed_mps force_n",
     "estimate": "mass_ratio mass_sd_ratio resistance_ratio resistance_sd_ratio samples usable differs",
     "status": "state solve_s last_advice_s advices cause",
@@ -65,7 +65,7 @@ KEPT: Final[Mapping[str, str]] = {
 A new field is therefore left out until it is added here. A position on the route is added to `POSITIONS` as well.
 Texts are not kept, since reasons and remarks may name stops.
 """
-POSITIONS: Final = ("s_m", "start_m", "end_m", "signal_m", "stop_m", "reason_at_m", "coach_reason_at_m")
+POSITIONS: Final = ("s_m", "start_m", "end_m", "signal_m", "stop_m", "reason_at_m", "guide_reason_at_m")
 """Columns that are positions on the route; in an anonymous export they count from the first stop."""
 TIMES_END: Final = "_ns"
 """Columns with this ending are moments; in an anonymous export they count from the departure, which hides the date."""

@@ -1,18 +1,165 @@
-"""The guide in the cab: it shows what the coach shows, and its instructions are made by `das.advice.guide`."""
+"""The guide in the cab: what to do now, up to which speed, and what comes next."""
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from dataclasses import replace
+from typing import Any, Final
 
-from sim.drivers.presentations.coach import CoachPresenter
+from das.advice import wording
+from das.advice.advice import Instruction
+from das.advice.reason import Reason
+from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
+from das.advice.wording import Language
+from das.domain.units import KMH, NS
+from sim.drivers.asked import Asked, asked
+from sim.drivers.cab import AdviceView, CabView, Efforts
+from sim.drivers.knowledge import Outlook
+from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
+from sim.drivers.tracking import FOLLOWING, RULE, hold
+from sim.plant.kernels import Command, electric_effort
+from sim.plant.plant import COAST, force
 
 
-class GuidePresenter(CoachPresenter):
+class GuidePresenter(Presenter):
     """Shows the guide's present instruction with its speed, effort and reason, and the next change."""
 
-    number = 7
+    number = 4
     phrase = "the guide in the cab (what to do now, up to which speed, and what comes next)"
+    meaning = "what to do now, up to which speed and with what effort, and the next two changes; it changes seldom"
     needs_guide = True
+
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
+        guide = advice.guide
+        if guide is None or int(guide.now.mode) == Regime.NONE:
+            return None
+        mode = int(guide.now.mode)
+        departs = mode == Regime.DEPART
+        following = _departure(guide.now) if departs else guide.following[0] if guide.following else None
+        return replace(
+            blank,
+            mode=mode,
+            speed_mps=guide.now.speed_mps,
+            display_speed_mps=guide.now.speed_mps,
+            lever_ratio=guide.lever_ratio,
+            force_n=guide.reference_force_n,
+            next_mode=int(following.mode) if following is not None else Regime.NONE,
+            next_change_s=following.in_s if following is not None else math.nan,
+            next_speed_mps=following.speed_mps if following is not None else math.nan,
+            next_effort_ratio=following.effort_ratio if following is not None else math.nan,
+            next_change_m=following.way_m if following is not None and not departs else math.nan,
+            **_second(guide.following[1] if len(guide.following) > 1 and not departs else None),
+            due_s=guide.now.in_s,
+            target_way_m=guide.target_m,
+            reason=Reason.read(guide.reason),
+            replan_cause=int(guide.replan.cause),
+            replanned_s=blank.time_s - (advice.time_ns - guide.replan.time_ns) * NS if guide.replan.cause else math.nan,
+        )
+
+    def shown_mode(self, advice: Any) -> ShownRegime:
+        if not advice.HasField("guide"):
+            return super().shown_mode(advice)
+        now = advice.guide.now
+        return ShownRegime(known_mode(now.mode), float(now.speed_mps), Reason.read(advice.guide.reason))
+
+    def speed_is(self, mode: int) -> SpeedIs:
+        return SpeedIs.TO_HAVE if mode == Regime.CRUISE else SpeedIs.TO_REACH
+
+    def read(self, view: AdviceView) -> Shown:
+        return super().read(view)._replace(effort=None if math.isnan(view.lever_ratio) else _effort_steps(view))
+
+    def item(self, view: AdviceView) -> tuple[int, ...]:
+        return (
+            view.mode,
+            round(view.speed_mps / KMH),
+            _effort_steps(view),
+        )
+
+    def mode_words(self, number: int, language: Language = Language.EN) -> str:
+        return wording.instruction_words(known_mode(number), language)
+
+    def words_before_speed(self, number: int, language: Language = Language.EN) -> str:
+        return wording.words_before_speed(known_mode(number), language)
+
+    def instruction(self, number: int, speed: str, language: Language = Language.EN) -> str:
+        return f"{self.words_before_speed(number, language)} {speed}" if speed else self.mode_words(number, language)
+
+    def follower(self) -> GuideFollower:
+        return GuideFollower()
+
+
+def _second(change: Any | None) -> dict[str, Any]:
+    """The change after the next, as the display shows it; empty without one."""
+    if change is None:
+        return {}
+    return {
+        "second_mode": int(change.mode),
+        "second_change_s": change.in_s,
+        "second_change_m": change.way_m,
+        "second_speed_mps": change.speed_mps,
+        "second_effort_ratio": change.effort_ratio,
+    }
+
+
+def _effort_steps(view: AdviceView) -> int:
+    """The effort in steps of the display (< 0: brake); an instruction to accelerate or brake shows at least one."""
+    if math.isnan(view.lever_ratio):
+        return 0
+    steps = round(view.lever_ratio / EFFORT_STEP_RATIO)
+    return steps or int(view.mode in TRACTION) - int(view.mode in BRAKES)
+
+
+def _departure(now: Any) -> Instruction:
+    """The instruction for a train that is to depart by the guide's advice, due as soon as the train is cleared."""
+    mode = departure_regime(now.effort_ratio)
+    return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
+
+
+class GuideFollower:
+    """Obeys each instruction of the guide when it is due, and remembers it and the place where it became due."""
+
+    def __init__(self) -> None:
+        self._due: AdviceView | None = None
+        self._due_at_m = 0.0
+
+    def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
+        """The command for the change that is due now, or else for the instruction that became due last."""
+        if cab.time_s - view.time_s >= view.due_s - RULE.anticipation_s or self._due is None:
+            self._due, self._due_at_m = view, cab.s_m
+        after = self._accelerating(cab, view, outlook)
+        return after if after is not None else self._obeyed(cab, self._due, outlook)
+
+    def _accelerating(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
+        """The command for a next change that is an acceleration and due now; None otherwise. The limit is kept."""
+        due_s = view.time_s + view.next_change_s - RULE.anticipation_s
+        if view.next_mode not in TRACTION or not cab.time_s >= due_s:
+            return None
+        most_n = view.next_effort_ratio * Efforts.at(cab.speed_mps, outlook.train).traction_n
+        return hold(cab, outlook, min(view.next_speed_mps, cab.limit_mps), high_n=most_n)
+
+    def _obeyed(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
+        """The command that obeys the advice that is due."""
+        v, target = cab.speed_mps, min(view.speed_mps, cab.limit_mps)
+        told = asked(view.mode, view.speed_mps, view.lever_ratio, v)
+        if told is Asked.COAST:
+            rolls = v <= cab.limit_mps + FOLLOWING.rolling_mps
+            return COAST if rolls else hold(cab, outlook, cab.limit_mps)
+        if told in (Asked.ACCELERATE, Asked.HOLD):
+            return hold(cab, outlook, target, high_n=max(view.force_n, 0.0) if view.mode in TRACTION else math.inf)
+        if told is Asked.KEEP_BELOW:
+            return hold(cab, outlook, target, high_n=0.0)
+        stops = view.speed_mps < FOLLOWING.creeping_mps
+        way_m = max(view.target_way_m - (cab.s_m - self._due_at_m), 1.0)
+        needed = outlook.braking_to_mps2(
+            cab.s_m, v, 0.0 if stops else view.speed_mps, cab.halt_m if stops else cab.s_m + way_m
+        )
+        braking_n = outlook.resisting_n(cab.s_m, v) - outlook.train.inertial_mass_kg * needed
+        if v <= FOLLOWING.creeping_mps:
+            return force(braking_n)
+        # At high speeds the motors brake less than a constant deceleration needs; the advised force allows for this.
+        eased_n = max(braking_n, min(view.force_n, 0.0))
+        motors_n = electric_effort(v, 1.0, outlook.train)
+        return force(max(eased_n, -motors_n) if -eased_n < FOLLOWING.motors_ratio * motors_n else eased_n)
 
 
 PRESENTER: Final = GuidePresenter()

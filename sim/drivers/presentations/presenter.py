@@ -103,10 +103,8 @@ class Presenter(ABC):
     """What the driver was shown, in the words of a report."""
     meaning: ClassVar[str]
     """What the display shows, for readers of a study."""
-    needs_coach: ClassVar[bool] = False
-    """Whether the on-board system must have its coach enabled."""
     needs_guide: ClassVar[bool] = False
-    """Whether the guide must make the coach's instructions."""
+    """Whether the on-board system must have its guide enabled."""
     says_mode: ClassVar[bool] = True
     """Whether the display says how to drive; a display that does not say this shows at most a top speed."""
     says_effort: ClassVar[bool] = True

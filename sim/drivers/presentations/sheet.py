@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from das.advice.regimes import TRACTION, Regime
 from sim.drivers.cab import AdviceView
-from sim.drivers.presentations.coach import CoachPresenter
+from sim.drivers.presentations.guide import GuidePresenter
 
 
 class SheetLook(NamedTuple):
@@ -31,13 +31,13 @@ class SheetLook(NamedTuple):
     next_effort_ratio: float = math.nan
 
 
-class SheetPresenter(CoachPresenter):
+class SheetPresenter(GuidePresenter):
     """Shows the line of the sheet for the place of the train, and the next line."""
 
     number = 6
     phrase = "a sheet of paper (what to do from which kilometre on, fixed before departure)"
     meaning = "on paper, what to do from which kilometre on, up to which speed and with what effort; it never changes"
-    needs_coach = False
+    needs_guide = False
 
     def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         if not isinstance(advice, SheetLook):

@@ -37,7 +37,7 @@ RIGHT_TRAIN: Final = "Is it the right train?"
 LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not bring its line along."
 DRIVERS: Final[Mapping[str, str]] = {
     DriverKind.PERFECT: "a driver who follows advice exactly",
-    DriverKind.LITERAL: "a driver who does what the coach's card says and knows nothing else",
+    DriverKind.LITERAL: "a driver who does what the guide's card says and knows nothing else",
     DriverKind.FAST: "a driver who runs as fast as he may",
     DriverKind.RMS: "a driver who keeps a reduced maximum speed",
     DriverKind.TIMETABLE: "a driver who keeps the timetable",
@@ -123,7 +123,10 @@ def came_about(drive: Drive, *, short: bool = False) -> list[str]:
 
 def _presentation(name: str) -> str:
     """A presentation in words; an unknown presentation by its name."""
-    return presenter_of(Presentation(name)).phrase if name in list(Presentation) else name
+    try:
+        return presenter_of(Presentation.recorded(name)).phrase
+    except ValueError:
+        return name
 
 
 def _took(drive: Drive) -> list[str]:

@@ -104,8 +104,8 @@ def _guessed(contents: Contents, train: str, run: Mapping[str, str]) -> NodeGive
     words += ["--reverse"] if journey.reversed else []
     words += ["--level", run["level"]] if "level" in run else []
     words += ["--calibrate"] if any(one.topic is topics.ESTIMATE for one in heard) else []
-    coached = any(one.topic is topics.ADVICE and one.message.HasField("coach") for one in heard)
-    words += ["--coach" if coached else "--no-coach"]
+    guided = any(one.topic is topics.ADVICE and one.message.HasField("guide") for one in heard)
+    words += ["--guide" if guided else "--no-guide"]
     note = "the recording does not say with what its node was started; guessed: " + " ".join(words)
     return NodeGiven(words, [f"{note} (say it with --node)"])
 

@@ -35,18 +35,18 @@ NAMES: Final = ("recorded", "what if")
 
 
 class AdviceThen(NamedTuple):
-    """Advice at a moment: place (m), mode and speed (m/s), and the coach's mode and speed (0 and 0: it is silent)."""
+    """Advice at a moment: place (m), mode and speed (m/s), and the guide's mode and speed (0 and 0: it is silent)."""
 
     s_m: float
     mode: int
     speed_mps: float
-    coach_mode: int
-    coach_mps: float
+    guide_mode: int
+    guide_mps: float
 
     def differs(self, other: AdviceThen) -> bool:
-        """Whether another mode or speed is advised, by the advice of this moment or by the coach."""
-        apart_mps = max(abs(self.speed_mps - other.speed_mps), abs(self.coach_mps - other.coach_mps))
-        modes = (self.mode, self.coach_mode) != (other.mode, other.coach_mode)
+        """Whether another mode or speed is advised, by the advice of this moment or by the guide."""
+        apart_mps = max(abs(self.speed_mps - other.speed_mps), abs(self.guide_mps - other.guide_mps))
+        modes = (self.mode, self.guide_mode) != (other.mode, other.guide_mode)
         return modes or apart_mps > SAME_ADVICE_MPS
 
 
@@ -55,8 +55,8 @@ class SaidAdvice:
     """The advice of two recordings at their common moments: how many there are, how many differ, and by how much.
 
     `first` is the first moment at which the advice differs. `apart_mps` is the mean difference of the advised speeds
-    where both advise. `withdrawn`, `coached` and `plans` count for each recording the moments without advice, the
-    moments with advice from the coach, and the plans.
+    where both advise. `withdrawn`, `guided` and `plans` count for each recording the moments without advice, the
+    moments with advice from the guide, and the plans.
     """
 
     moments: int
@@ -64,7 +64,7 @@ class SaidAdvice:
     first: tuple[AdviceThen, AdviceThen] | None
     apart_mps: float
     withdrawn: tuple[int, int]
-    coached: tuple[int, int]
+    guided: tuple[int, int]
     plans: tuple[int, int]
 
 
@@ -96,7 +96,7 @@ class Changed:
                 "apart_kmh": None if math.isnan(advice.apart_mps) else kmh(advice.apart_mps),
                 "first": None if self.first is None else self.first._asdict(),
                 "withdrawn": list(advice.withdrawn),
-                "coached": list(advice.coached),
+                "guided": list(advice.guided),
                 "plans": list(advice.plans),
             },
         }
@@ -108,7 +108,7 @@ class Changed:
             rows += _drive_rows(self.aligned)
         counts = (
             ("moments without advice", advice.withdrawn),
-            ("moments with the coach", advice.coached),
+            ("moments with the guide", advice.guided),
             ("plans", advice.plans),
         )
         return [*rows, *((name, str(old), str(new)) for name, (old, new) in counts if old or new)]
@@ -154,7 +154,7 @@ def _advice(before: Recording, after: Recording) -> SaidAdvice:
         first=differing[0] if differing else None,
         apart_mps=float(np.mean(apart)) if apart else math.nan,
         withdrawn=(_withdrawn(old), _withdrawn(new)),
-        coached=(_coached(old), _coached(new)),
+        guided=(_guided(old), _guided(new)),
         plans=(len(before.of(topics.PLAN)), len(after.of(topics.PLAN))),
     )
 
@@ -164,32 +164,32 @@ def _by_time(recording: Recording) -> dict[int, AdviceThen]:
     found = {}
     for one in recording.of(topics.ADVICE):
         advice = one.message
-        coach = advice.coach.now if advice.HasField("coach") else None
+        guide = advice.guide.now if advice.HasField("guide") else None
         found[int(advice.time_ns)] = AdviceThen(
             s_m=advice.s_m,
             mode=advice.mode,
             speed_mps=advice.advised_speed_mps if advice.mode != Regime.NONE else 0.0,
-            coach_mode=Regime.NONE if coach is None else coach.mode,
-            coach_mps=0.0 if coach is None else coach.speed_mps,
+            guide_mode=Regime.NONE if guide is None else guide.mode,
+            guide_mps=0.0 if guide is None else guide.speed_mps,
         )
     return found
 
 
 def _advised(old: AdviceThen, new: AdviceThen) -> Advised:
-    """A moment at which the advice differs, in words: the advice of the coach, if only that differs."""
+    """A moment at which the advice differs, in words: the advice of the guide, if only that differs."""
     plain = [(one.mode, one.speed_mps) for one in (old, new)]
     if (old.mode, old.speed_mps) != (new.mode, new.speed_mps):
         return Advised(old.s_m, *told_apart(*plain))
-    coached = told_apart((old.coach_mode, old.coach_mps), (new.coach_mode, new.coach_mps))
-    return Advised(old.s_m, *(f"{text} from the coach" for text in coached))
+    guided = told_apart((old.guide_mode, old.guide_mps), (new.guide_mode, new.guide_mps))
+    return Advised(old.s_m, *(f"{text} from the guide" for text in guided))
 
 
 def _withdrawn(said: dict[int, AdviceThen]) -> int:
     return sum(one.mode == Regime.NONE for one in said.values())
 
 
-def _coached(said: dict[int, AdviceThen]) -> int:
-    return sum(one.coach_mode != Regime.NONE for one in said.values())
+def _guided(said: dict[int, AdviceThen]) -> int:
+    return sum(one.guide_mode != Regime.NONE for one in said.values())
 
 
 def _drive_rows(aligned: AlignedDrives) -> list[tuple[str, str, str]]:

@@ -79,8 +79,8 @@ def _words(words: Sequence[str], new: Otherwise) -> list[str]:
         if value is not None:
             found = [*_without(found, option), option, str(value)]
     if new.driven.advice is not None:
-        found = [word for word in found if word not in ("--coach", "--no-coach")]
-        found.append("--coach" if new.driven.advice == "coach" else "--no-coach")
+        found = [word for word in found if word not in ("--guide", "--no-guide")]
+        found.append("--guide" if new.driven.advice == "guide" else "--no-guide")
     return found
 
 

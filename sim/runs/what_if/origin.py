@@ -77,9 +77,9 @@ class Origin:
         return bool(self.recording.of(topics.ADVICE))
 
     @property
-    def has_coach(self) -> bool:
-        """Whether the coach advised."""
-        return any(one.message.HasField("coach") for one in self.recording.of(topics.ADVICE))
+    def has_guide(self) -> bool:
+        """Whether the guide advised."""
+        return any(one.message.HasField("guide") for one in self.recording.of(topics.ADVICE))
 
     def timetables(self) -> list[Timetable]:
         """The timetable of each section; DasError if the journey lacks a time."""

@@ -85,8 +85,8 @@ class DrivenOtherwise:
         Presentation | None,
         typer.Option(
             "--advice", show_default=False,
-            help="What the display of the day driven anew shows; with --open-loop, coach or vector: advice with or "
-            "without the coach.",
+            help="What the display of the day driven anew shows; with --open-loop, guide or vector: advice with or "
+            "without the guide.",
         ),
     ] = None  # fmt: skip
     friction: Annotated[

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.advice.advice import Advice, Cause, Coaching, Instruction, Source
+from das.advice.advice import Advice, Cause, Guidance, Instruction, Source
 from das.advice.braking_model import FULL_RATIO, LIMIT_TOLERANCE_MPS, STOP_TOLERANCE_M, BrakingBasis, BrakingModel
 from das.advice.last_word import Act, LastWord, Part
 from das.advice.reason import Reason, ReasonCode
@@ -86,7 +86,7 @@ BRAKE_M = 6_000.0 - 200.0
 BRAKE_MPS = curve_mps(200.0, LOW)
 """A place on the braking curve before the lower limit, and the speed there."""
 IN_S = (6_000.0 - (HIGH**2 - LOW**2) / (2 * RATE) - FAST_M) / HIGH
-COACH_FAST = Coaching(
+GUIDE_FAST = Guidance(
     now=Instruction(mode=Regime.CRUISE, speed_mps=HIGH),
     following=(
         Instruction(
@@ -97,7 +97,7 @@ COACH_FAST = Coaching(
     target_m=IN_S * HIGH,
     target_s=IN_S,
 )
-COACH_BRAKES = Coaching(
+GUIDE_BRAKES = Guidance(
     now=Instruction(mode=Regime.FULL_BRAKE, speed_mps=LOW, effort_ratio=-1.0),
     following=(Instruction(mode=Regime.CRUISE, speed_mps=LOW, way_m=200.0, in_s=8.0),),
     target_m=200.0,
@@ -105,9 +105,9 @@ COACH_BRAKES = Coaching(
     force_n=-FULL_N,
     reference_force_n=-FULL_N,
 )
-FAST = advice_of(FAST_M, HIGH, Regime.CRUISE, 0.0, coach=COACH_FAST)
-"""The train holds the limit, and the coach announces the brake to the next one."""
-BRAKES = advice_of(BRAKE_M, BRAKE_MPS, Regime.FULL_BRAKE, -FULL_N, coach=COACH_BRAKES)
+FAST = advice_of(FAST_M, HIGH, Regime.CRUISE, 0.0, guide=GUIDE_FAST)
+"""The train holds the limit, and the guide announces the brake to the next one."""
+BRAKES = advice_of(BRAKE_M, BRAKE_MPS, Regime.FULL_BRAKE, -FULL_N, guide=GUIDE_BRAKES)
 BRAKES = replace(
     BRAKES,
     horizon_speed_mps=tuple(max(v - RATE * k, LOW) for k, v in enumerate((BRAKE_MPS,) * 31))[1:],
@@ -146,15 +146,15 @@ def test_no_advice_is_not_judged() -> None:
     assert judged(none, Estimate(time_ns=S)) == (none, ())
 
 
-def coached(advice: Advice, **changes: Any) -> dict[str, Any]:
-    assert advice.coach is not None
-    return {"coach": replace(advice.coach, **changes)}
+def guided(advice: Advice, **changes: Any) -> dict[str, Any]:
+    assert advice.guide is not None
+    return {"guide": replace(advice.guide, **changes)}
 
 
 def followed(*changes: dict[str, Any]) -> dict[str, Any]:
-    """`COACH_FAST` with its announced instructions changed."""
-    known = zip(COACH_FAST.following, changes, strict=False)
-    return coached(FAST, following=tuple(replace(one, **new) for one, new in known))
+    """`GUIDE_FAST` with its announced instructions changed."""
+    known = zip(GUIDE_FAST.following, changes, strict=False)
+    return guided(FAST, following=tuple(replace(one, **new) for one, new in known))
 
 
 FASTER = tuple(HIGH + 2.0 for _ in range(30))
@@ -188,33 +188,33 @@ WRONG: dict[str, tuple[Advice, dict[str, Any], Part]] = {
         {"four_mode": Regime.COAST, "next_four_mode": Regime.FULL_TRACTION, "next_four_change_s": 1.0},
         Part.FOUR_MODES,
     ),
-    "coach: a speed to hold above the limit": (
-        FAST, coached(FAST, now=Instruction(mode=Regime.CRUISE, speed_mps=HIGH + 1.0)), Part.COACH
+    "guide: a speed to hold above the limit": (
+        FAST, guided(FAST, now=Instruction(mode=Regime.CRUISE, speed_mps=HIGH + 1.0)), Part.GUIDE
     ),
-    "coach: traction": (
+    "guide: traction": (
         FAST,
-        coached(FAST, now=Instruction(mode=Regime.FULL_TRACTION, speed_mps=HIGH + 2.0, effort_ratio=1.0), force_n=1e5),
-        Part.COACH,
+        guided(FAST, now=Instruction(mode=Regime.FULL_TRACTION, speed_mps=HIGH + 2.0, effort_ratio=1.0), force_n=1e5),
+        Part.GUIDE,
     ),
-    "coach: coasting on the curve": (
+    "guide: coasting on the curve": (
         BRAKES,
-        coached(BRAKES, now=Instruction(mode=Regime.COAST, speed_mps=LOW), force_n=0.0, reference_force_n=0.0),
-        Part.COACH,
+        guided(BRAKES, now=Instruction(mode=Regime.COAST, speed_mps=LOW), force_n=0.0, reference_force_n=0.0),
+        Part.GUIDE,
     ),
-    "coach: a brake that is due too late": (
-        BRAKES, coached(BRAKES, now=replace(COACH_BRAKES.now, way_m=66.0, in_s=2.6)), Part.COACH
+    "guide: a brake that is due too late": (
+        BRAKES, guided(BRAKES, now=replace(GUIDE_BRAKES.now, way_m=66.0, in_s=2.6)), Part.GUIDE
     ),
-    "coach: a brake that is too weak": (BRAKES, coached(BRAKES, force_n=-20e3), Part.COACH),
-    "coach: a reference that brakes too weakly": (BRAKES, coached(BRAKES, reference_force_n=-20e3), Part.COACH),
-    "coach: a force that the train does not have": (BRAKES, coached(BRAKES, force_n=-200e3), Part.COACH),
-    "coach: a force that is no number": (BRAKES, coached(BRAKES, reference_force_n=math.nan), Part.COACH),
-    "coach: a brake to a speed above the next limit": (
-        BRAKES, coached(BRAKES, now=replace(COACH_BRAKES.now, speed_mps=LOW + 2.0)), Part.COACH_SPEED
+    "guide: a brake that is too weak": (BRAKES, guided(BRAKES, force_n=-20e3), Part.GUIDE),
+    "guide: a reference that brakes too weakly": (BRAKES, guided(BRAKES, reference_force_n=-20e3), Part.GUIDE),
+    "guide: a force that the train does not have": (BRAKES, guided(BRAKES, force_n=-200e3), Part.GUIDE),
+    "guide: a force that is no number": (BRAKES, guided(BRAKES, reference_force_n=math.nan), Part.GUIDE),
+    "guide: a brake to a speed above the next limit": (
+        BRAKES, guided(BRAKES, now=replace(GUIDE_BRAKES.now, speed_mps=LOW + 2.0)), Part.GUIDE_SPEED
     ),
-    "coach: a speed announced above the limit there": (
-        FAST, followed({}, {"speed_mps": LOW + 1.0}), Part.COACH_NEXT
+    "guide: a speed announced above the limit there": (
+        FAST, followed({}, {"speed_mps": LOW + 1.0}), Part.GUIDE_NEXT
     ),
-    "coach: an announced time without a number": (FAST, followed({"in_s": math.nan}), Part.COACH_NEXT),
+    "guide: an announced time without a number": (FAST, followed({"in_s": math.nan}), Part.GUIDE_NEXT),
 }  # fmt: skip
 
 
@@ -266,7 +266,7 @@ def test_friction_brakes_where_the_electric_brake_is_not_enough() -> None:
 
 def test_a_full_brake_passes_where_the_train_is_too_fast_and_a_weaker_one_does_not() -> None:
     v_mps = BRAKE_MPS + 3.0
-    shown = {"advised_speed_mps": BRAKE_MPS, "display_speed_mps": LOW, "reduced_max_speed_mps": LOW, "coach": None}
+    shown = {"advised_speed_mps": BRAKE_MPS, "display_speed_mps": LOW, "reduced_max_speed_mps": LOW, "guide": None}
     full = replace(BRAKES, speed_mps=v_mps, **shown)
     assert judged(full)[1] == ()
     weak_n = -0.9 * FULL_RATIO * FULL_N
@@ -276,7 +276,7 @@ def test_a_full_brake_passes_where_the_train_is_too_fast_and_a_weaker_one_does_n
 
 def test_a_train_hardly_above_the_limit_may_be_told_to_hold_it_and_one_far_above_must_brake() -> None:
     def parts(excess_mps: float) -> list[Part]:
-        held = replace(FAST, speed_mps=HIGH + excess_mps, coach=None, four_mode=Regime.FULL_BRAKE)
+        held = replace(FAST, speed_mps=HIGH + excess_mps, guide=None, four_mode=Regime.FULL_BRAKE)
         return [act.part for act in judged(held)[1]]
 
     assert parts(0.9) == []
@@ -296,17 +296,17 @@ def test_the_train_may_be_two_deviations_ahead_but_sees_the_mark() -> None:
 
 def test_a_brake_announced_too_late_is_left_out_with_what_comes_after_it() -> None:
     s_m = 5_400.0  # The brake is due at 5 583 m.
-    late = replace(COACH_FAST.following[0], way_m=270.0, in_s=9.0)
+    late = replace(GUIDE_FAST.following[0], way_m=270.0, in_s=9.0)
     in_time = replace(late, way_m=175.0, in_s=175.0 / HIGH)
     for one, kept in ((late, 0), (in_time, 2)):
-        coach = replace(COACH_FAST, following=(one, replace(COACH_FAST.following[1], way_m=700.0)))
+        guide = replace(GUIDE_FAST, following=(one, replace(GUIDE_FAST.following[1], way_m=700.0)))
         horizon = tuple(HIGH if k < 6 else HIGH - RATE * (k - 5) for k in range(30))
         said, acts = judged(
-            advice_of(s_m, HIGH, Regime.CRUISE, 0.0, coach=coach, horizon_speed_mps=horizon[:20] + (LOW,) * 10)
+            advice_of(s_m, HIGH, Regime.CRUISE, 0.0, guide=guide, horizon_speed_mps=horizon[:20] + (LOW,) * 10)
         )
-        assert said.coach is not None
-        assert [act.part for act in acts] == [Part.COACH_NEXT] * (kept == 0)
-        assert len(said.coach.following) == kept
+        assert said.guide is not None
+        assert [act.part for act in acts] == [Part.GUIDE_NEXT] * (kept == 0)
+        assert len(said.guide.following) == kept
 
 
 def test_a_driver_who_rolls_up_to_a_speed_is_expected_to_hold_it_until_the_announced_brake() -> None:
@@ -314,15 +314,15 @@ def test_a_driver_who_rolls_up_to_a_speed_is_expected_to_hold_it_until_the_annou
     basis, v_mps = BASIS._replace(route=make_route(END_M, [(0.0, HIGH), (6_000.0, LOW)], [(0.0, -0.03)])), HIGH - 1.0
     coasts = Instruction(mode=Regime.COAST, speed_mps=HIGH, effort_ratio=0.0)
     for way_m, in_s, kept in ((205.0, 7.0, True), (350.0, 12.0, False)):
-        brake = replace(COACH_FAST.following[0], way_m=way_m, in_s=in_s)
-        coach = replace(COACH_FAST, now=coasts, following=(brake,), target_m=way_m)
+        brake = replace(GUIDE_FAST.following[0], way_m=way_m, in_s=in_s)
+        guide = replace(GUIDE_FAST, now=coasts, following=(brake,), target_m=way_m)
         advice = advice_of(
-            4_960.0, v_mps, Regime.CRUISE, 0.0, coach=coach, horizon_speed_mps=(v_mps,) * 5 + (LOW,) * 25
+            4_960.0, v_mps, Regime.CRUISE, 0.0, guide=guide, horizon_speed_mps=(v_mps,) * 5 + (LOW,) * 25
         )
         said, acts = judged(advice, basis=basis)
-        assert said.coach is not None
-        assert bool(said.coach.following) is kept
-        assert (Part.COACH_NEXT in {act.part for act in acts}) is not kept
+        assert said.guide is not None
+        assert bool(said.guide.following) is kept
+        assert (Part.GUIDE_NEXT in {act.part for act in acts}) is not kept
 
 
 def test_a_train_downhill_is_not_told_to_coast_above_the_limit() -> None:
@@ -344,15 +344,15 @@ def test_a_driver_who_brakes_by_eye_to_the_mark_is_told_of_the_limit_before_it()
     """He brakes evenly to the mark, and would pass the board, 60 m ahead, at 9.4 m/s."""
     s_m, v_mps = END_M - 180.0, 11.5
     eye = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=0.0)
-    coach = Coaching(now=eye, target_m=180.0, force_n=-FULL_N, reference_force_n=-FULL_N, lever_ratio=math.nan)
-    wrong = advice_of(s_m, v_mps, Regime.FULL_BRAKE, -FULL_N, RATE, coach=coach)
+    guide = Guidance(now=eye, target_m=180.0, force_n=-FULL_N, reference_force_n=-FULL_N, lever_ratio=math.nan)
+    wrong = advice_of(s_m, v_mps, Regime.FULL_BRAKE, -FULL_N, RATE, guide=guide)
     said, (act,) = judged(wrong, basis=STATION)
-    assert act.part is Part.COACH
-    assert said.coach is not None
-    assert (said.coach.now.speed_mps, said.coach.target_m) == (pytest.approx(28 * KMH), pytest.approx(60.0, abs=0.01))
-    assert -1.0 <= said.coach.lever_ratio < 0.0
+    assert act.part is Part.GUIDE
+    assert said.guide is not None
+    assert (said.guide.now.speed_mps, said.guide.target_m) == (pytest.approx(28 * KMH), pytest.approx(60.0, abs=0.01))
+    assert -1.0 <= said.guide.lever_ratio < 0.0
     assert judged(said, basis=STATION)[1] == ()
-    behind = replace(wrong, coach=replace(coach, force_n=-40e3, reference_force_n=-40e3))
+    behind = replace(wrong, guide=replace(guide, force_n=-40e3, reference_force_n=-40e3))
     assert judged(behind, at(s_m, 6.0), basis=STATION)[1] == (), "a slower train has nothing but the mark before it"
 
 
@@ -360,22 +360,22 @@ def test_only_what_is_announced_goes_where_the_present_instruction_is_safe() -> 
     """Traction announced for now, 100 m before a lower limit, to a train that rightly holds its speed."""
     now = Instruction(mode=Regime.CRUISE, speed_mps=LOW)
     soon = Instruction(mode=Regime.FULL_TRACTION, speed_mps=HIGH, effort_ratio=1.0, way_m=10.0, in_s=0.5)
-    coach = Coaching(now=now, following=(soon,), target_m=10.0)
-    held, (act,) = judged(advice_of(5_950.0, LOW, Regime.CRUISE, 0.0, coach=coach))
-    assert act.part is Part.COACH
-    assert held.coach == replace(coach, following=())
+    guide = Guidance(now=now, following=(soon,), target_m=10.0)
+    held, (act,) = judged(advice_of(5_950.0, LOW, Regime.CRUISE, 0.0, guide=guide))
+    assert act.part is Part.GUIDE
+    assert held.guide == replace(guide, following=())
 
 
 def test_a_train_that_would_only_become_too_fast_is_told_to_hold_and_not_to_brake_for_a_far_stop() -> None:
     """At its limit, 8 km before the stop, down a hill: no coasting, but no brake to a standstill either."""
     downhill = BASIS._replace(route=make_route(END_M, [(0.0, HIGH)], grades=[(0.0, -0.03)]))
     coasts = Instruction(mode=Regime.COAST, speed_mps=HIGH, effort_ratio=0.0)
-    advice = advice_of(FAST_M, HIGH + 0.3, Regime.CRUISE, 0.0, coach=Coaching(now=coasts, target_m=500.0))
+    advice = advice_of(FAST_M, HIGH + 0.3, Regime.CRUISE, 0.0, guide=Guidance(now=coasts, target_m=500.0))
     said, acts = judged(advice, basis=downhill)
-    assert Part.COACH in {act.part for act in acts}
-    assert said.coach is not None
-    assert (said.coach.now.mode, said.coach.now.speed_mps) == (Regime.CRUISE, pytest.approx(HIGH))
-    assert math.isnan(said.coach.lever_ratio)
+    assert Part.GUIDE in {act.part for act in acts}
+    assert said.guide is not None
+    assert (said.guide.now.mode, said.guide.now.speed_mps) == (Regime.CRUISE, pytest.approx(HIGH))
+    assert math.isnan(said.guide.lever_ratio)
 
 
 def test_a_train_that_stands_is_left_in_peace() -> None:

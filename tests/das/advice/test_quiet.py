@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from das.advice.advice import Advice, Cause, Coaching, Instruction
+from das.advice.advice import Advice, Cause, Guidance, Instruction
 from das.advice.quiet import Quiet
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.settings import DEFAULT
@@ -106,12 +106,12 @@ def test_a_brake_that_only_holds_the_speed_downhill_is_none() -> None:
     assert set(drive.slows(ACCELERATE, 0.15, 10)) == {SHOWN}
 
 
-def with_coach(mode: Regime) -> Advice:
-    return Advice(time_ns=0, mode=Regime.CRUISE, coach=Coaching(now=Instruction(mode=mode)))
+def with_guide(mode: Regime) -> Advice:
+    return Advice(time_ns=0, mode=Regime.CRUISE, guide=Guidance(now=Instruction(mode=mode)))
 
 
 SLOWING = [
-    *(Advice(time_ns=0, mode=mode) for mode in sorted(BRAKES)), COAST, with_coach(Regime.REDUCED_BRAKE),
+    *(Advice(time_ns=0, mode=mode) for mode in sorted(BRAKES)), COAST, with_guide(Regime.REDUCED_BRAKE),
     Advice(time_ns=0, mode=Regime.CRUISE, four_mode=Regime.FULL_BRAKE),
 ]  # fmt: skip
 
@@ -145,11 +145,11 @@ def test_who_releases_an_advised_brake_late_does_not_brake_against_the_advice() 
 
 
 @pytest.mark.parametrize(("in_s", "quiet"), [(19.0, False), (21.0, True)])
-@pytest.mark.parametrize("by_coach", [True, False])
-def test_who_begins_an_announced_brake_early_is_with_the_advice(in_s: float, quiet: bool, by_coach: bool) -> None:
-    if by_coach:
+@pytest.mark.parametrize("by_guide", [True, False])
+def test_who_begins_an_announced_brake_early_is_with_the_advice(in_s: float, quiet: bool, by_guide: bool) -> None:
+    if by_guide:
         after = (Instruction(mode=Regime.COAST, in_s=in_s - 10.0), Instruction(mode=Regime.FULL_BRAKE, in_s=in_s))
-        told = Advice(time_ns=0, mode=Regime.FULL_TRACTION, coach=Coaching(now=Instruction(), following=after))
+        told = Advice(time_ns=0, mode=Regime.FULL_TRACTION, guide=Guidance(now=Instruction(), following=after))
     else:
         told = Advice(time_ns=0, mode=Regime.FULL_TRACTION, next_mode=Regime.FULL_BRAKE, next_change_s=in_s)
     drive = Drive()

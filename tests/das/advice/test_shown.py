@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from das.advice.advice import Coaching, Instruction
+from das.advice.advice import Guidance, Instruction
 from das.advice.regimes import Regime
 from das.advice.shown import as_read, lever_ratio, steady_step, step_below
 from das.domain.units import KMH
@@ -41,16 +41,16 @@ def test_the_effort_is_the_instructions_own_or_that_of_its_force() -> None:
     pulls = Instruction(mode=Regime.REDUCED_TRACTION, speed_mps=100.4 * KMH, effort_ratio=0.8)
     brakes = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=36.9 * KMH, effort_ratio=-0.5)
     holds = Instruction(mode=Regime.CRUISE, speed_mps=20.0)
-    assert as_read(Coaching(now=pulls, force_n=1e3), LARGEST_N).lever_ratio == 0.8
-    read = as_read(Coaching(now=brakes, following=(pulls,), force_n=-150e3), LARGEST_N)
+    assert as_read(Guidance(now=pulls, force_n=1e3), LARGEST_N).lever_ratio == 0.8
+    read = as_read(Guidance(now=brakes, following=(pulls,), force_n=-150e3), LARGEST_N)
     assert read.lever_ratio == -0.25
     assert (read.now.speed_mps / KMH, read.following[0].speed_mps / KMH) == pytest.approx((36.0, 100.0))
-    assert math.isnan(as_read(Coaching(now=holds, force_n=1e3), LARGEST_N).lever_ratio)
+    assert math.isnan(as_read(Guidance(now=holds, force_n=1e3), LARGEST_N).lever_ratio)
 
 
 @pytest.mark.parametrize(("to_mps", "sees_mark", "shown"), [(0.0, False, True), (0.0, True, False), (5.0, True, True)])
 def test_a_stop_is_braked_for_by_eye_in_the_end(to_mps: float, *, sees_mark: bool, shown: bool) -> None:
     brakes = Instruction(mode=Regime.FULL_BRAKE, speed_mps=to_mps, effort_ratio=-1.0)
-    read = as_read(Coaching(now=brakes, force_n=-300e3), LARGEST_N, sees_mark=sees_mark)
+    read = as_read(Guidance(now=brakes, force_n=-300e3), LARGEST_N, sees_mark=sees_mark)
     assert math.isfinite(read.lever_ratio) is shown
     assert (read.now.mode is Regime.FULL_BRAKE) is shown

@@ -12,7 +12,7 @@ from google.protobuf.internal.enum_type_wrapper import EnumTypeWrapper
 from hypothesis import given
 from hypothesis import strategies as st
 
-from das.advice.advice import Advice, Cause, Coaching, Instruction, Replan, ReplanCause, Source
+from das.advice.advice import Advice, Cause, Guidance, Instruction, Replan, ReplanCause, Source
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import Regime
 from das.bus import codec, das_pb2
@@ -129,19 +129,19 @@ HOLD = Instruction(mode=Regime.CRUISE, speed_mps=27.5)
 
 @pytest.mark.parametrize("now", [COAST, HOLD])
 @pytest.mark.parametrize("following", [(), (BRAKE,), (HOLD, BRAKE)])
-def test_the_instructions_of_the_coach_survive_the_message_field_by_field(
+def test_the_instructions_of_the_guide_survive_the_message_field_by_field(
     now: Instruction, following: tuple[Instruction, ...]
 ) -> None:
     replan = Replan(cause=ReplanCause.ENERGY, time_ns=NOW_NS, gain_j=1.5e6, gain_s=-0.25)
-    coaching = Coaching(
+    guidance = Guidance(
         now=now, following=following, target_m=1200.0, target_s=44.0, force_n=-1.25e5,
         reason=Reason(code=ReasonCode.LIMIT, speed_mps=25.0, at_m=4000.0),
         reference_force_n=-8e4, replan=replan,
     )  # fmt: skip
-    sent = codec.encode_output(Advice(time_ns=NOW_NS, coach=coaching)).message.SerializeToString()
+    sent = codec.encode_output(Advice(time_ns=NOW_NS, guide=guidance)).message.SerializeToString()
     message = das_pb2.Advice.FromString(sent)
-    same(message.coach, coaching)
-    for kind, fields in ((Coaching, message.coach), (Instruction, message.coach.now), (Replan, message.coach.replan)):
+    same(message.guide, guidance)
+    for kind, fields in ((Guidance, message.guide), (Instruction, message.guide.now), (Replan, message.guide.replan)):
         assert {one.name for one in dataclasses.fields(kind)} == {one.name for one in fields.DESCRIPTOR.fields}
 
 
@@ -156,10 +156,10 @@ def test_reasons_have_the_codes_of_the_bus_and_come_back_as_they_were() -> None:
 
 def test_the_reason_of_a_recording_made_before_its_codes_is_unknown() -> None:
     """Its fields 20 and 6 hold texts, which are not read any more."""
-    old = b"\xa2\x01\x03old" + b"\xf2\x01\x05\x32\x03old"  # reason = 20, and coach = 30 with reason = 6
+    old = b"\xa2\x01\x03old" + b"\xf2\x01\x05\x32\x03old"  # reason = 20, and guide = 30 with reason = 6
     message = das_pb2.Advice.FromString(old)
-    assert message.HasField("coach")
-    assert (Reason.read(message.reason), Reason.read(message.coach.reason)) == (NO_REASON, NO_REASON)
+    assert message.HasField("guide")
+    assert (Reason.read(message.reason), Reason.read(message.guide.reason)) == (NO_REASON, NO_REASON)
 
 
 def test_status_estimate_and_event_become_messages() -> None:

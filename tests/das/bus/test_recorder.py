@@ -138,5 +138,5 @@ def test_a_recording_tells_the_units_of_its_fields(tmp_path: Path) -> None:
                 name += f".{named.name}"
             told.setdefault(schema.name, {})[name] = location.trailing_comments
     assert told["das.Advice"][".Advice.position_sd_m"].startswith("[m] ")
-    assert told["das.Advice"][".Coaching.Instruction.speed_mps"].startswith("[m/s] ")
+    assert told["das.Advice"][".Guidance.Instruction.speed_mps"].startswith("[m/s] ")
     assert told["das.Journey"][".Journey.Stop.arrival_ns"].startswith("[ns since 1970, UTC]")

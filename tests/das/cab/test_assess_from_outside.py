@@ -44,7 +44,7 @@ def test_the_program_of_the_page_runs_and_hears_all_kinds_of_answers() -> None:
     assert [kind.__name__ for kind in kinds if not any(isinstance(one, kind) for one in said)] == []
     assert sum(isinstance(one, outputs.Advice) for one in said) == 30
     assert last.mode.name != "NONE"
-    assert last.coach is not None
+    assert last.guide is not None
     # All that was told counts: the journey, the restriction, the target and the delay.
     assert all(word in printed.getvalue() for word in ("journey A – B", "restriction set", "targets: B", "20 s late"))
 

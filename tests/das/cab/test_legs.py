@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Timetable
-from das.advice.coach.coach import SAID_ANEW_S
-from das.advice.coach.settings import CoachSettings
+from das.advice.guide.guide import SAID_ANEW_S
+from das.advice.guide.settings import GuideSettings
 from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
 from das.advice.settings import DEFAULT
@@ -103,15 +103,15 @@ def test_a_restriction_under_the_train_says_brake_at_once_and_one_lifted_lets_it
 
 
 def test_a_message_says_once_whether_the_train_is_too_fast_and_when_it_arrives() -> None:
-    """The full advice and the coach's agree in every second, also while the train swings about the limit."""
-    made, told = trip(settings=replace(DEFAULT, coach=CoachSettings(enabled=True))), []
+    """The full advice and the guide's agree in every second, also while the train swings about the limit."""
+    made, told = trip(settings=replace(DEFAULT, guide=GuideSettings(enabled=True))), []
     for second, over_mps in enumerate((0.6, 0.4, 0.3, -0.5, 0.3, 1.2, 0.6)):
         advice = at(made, 60 + second, 2000.0 + 30.0 * second, 30.0 + over_mps)
-        assert advice.coach is not None
-        reasons = {ReasonCode.TOO_FAST is one.code for one in (advice.reason, advice.coach.reason)}
+        assert advice.guide is not None
+        reasons = {ReasonCode.TOO_FAST is one.code for one in (advice.reason, advice.guide.reason)}
         assert len(reasons) == 1
         told.append(reasons.pop())
-        late_s = advice.coach.reason.late_s
+        late_s = advice.guide.reason.late_s
         assert math.isnan(late_s) or abs(late_s - advice.predicted_deviation_s) < SAID_ANEW_S
         assert advice.predicted_arrival_ns - round(advice.predicted_deviation_s / NS) == DUE[0].arrival_ns
     assert told == [True, True, True, False, False, True, True]

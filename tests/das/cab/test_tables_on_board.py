@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from das.advice.advice import Source, Timetable
-from das.advice.coach.keeping import StandingReference
-from das.advice.coach.settings import CoachSettings
 from das.advice.goal import UNHURRIED_S
+from das.advice.guide.keeping import StandingReference
+from das.advice.guide.settings import GuideSettings
 from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
@@ -27,7 +27,7 @@ from precompute.tables.writing import TableSettings, make_table
 from tests.support.small_tables import seal_anew
 from tests.support.small_trips import LINE, TRAIN, SmallTrip, at, ns, planned_section, trip
 
-LED = AdviceSettings(coach=CoachSettings(enabled=True))
+LED = AdviceSettings(guide=GuideSettings(enabled=True))
 DUE = [Timetable(departure_ns=ns(0), arrival_ns=ns(225)), Timetable(departure_ns=ns(330), arrival_ns=ns(590))]
 SOLVED = "references are solved instead"
 
@@ -56,9 +56,9 @@ def led(tables: Path | None, **more: Any) -> SmallTrip:
 
 
 def reference(made: SmallTrip) -> StandingReference | None:
-    """What the coach leads by."""
-    assert made.leg.coach is not None
-    return made.leg.coach._keeper.reference
+    """What the guide leads by."""
+    assert made.leg.guide is not None
+    return made.leg.guide._keeper.reference
 
 
 def priced_j(found: StandingReference, price_w: float) -> float:
@@ -71,9 +71,9 @@ def test_a_departure_is_led_by_its_table_and_the_rest_of_the_way_is_solved(table
     made = led(tables)
     departing = at(made, 0, 0.0, 0.0)
     assert departing.source is Source.TABLE
-    assert departing.coach is not None
-    assert departing.coach.now.mode is Regime.DEPART
-    guide = made.preparation._fronts.find_guide(made.leg.section, LED.coach).front
+    assert departing.guide is not None
+    assert departing.guide.now.mode is Regime.DEPART
+    guide = made.preparation._fronts.find_guide(made.leg.section, LED.guide).front
     assert guide.nbytes == 0  # no policy was needed
     solved = led(None)
     at(solved, 0, 0.0, 0.0)
@@ -99,7 +99,7 @@ def test_a_departure_does_not_wait_for_the_worker(tables: Path) -> None:
         at(made, -20, 0.0, 0.0)
         while made.searching:
             at(made, -10, 0.0, 0.0)
-        busy = made.preparation.coach_worker.submit(go.wait)
+        busy = made.preparation.guide_worker.submit(go.wait)
         departing = at(made, 0, 0.0, 0.0)
         assert departing.source is source
         assert (reference(made) is not None) is (source is Source.TABLE)

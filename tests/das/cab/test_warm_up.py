@@ -19,7 +19,7 @@ print(*(name for name in ("numba.np.linalg", "numba.np.arraymath", "scipy.linalg
 DRIVEN = """
 import gc
 from numba.core.dispatcher import Dispatcher
-from das.advice.coach.settings import CoachSettings
+from das.advice.guide.settings import GuideSettings
 from das.advice.settings import AdviceSettings
 from das.bus import das_pb2
 from das.bus.topics import RESTRICTION, TARGET
@@ -33,16 +33,16 @@ def compiled():
 
 warm_up()
 before = compiled()
-driven = DrivenNode(CabSettings(calibrate=True, advice=AdviceSettings(coach=CoachSettings(enabled=True))))
-coached = 0
+driven = DrivenNode(CabSettings(calibrate=True, advice=AdviceSettings(guide=GuideSettings(enabled=True))))
+guided = 0
 for second in range(2, 60):
     if second == 20:
         driven.tell(RESTRICTION, restrictions(second, 25.0))
     if second == 40:
         late = das_pb2.Targets.Target(s_m=3000.0, earliest_ns=START_NS + 200 * S)
         driven.tell(TARGET, das_pb2.Targets(time_ns=START_NS + second * S, targets=[late]))
-    coached += driven.tick(second).HasField("coach")
-assert coached > 20 and len(before) > 20
+    guided += driven.tick(second).HasField("guide")
+assert guided > 20 and len(before) > 20
 print(*(name for _, name, _ in sorted(compiled() - before)))
 """
 
@@ -84,7 +84,7 @@ def run(program: str) -> str:
 
 @pytest.mark.slow
 def test_no_kernel_is_compiled_once_a_node_is_ready() -> None:
-    """On a slow machine the first advice would come too late: one kernel of the coach took 10 s."""
+    """On a slow machine the first advice would come too late: one kernel of the guide took 10 s."""
     assert run(DRIVEN).split() == []
 
 

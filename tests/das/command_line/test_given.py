@@ -91,7 +91,7 @@ OF_SIM = [
     *(
         (("desk", "run.mcap", *words.split()), f"{words}: run.mcap {TO_SEE}")
         for words in (
-            *("--journey zurich-luzern", "--advice coach", "--seed 0", "--level l3", "--train train-1", "--speed real"),
+            *("--journey zurich-luzern", "--advice guide", "--seed 0", "--level l3", "--train train-1", "--speed real"),
             *("--notches 10", "--punctuality", "--no-punctuality", "--out a.mcap", "--overwrite", "--bus bus"),
             *("--insecure-bus", "--json"),
         )
@@ -113,7 +113,7 @@ OF_SIM = [
     *((("note", "run.mcap", *word), "needs the text of a note") for word in (("--tag", "a"), ("--author", "A"))),
     (("note", "run.mcap", "--remove", "1", "--until", "2:00"), "--until 2:00: needs the text of a note"),
     (("what-if", "replay.mcap", "--driven-anew", "--tables", "t"), "--tables t: a day driven anew solves its sections"),
-    (("what-if", "run.mcap", "--driven-anew", "--node", "--coach"), "--node --coach: the day of a simulation"),
+    (("what-if", "run.mcap", "--driven-anew", "--node", "--guide"), "--node --guide: the day of a simulation"),
     (
         ("what-if", "replay.mcap", "--driven-anew", "--driver", "perfect", "--friction", "by-advice"),
         "--friction by-advice: needs --driver human",

@@ -147,8 +147,7 @@ def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
         (["--train", "a/b"], "train name 'a/b'"),
         (["--rate", "9"], "--rate 9: expected 0.2 to 5 Hz"),
         (["--tables", "/nowhere"], "no such folder of tables"),
-        (["--guide", "--no-coach"], "--guide: the guide shows the coach's reference: expected no --no-coach"),
-        (["--tables", "/nowhere", "--no-coach"], "--tables /nowhere: tables have the coach's departures: expected no"),
+        (["--tables", "/nowhere", "--no-guide"], "--tables /nowhere: tables have the guide's departures: expected no"),
         (["--listen", "tcp/0.0.0.0:7447"], "the bus stays on this machine"),
     ],
 )

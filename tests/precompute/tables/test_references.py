@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from das.advice.coach.planning import Wanted, departing, passes_s, planned
+from das.advice.guide.planning import Wanted, departing, passes_s, planned
 from das.solver.guide.lateness import lateness_s
 from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.policies import DEFAULT, GuideFront

@@ -115,8 +115,8 @@ def cabs(day: Day) -> Cabs:
 
     def driven(shown: Presentation) -> list[Any]:
         if shown not in kept:
-            driver, coach = Watched(day), presenter_of(shown).needs_coach if shown is not Presentation.NONE else False
-            World(day, driver, shown, InProcess(day.service, coach=coach)).run()
+            driver, guide = Watched(day), presenter_of(shown).needs_guide if shown is not Presentation.NONE else False
+            World(day, driver, shown, InProcess(day.service, guide=guide)).run()
             kept[shown] = driver.cabs
         return kept[shown]
 
@@ -195,10 +195,10 @@ def test_the_words_of_every_moment_and_language_fit(browser: Any, desk: Served, 
         while page.page.evaluate("document.documentElement.lang") != language:
             page.page.keyboard.press("l")
         for moment, fits in MOMENTS.items():
-            show(page, bus, first(cabs(Presentation.COACH), fits), interlock=0)
+            show(page, bus, first(cabs(Presentation.GUIDE), fits), interlock=0)
             found[language, moment] = page.page.evaluate(OVERFLOWING)
             picture(page, f"{size}-{language}-{moment}")
-        gone = first(cabs(Presentation.COACH), MOMENTS["accelerating"])
+        gone = first(cabs(Presentation.GUIDE), MOMENTS["accelerating"])
         show(page, bus, gone, interlock=1, presentation=0, lever_ratio=-1)
         found[language, "braked"] = page.page.evaluate(OVERFLOWING)
         picture(page, f"{size}-{language}-braked")
@@ -212,7 +212,7 @@ def test_an_acceleration_that_only_changes_its_effort_is_announced_with_the_new_
     browser: Any, desk: Served, cabs: Cabs
 ) -> None:
     visitor, bus = desk
-    page, cab = opened(browser, visitor), first(cabs(Presentation.COACH), MOMENTS["accelerating"])
+    page, cab = opened(browser, visitor), first(cabs(Presentation.GUIDE), MOMENTS["accelerating"])
     coming = {"next_mode": 2, "next_effort_ratio": 0.4, "next_change_s": 9.0, "next_change_m": 90.0}
     for faster_mps, with_effort in ((0.0, True), (5.0, False)):
         show(page, bus, cab, **coming, next_speed_mps=cab.display_speed_mps + faster_mps)
@@ -223,7 +223,7 @@ def test_what_the_card_and_the_order_say_never_contradicts_speed_limit_and_place
     browser: Any, desk: Served, cabs: Cabs
 ) -> None:
     visitor, bus = desk
-    page, cab, drive = opened(browser, visitor), das_pb2.Cab(), cabs(Presentation.COACH)
+    page, cab, drive = opened(browser, visitor), das_pb2.Cab(), cabs(Presentation.GUIDE)
     cab.CopyFrom(first(drive, lambda cab: cab.mode == das_pb2.MODE_CRUISE))
     for code, said in ((das_pb2.REASON_NONE, "Hold"), (das_pb2.REASON_TOO_FAST, "Slow down to")):
         cab.reason.code = code
@@ -242,7 +242,7 @@ def test_what_the_card_and_the_order_say_never_contradicts_speed_limit_and_place
 
 def test_a_change_at_a_limit_has_its_distance(browser: Any, desk: Served, cabs: Cabs) -> None:
     visitor, bus = desk
-    page, cab = opened(browser, visitor), first(cabs(Presentation.COACH), MOMENTS["accelerating"])
+    page, cab = opened(browser, visitor), first(cabs(Presentation.GUIDE), MOMENTS["accelerating"])
     limit_m = next(one.s_m for one in cab.limits_ahead if one.s_m > cab.s_m and one.limit_mps != cab.limit_mps)
     told = "[...document.querySelectorAll('#coming li')].map((one) => one.children[1].textContent)"
     for beside_m, places in ((20.0, 1), (200.0, 2)):
@@ -285,7 +285,7 @@ def test_contrast_is_at_least_that_of_wcag_aa(browser: Any, desk: Served, cabs: 
     page = opened(browser, visitor)
     measured: dict[str, float] = {}
     for moment in ("waiting", "accelerating", "signal"):
-        show(page, bus, first(cabs(Presentation.COACH), MOMENTS[moment]), interlock=0)
+        show(page, bus, first(cabs(Presentation.GUIDE), MOMENTS[moment]), interlock=0)
         measured |= page.page.evaluate(CONTRASTS)
     assert len(measured) > 15
     assert {words: round(ratio, 1) for words, ratio in measured.items() if ratio < 4.5} == {}
@@ -294,7 +294,7 @@ def test_contrast_is_at_least_that_of_wcag_aa(browser: Any, desk: Served, cabs: 
 def test_the_keyboard_alone_is_enough_and_a_screen_reader_is_told(browser: Any, desk: Served, cabs: Cabs) -> None:
     visitor, bus = desk
     page = opened(browser, visitor, reduced_motion="reduce")
-    drive = cabs(Presentation.COACH)
+    drive = cabs(Presentation.GUIDE)
     show(page, bus, first(drive, MOMENTS["accelerating"]), interlock=0)
     focused = "document.activeElement.id"
     assert page.page.evaluate(focused) == "leverbox"
@@ -326,7 +326,7 @@ def test_the_keyboard_alone_is_enough_and_a_screen_reader_is_told(browser: Any, 
 def test_mouse_touch_wheel_and_gamepad_move_the_same_lever(browser: Any, desk: Served, cabs: Cabs) -> None:
     visitor, bus = desk
     page = opened(browser, visitor, has_touch=True)
-    show(page, bus, first(cabs(Presentation.COACH), MOMENTS["accelerating"]), interlock=0)
+    show(page, bus, first(cabs(Presentation.GUIDE), MOMENTS["accelerating"]), interlock=0)
     box = page.page.locator("#leverbox").bounding_box()
     x, y = box["x"] + box["width"] / 2, lambda ratio: box["y"] + 56 + (1 - ratio) / 2 * (box["height"] - 112)
 
@@ -356,7 +356,7 @@ def test_mouse_touch_wheel_and_gamepad_move_the_same_lever(browser: Any, desk: S
 
 def test_markup_in_names_is_text_and_is_clipped(day: Day, browser: Any, cabs: Cabs) -> None:
     stops = tuple(Stop(name=MARKUP * 2, position_m=one.position_m) for one in day.service.stops)
-    cab = first(cabs(Presentation.COACH), MOMENTS["arriving"])
+    cab = first(cabs(Presentation.GUIDE), MOMENTS["arriving"])
     with desk_server((day.service.route, day.service.vehicle, stops)) as (visitor, bus):
         page = opened(browser, visitor)
         page.phase("welcome")
@@ -372,7 +372,7 @@ def test_markup_in_names_is_text_and_is_clipped(day: Day, browser: Any, cabs: Ca
 
 def test_a_page_without_its_server_says_so_and_shows_no_advice(browser: Any, cabs: Cabs) -> None:
     """Stalled: lost, and found again. A newer page: taken. Told to stop: ended."""
-    cab = first(cabs(Presentation.COACH), MOMENTS["accelerating"])
+    cab = first(cabs(Presentation.GUIDE), MOMENTS["accelerating"])
     with desk_server() as (visitor, bus):
         page = opened(browser, visitor)
         page.phase("welcome")

@@ -30,7 +30,7 @@ def told(drive: Drive, **metadata: str) -> Drive:
 
 
 def test_the_time_difference_is_worth_what_the_optimum_needs_for_it() -> None:
-    calm, fast = told(driven(), advice="coach"), told(driven(DriverKind.FAST), advice="none")
+    calm, fast = told(driven(), advice="guide"), told(driven(DriverKind.FAST), advice="none")
     found = EqualArrival.of(fast, calm, own=True)
     (before,), (after,) = (drive.compared for drive in (fast, calm))
     later_s = after.leg.trip_s - before.leg.trip_s
@@ -67,10 +67,10 @@ def test_the_time_difference_is_worth_what_the_optimum_needs_for_it() -> None:
     ],
 )
 def test_what_is_no_pair_is_refused(other: dict[str, str], why_not: str) -> None:
-    alone, advised = told(driven(), advice="none"), told(driven(), **{"advice": "coach", **other})
+    alone, advised = told(driven(), advice="none"), told(driven(), **{"advice": "guide", **other})
     assert SavedByAdvice.of(alone, advised) == SavedByAdvice(saved_j=None, ratio=None, why_not=why_not)
     assert (
-        SavedByAdvice.of(alone, told(driven(), advice="coach", what_if_kept=json.dumps({"load": None}))).why_not == ""
+        SavedByAdvice.of(alone, told(driven(), advice="guide", what_if_kept=json.dumps({"load": None}))).why_not == ""
     )
 
 

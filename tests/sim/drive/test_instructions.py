@@ -1,4 +1,4 @@
-"""The measures of the coach's grammar, on advice made second by second."""
+"""The measures of the guide's grammar, on advice made second by second."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from das.advice.advice import Advice, Cause, Coaching, Instruction, Replan
+from das.advice.advice import Advice, Cause, Guidance, Instruction, Replan
 from das.advice.regimes import Regime
 from das.domain.units import KMH, NS
 from sim.drive.instructions import InstructionFigures, InstructionWatch, RelianceFigures
@@ -31,7 +31,7 @@ def found(
         for left_s in range(lasts_s, 0, -1):
             after = [replace(spells[k + 1][0], in_s=float(left_s))] if announce and k + 1 < len(spells) else []
             due = replace(one, in_s=max(one.in_s - (lasts_s - left_s), 0.0))
-            coach = Coaching(now=due, following=tuple(after), replan=Replan(time_ns=round(replan_s / NS)))
+            guide = Guidance(now=due, following=tuple(after), replan=Replan(time_ns=round(replan_s / NS)))
             s_m += kmh * KMH
             advice = Advice(
                 time_ns=round(now_s / NS),
@@ -39,7 +39,7 @@ def found(
                 s_m=s_m,
                 speed_mps=kmh * KMH,
                 limit_mps=200.0 * KMH,
-                coach=coach,
+                guide=guide,
             )
             watch.look(advice, force_n)
             now_s += 1
@@ -71,9 +71,9 @@ def seen_to_change(announced: Instruction, after: Instruction) -> InstructionFig
     watch = InstructionWatch()
     for second in range(45):
         following = (replace(announced, in_s=20.0 - second),) if second < 20 else ()
-        coach = Coaching(now=told(H, 100) if second < 20 else after, following=following)
+        guide = Guidance(now=told(H, 100) if second < 20 else after, following=following)
         watch.look(
-            Advice(time_ns=second * 10**9, speed_mps=100.0 * KMH, limit_mps=200.0 * KMH, coach=coach), force_n=0.0
+            Advice(time_ns=second * 10**9, speed_mps=100.0 * KMH, limit_mps=200.0 * KMH, guide=guide), force_n=0.0
         )
     return watch.found
 
@@ -87,7 +87,7 @@ def test_a_board_that_a_stop_by_eye_hides_is_found_and_so_is_the_train_that_pass
 ) -> None:
     """Told to brake to 0 from 300 m on; a steady brake to the stop is at 44 km/h where 30 km/h begin.
 
-    From 45 km/h it passes the board at 28. The driver brakes with a third of the coach's force: who is shown no effort
+    From 45 km/h it passes the board at 28. The driver brakes with a third of the guide's force: who is shown no effort
     obeys by that, and who is shown one does not.
     """
     watch, at_m = InstructionWatch(), 0.0
@@ -96,7 +96,7 @@ def test_a_board_that_a_stop_by_eye_hides_is_found_and_so_is_the_train_that_pass
         speed_mps = speed_kmh * KMH * math.sqrt(max(300.0 - at_m, 0.0) / 300.0)
         advice = Advice(
             time_ns=second * 10**9, s_m=at_m, speed_mps=speed_mps, limit_mps=BOARD if at_m >= 180.0 else 120.0 * KMH,
-            coach=Coaching(now=brake, target_m=300.0 - at_m, force_n=-3e5, lever_ratio=effort_ratio),
+            guide=Guidance(now=brake, target_m=300.0 - at_m, force_n=-3e5, lever_ratio=effort_ratio),
         )  # fmt: skip
         watch.look(advice, force_n=-1e5)
         at_m += speed_mps
@@ -175,7 +175,7 @@ def test_seconds_without_advice_are_silent_unless_the_driver_acts_on_what_it_can
     assert watch.found.as_dict()["availability_ratio"] == 0.4
 
 
-def test_without_a_coach_there_is_nothing_to_measure() -> None:
+def test_without_a_guide_there_is_nothing_to_measure() -> None:
     watch = InstructionWatch()
     watch.look(Advice(time_ns=0, speed_mps=20.0), 0.0)
     assert watch.found == InstructionFigures(reliance=RelianceFigures(silent_s=1))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import sim
-from das.advice.advice import Advice, Coaching, Instruction
+from das.advice.advice import Advice, Guidance, Instruction
 from das.advice.regimes import Regime
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
@@ -36,7 +36,7 @@ FOLLOWERS: dict[str, Callable[[LineKnowledge], Driver]] = {
     "recorded": RecordedDriver,
     "attentive": Attentive,
 }
-"""The drivers who do what the coach says without an error or a choice of their own."""
+"""The drivers who do what the guide says without an error or a choice of their own."""
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def cab(view: AdviceView, speed_mps: float = 25.0) -> CabView:
 
 def card(mode: Regime, to_mps: float, lever_ratio: float = math.nan, time_s: float = 0.0) -> AdviceView:
     return AdviceView(
-        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.COACH, mode=mode, speed_mps=to_mps,
+        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.GUIDE, mode=mode, speed_mps=to_mps,
         display_speed_mps=to_mps, lever_ratio=lever_ratio, force_n=-3e5 if lever_ratio < 0 else 3e5, target_way_m=500.0,
     )  # fmt: skip
 
@@ -117,11 +117,11 @@ def past_the_board(driver: Driver, line: LineKnowledge) -> tuple[float, float, I
         if state.time_s >= advice_s:
             mode, to_mps = (BRAKE, 0.0) if way_m < 300.0 else (HOLD, 17.0)
             now = Instruction(mode=mode, speed_mps=to_mps, effort_ratio=math.nan)
-            coach = Coaching(now=now, target_m=way_m, force_n=-4e5, reference_force_n=-4e5, lever_ratio=math.nan)
+            guide = Guidance(now=now, target_m=way_m, force_n=-4e5, reference_force_n=-4e5, lever_ratio=math.nan)
             watch.look(
                 Advice(
                     time_ns=round(1e9 * state.time_s), s_m=state.s_m, speed_mps=state.speed_mps, mode=mode,
-                    limit_mps=limit_mps, coach=coach,
+                    limit_mps=limit_mps, guide=guide,
                 ),
                 state.force_el_n + state.force_friction_n,
             )  # fmt: skip
@@ -176,10 +176,10 @@ gradients = {columns = ["position_km", "gradient_permille"], rows = [[0, 0]]}
 """
 
 
-def test_the_perfect_driver_is_not_above_a_board_before_the_stop_with_the_coach(tmp_path: Path) -> None:
+def test_the_perfect_driver_is_not_above_a_board_before_the_stop_with_the_guide(tmp_path: Path) -> None:
     (tmp_path / "line.toml").write_text(BOARDS)
     (tmp_path / "day.toml").write_text(DAY)
-    found = sim.run_day(tmp_path / "day.toml", driver="perfect", advice="coach").outcome
+    found = sim.run_day(tmp_path / "day.toml", driver="perfect", advice="guide").outcome
     assert found["over_limit_kmh"] < 1.0
     assert abs(found["stops"][-1]["missed_m"]) < 2.0
 
@@ -191,13 +191,13 @@ def test_whoever_does_what_the_card_says_keeps_a_board_before_the_stop(
     """The driver knows nothing but the card, so the card has to name the board, with an effort up to it."""
     (tmp_path / "line.toml").write_text(BOARDS.replace("[2.38, 30]", f"[{board_km}, {board_kmh}]"))
     (tmp_path / "day.toml").write_text(DAY)
-    found = sim.run_day(tmp_path / "day.toml", driver="literal", advice="coach").outcome
+    found = sim.run_day(tmp_path / "day.toml", driver="literal", advice="guide").outcome
     assert found["over_limit_kmh"] < 0.5 * 3.6
     assert (found["hidden_limits"], found["above_limit_obeying_s"], found["last_word_acts"]) == (0, 0, 0)
     assert abs(found["stops"][-1]["missed_m"]) < 5.0
 
 
-def test_the_literal_driver_without_the_coach_keeps_the_timetable_by_himself() -> None:
+def test_the_literal_driver_without_the_guide_keeps_the_timetable_by_himself() -> None:
     literal, alone = make_driver(DriverKind.LITERAL, LINE), make_driver(DriverKind.TIMETABLE, LINE)
     seen = replace(card(COAST, 10.0), presentation=Presentation.VECTOR)
     assert literal.command(cab(seen)) == alone.command(cab(seen))

@@ -23,17 +23,17 @@ from tests.support.flat_days import flat_day, signal_at, standing_m
 
 DRIVERS = tuple(OwnClass(module=one.__module__, name=one.__name__) for one in (Lazy, Doubting, WeakBraking, Belated))
 LINE = LineKnowledge(route=load_route("flat-6km"), vehicle=load_vehicle("re460-ic"))
-SHOWN = (Presentation.COACH, Presentation.VECTOR, Presentation.FOUR_MODE, Presentation.NONE)
+SHOWN = (Presentation.GUIDE, Presentation.VECTOR, Presentation.FOUR_MODE, Presentation.NONE)
 
 
 def driven(day: Day, own: OwnClass, shown: Presentation) -> Run:
-    link = InProcess(day.service, coach=shown is Presentation.COACH)
+    link = InProcess(day.service, guide=shown is Presentation.GUIDE)
     return World(day, make_driver(own, day.service.line, seed=1), shown, link).run()
 
 
 def cab(mode: int, *, time_s: float = 0.0, lever_ratio: float = 0.4) -> CabView:
     view = AdviceView(
-        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.COACH, mode=mode, speed_mps=30.0,
+        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.GUIDE, mode=mode, speed_mps=30.0,
         lever_ratio=lever_ratio,
     )  # fmt: skip
     return CabView(

@@ -42,7 +42,7 @@ def test_a_reason_is_sensed_by_drivers_whom_it_makes_refuse_less(designed: Desig
     day = study_days()["flat-6km"].read_text() + "\n[human]\nreason_refusal_ratio = 0\ncomply_coast_ratio = 0.2\n"
     (tmp_path / "day.toml").write_text(day)
     (found,) = sensed(
-        designed, "presentation = 'coach'", "name = 'reason'\nlevels = [true, false]", scenario="day.toml"
+        designed, "presentation = 'guide'", "name = 'reason'\nlevels = [true, false]", scenario="day.toml"
     )
     assert found.refusal is None
 
@@ -51,7 +51,7 @@ def test_a_reason_is_sensed_by_drivers_whom_it_makes_refuse_less(designed: Desig
 @pytest.mark.parametrize(
     ("factor", "fixed"),
     [
-        pytest.param("name = 'reason'\nlevels = [true, false]", "presentation = 'coach'", marks=pytest.mark.nightly),
+        pytest.param("name = 'reason'\nlevels = [true, false]", "presentation = 'guide'", marks=pytest.mark.nightly),
         ("name = 'hold_s'\nlevels = [0, 20]", "presentation = 'none'"),
         pytest.param(
             "name = 'friction'\nlevels = ['as-measured', 'electric-first']",

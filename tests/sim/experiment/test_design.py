@@ -97,7 +97,7 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ("levels = [0, 5.5]", "levels = [0, nan]", "factors[1].levels = nan: expected a number from 0 to 600 (s)"),
         ('levels = ["none", "vector"]', 'levels = ["none", 3]', "factors[0].levels = 3: expected one of none"),
         ('measure = "energy_kwh"', 'measure = "joy"', "comparisons[0].measure = 'joy': expected one of the measures"),
-        ('b = "vector"', 'b = "coach"', "comparisons[0].b = 'coach': expected one of the levels none, vector"),
+        ('b = "vector"', 'b = "guide"', "comparisons[0].b = 'guide': expected one of the levels none, vector"),
         ('b = "vector"', 'b = "none"', "comparisons[0].b = 'none': expected a level other than that of a"),
         ('factor = "presentation"', 'factor = "colour"', "factor = 'colour': expected one of the factors presentation"),
         ("{ hold_s = 5.5 }", "{ colour = 1 }", "comparisons[0].where.colour = 1: expected one of the keys hold_s"),
@@ -190,6 +190,6 @@ def test_the_bundled_studies_are_sound() -> None:
     assert presentations.people.count == 24
     levels = load_design("level-through-a-driver")
     assert [level.value for level in levels.factors[0].levels] == [Level.L2, Level.L3]
-    assert [level.value for level in levels.factors[1].levels] == [Presentation.VECTOR, Presentation.COACH]
+    assert [level.value for level in levels.factors[1].levels] == [Presentation.VECTOR, Presentation.GUIDE]
     where = {tuple(sorted(one.where.items())) for one in levels.plan.comparisons}
     assert len(where) == 6, "each display with a perfect follower and with people of either brakes"

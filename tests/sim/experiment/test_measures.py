@@ -27,7 +27,7 @@ COUNTS = {
     *("missed_coasts", "vain_accelerations", "odd_speeds", "hidden_limits", "advice_restless"),
     *("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit", "last_word_acts"),
 }
-OF_THE_COACH = {
+OF_THE_GUIDE = {
     *("shortest_instruction_s", "announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),
     "promises_kept_ratio",
 }
@@ -72,7 +72,7 @@ def events(vector: Driven) -> list[dict[str, str]]:
 
 def test_every_measure_has_a_value_and_its_unit_in_its_name(vector: Driven) -> None:
     found = measured(vector, list(MEASURES))
-    assert {name for name, value in found.items() if value is None} == OF_THE_COACH
+    assert {name for name, value in found.items() if value is None} == OF_THE_GUIDE
     for name, measure in MEASURES.items():
         ends = [unit for end, unit in UNITS.items() if name.endswith(f"_{end}")]
         assert (measure.unit in ends) or (name in COUNTS and measure.unit == "1")
@@ -96,7 +96,7 @@ def test_every_figure_of_a_run_is_a_measure(vector: Driven) -> None:
 
 
 def test_events_of_the_kind_shown_say_what_was_shown_and_why() -> None:
-    setting = Setting(scenario="flat-6km", presentation=Presentation.COACH)
+    setting = Setting(scenario="flat-6km", presentation=Presentation.GUIDE)
     shown = [row for row in events(driven_with(setting)) if row["trial_type"] == "shown"]
     told = [row for row in shown if row["replan_cause"] != "n/a"]
     assert told[0]["replan_cause"] == "start"
@@ -178,7 +178,7 @@ def test_without_advice_there_is_nothing_to_track() -> None:
     missing = {name for name, value in found.items() if value is None}
     assert missing == {
         *("speed_rmse_mps", "speed_in_band_ratio", "effort_rmse_ratio", "reaction_s", "response_s"),
-        *("compliance_ratio", "advice_changes_per_min", "shortest_mode_s", *OF_THE_COACH),
+        *("compliance_ratio", "advice_changes_per_min", "shortest_mode_s", *OF_THE_GUIDE),
     }
 
 

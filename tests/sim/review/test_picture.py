@@ -32,7 +32,7 @@ from sim.review.picture import panels, picture_of
 from tests.support.flat_days import flat_day
 from tests.support.recorded_days import inputs_of_day, recorded_day
 
-COACH, NONE = Presentation.COACH, Presentation.NONE
+GUIDE, NONE = Presentation.GUIDE, Presentation.NONE
 
 
 def test_the_picture_shows_them_where_they_were() -> None:
@@ -110,7 +110,7 @@ def test_png_is_refused_where_it_cannot_be(tmp_path: Path, monkeypatch: pytest.M
 def test_compared_drives_have_a_strip_of_what_each_display_said() -> None:
     """One panel for each drive with a display, in words if it changes seldom; the others are the same as ever."""
     day = flat_day()
-    shown = {advice: recorded_day(day, day.driver(DriverKind.HUMAN), advice) for advice in (COACH, NONE)}
+    shown = {advice: recorded_day(day, day.driver(DriverKind.HUMAN), advice) for advice in (GUIDE, NONE)}
     drives = [Drive(source=one, given=inputs_of_day(day)) for one in shown.values()]
     aligned = AlignedDrives.of([on_track(one, label) for one, label in zip(drives, ("led", "alone"), strict=True)])
     figure = comparison_figure(aligned)

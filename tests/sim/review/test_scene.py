@@ -213,7 +213,7 @@ def standing_until(t_s: float, *sent: tuple[topics.Topic, Any]) -> Recording:
 
 
 def test_the_display_of_a_moving_train_is_in_words_without_changes_that_nobody_reads() -> None:
-    shown = das_pb2.Cab.PRESENTATION_COACH
+    shown = das_pb2.Cab.PRESENTATION_GUIDE
     told_modes = (
         (0, Regime.DEPART, 40.0),
         (10, Regime.REDUCED_TRACTION, 80.0),

@@ -100,10 +100,10 @@ def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
     reason = das_pb2.Reason(code=das_pb2.REASON_POINT_EARLIEST, at_m=1500.0, time_ns=at_ns(0), late_s=math.nan)
     recording = recorded(cab(0, reason=reason, **held), cab(1, presentation=1, mode=3, display_speed_mps=20.0))
     said = DisplayWords(Language.DE, ZoneInfo("Europe/Zurich"))
-    coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording), said))
-    assert coach.startswith("# rollen lassen bis 72 km/h")
-    assert "| next | bremsen 36 km/h in 8 s |" in coach
-    assert f"| why | km 1.5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in coach
+    guide, top = (card.text for card in cards(recording, DrivenCourse.of(recording), said))
+    assert guide.startswith("# rollen lassen bis 72 km/h")
+    assert "| next | bremsen 36 km/h in 8 s |" in guide
+    assert f"| why | km 1.5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in guide
     assert top.startswith("# Höchstgeschwindigkeit 72 km/h")
 
 
@@ -116,10 +116,10 @@ def test_what_the_driver_saw_of_how_to_depart() -> None:
     to_depart: dict[str, Any] = {"mode": 9, "next_mode": 1, "next_speed_mps": 25.0, "next_effort_ratio": 1.0}
     top_speed: dict[str, Any] = {"presentation": 1, "mode": 9, "display_speed_mps": 25.0}
     recording = recorded(cab(0, presentation=4, display_speed_mps=25.0, **to_depart), cab(1, **top_speed))
-    coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording)))
-    assert coach.startswith("# depart when cleared\n")
-    assert "| when cleared | accelerate, 90 km/h, +100 % |" in coach
-    assert "effort advised" not in coach
+    guide, top = (card.text for card in cards(recording, DrivenCourse.of(recording)))
+    assert guide.startswith("# depart when cleared\n")
+    assert "| when cleared | accelerate, 90 km/h, +100 % |" in guide
+    assert "effort advised" not in guide
     assert top.startswith("# depart when cleared, top speed 90 km/h")
 
 

@@ -111,14 +111,14 @@ def driven(day: Day, place: str, out: Path, shown: Presentation, patience: Patie
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("shown", [pytest.param(Presentation.VECTOR, marks=pytest.mark.nightly), Presentation.COACH])
+@pytest.mark.parametrize("shown", [pytest.param(Presentation.VECTOR, marks=pytest.mark.nightly), Presentation.GUIDE])
 def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
     folder: Path, tmp_path: Path, shown: Presentation
 ) -> None:
     """On a day with a restriction and a signal; against the same human in this process, without a bus."""
     day, place = day_of(folder, "eventful.toml"), endpoint(*free_ports(1))
     here = World(
-        day, day.driver(DriverKind.HUMAN), shown, InProcess(day.service, coach=shown is Presentation.COACH)
+        day, day.driver(DriverKind.HUMAN), shown, InProcess(day.service, guide=shown is Presentation.GUIDE)
     ).run()
     arguments = ("eventful.toml", "--driver", "human", "--seed", "3", "--train", "T1", "--connect", place)
     with process(folder, "-m", "sim.cli", "drive", *arguments) as other:

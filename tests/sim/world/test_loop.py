@@ -107,7 +107,7 @@ class Kept(InProcess):
 
     def __init__(self, service: Service) -> None:
         self.payloads: list[bytes] = []
-        super().__init__(service, coach=True)
+        super().__init__(service, guide=True)
 
     def exchange(self, tick: Tick) -> Any:
         advice = super().exchange(tick)
@@ -116,7 +116,7 @@ class Kept(InProcess):
 
 
 def test_a_seed_gives_the_same_day_byte_for_byte_and_another_one_another_day(tmp_path: Path) -> None:
-    """Prepared and driven anew, by a human with the coach: every state and every advice."""
+    """Prepared and driven anew, by a human with the guide: every state and every advice."""
     path = tmp_path / "flat.toml"
     path.write_text(FLAT.replace("buffer_percent = 10", "buffer_percent = 30"), encoding="utf-8")
     driven = []
@@ -124,7 +124,7 @@ def test_a_seed_gives_the_same_day_byte_for_byte_and_another_one_another_day(tmp
         service = prepare_service(read_scenario(path))
         link = Kept(service)
         run = World(
-            make_day(service, seed), make_driver(DriverKind.HUMAN, service.line, seed=seed), Presentation.COACH, link
+            make_day(service, seed), make_driver(DriverKind.HUMAN, service.line, seed=seed), Presentation.GUIDE, link
         ).run()
         driven.append((run.states, link.payloads))
     assert len(driven[0][1]) > 100

@@ -83,7 +83,7 @@ def test_advice_of_the_node_is_not_on_paper() -> None:
     assert Shown.of(view) == Shown(mode=Regime.COAST, speed_kmh=72, effort=None)
     presenter = presenter_of(Presentation.SHEET)
     assert presenter.headline(view) == "coast until 72 km/h"
-    assert not presenter.needs_coach
+    assert not presenter.needs_guide
     traction = present(look._replace(mode=int(Regime.FULL_TRACTION), effort_ratio=0.6), Presentation.SHEET)
     assert traction is not None
     assert Shown.of(traction).effort == 3

@@ -14,8 +14,8 @@ from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.domain.units import KMH
 from das.solver.guide.schedule import Schedule, on_section
-from tests.support.coach import ns
 from tests.support.guide import flat, reference, scene
+from tests.support.keeping import ns
 
 PLAIN = reference(("T", 0.8, 0.0, 100), ("H", 0.0, 1000.0, 100), ("C", 0.0, 3000.0, 90), ("B", 0.0, 4700.0, 0))
 BOARD = flat((3000.0, 6000.0, 60))

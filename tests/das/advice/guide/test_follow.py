@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.guide.follow import GAINS_S, advanced, is_vain, wanted
 from das.advice.guide.guard import Proposal
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
-from das.advice.guide.scene import Sight
+from das.advice.guide.scene import Sight, SpeedsAllowed
 from das.advice.guide.timeline import REACHED_MPS
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown import STOP_BY_EYE_M
@@ -38,10 +37,11 @@ def asked(s_m: float, kmh: float, memory: Memory = FOLLOWS, schedule: Schedule =
     return wanted(here, advanced(here, memory))
 
 
-def test_steps_are_taken_up_one_after_another_and_never_again() -> None:
+def test_steps_are_taken_up_one_after_another_and_again_only_by_a_train_far_behind() -> None:
     numbers = [advanced(seen(s_m, 80), FOLLOWS).step for s_m in (100.0, 2900.0, 3100.0, 4800.0)]
     assert numbers == [0, 0, 1, 2]
-    assert advanced(seen(100.0, 80), replace(FOLLOWS, step=1)).step == 1
+    assert advanced(seen(2900.0, 80), replace(FOLLOWS, step=1)).step == 1
+    assert advanced(seen(100.0, 80), replace(FOLLOWS, step=1)).step == 0
 
 
 def test_another_step_begins_without_a_deviation() -> None:

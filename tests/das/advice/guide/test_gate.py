@@ -14,7 +14,7 @@ from das.advice.guide.guard import Proposal
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
 from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import InstructionKind
-from tests.support.coach import ns
+from tests.support.keeping import ns
 
 HOLD, UP, ROLL, SLOW = hold(25.0), traction(0.8, 30.0), coast(20.0), brake(0.6, 15.0)
 

@@ -1,219 +1,255 @@
-"""What the guide says second by second: calm, announced, never above a limit, and one memory from second to second."""
+"""The guide in a cab: its reasons, restrictions and targets, and standing trains."""
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
+from functools import cache
 
-import numpy as np
 import pytest
 
-from das.advice.advice import Replan, ReplanCause
-from das.advice.coach.showing import ShownNow
-from das.advice.coach.shown_brakes import SpeedsAllowed
-from das.advice.goal import TrainState
-from das.advice.guide.gate import LEADS_S
-from das.advice.guide.guide import FORGOTTEN_S, Guide
-from das.advice.guide.memory import brake, coast
-from das.advice.guide.timeline import STANDS_S
-from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
-from das.domain.units import KMH
-from das.solver.guide.schedule import Schedule
-from das.solver.kernels.forces import traction_limit
-from tests.support.coach import Keeping, ns
-from tests.support.guide import FREE, flat, kept, reference
+from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
+from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.guide.guide import Guide, falling_limits
+from das.advice.guide.scene import SpeedsAllowed
+from das.advice.guide.settings import DEFAULT, GuideSettings
+from das.advice.reason import Reason, ReasonCode
+from das.advice.regimes import BRAKES, Regime
+from das.advice.settings import AdviceSettings
+from das.cab.fronts import Fronts
+from das.cab.leg import Leg
+from das.cab.preparation import Preparation
+from das.cab.situation import Situation
+from das.domain.restriction import Restriction
+from das.estimate.estimate import Estimate
+from tests.support.bundled_sections import BUNDLED, asked_s, guide_of, section_of
+from tests.support.keeping import Keeping, goal_of, ns, started
 
-TOP_MPS = 100 * KMH
-PLACES_M = (0.0, 1000.0, 3000.0, 4700.0)
-PLAIN = reference(("T", 0.8, 0.0, 100), ("H", 0.0, 1000.0, 100), ("C", 0.0, 3000.0, 90), ("B", 0.0, 4700.0, 0))
-HELD_M = 1500.0
-
-
-class Led:
-    """A driver led along a reference."""
-
-    def __init__(self, schedule: Schedule = PLAIN, guide: Guide | None = None) -> None:
-        self.guide, self._schedule = guide or Guide(), schedule
-
-    def at(
-        self, second: float, s_m: float, v_mps: float, place: SpeedsAllowed = FREE, replan: Replan | None = None
-    ) -> ShownNow:
-        """What a train in this state at this second is told."""
-        state = TrainState(ns(second), s_m, v_mps)
-        return self.guide.show(kept(self._schedule, state, replan), state, place)
-
-    def modes(self, begin_s: float, states: list[tuple[float, float]], s_m: float = HELD_M) -> list[Regime]:
-        """The modes told at seconds to a train that is this much off 100 km/h (km/h) at one place."""
-        return [self.at(begin_s + second, s_m, TOP_MPS + by * KMH).now.mode for second, by in states]
+LINE = BUNDLED[2]
+ENABLED = GuideSettings(enabled=True)
+FREE = SpeedsAllowed(60.0, 60.0)
 
 
-def test_a_train_on_the_reference_is_told_each_step_once_with_its_lead() -> None:
-    led, train, found = Led(), Keeping(PLAIN, PLAIN.forecast(0.0, 0.0), 0.0, 0.0), []
-    for second in range(1, int(train.end_s) - 1):
-        state = train.at(second)
-        shown = led.at(second, state.s_m, state.v_mps)
-        if not found or found[-1][0] is not shown.now.mode:
-            found.append((shown.now.mode, state.s_m))
-    assert [mode for mode, _ in found[:3]] == [Regime.REDUCED_TRACTION, Regime.CRUISE, Regime.COAST]
-    assert {mode for mode, _ in found[3:]} <= set(BRAKES)
-    leads_m = [begin - at for begin, (_, at) in zip(PLACES_M[2:], found[2:4], strict=True)]
-    assert all(0.0 < lead <= (LEADS_S[InstructionKind.COAST] + 1.0) * TOP_MPS for lead in leads_m)
+def new_guide() -> Guide:
+    return Guide(section_of(LINE), guide_of(LINE), DEFAULT)
 
 
-@pytest.mark.parametrize("v_kmh", [60, 95, 104, 130])
-@pytest.mark.parametrize("s_m", [500.0, 2000.0, 3500.0, 5000.0])
-@pytest.mark.parametrize("limit_kmh", [30, 80, 99, 160])
-def test_no_speed_is_told_above_the_limit(s_m: float, v_kmh: float, limit_kmh: float) -> None:
-    """Whatever the reference says, and whatever was shown before."""
-    led = Led()
-    led.at(0.0, max(s_m - 200.0, 0.0), v_kmh * KMH)
-    place = SpeedsAllowed(limit_kmh * KMH, limit_kmh * KMH)
-    assert led.at(1.0, s_m, v_kmh * KMH, place).now.speed_mps <= limit_kmh * KMH + 0.3
+def train_of() -> Keeping:
+    """A train that keeps the reference of its section with a buffer of 10 %."""
+    return started(LINE, goal_of(LINE, 0.1))[2]
 
 
-def test_a_speed_that_cannot_be_reached_any_more_does_not_stand() -> None:
-    led = Led()
-    assert led.at(0.0, 500.0, 10.0).now.mode in TRACTION
-    highest_mps = float(np.interp(5900.0, flat().node_m, flat().envelope_mps))
-    assert led.at(1.0, 5900.0, 0.3 * highest_mps).now.speed_mps <= highest_mps + 0.3
+def shown(guide: Guide, state: TrainState, goal: Goal, place: SpeedsAllowed = FREE) -> Guidance | None:
+    """What a guide shows to the driver of a train that is on time."""
+    return guide.show(guide.plan(state, goal), state, goal, place)
 
 
-def test_holding_does_not_flutter_within_5_km_h() -> None:
-    wanders = [(10.0 * i, by) for i, by in enumerate((0.0, 3.5, -3.5, 4.9, -4.9, 0.0, -4.9, 4.9))]
-    assert set(Led().modes(0.0, wanders)) == {Regime.CRUISE}
+def said(guide: Guide, state: TrainState, place: SpeedsAllowed = FREE) -> Guidance:
+    guidance = shown(guide, state, goal_of(LINE, 0.1), place)
+    assert guidance is not None
+    return guidance
 
 
-@pytest.mark.parametrize(
-    ("by_kmh", "back", "kind"),
-    [
-        (-5.5, Regime.REDUCED_TRACTION, InstructionKind.TRACTION),
-        (5.5, Regime.COAST, InstructionKind.COAST),
-        (12.0, Regime.REDUCED_BRAKE, InstructionKind.BRAKE),
-    ],
-)
-def test_a_change_that_the_reference_does_not_have_is_announced_for_8_s(
-    by_kmh: float, back: Regime, kind: InstructionKind
-) -> None:
-    """It is shown its lead before it is due, with the time to it, and then stands."""
-    led, v_mps = Led(), TOP_MPS + by_kmh * KMH
-    led.at(0.0, HELD_M, TOP_MPS)
-    for second in range(10, 22):
-        found, left_s = led.at(float(second), HELD_M, v_mps), 18.0 - second
-        shown = left_s <= LEADS_S[kind]
-        assert found.now.mode is (back if shown else Regime.CRUISE)
-        change = found.now if shown else found.following[0]
-        assert (change.mode, change.speed_mps) == (back, TOP_MPS)
-        assert change.in_s == pytest.approx(max(left_s, 0.0), abs=1e-6)
+@cache
+def said_on_the_way() -> list[tuple[TrainState, Guidance]]:
+    """What a guide says every second to a train that keeps its reference over the whole section."""
+    guide, train = new_guide(), train_of()
+    states = [train.at(second) for second in range(6, int(train.end_s) - 3)]
+    return [(state, said(guide, state)) for state in states]
 
 
-def test_who_comes_back_by_himself_is_told_nothing_of_it_any_more() -> None:
-    led = Led()
-    led.at(0.0, HELD_M, TOP_MPS)
-    assert led.at(10.0, HELD_M, TOP_MPS - 5.5 * KMH).following[0].mode is Regime.REDUCED_TRACTION
-    for second in range(11, 30):
-        found = led.at(float(second), HELD_M, TOP_MPS)
-        assert [found.now.mode, found.following[0].mode] == [Regime.CRUISE, Regime.COAST]
-    again = led.at(30.0, HELD_M, TOP_MPS - 5.5 * KMH)
-    assert again.following[0].in_s == pytest.approx(STANDS_S), "it is announced anew"
+def test_a_reason_never_repeats_the_instruction_and_names_limits_and_stops_of_the_line() -> None:
+    section = section_of(LINE)
+    falls_m, falls_to = falling_limits(section.route)
+    limits = {*zip(falls_m.tolist(), falls_to.tolist(), strict=True)}
+    codes = set()
+    for state, guidance in said_on_the_way():
+        reason, mode = guidance.reason, guidance.now.mode
+        codes.add(reason.code)
+        assert not reason.text, "a text would have a language"
+        if reason.code is ReasonCode.LIMIT:
+            assert (reason.at_m, reason.speed_mps) in limits
+            assert reason.at_m > state.s_m
+        if mode not in BRAKES and mode is not Regime.COAST:
+            assert reason.code in (ReasonCode.NONE, ReasonCode.ARRIVAL)
+    assert codes <= {ReasonCode.NONE, ReasonCode.ARRIVAL, ReasonCode.LIMIT, ReasonCode.STOP}
+    assert {ReasonCode.NONE, ReasonCode.LIMIT, ReasonCode.STOP} <= codes
 
 
-def test_a_brake_that_the_last_word_has_shown_goes_on_to_its_speed_and_no_other_act_does() -> None:
-    led = Led()
-    assert led.at(0.0, HELD_M, TOP_MPS).now.mode is Regime.CRUISE
-    led.guide.has_shown(brake(0.4, 95 * KMH), ns(9.0))
-    assert led.at(10.0, HELD_M + 250.0, 98 * KMH).now.mode in BRAKES
-    assert led.guide.shown_effort == pytest.approx(0.4)
-    released = led.at(11.0, HELD_M + 275.0, 95 * KMH).now
-    assert (released.mode, released.speed_mps) == (Regime.CRUISE, 95 * KMH)
-    led.guide.has_shown(coast(80 * KMH), ns(11.0))
-    assert led.at(12.0, HELD_M + 300.0, 95 * KMH).now.mode is Regime.CRUISE
+def test_the_last_brake_names_the_stop() -> None:
+    _, last = said_on_the_way()[-1]
+    assert (last.reason.code, last.reason.stop) == (ReasonCode.STOP, "Zug")
 
 
-def test_after_silence_a_driver_is_told_what_applies_now() -> None:
-    rises = reference(("H", 0.0, 0.0, 54), ("T", 0.8, 2000.0, 90), ("B", 0.0, 4700.0, 0), at_kmh=54)
-    for gap_s, mode in ((5.0, Regime.CRUISE), (FORGOTTEN_S + 1.0, Regime.REDUCED_TRACTION)):
-        led = Led(rises)
-        assert led.at(0.0, 1850.0, 15.0).now.mode is Regime.CRUISE
-        assert led.at(gap_s, 2200.0, 15.0).now.mode is mode
+def test_a_train_that_is_too_fast_is_told_so() -> None:
+    guide, state = new_guide(), train_of().at(200)
+    guidance = said(guide, state, SpeedsAllowed(state.v_mps - 5.0, 60.0, too_fast=True))
+    assert (guidance.reason.code, guidance.reason.speed_mps) == (ReasonCode.TOO_FAST, 5.0)
+    assert guidance.now.mode in BRAKES
+    assert guidance.now.effort_ratio <= -1.0
 
 
-def test_a_speed_reached_before_silence_is_still_held_after_it() -> None:
-    """A driver who braked for a signal is not told to accelerate when the next step is near."""
-    led = Led()
-    assert led.at(0.0, 2000.0, TOP_MPS).now.mode is Regime.CRUISE
-    led.guide.forget()
-    assert led.at(20.0, 2300.0, TOP_MPS - 10 * KMH).now.mode is Regime.CRUISE
+def test_a_standing_train_is_told_to_stand_and_for_how_long() -> None:
+    guidance = new_guide().stands(42.0)
+    assert (guidance.now.mode, guidance.now.speed_mps, guidance.target_s) == (Regime.STOP, 0.0, 42.0)
 
 
-def test_a_clock_that_is_put_back_holds_nothing_up() -> None:
-    led = Led()
-    assert led.at(100.0, 900.0, TOP_MPS - 20 * KMH).now.mode is Regime.REDUCED_TRACTION
-    found = led.at(50.0, 900.0, TOP_MPS).now
-    assert (found.mode, found.in_s) == (Regime.CRUISE, 0.0)
+def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cleared() -> None:
+    """The advice has the effort and speed of the departure, and no force until then."""
+    section = section_of(LINE)
+    guide, state = new_guide(), TrainState(ns(0), section.start_m, 0.0)
+    goal = goal_of(LINE, 0.1)
+    told = guide.departs(guide.plan(state, goal), state, goal, FREE)
+    assert told is not None
+    gone = said(new_guide(), state)
+    assert gone.now.mode is Regime.FULL_TRACTION
+    assert told.now == replace(gone.now, mode=Regime.DEPART)
+    assert (told.force_n, told.reference_force_n) == (0.0, 0.0)
+    assert told.reason == gone.reason
+    assert told.following == gone.following
 
 
-def test_news_that_want_a_slower_train_end_an_acceleration_without_notice() -> None:
-    """A train ahead is reported while the driver accelerates; because he is late, nobody would hurry so."""
-    slower = reference(("H", 0.0, 0.0, 54), ("B", 0.0, 4700.0, 0), at_kmh=54)
-    for cause, ends in ((ReplanCause.LINE, True), (ReplanCause.LATE, False)):
-        led = Led()
-        assert led.at(0.0, 600.0, 17.0).now.mode in TRACTION
-        after = Led(slower, led.guide)
-        now = after.at(9.0, 760.0, 18.0, replan=Replan(cause=cause, time_ns=ns(9.0))).now
-        assert (now.mode not in TRACTION) is ends
+def test_a_state_that_cannot_go_on_has_no_guidance() -> None:
+    """Outside the section there is no reference."""
+    state = TrainState(ns(10), section_of(LINE).end_m + 100.0, 10.0)
+    assert shown(new_guide(), state, goal_of(LINE, 0.1)) is None
 
 
-def test_the_stop_behind_the_mark_is_braked_for_whatever_the_reference_is() -> None:
-    guide = Guide()
-    assert guide.braking(0.6) == brake(0.6, 0.0)
-    assert guide.shown_effort == pytest.approx(0.6)
-    guide.forget()
-    assert guide.shown_effort == 0.0
+def test_a_train_that_must_not_pass_yet_is_told_when_it_may() -> None:
+    guide, train = new_guide(), train_of()
+    state = train.at(60)
+    point = PassingTarget(s_m=section_of(LINE).start_m + 9000.0, earliest_ns=ns(420.0), reason="train ahead")
+    guidance = shown(guide, state, replace(goal_of(LINE, 0.1), passing=point))
+    assert guidance is not None
+    assert guidance.reason == Reason(
+        code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=ns(420.0), text="train ahead"
+    )
 
 
-def test_a_train_too_slow_for_any_reference_creeps_to_its_stop_and_brakes_there() -> None:
-    line, guide = flat(), Guide()
-    now, after, force_n = guide.creeping(line, TrainState(ns(0), line.end_m - 60.0, 1.5), FREE)
-    assert (now.mode, now.speed_mps) == (Regime.CRUISE, 10 * KMH)
-    assert force_n > 0.0
-    assert [one.mode in BRAKES for one in after] == [True]
-    near, _, _ = guide.creeping(line, TrainState(ns(1), line.end_m - 5.0, 2.5), FREE)
-    assert near.mode in BRAKES
-    slow = SpeedsAllowed(1.0, 10.0)
-    assert guide.creeping(line, TrainState(ns(2), line.end_m - 30.0, 0.5), slow)[0].mode in BRAKES
+def test_a_point_that_a_train_passes_late_enough_anyway_is_not_named() -> None:
+    guide, state = new_guide(), train_of().at(60)
+    point = PassingTarget(s_m=section_of(LINE).start_m + 9000.0, earliest_ns=ns(65.0))
+    guidance = shown(guide, state, replace(goal_of(LINE, 0.1), passing=point))
+    assert guidance is not None
+    assert guidance.reason.code is not ReasonCode.POINT_EARLIEST
 
 
-def test_the_force_of_an_instruction_is_one_that_the_train_has_and_does_not_overshoot() -> None:
-    train = flat().train
-    pulls = Led().at(0.0, 300.0, 10.0)
-    assert pulls.force_n == pytest.approx(0.8 * traction_limit(10.0, train))
-    near = Led().at(0.0, 900.0, TOP_MPS - 0.6)
-    assert 0.0 < near.force_n < 0.8 * traction_limit(TOP_MPS, train)
-    assert Led().at(0.0, 3500.0, 26.0).force_n == 0.0
-    brakes = Led().at(0.0, 5000.0, 22.0)
-    assert brakes.force_n < 0.0
-    assert brakes.reference_force_n >= brakes.force_n, "the effort shown is rounded up"
+@pytest.mark.parametrize(("later_s", "expected_s"), [(0.0, None), (-40.0, None), (-66.0, 40.0), (40.0, -40.0)])
+def test_a_reason_says_how_late_or_early_the_train_arrives(later_s: float, expected_s: float | None) -> None:
+    """The timetable is moved after the guide has made its reference; the arrival is the forecast of that reference."""
+    guide, state = new_guide(), train_of().at(100)
+    kept = guide.plan(state, goal_of(LINE, 0.1))
+    goal = goal_of(LINE, 0.1)
+    moved = replace(goal, due_ns=goal.due_ns + round(later_s * 1e9))
+    guidance = guide.show(kept, state, moved, FREE)
+    assert guidance is not None
+    if expected_s is None:
+        assert guidance.reason.code is ReasonCode.NONE
+    else:
+        assert guidance.reason.code is ReasonCode.ARRIVAL
+        assert guidance.reason.late_s == pytest.approx(expected_s, abs=3.0)
 
 
-def test_the_goal_of_an_instruction_is_where_it_has_led_to_its_speed() -> None:
-    brakes = Led().at(0.0, 5000.0, 22.0)
-    assert brakes.target_m == pytest.approx(flat().end_m - 5000.0, abs=1.0)
-    holds = Led().at(0.0, 2000.0, TOP_MPS)
-    assert holds.target_m == pytest.approx(1000.0, abs=60.0)
-    assert math.isclose(holds.target_s, holds.target_m / TOP_MPS, rel_tol=0.05)
+class Cab:
+    """A leg with its preparation, as in a cab, without a background thread; the tests say where the train is."""
+
+    def __init__(self) -> None:
+        section = section_of(LINE)
+        start, end = (x for x in section.route.stops if x.position_m in (section.start_m, section.end_m))
+        self.situation = Situation(route=section.route, vehicle=section.vehicle)
+        clock = iter(range(10**6))
+        self.preparation = Preparation(Fronts(threads=1), lambda: next(clock), ENABLED, background=False)
+        self.leg = Leg(start, end, section, AdviceSettings(guide=ENABLED))
+        self.preparation.add(self.leg, self.situation)
+        self.leg.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(asked_s(LINE, 0.15))))
+
+    def advice(self, state: TrainState) -> Advice:
+        here = Estimate(
+            time_ns=state.now_ns,
+            s_m=state.s_m,
+            speed_mps=state.v_mps,
+            position_sd_m=1.0,
+            speed_sd_mps=0.1,
+            problem=None,
+        )
+        self.leg.see(here)
+        self.preparation.prepare([self.leg], 0, self.situation, state.now_ns, changed=False)
+        return self.leg.advise(here)
+
+    def guidance(self, state: TrainState) -> Guidance:
+        guidance = self.advice(state).guide
+        assert guidance is not None
+        return guidance
 
 
-def test_the_keeper_learns_when_the_last_change_was_and_when_the_next_is() -> None:
-    led = Led()
-    led.at(0.0, HELD_M, TOP_MPS)
-    assert led.guide.changes.last_ns == ns(0.0)
-    shown = led.at(5.0, HELD_M + 140.0, TOP_MPS)
-    assert led.guide.changes.last_ns == ns(0.0)
-    assert led.guide.changes.next_ns == ns(5.0) + round(shown.following[0].in_s * 1e9)
+def test_what_is_told_on_the_way_makes_one_other_reference_each() -> None:
+    """A restriction, then a target at the stop, then one at a point, received by a train that keeps its reference."""
+    cab, train = Cab(), train_of()
+    causes, times = [cab.guidance(train.at(30)).replan.cause], set()
+    section = section_of(LINE)
+    for second in range(31, 40):
+        times.add(cab.guidance(train.at(second)).replan.time_ns)
+    assert times == {ns(30)}
+    one = Restriction(start_m=section.start_m + 9000.0, end_m=section.start_m + 9600.0, limit_mps=15.0)
+    cab.situation = replace(cab.situation, restrictions=(one,))
+    causes.append(cab.guidance(train.at(40)).replan.cause)
+    assert cab.guidance(train.at(41)).replan.time_ns == ns(40)
+    cab.leg.arrival_ns = ns(asked_s(LINE, 0.3))
+    causes.append(cab.guidance(train.at(42)).replan.cause)
+    assert cab.guidance(train.at(43)).replan.time_ns == ns(42)
+    cab.leg.points = [PassingTarget(s_m=section.start_m + 8000.0, earliest_ns=ns(500.0))]
+    causes.append(cab.guidance(train.at(44)).replan.cause)
+    assert causes[:3] == [ReplanCause.START, ReplanCause.LINE, ReplanCause.GOAL]
+    assert causes[3] in (ReplanCause.POINT, ReplanCause.LINE)
+    assert cab.guidance(train.at(45)).replan.time_ns == ns(44)
 
 
-def test_an_acceleration_does_not_stand_to_a_speed_that_a_nearer_board_forbids() -> None:
-    """foreign/04: "accelerate to 155" stood 83 m before a board of 150, until the last word lowered it."""
-    line = flat((3000.0, 6000.0, 70))
-    led = Led(reference(("T", 0.3, 0.0, 100), ("B", 0.0, 5200.0, 0), section=line))
-    told = [led.at(float(k), s_m, 17.0).now.speed_mps for k, s_m in enumerate((2000.0, 2960.0))]
-    assert told[1] <= 70 * KMH + 1e-6
+def test_a_train_at_a_restriction_is_shown_no_more_than_it_allows() -> None:
+    cab, train = Cab(), train_of()
+    state = train.at(150)
+    one = Restriction(start_m=state.s_m + 100.0, end_m=state.s_m + 900.0, limit_mps=15.0)
+    cab.guidance(state)
+    cab.situation = replace(cab.situation, restrictions=(one,))
+    guidance = cab.guidance(state)
+    assert guidance.now.mode in BRAKES
+    assert guidance.now.speed_mps <= cab.leg.planner.allowed_mps(state.s_m) < state.v_mps
+    inside = cab.guidance(TrainState(ns(160), state.s_m + 200.0, 16.0))
+    assert inside.now.speed_mps <= 15.0 + 0.3
+
+
+def test_a_brake_for_a_restriction_names_the_restriction_and_not_another_limit() -> None:
+    cab, state = Cab(), train_of().at(150)
+    one = Restriction(start_m=state.s_m + 1500.0, end_m=state.s_m + 2300.0, limit_mps=15.0)
+    cab.guidance(state)
+    cab.situation = replace(cab.situation, restrictions=(one,))
+    for second in range(1, 90):
+        here = TrainState(ns(150.0 + second), state.s_m + state.v_mps * second, state.v_mps)
+        guidance = cab.guidance(here)
+        if guidance.now.mode in BRAKES:
+            break
+    assert here.s_m < one.start_m
+    assert guidance.reason == Reason(code=ReasonCode.RESTRICTION, speed_mps=15.0, at_m=one.start_m)
+
+
+def test_a_restriction_received_on_the_way_is_named_at_once_and_for_20_s() -> None:
+    """The train is so far from it that nothing slows down yet."""
+    cab, train = Cab(), train_of()
+    assert cab.guidance(train.at(30)).reason.code is not ReasonCode.RESTRICTION
+    one = Restriction(
+        start_m=section_of(LINE).start_m + 9000.0, end_m=section_of(LINE).start_m + 9600.0, limit_mps=15.0
+    )
+    cab.situation = replace(cab.situation, restrictions=(one,))
+    news = Reason(code=ReasonCode.RESTRICTION, speed_mps=15.0, at_m=one.start_m)
+    assert [cab.guidance(train.at(second)).reason == news for second in (40, 50, 60, 61)] == [True, True, True, False]
+
+
+def test_without_a_guide_there_is_none() -> None:
+    section = section_of(LINE)
+    start, end = (x for x in section.route.stops if x.position_m in (section.start_m, section.end_m))
+    leg = Leg(start, end, section)
+    leg.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(asked_s(LINE, 0.15))))
+    here = Estimate(
+        time_ns=ns(50), s_m=section.start_m + 500.0, speed_mps=15.0, position_sd_m=1.0, speed_sd_mps=0.1, problem=None
+    )
+    leg.see(here)
+    leg.refresh_goal()
+    assert leg.advise(here).guide is None

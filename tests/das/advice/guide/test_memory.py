@@ -11,7 +11,7 @@ from das.advice.guide.memory import Memory, alike, brake, coast, hold, is_own_en
 from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import Regime
 from das.domain.units import KMH
-from tests.support.coach import ns
+from tests.support.keeping import ns
 
 
 def announced(*second_by_second: tuple[Instruction, ...]) -> Memory:

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from das.advice.coach.announcing import told_mps
-from das.advice.guide.timeline import SAME_MPS, GuideStep, timeline
+from das.advice.guide.timeline import SAME_MPS, GuideStep, timeline, told_mps
 from das.advice.regimes import InstructionKind
 from das.domain.units import KMH
 from das.solver.guide.schedule import Schedule, on_section

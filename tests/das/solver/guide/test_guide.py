@@ -24,7 +24,7 @@ from das.solver.front import Front
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, lateness_s, through
 from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.guide.policies import GuideFront, GuideRun, GuideSettings, PolicyFrom
+from das.solver.guide.policies import GuideFront, GuideRun, PolicyFrom, PolicySettings
 from das.solver.kernels.guide_policy import CODE, HOLDS, KINDS, NO_INSTRUCTION, ON_CURVE, ROLLS_UP
 from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import trajectory_on
@@ -112,7 +112,9 @@ def test_with_a_low_price_of_changes_a_run_is_within_a_hundredth_of_the_optimum(
     route: Route, train: Vehicle, buffer_ratio: float
 ) -> None:
     section, _, exact = solved(route, train)
-    front = GuideFront(section, GuideSettings(change_s=0.08, change_time_s=0.0, young_s=0.3, high_ratio=2.0), threads=1)
+    front = GuideFront(
+        section, PolicySettings(change_s=0.08, change_time_s=0.0, young_s=0.3, high_ratio=2.0), threads=1
+    )
     time_s = least_time_s(section, section.start_m, 0.0) * (1.0 + buffer_ratio)
     run, _ = in_time(front, State.at(section), time_s)
     optimum = exact.trajectory(run.time_s).trajectory
@@ -131,7 +133,7 @@ def test_the_schedule_of_a_run_has_its_time_and_energy(route: Route, train: Vehi
 
 
 def test_the_steps_of_speed_are_those_that_a_driver_is_shown() -> None:
-    assert GuideSettings().step_mps == pytest.approx(TARGET_STEP_MPS)
+    assert PolicySettings().step_mps == pytest.approx(TARGET_STEP_MPS)
 
 
 @at_points
@@ -174,7 +176,7 @@ def test_what_is_no_brake_stands_for_eight_seconds(buffer_ratio: float) -> None:
 @cache
 def front_at(change_s: float) -> GuideFront:
     """The policies of the local train with another price of a change."""
-    return GuideFront(solved(ROUTE, LOCAL)[0], GuideSettings(change_s=change_s, young_s=change_s), threads=1)
+    return GuideFront(solved(ROUTE, LOCAL)[0], PolicySettings(change_s=change_s, young_s=change_s), threads=1)
 
 
 def test_a_higher_price_of_a_change_gives_no_more_changes() -> None:
@@ -312,7 +314,7 @@ def test_the_policies_kept_have_a_size() -> None:
     front.run(state, (PolicyFrom(0, 100),))
     one = sum(array.nbytes for array in front._ahead.policies[100])
     empty = front.nbytes - one
-    front = GuideFront(section, GuideSettings(kept_bytes=2 * one), threads=1)
+    front = GuideFront(section, PolicySettings(kept_bytes=2 * one), threads=1)
     for number in (100, 110, 100, 120):
         front.run(state, (PolicyFrom(0, number),))
     assert front.nbytes == empty + 2 * one

@@ -247,7 +247,7 @@ def test_a_class_that_a_recording_names_is_not_run_unless_the_user_names_it(
     (tmp_path / "planted.py").write_text("from pathlib import Path\nPath('has-run').touch()\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     path = with_run(FOLDER / "clear-day.mcap", tmp_path / "day.mcap", driver="planted:Driver")
-    for new in (Otherwise(), Otherwise(driven=DrivenOtherwise(advice=Presentation.COACH))):
+    for new in (Otherwise(), Otherwise(driven=DrivenOtherwise(advice=Presentation.GUIDE))):
         with pytest.raises(DasError, match=r"class planted:Driver, which is not run unasked: expected --driver plan"):
             day_again(origin_of(path), new)
     assert not Path("has-run").exists()

@@ -1,6 +1,6 @@
-"""What a driver is shown from Zürich to Zug on a day, before (vector) and after (coach), as a picture for the pages.
+"""What a driver is shown from Zürich to Zug on a day, before (vector) and after (guide), as a picture for the pages.
 
-`python -m docs.studies.coach_days` draws restriction-ahead.png into the working folder.
+`python -m docs.studies.guide_days` draws restriction-ahead.png into the working folder.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ DAY: Final = "restriction-ahead"
 SECTIONS: Final = 2
 """The day ends at its second stop, Zug."""
 SEED: Final = 1
-BEFORE_AND_AFTER: Final = (Presentation.VECTOR, Presentation.COACH)
+BEFORE_AND_AFTER: Final = (Presentation.VECTOR, Presentation.GUIDE)
 SIZE_IN, DPI = (11.0, 7.2), 100
 HEADROOM: Final = 1.1
 
@@ -52,9 +52,9 @@ Floats = NDArray[np.float64]
 class WatchedLink(InProcess):
     """A link to an on-board system that keeps the advice of every tick."""
 
-    def __init__(self, service: Service, *, coach: bool) -> None:
+    def __init__(self, service: Service, *, guide: bool) -> None:
         self.watched: list[Advice] = []
-        super().__init__(service, coach=coach)
+        super().__init__(service, guide=guide)
 
     def exchange(self, tick: Tick) -> Advice:
         """The advice for a tick."""
@@ -73,7 +73,7 @@ class WatchedRun(NamedTuple):
 def watched_run(service: Service, seed: int, presentation: Presentation) -> WatchedRun:
     """Drive a day of a service with the default human driver."""
     day = make_day(service, seed)
-    link = WatchedLink(service, coach=presenter_of(presentation).needs_coach)
+    link = WatchedLink(service, guide=presenter_of(presentation).needs_guide)
     driver = day.driver(DriverKind.HUMAN, FrictionPolicy.AS_MEASURED)
     return WatchedRun(day, World(day, driver, presentation, link).run(), link.watched)
 
@@ -108,7 +108,7 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
 
 
 def draw_day(path: Path, scenario: str) -> None:
-    """Draw a day of a scenario as the default human drove it with vector and with the coach: the same day for both."""
+    """Draw a day of a scenario as the default human drove it with vector and with the guide: the same day for both."""
     whole = load_scenario(scenario)
     service = prepare_service(replace(whole, to_stop="Zug", running_s=(whole.running_s or ())[:SECTIONS]))
     pyplot = offscreen_pyplot()
@@ -124,7 +124,7 @@ def draw_day(path: Path, scenario: str) -> None:
         [*lines, *strips], [*names, *(mode_name(mode) for mode in MODES)], loc="outside lower center", ncols=5,
         frameon=False,
     )  # fmt: skip
-    figure.suptitle(f"{scenario}, seed {SEED}, default human driver: what was shown before and with the coach", size=13)
+    figure.suptitle(f"{scenario}, seed {SEED}, default human driver: what was shown before and with the guide", size=13)
     save_figure(path, figure, dpi=DPI)
     pyplot.close(figure)
 

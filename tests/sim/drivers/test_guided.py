@@ -1,4 +1,4 @@
-"""Drivers under the coach: what they see, what is new to them, and what they do about it."""
+"""Drivers under the guide: what they see, what is new to them, and what they do about it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from das.advice.advice import Advice, Coaching, Instruction
+from das.advice.advice import Advice, Guidance, Instruction
 from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import Regime
 from das.advice.shown import as_read
@@ -36,13 +36,13 @@ QUICK = HumanParameters(
 def advice(now: Instruction | None, *, force_n: float = 0.0, **fields: Any) -> Advice:
     efforts = Efforts.at(20.0, LINE.train)
     largest_n = efforts.traction_n, efforts.brakes_n
-    coach = None if now is None else Coaching(now=now, force_n=force_n, **fields)
-    coach = coach if coach is None or now == Instruction() else as_read(coach, largest_n)
-    return Advice(time_ns=0, speed_mps=20.0, mode=Regime.CRUISE, valid_until_ns=3 * 10**9, coach=coach)
+    guide = None if now is None else Guidance(now=now, force_n=force_n, **fields)
+    guide = guide if guide is None or now == Instruction() else as_read(guide, largest_n)
+    return Advice(time_ns=0, speed_mps=20.0, mode=Regime.CRUISE, valid_until_ns=3 * 10**9, guide=guide)
 
 
 def view(now: Instruction, **fields: Any) -> AdviceView:
-    seen = present(advice(now, **fields), Presentation.COACH)
+    seen = present(advice(now, **fields), Presentation.GUIDE)
     assert seen is not None
     return seen
 
@@ -60,7 +60,7 @@ LATE = Reason(code=ReasonCode.ARRIVAL, late_s=40.0)
 BRAKE = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=10.0, effort_ratio=-0.4)
 
 
-def test_a_display_of_the_coach_shows_mode_speed_effort_and_what_comes_next() -> None:
+def test_a_display_of_the_guide_shows_mode_speed_effort_and_what_comes_next() -> None:
     following = (replace(ROLL, in_s=42.0, way_m=900.0),)
     seen = view(TRACTION, force_n=1e5, following=following, target_m=800.0, reason=LATE)
     assert (seen.mode, seen.next_mode, seen.next_change_s) == (Regime.REDUCED_TRACTION, Regime.COAST, 42.0)
@@ -100,14 +100,14 @@ def told_to_depart(presentation: Presentation) -> AdviceView:
         next_four_mode=Regime.CRUISE, advised_speed_mps=0.0, display_speed_mps=0.0, advised_force_n=0.0,
         horizon_speed_mps=(0.0,) * 30, horizon_force_n=(0.0,) * 30, departure_speed_mps=20.0,
         departure_force_ratio=0.8, valid_until_ns=100 * 10**9, reduced_max_speed_mps=20.0,
-        coach=Coaching(now=replace(DEPART, speed_mps=20.0)),
+        guide=Guidance(now=replace(DEPART, speed_mps=20.0)),
     )  # fmt: skip
     seen = present(given, presentation)
     assert seen is not None
     return seen
 
 
-@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.FOUR_MODE, Presentation.COACH])
+@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.FOUR_MODE, Presentation.GUIDE])
 @pytest.mark.parametrize("driver", [HumanDriver(LINE, QUICK, seed=1), PerfectDriver(LINE)])
 def test_a_driver_who_is_cleared_departs_and_one_who_is_not_stands(driver: Driver, presentation: Presentation) -> None:
     seen = told_to_depart(presentation)
@@ -124,7 +124,7 @@ def test_a_driver_who_is_cleared_departs_and_one_who_is_not_stands(driver: Drive
         assert command.high_n == pytest.approx(0.8 * Efforts.at(0.0, LINE.train).traction_n)
 
 
-@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.COACH])
+@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.GUIDE])
 def test_to_accelerate_is_not_new_to_a_human_who_departs(presentation: Presentation) -> None:
     """The train moves, and the display goes from the departure to its acceleration: he decided on that already."""
     driver, seen = HumanDriver(LINE, QUICK, seed=1), told_to_depart(presentation)
@@ -145,7 +145,7 @@ def test_a_top_speed_says_nothing_of_how_to_depart() -> None:
 
 @pytest.mark.parametrize("now", [None, Instruction()])
 def test_where_there_is_no_reference_nothing_is_shown(now: Instruction | None) -> None:
-    assert present(advice(now), Presentation.COACH) is None
+    assert present(advice(now), Presentation.GUIDE) is None
 
 
 def settled(now: Instruction, *, force_n: float = 0.0, **fields: Any) -> float:
@@ -181,7 +181,7 @@ def test_a_human_does_not_begin_what_would_be_over_at_once() -> None:
     assert settled(replace(BRAKE, speed_mps=19.7), force_n=-0.3 * efforts.brakes_n) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_human_never_goes_above_the_limit_for_the_coach() -> None:
+def test_a_human_never_goes_above_the_limit_for_the_guide() -> None:
     force_n = Efforts.at(20.0, LINE.train).traction_n
     assert settled(replace(TRACTION, speed_mps=30.0), force_n=force_n, limit_mps=20.0) < 0.2
 

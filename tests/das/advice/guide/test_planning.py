@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from das.advice.coach.planning import Wanted, elapsed_s, passes_s, planned
+from das.advice.guide.planning import Wanted, elapsed_s, passes_s, planned
 from das.solver.guide.schedule import Scheduled
 from das.solver.solution import trajectory_on
 from das.solver.state import State, fastest

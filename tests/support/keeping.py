@@ -1,4 +1,4 @@
-"""A coach's reference on a bundled section, and trains that keep it or lose time against it."""
+"""A guide's reference on a bundled section, and trains that keep it or lose time against it."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from functools import cache
 
 import numpy as np
 
-from das.advice.coach.keeping import Keeper, Kept
-from das.advice.coach.planning import elapsed_s
-from das.advice.coach.settings import DEFAULT, CoachSettings, LossSettings
 from das.advice.goal import Goal, TrainState
+from das.advice.guide.keeping import Keeper, Kept
+from das.advice.guide.planning import elapsed_s
+from das.advice.guide.settings import DEFAULT, GuideSettings, LossSettings
 from das.domain.units import NS
 from das.solver.guide.schedule import Prospect, Schedule
 from tests.support.bundled_sections import Which, asked_s, guide_of, section_of
 
 SURE = replace(DEFAULT, loss=LossSettings(running_s_per_min=0.0, braking_ratio=0.0))
-"""The settings of a coach whose drivers lose no time, so that references have no reserve."""
+"""The settings of a guide whose drivers lose no time, so that references have no reserve."""
 T0 = 1_800_000_000_000_000_000
 
 
@@ -26,7 +26,7 @@ def ns(seconds: float) -> int:
     return T0 + round(seconds / NS)
 
 
-def keeper_of(which: Which, settings: CoachSettings = SURE) -> Keeper:
+def keeper_of(which: Which, settings: GuideSettings = SURE) -> Keeper:
     """A keeper of a bundled section that has made no reference yet."""
     return Keeper(section_of(which), guide_of(which), settings)
 
@@ -79,19 +79,19 @@ def copied(keeper: Keeper, which: Which) -> Keeper:
 
 
 @cache
-def _waiting(which: Which, goal: Goal, settings: CoachSettings) -> Keeper:
+def _waiting(which: Which, goal: Goal, settings: GuideSettings) -> Keeper:
     keeper = keeper_of(which, settings)
     stood(keeper, which, goal)
     return keeper
 
 
 @cache
-def _on_the_way(which: Which, goal: Goal, settings: CoachSettings) -> tuple[Keeper, Kept, Keeping]:
+def _on_the_way(which: Which, goal: Goal, settings: GuideSettings) -> tuple[Keeper, Kept, Keeping]:
     keeper = waiting(which, goal, settings)
     return keeper, *departed(keeper, which, goal)
 
 
-def waiting(which: Which, goal: Goal, settings: CoachSettings = SURE) -> Keeper:
+def waiting(which: Which, goal: Goal, settings: GuideSettings = SURE) -> Keeper:
     """A keeper that has made the reference of a train that has not departed yet.
 
     A reference takes a quarter of a second: it is made once a process, and each caller has a copy of its keeper.
@@ -99,7 +99,7 @@ def waiting(which: Which, goal: Goal, settings: CoachSettings = SURE) -> Keeper:
     return copied(_waiting(which, goal, settings), which)
 
 
-def started(which: Which, goal: Goal, settings: CoachSettings = SURE) -> tuple[Keeper, Kept, Keeping]:
+def started(which: Which, goal: Goal, settings: GuideSettings = SURE) -> tuple[Keeper, Kept, Keeping]:
     """A keeper whose train departed 5 s ago, its reference, and a train that keeps it; made once, as for `waiting`."""
     keeper, kept, train = _on_the_way(which, goal, settings)
     return copied(keeper, which), kept, train

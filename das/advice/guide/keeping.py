@@ -1,4 +1,4 @@
-"""Keeping the reference: the coach replaces it only if a new one gains enough, and gives a reason for each change."""
+"""Keeping the reference: the guide replaces it only if a new one gains enough, and gives a reason for each change."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from das.advice.advice import Replan, ReplanCause
-from das.advice.coach.drift import Drift, UsualLoss
-from das.advice.coach.planning import Wanted, departing, passes_s, planned
-from das.advice.coach.settings import CoachSettings, KeepingSettings
 from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.guide.drift import Drift, UsualLoss
+from das.advice.guide.planning import Wanted, departing, passes_s, planned
+from das.advice.guide.settings import GuideSettings, KeepingSettings
+from das.advice.guide.timeline import COAST_LEAD_S
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
@@ -45,7 +46,7 @@ NO_CHANGES = Changes()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StandingReference:
-    """The reference that the coach keeps: a schedule, its price of time (W), what it was made for, and why.
+    """The reference that the guide keeps: a schedule, its price of time (W), what it was made for, and why.
 
     It was made for the arrival `arrival_ns` (ns since 1970) and for passing `point` in its window (None: no point).
     """
@@ -110,7 +111,7 @@ class Keeper:
         self,
         section: Section,
         front: GuideFront | None,
-        settings: CoachSettings,
+        settings: GuideSettings,
         worker: Worker = AT_ONCE,
         drift: Drift | None = None,
     ) -> None:
@@ -210,8 +211,7 @@ class Keeper:
         front = self._front
         wanted = self._wanted(state, goal)
         if kept is not None and doubted:
-            shown_s = self._settings.showing.lead.coasting_s
-            wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast), shown_s=shown_s)
+            wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast), shown_s=COAST_LEAD_S)
         ready = departing(front, wanted)
         worker = self._worker if ready is None else AT_ONCE
         answer = worker.submit(lambda: ready or planned(front, wanted))
@@ -273,7 +273,7 @@ class Keeper:
         keeping, now_ns = self._settings.keeping, state.now_ns
         young = (now_ns - kept.reference.replan.time_ns) * NS < keeping.least_age_s
         asked = (now_ns - self._doubted_ns) * NS < keeping.asked_every_s
-        if young or asked or kept.forecast.time_s < self._settings.showing.arrived_s:
+        if young or asked or kept.forecast.time_s < keeping.arrived_s:
             return ReplanCause.NONE
         if self._misses_window(kept, state, goal):
             return ReplanCause.POINT

@@ -1,4 +1,4 @@
-"""How the coach makes a new reference: a schedule (phases of driving) for the time left that keeps a point's window."""
+"""How the guide makes a new reference: a schedule (phases of driving) for the time left that keeps a point's window."""
 
 from __future__ import annotations
 

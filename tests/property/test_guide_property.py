@@ -1,6 +1,6 @@
-"""Random states, restrictions, times and windows: nothing that the coach says is above what is allowed.
+"""Random states, restrictions, times and windows: nothing that the guide says is above what is allowed.
 
-`DAS_PROPERTY_STATES=100000 pytest tests/property/test_coach_property.py` draws more of them.
+`DAS_PROPERTY_STATES=100000 pytest tests/property/test_guide_property.py` draws more of them.
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from das.advice.advice import Advice, Coaching, ReplanCause, Timetable
-from das.advice.coach.settings import CoachSettings
+from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
 from das.advice.goal import OVERSPEED_MPS, PassingTarget
+from das.advice.guide.follow import CREEP_MPS
+from das.advice.guide.guard import BRAKED_MPS
+from das.advice.guide.settings import GuideSettings
 from das.advice.planner import PlanBasis
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.advice.settings import AdviceSettings
@@ -31,7 +33,7 @@ from tests.support.crossing import numbered
 STATES_OF_A_LEG, LEGS_OF_A_WORLD = 25, 5
 T0 = 1_800_000_000_000_000_000
 TRAIN = load_vehicle("re460-ic")
-SETTINGS = AdviceSettings(coach=CoachSettings(enabled=True))
+SETTINGS = AdviceSettings(guide=GuideSettings(enabled=True))
 SECTIONS = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
 SHOWN_MPS = 0.3
 """What was shown before may stand above the limit by so much: the display shows the same."""
@@ -61,10 +63,10 @@ class World:
         self.section = situation.section(self.start_m, self.end_m)
         front = solve_front(self.section, threads=1, lambda_w=onboard_ladder(self.section))
         self.basis = PlanBasis(section=self.section, front=front)
-        self.guide = GuideFront(self.section, SETTINGS.coach.guide)
+        self.guide = GuideFront(self.section, SETTINGS.guide.policies)
 
     def leg(self) -> Leg:
-        """A leg with a coach, with a random time left, and in every third case with a window at a point."""
+        """A leg with a guide, with a random time left, and in every third case with a window at a point."""
         leg = Leg(self.start, self.end, self.section, SETTINGS)
         leg.use(self.basis)
         leg.use_guide(self.guide)
@@ -103,53 +105,53 @@ class World:
         return float(max(inside.max(initial=0.0), ends.max()))
 
 
-def check(advice: Advice, coach: Coaching, world: World, here: Estimate) -> None:
-    now, s_m, v_mps = coach.now, here.s_m, here.speed_mps
+def check(advice: Advice, guide: Guidance, world: World, here: Estimate) -> None:
+    now, s_m, v_mps = guide.now, here.s_m, here.speed_mps
     allowed = world.highest_mps(s_m, s_m)
     assert math.isfinite(now.speed_mps)
     assert now.speed_mps <= world.limit_mps(s_m) + SHOWN_MPS + 1e-9
     if now.mode in TRACTION or now.mode is Regime.CRUISE:
-        assert now.speed_mps <= world.highest_mps(s_m, s_m + coach.target_m) + SHOWN_MPS, "cannot be reached safely"
+        assert now.speed_mps <= world.highest_mps(s_m, s_m + guide.target_m) + SHOWN_MPS, "cannot be reached safely"
     if v_mps > allowed + OVERSPEED_MPS + 0.05:
         # Where coasting would not slow the train down, it is told to hold what is allowed.
         held = now.mode is Regime.CRUISE and now.speed_mps <= allowed + SHOWN_MPS
         assert held or now.mode in SLOWING, (v_mps, allowed)
-    if v_mps > allowed + SETTINGS.coach.showing.limit.braked_mps + 0.05:
+    if v_mps > allowed + BRAKED_MPS + 0.05:
         assert now.mode in BRAKES or now.mode is Regime.STOP
     if now.mode in TRACTION:
-        assert coach.force_n >= 0.0
+        assert guide.force_n >= 0.0
         assert 0.0 < now.effort_ratio <= 1.0
     if now.mode in BRAKES:
-        assert coach.force_n <= 0.0
-    assert coach.target_m >= 0.0
-    assert all(math.isfinite(one.speed_mps) and one.way_m > -1.0 for one in coach.following)
-    assert all(a.in_s <= b.in_s for a, b in pairwise(coach.following))
-    creeps = now.mode is Regime.CRUISE and now.speed_mps <= SETTINGS.coach.showing.brake.creep_mps
-    assert coach.replan.cause is not ReplanCause.NONE or now.mode in (Regime.STOP, *BRAKES) or creeps
+        assert guide.force_n <= 0.0
+    assert guide.target_m >= 0.0
+    assert all(math.isfinite(one.speed_mps) and one.way_m > -1.0 for one in guide.following)
+    assert all(a.in_s <= b.in_s for a, b in pairwise(guide.following))
+    creeps = now.mode is Regime.CRUISE and now.speed_mps <= CREEP_MPS
+    assert guide.replan.cause is not ReplanCause.NONE or now.mode in (Regime.STOP, *BRAKES) or creeps
     assert advice.mode is not Regime.NONE
-    check_one_message(advice, coach)
+    check_one_message(advice, guide)
 
 
-def check_one_message(advice: Advice, coach: Coaching) -> None:
-    """The coach and the rest of its message say one thing: what is to be done now, or what comes next."""
-    now = coach.now
+def check_one_message(advice: Advice, guide: Guidance) -> None:
+    """The guide and the rest of its message say one thing: what is to be done now, or what comes next."""
+    now = guide.now
     if now.mode is Regime.DEPART:
         said = advice.next_mode, advice.departure_speed_mps
         wanted = departure_regime(now.effort_ratio), now.speed_mps
         assert said == wanted or math.isnan(now.effort_ratio)
     elif now.in_s > 0.0:
         assert advice.next_mode is now.mode
-    elif coach.replan.cause is not ReplanCause.NONE:  # Else the train brakes without a plan.
+    elif guide.replan.cause is not ReplanCause.NONE:  # Else the train brakes without a plan.
         if now.mode in BRAKES:
             assert advice.mode in BRAKES
-            assert advice.advised_force_n <= coach.reference_force_n
+            assert advice.advised_force_n <= guide.reference_force_n
         else:
-            assert (advice.mode, advice.advised_force_n) == (now.mode, coach.reference_force_n)
+            assert (advice.mode, advice.advised_force_n) == (now.mode, guide.reference_force_n)
         assert (advice.four_mode is Regime.FULL_TRACTION) <= (now.mode in TRACTION)
 
 
 @pytest.mark.parametrize("numbers", numbered("DAS_PROPERTY_STATES", 1000))
-def test_nothing_that_the_coach_says_is_above_what_is_allowed(numbers: range) -> None:
+def test_nothing_that_the_guide_says_is_above_what_is_allowed(numbers: range) -> None:
     """Random states a second apart on every bundled section, with and without restrictions and windows."""
     given, silent, legs = 0, 0, numbers[::STATES_OF_A_LEG]
     for number, _ in enumerate(legs, numbers.start // STATES_OF_A_LEG):
@@ -161,9 +163,9 @@ def test_nothing_that_the_coach_says_is_above_what_is_allowed(numbers: range) ->
             leg.see(here)
             leg.refresh_goal()
             advice = leg.advise(here)
-            if advice.coach is None:
+            if advice.guide is None:
                 silent += 1
                 continue
-            check(advice, advice.coach, world, here)
+            check(advice, advice.guide, world, here)
             given += 1
     assert given >= 0.97 * len(numbers), silent

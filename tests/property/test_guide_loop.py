@@ -1,6 +1,6 @@
-"""The loop with a person in it: however late a driver reacts, looks and errs, the coach does not make him oscillate.
+"""The loop with a person in it: however late a driver reacts, looks and errs, the guide does not make him oscillate.
 
-`DAS_PROPERTY_DRIVERS=200 pytest tests/property/test_coach_loop.py` draws more of them.
+`DAS_PROPERTY_DRIVERS=200 pytest tests/property/test_guide_loop.py` draws more of them.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ class Watched(InProcess):
 
     def __init__(self, service: Service) -> None:
         self.replans_ns: set[int] = set()
-        super().__init__(service, coach=True)
+        super().__init__(service, guide=True)
 
     def exchange(self, tick: Tick) -> Advice:
         advice = super().exchange(tick)
-        if advice.coach is not None and advice.coach.replan.time_ns:
-            self.replans_ns.add(advice.coach.replan.time_ns)
+        if advice.guide is not None and advice.guide.replan.time_ns:
+            self.replans_ns.add(advice.guide.replan.time_ns)
         return advice
 
 
@@ -117,7 +117,7 @@ def drawn(number: int) -> Found:
     service = service_of(section, float(random.choice([0.05, 0.08, 0.15])))
     link = Watched(service)
     driver = HumanDriver(service.line, human, seed=number)
-    run = World(make_day(service, number), driver, Presentation.COACH, link).run()
+    run = World(make_day(service, number), driver, Presentation.GUIDE, link).run()
     return Found(section, human, run, problems(run, len(link.replans_ns), service))
 
 

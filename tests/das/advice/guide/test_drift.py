@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from das.advice.advice import ReplanCause, Timetable
-from das.advice.coach.drift import Drift, UsualLoss
-from das.advice.coach.settings import DEFAULT, LossSettings, MarginSettings
 from das.advice.goal import UNHURRIED_S, Goal, TrainState
+from das.advice.guide.drift import Drift, UsualLoss
+from das.advice.guide.settings import DEFAULT, LossSettings, MarginSettings
 from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.legs import Legs
@@ -18,7 +18,7 @@ from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.solve import usable_power_w
 from tests.support.bundled_sections import BUNDLED, Which, asked_s, section_of
-from tests.support.coach import SURE, Keeping, goal_of, keeper_of, ns, started, stood, waiting
+from tests.support.keeping import SURE, Keeping, goal_of, keeper_of, ns, started, stood, waiting
 
 LINE = BUNDLED[2]
 """17 km, the middle section of Zürich–Luzern."""
@@ -156,16 +156,16 @@ def test_what_is_known_of_a_driver_goes_with_him_to_the_next_section_and_ends_wi
     stops, times = load_route("zurich-luzern").stops, [(0.0, 600.0), (660.0, 1300.0), (1360.0, 2500.0)]
     timetables = [Timetable(departure_ns=ns(a), arrival_ns=ns(b)) for a, b in times]
     vehicle = load_vehicle("re460-ic")
-    settings = AdviceSettings(coach=replace(DEFAULT, enabled=True))
+    settings = AdviceSettings(guide=replace(DEFAULT, enabled=True))
     situation = Situation(route=load_route("zurich-luzern"), vehicle=vehicle, level=vehicle.default_level)
     legs = Legs(situation, Preparation(Fronts(), lambda: 0.0, background=False), settings)
     legs.begin(stops, timetables)
-    drifts = [leg.coach.drift for leg in legs.legs if leg.coach is not None]
+    drifts = [leg.guide.drift for leg in legs.legs if leg.guide is not None]
     assert len(drifts) == 3
     assert drifts[0] is drifts[1] is drifts[2]
     assert [leg.goal.counts for leg in legs.legs] == [False, False, True]
     legs.begin(stops[1:], timetables[1:])
-    assert [leg.coach.drift for leg in legs.legs if leg.coach is not None] == drifts[1:]
+    assert [leg.guide.drift for leg in legs.legs if leg.guide is not None] == drifts[1:]
     legs.begin([stops[0], stops[2]], [Timetable(departure_ns=ns(0.0), arrival_ns=ns(1300.0))])
-    assert legs.legs[0].coach is not None
-    assert legs.legs[0].coach.drift is not drifts[0]
+    assert legs.legs[0].guide is not None
+    assert legs.legs[0].guide.drift is not drifts[0]

@@ -8,7 +8,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.coach.settings import LossSettings, MarginSettings
+from das.advice.guide.settings import LossSettings, MarginSettings
 from das.domain.units import NS
 from das.solver.section import Section
 

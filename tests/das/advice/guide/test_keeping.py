@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 import pytest
 
 from das.advice.advice import Replan, ReplanCause
-from das.advice.coach.keeping import Changes, Keeper, Kept
-from das.advice.coach.planning import Wanted, passes_s, planned
-from das.advice.coach.settings import KeepingSettings
-from das.advice.coach.showing import Showing
-from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.guide.keeping import Changes, Keeper, Kept
+from das.advice.guide.planning import Wanted, passes_s, planned
+from das.advice.guide.scene import SpeedsAllowed
+from das.advice.guide.settings import KeepingSettings
+from das.advice.guide.showing import Showing
 from das.advice.worker import Worker
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
@@ -25,7 +25,7 @@ from das.solver.guide.lateness import NEAR_S
 from das.solver.guide.policies import GuideFront
 from das.solver.section import build_section
 from tests.support.bundled_sections import BUNDLED, Which, guide_of, section_of
-from tests.support.coach import SURE, Keeping, departed, goal_of, keeper_of, ns, started, stood, waiting
+from tests.support.keeping import SURE, Keeping, departed, goal_of, keeper_of, ns, started, stood, waiting
 
 LINE = BUNDLED[2]
 """17 km, the middle section of Zürich–Luzern."""
@@ -122,7 +122,7 @@ def test_a_new_reference_made_in_doubt_changes_no_instruction_for_10_s() -> None
     goal, free = goal_of(LINE, BUFFER), SpeedsAllowed(math.inf, math.inf)
     keeper, old, train = started(LINE, goal)
     assert not driven(keeper, train, goal, range(6, 100))
-    behind_s, showings = 12.0, (Showing(SURE.showing), Showing(SURE.showing), Showing(SURE.showing))
+    behind_s, showings = 12.0, (Showing(), Showing(), Showing())
     for second in range(80, 100):  # What was shown before is the same.
         state = train.at(second, behind_s=behind_s)
         before = old._replace(forecast=old.reference.schedule.forecast(state.s_m, state.v_mps))
@@ -219,7 +219,7 @@ def test_a_train_that_cannot_be_earlier_keeps_its_reference_and_is_rarely_asked_
     """The train is hopelessly late: only the fastest run gains 3 s, in its last braking; no reference can do so."""
     goal, asked = goal_of(LINE, -0.2), []
     keeper, _, train = started(LINE, goal)
-    monkeypatch.setattr("das.advice.coach.keeping.planned", lambda *args: asked.append(args) or planned(*args))
+    monkeypatch.setattr("das.advice.guide.keeping.planned", lambda *args: asked.append(args) or planned(*args))
     assert not driven(keeper, train, goal, range(6, 200))
     assert len(asked) <= 6, "once in 30 s, of 194 s"
 
@@ -245,7 +245,7 @@ def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
     one = Restriction(start_m=free.start_m + 9000.0, end_m=free.start_m + 9500.0, limit_mps=12.0)
     route = free.route.with_restrictions((one,))
     section = build_section(route, free.vehicle, start_m=free.start_m, end_m=free.end_m)
-    meanwhile, after = Keeper(section, None, SURE), Keeper(section, GuideFront(section, SURE.guide), SURE)
+    meanwhile, after = Keeper(section, None, SURE), Keeper(section, GuideFront(section, SURE.policies), SURE)
     meanwhile.take_over(keeper)
     old = meanwhile.keep(train.at(50), goal)
     assert old is not None

@@ -1,0 +1,310 @@
+"""What a driver is told in a second: by one memory, one guard and one gate."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from das.advice.advice import Instruction, ReplanCause
+from das.advice.braking import BrakingAhead
+from das.advice.goal import TrainState
+from das.advice.guide.announce import following
+from das.advice.guide.effort import STEP_RATIO, stepped, way_m
+from das.advice.guide.follow import CREEP_MPS, advanced, at_step, wanted
+from das.advice.guide.gate import LEADS_S, Opening, has_led, opening, reached
+from das.advice.guide.guard import (
+    BRAKE_LEAD_S,
+    SHORT_M,
+    SOONER_S,
+    Proposal,
+    begins_s,
+    brake_lead_s,
+    braked,
+    foreseen_brake,
+    guarded,
+    lasts_s,
+    stands_at_mark,
+)
+from das.advice.guide.keeping import Changes, Kept
+from das.advice.guide.memory import Lead, Memory, alike, brake, hold, is_own_end, repeats
+from das.advice.guide.scene import Sight, SpeedsAllowed, TrainForecast
+from das.advice.guide.timeline import SAME_MPS, STANDS_S, GuideStep, timeline
+from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
+from das.advice.shown import SAME_READING_MPS
+from das.domain.units import NS
+from das.solver.guide.schedule import Schedule
+from das.solver.kernels.forces import traction_limit
+from das.solver.section import Section
+
+FORGOTTEN_S = 15.0
+"""A driver to whom nothing was shown for this long is told anew, as if nothing had been shown before."""
+CLOSES_IN_S = 4.0
+"""The force of an instruction reaches its speed in this time: longer than advice is valid, so that a driver who sets
+exactly this force does not overshoot the speed."""
+IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
+"""Causes of a new reference that came from outside: what is shown was chosen without knowing them."""
+
+
+class ShownNow(NamedTuple):
+    """What is shown: the present instruction, distance (m) and time (s) to its goal, and the instructions after it.
+
+    The goal is the place where the instruction ends or, for a brake, where the train reaches its speed.
+    `number` is the number of the phase in the schedule. `force_n` is the wheel force of the instruction (N).
+    `reference_force_n` is the force that keeps the reference; for a brake it is exactly the force needed, before the
+    effort is rounded up.
+    """
+
+    now: Instruction
+    following: tuple[Instruction, ...]
+    target_m: float
+    target_s: float
+    number: int
+    force_n: float
+    reference_force_n: float
+
+
+class Showing:
+    """Says what to do now and next, second by second, and remembers it."""
+
+    def __init__(self) -> None:
+        self._memory = Memory()
+        self._schedule: Schedule | None = None
+        self._steps: tuple[GuideStep, ...] = ()
+        self._ahead: BrakingAhead | None = None
+        self.changes = Changes()
+        """When the instruction shown last changed, and when its next change is due."""
+
+    def forget(self) -> None:
+        """Forget what was shown: from now on nothing is shown."""
+        self._memory = replace(self._memory, shown=Instruction(), mode=Lead.SILENT, back=None)
+
+    def has_shown(self, now: Instruction, now_ns: int) -> None:
+        """Take note of a brake that was shown at a moment (ns) though none was chosen; other acts do not last."""
+        if now.mode in BRAKES and self._memory.shown.mode not in BRAKES:
+            self._memory = replace(self._memory, shown=now, since_ns=now_ns, due_ns=now_ns)
+            self.changes = self.changes._replace(last_ns=now_ns)
+
+    @property
+    def shown_effort(self) -> float:
+        """The braking effort shown (> 0); 0 if no brake is shown."""
+        return -self._memory.shown.effort_ratio if self._memory.shown.mode in BRAKES else 0.0
+
+    def stands_at_mark(self, state: TrainState) -> bool:
+        """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
+        return self._ahead is not None and stands_at_mark(self._ahead, self._memory.shown, state)
+
+    def braking(self, effort: float) -> Instruction:
+        """The instruction to brake to a standstill with an effort (> 0), whatever the reference is."""
+        self._memory = replace(self._memory, shown=brake(effort, 0.0), mode=Lead.GUARD)
+        return self._memory.shown
+
+    def creeping(
+        self, section: Section, state: TrainState, place: SpeedsAllowed
+    ) -> tuple[Instruction, tuple[Instruction, ...], float]:
+        """The instruction to creep to the stop, or to brake if that is due; the brake after it; and the force (N)."""
+        self.forget()
+        self._ahead = ahead = BrakingAhead(section)
+        v_mps = max(state.v_mps, 1.0)
+        begins_m = ahead.curve_begins_m(state.s_m, np.full(_nodes_ahead(section, state.s_m), CREEP_MPS))
+        needed = ahead.needed(begins_m, CREEP_MPS)
+        lead_s = max(BRAKE_LEAD_S + SOONER_S, SHORT_M / v_mps)
+        if place.allowed_mps < CREEP_MPS:  # In the last metres he finds the mark by eye.
+            now = brake(STEP_RATIO, 0.0)
+        elif ahead.is_due(state.braked_m, v_mps, lead_s):
+            now = brake(stepped(ahead.needed(state.braked_m, v_mps).effort), needed.target_mps)
+        else:
+            now = hold(CREEP_MPS)
+        stops = replace(brake(stepped(needed.effort), needed.target_mps), way_m=begins_m - state.s_m)
+        after = () if now.mode in BRAKES else (replace(stops, in_s=stops.way_m / CREEP_MPS),)
+        return now, after, force_n(ahead, now, state)
+
+    def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
+        """What to show of the reference to a driver whose train is in this state."""
+        scene, memory = self._begin(kept, state, place), self._memory
+        replan, now_ns = kept.reference.replan, state.now_ns
+        imposed = replan.cause in IMPOSED and replan.time_ns > self.changes.last_ns
+        chosen, due_s, memory, put_off = self._chosen(scene, memory, imposed=imposed)
+        one = chosen.one
+        changed = not repeats(one, memory.shown) or (
+            one.mode in BRAKES and one.effort_ratio != memory.shown.effort_ratio
+        )
+        if not alike(one, memory.shown):
+            memory = replace(memory, due_ns=now_ns + round(due_s / NS))
+        if chosen.brakes and math.isfinite(chosen.at_m):
+            memory = replace(memory, efforts={**memory.efforts, chosen.at_m: -one.effort_ratio})
+        if changed:
+            memory = replace(memory, since_ns=now_ns)
+            self.changes = self.changes._replace(last_ns=now_ns)
+        memory = replace(memory, shown=one)
+        if chosen.guarded:
+            memory = replace(memory, mode=Lead.GUARD, back=None)
+        elif memory.mode is Lead.SILENT or (memory.mode is Lead.GUARD and not chosen.brakes):
+            memory = replace(memory, mode=Lead.FOLLOW)
+        in_s = max((memory.due_ns - now_ns) * NS, 0.0)
+        now = replace(one, way_m=in_s * state.v_mps, in_s=in_s)
+        after = following(scene, memory, now, put_off)
+        memory = replace(memory, announced=memory.noted(after, now_ns), noted_ns=now_ns)
+        self._memory = memory
+        next_s = in_s if in_s > 0.0 or not after else after[0].in_s
+        self.changes = self.changes._replace(next_ns=now_ns + round(next_s / NS), imposed=imposed)
+        goal_m = self._goal_m(scene, memory, chosen)
+        exact = replace(now, effort_ratio=-chosen.exact) if 0.0 < chosen.exact < -now.effort_ratio else now
+        return ShownNow(
+            now, after, max(goal_m - state.s_m, 0.0), scene.foreseen.time_s(goal_m), scene.steps[memory.step].number,
+            force_n(scene.ahead, now, state), force_n(scene.ahead, exact, state),
+        )  # fmt: skip
+
+    def _begin(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> Sight:
+        """The scene of this second; another reference begins its timeline anew."""
+        schedule = kept.reference.schedule
+        if self._ahead is None or self._ahead.section is not schedule.section:
+            self._ahead = BrakingAhead(schedule.section)
+            self._memory = replace(self._memory, efforts={})
+        if schedule is not self._schedule:
+            self._schedule, self._steps = schedule, timeline(schedule)
+            self._memory = at_step(self._memory, 0)
+        if not 0 <= (state.now_ns - self._memory.noted_ns) * NS <= FORGOTTEN_S:
+            self._memory = replace(self._memory, shown=Instruction())
+        scene = Sight(schedule, self._steps, TrainForecast.of(kept, state), state, place, self._ahead)
+        self._memory = advanced(scene, self._memory)
+        return scene
+
+    def _chosen(
+        self, scene: Sight, memory: Memory, *, imposed: bool
+    ) -> tuple[Proposal, float, Memory, Instruction | None]:
+        """What is shown, in what time it is due, the memory with it, and a change that waits to be announced."""
+        state, shown = scene.state, memory.shown
+        stands = Proposal(shown, max((memory.due_ns - state.now_ns) * NS, 0.0), memory.mode)
+        if stands_at_mark(scene.ahead, shown, state):
+            return stands, stands.in_s, memory, None
+        asked = guarded(scene, memory, stands)
+        is_safe = shown.mode not in KIND_OF or _suffices(shown, asked.one)
+        freely, memory = wanted(scene, memory)
+        one = self._still_guarded(scene, memory, guarded(scene, memory, freely))
+        early = self._early(scene, memory, is_safe=is_safe)
+        if early is not None and (early[0].brakes or not one.guarded):
+            return early[0], early[1].due_s, early[2], None
+        if not is_safe and asked.brakes and not one.guarded and memory.mode is not Lead.FOLLOW:
+            one = asked  # It is due later than a brake of the guide's own.
+        stood = (state.now_ns - memory.since_ns) * NS >= STANDS_S
+        slower = one.one.speed_mps < state.v_mps - SAME_MPS and not one.guarded
+        if imposed and stood and slower and shown.mode in TRACTION:
+            # News from outside want a slower train: it accelerates no further, but brakes only with its notice.
+            return Proposal(hold(one.one.speed_mps)) if one.brakes else one, 0.0, memory, None
+        next_s = _next_s(scene, memory.step, one)
+        opens = opening(memory, one, state, is_safe=is_safe, next_s=next_s)
+        if has_led(memory, one.one, state) and 0.0 < opens.due_s < math.inf:
+            # It is released: what else comes after it has its notice first.
+            notice = replace(one.one, in_s=opens.due_s, way_m=opens.due_s * state.v_mps)
+            return guarded(scene, memory, Proposal(hold(shown.speed_mps))), 0.0, memory, notice
+        if opens.now:
+            return one, opens.due_s, memory, _rest(scene, memory, freely, one)
+        put_off = _rest(scene, memory, freely, one)
+        if KIND_OF.get(one.one.mode) is not KIND_OF.get(shown.mode) and 0.0 < opens.due_s < math.inf:
+            put_off = replace(one.one, in_s=opens.due_s, way_m=opens.due_s * state.v_mps)
+        kept = one._replace(one=shown) if one.brakes and shown.mode in BRAKES else stands
+        return kept, stands.in_s, memory, put_off
+
+    def _still_guarded(self, scene: Sight, memory: Memory, one: Proposal) -> Proposal:
+        """The brake of the guard stands until its speed is reached, or until far less is needed."""
+        shown, state = memory.shown, scene.state
+        if memory.mode is not Lead.GUARD or shown.mode not in BRAKES or one.brakes or reached(shown, state.v_mps):
+            return one
+        needed = scene.ahead.needed(state.braked_m, state.v_mps)
+        same = abs(needed.target_mps - shown.speed_mps) < SAME_MPS
+        is_due = scene.ahead.is_due(state.braked_m, state.v_mps, STANDS_S)
+        if same and is_due and needed.effort > -0.5 * shown.effort_ratio:
+            return braked(scene, memory, needed, mode=Lead.GUARD)
+        return one
+
+    def _early(self, scene: Sight, memory: Memory, *, is_safe: bool) -> tuple[Proposal, Opening, Memory] | None:
+        """The next step if it is shown already, a little before it begins."""
+        number, state = memory.step + 1, scene.state
+        if number >= len(scene.steps) or not (is_safe or scene.steps[number].kind is InstructionKind.BRAKE):
+            return None
+        step, here = scene.steps[number], scene.steps[memory.step]
+        if (
+            here.kind is InstructionKind.BRAKE
+            and state.v_mps > here.speed_mps + SAME_MPS
+            and step.kind is not InstructionKind.BRAKE
+        ):
+            return None
+        lead_s, due_s = LEADS_S[step.kind], scene.due_s(number)
+        if step.kind is InstructionKind.BRAKE:
+            lead_s = brake_lead_s(scene, memory.shown) + SOONER_S + state.ahead_m / max(state.v_mps, 1.0)
+        if step.kind is InstructionKind.TRACTION and step.speed_mps > scene.place.limit_mps:
+            lead_s = 0.0
+        if due_s > lead_s:
+            return None
+        one, then = wanted(scene, at_step(memory, number))
+        one = guarded(scene, then, one)
+        next_s = _next_s(scene, number, one)
+        opens = opening(then, one, state, is_safe=True, next_s=next_s, lead_s=lead_s)
+        return (one, opens, then) if opens.now else None
+
+    def _goal_m(self, scene: Sight, memory: Memory, chosen: Proposal) -> float:
+        """Where the instruction shown has led to its speed, or ends (m)."""
+        step, one, state = scene.steps[memory.step], chosen.one, scene.state
+        goal_m = chosen.at_m if math.isfinite(chosen.at_m) and chosen.at_m > state.s_m else math.inf
+        if chosen.brakes:
+            way = way_m(scene.ahead, -one.effort_ratio, one.speed_mps, state)
+            return goal_m if math.isfinite(goal_m) else state.s_m + way
+        if one.mode is not Regime.COAST:
+            return step.to_m
+        section = scene.schedule.section
+        lower = (section.node_m > max(state.s_m, step.from_m)) & (
+            section.envelope_mps < one.speed_mps - SAME_READING_MPS
+        )
+        return min(step.to_m, goal_m, float(section.node_m[np.argmax(lower)]) if lower.any() else math.inf)
+
+
+def _next_s(scene: Sight, number: int, one: Proposal) -> float:
+    """In what time (s) the next change is due after a wanted one: the next step, or a brake that ends it before."""
+    brake_s = begins_s(scene, one.one.speed_mps) if one.mode is Lead.CREEP else math.inf
+    if one.one.mode is Regime.COAST:
+        guard = foreseen_brake(scene, one.one, one.in_s)
+        brake_s = math.inf if guard is None else guard.in_s
+    return min(scene.due_s(number + 1), brake_s)
+
+
+def _rest(scene: Sight, memory: Memory, freely: Proposal, one: Proposal) -> Instruction | None:
+    """The step that a brake of the guard interrupts: it goes on behind it; None if it is over by then."""
+    if not (one.brakes and one.guarded) or freely.brakes or is_own_end(freely.one, one.one):
+        return None
+    if freely.one.mode is Regime.COAST and freely.one.speed_mps > one.one.speed_mps - SAME_MPS:
+        return None
+    in_s = one.in_s + lasts_s(scene, one.one)
+    if scene.due_s(memory.step + 1) < in_s + STANDS_S:
+        return None
+    return replace(freely.one, in_s=in_s, way_m=in_s * 0.5 * (scene.state.v_mps + one.one.speed_mps))
+
+
+def _suffices(shown: Instruction, needed: Instruction) -> bool:
+    """Whether what is shown is all that the guard asks for."""
+    same = alike(shown, needed) or (shown.mode is needed.mode is Regime.NONE)
+    return same and not (shown.mode in BRAKES and needed.effort_ratio < shown.effort_ratio)
+
+
+def _nodes_ahead(section: Section, s_m: float) -> int:
+    """How many nodes of a section lie ahead of a place."""
+    return max(len(section.node_m) - int(np.searchsorted(section.node_m, s_m, side="right")), 1)
+
+
+def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:
+    """The wheel force (N) with which a driver follows an instruction, within what the train can give.
+
+    Near the speed to reach or to hold, it is the force that leads to that speed without overshooting it.
+    """
+    s_m, v_mps = state.s_m, max(state.v_mps, 0.1)
+    if now.mode in BRAKES:
+        return ahead.force_n(-now.effort_ratio, s_m, v_mps)
+    if now.mode is Regime.COAST:
+        return 0.0
+    train, closing_mps2 = ahead.section.train, (now.speed_mps - v_mps) / CLOSES_IN_S
+    wanted_n = ahead.section.resistance_n(s_m, v_mps) + train.inertial_mass_kg * closing_mps2
+    most_n = float(traction_limit(v_mps, train)) * (now.effort_ratio if now.mode in TRACTION else 1.0)
+    least_n = 0.0 if now.mode in TRACTION else ahead.force_n(1.0, s_m, v_mps)
+    return min(max(wanted_n, least_n), most_n)
