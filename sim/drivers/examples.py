@@ -1,7 +1,8 @@
 """Four drivers with one weakness each, as examples of own drivers: `das-sim run … --driver sim.drivers.examples:Lazy`.
 
 They share no code with the bundled human driver. `Attentive` has no weakness; the others change what he knows of the
-display (`heeded`) or what his hand makes of it (`set`). How much advice is worth to them: docs/explanation/guide-figures.md.
+display (`heeded`) or what his hand makes of it (`set`). How much advice is worth to
+them: docs/explanation/guide-figures.md.
 """
 
 from __future__ import annotations
