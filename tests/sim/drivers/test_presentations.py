@@ -113,3 +113,10 @@ def test_what_is_not_known_is_not_shown() -> None:
     nothing = view(Presentation.VECTOR, speed_mps=math.nan, display_speed_mps=math.nan, lever_ratio=math.nan)
     assert Shown.of(nothing) == Shown(mode=Regime.CRUISE)
     assert Shown.of(view(Presentation.RMS, display_speed_mps=math.nan)) == Shown(speed_kmh=81)
+
+
+def test_a_recording_that_says_coach_was_driven_with_the_guide() -> None:
+    assert Presentation.recorded("coach") is Presentation.GUIDE
+    assert Presentation.recorded("none") is Presentation.NONE
+    with pytest.raises(ValueError, match="sextant"):
+        Presentation.recorded("sextant")

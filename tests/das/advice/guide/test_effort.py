@@ -4,15 +4,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from das.advice.braking import AT_MARK_M, BrakingAhead, NeededBrake
 from das.advice.goal import TrainState
-from das.advice.guide.effort import FRICTION_STEP_RATIO, LESS_RATIO, STEP_RATIO, rate_mps2, shown_effort, stepped, way_m
+from das.advice.guide.effort import (
+    FRICTION_STEP_RATIO,
+    LESS_RATIO,
+    STEP_RATIO,
+    rate_mps2,
+    shown_effort,
+    slows,
+    stepped,
+    way_m,
+)
 from das.advice.guide.memory import Memory
+from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
+from das.solver.section import build_section
 from tests.support.guide import flat
+from tests.support.matrix_lines import Cell, Who, files_of
 
 AHEAD = BrakingAhead(flat())
 BOARD_M, TO_MPS = 4000.0, 60 * KMH
@@ -106,3 +119,13 @@ def test_each_place_has_its_own_effort() -> None:
     memory = replace(Memory(), efforts={BOARD_M: 0.5})
     other = NeededBrake(0.2, 0.0, BOARD_M + 500.0)
     assert shown_effort(AHEAD, other, memory, at(900.0, 100)) == pytest.approx(0.2)
+
+
+def test_the_motors_of_a_heavy_train_do_not_slow_it_on_a_steep_descent(tmp_path: Path) -> None:
+    """1600 t on -20 per mille pull with 314 kN; motors and drag together hold less than 200 kN at 70 km/h."""
+    route, vehicle = files_of(Cell("descent", "freight1600", Who.OBEDIENT, 0), tmp_path)
+    section = build_section(load_route(route), load_vehicle(vehicle))
+    ahead = BrakingAhead(section)
+    assert not slows(ahead, 1.0, TrainState(0, 3000.0, 70 * KMH))
+    assert slows(ahead, 3.0, TrainState(0, 3000.0, 70 * KMH))
+    assert slows(ahead, 1.0, TrainState(0, 12_800.0, 40 * KMH)), "on the flat"

@@ -9,7 +9,7 @@ import pytest
 
 from das.advice.guide.follow import GAINS_S, advanced, is_vain, wanted
 from das.advice.guide.guard import Proposal
-from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
+from das.advice.guide.memory import Lead, Memory, alike, brake, coast, hold, traction
 from das.advice.guide.scene import Sight, SpeedsAllowed
 from das.advice.guide.timeline import REACHED_MPS
 from das.advice.regimes import BRAKES, TRACTION, Regime
@@ -186,3 +186,10 @@ def test_a_step_that_is_not_due_yet_says_when_it_is() -> None:
     assert found.one.mode is Regime.COAST
     assert found.in_s == pytest.approx(here.due_s(1))
     assert found.in_s == pytest.approx(100.0 / (100 * KMH), rel=0.7)
+
+
+def test_coasting_up_to_a_speed_is_over_once_the_train_has_it() -> None:
+    rolls = reference(("T", 1.0, 0.0, 50), ("T", 0.0, 1000.0, 60), ("B", 0.0, 4700.0, 0))
+    begun = replace(FOLLOWS, step=1)
+    assert asked(2000.0, 55, begun, rolls)[0].one.mode is Regime.COAST
+    assert alike(asked(2000.0, 60, begun, rolls)[0].one, hold(60 * KMH))
