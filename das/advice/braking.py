@@ -120,14 +120,16 @@ class BrakingAhead:
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
-        left_mps = self.section.envelope_mps[first:] - speeds_mps + above_mps
-        if not (left_mps < -ABOVE_MPS).any():
+        told_mps = np.maximum(speeds_mps - above_mps, 0.0)
+        crosses = self.section.envelope_mps[first:] < told_mps - ABOVE_MPS
+        if not crosses.any():
             return max(float(nodes[-2]), s_m)
-        below = np.flatnonzero(left_mps[: int(np.argmax(left_mps < -ABOVE_MPS))] >= 0.0)
+        left_w = self._planned_w[first:] - told_mps**2  # Over the way, squares of speeds are straight lines.
+        below = np.flatnonzero(left_w[: int(np.argmax(crosses))] >= 0.0)
         reached = int(below[-1]) + 1 if below.size else 0
-        before_mps = float(left_mps[reached - 1]) if reached else max(here_mps - float(speeds_mps[0]) + above_mps, 0.0)
+        before_w = float(left_w[reached - 1]) if reached else max(here_mps**2 - float(told_mps[0]) ** 2, 0.0)
         from_m = float(nodes[first + reached - 1]) if reached else s_m
-        share = before_mps / max(before_mps - float(left_mps[reached]), 1e-9)
+        share = before_w / max(before_w - float(left_w[reached]), 1e-9)
         return from_m + min(share, 1.0) * (float(nodes[first + reached]) - from_m)
 
     def rolling_mps(self, s_m: float, v_mps: float, braked_n: float = 0.0) -> Floats:

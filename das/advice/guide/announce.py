@@ -103,11 +103,11 @@ def _guarded(scene: Sight, memory: Memory, now: Instruction, found: list[Instruc
     before_m = scene.state.s_m + found[0].way_m if found else math.inf
     planned = found[0] if found and found[0].mode in BRAKES else None
     is_braked = guard is None or (now.mode in BRAKES and guard.one.speed_mps > now.speed_mps - SAME_MPS)
-    if guard is None or is_braked or scene.state.s_m + guard.one.way_m >= before_m - BEGUN_M:
+    if guard is None or is_braked or scene.state.s_m + guard.one.way_m >= before_m:
         return found
     if planned is not None and guard.one.speed_mps < planned.speed_mps + SAME_MPS:
         return [replace(planned, way_m=guard.one.way_m, in_s=guard.in_s), *found[1:]]
-    return [guard.one, *found[:1]]
+    return found if scene.state.s_m + guard.one.way_m >= before_m - BEGUN_M else [guard.one, *found[:1]]
 
 
 def _after_brake(scene: Sight, now: Instruction, found: list[Instruction]) -> list[Instruction]:
