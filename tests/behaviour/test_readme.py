@@ -47,6 +47,15 @@ def run(words: list[str], folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
+def test_the_command_lines_of_readme_work(tmp_path: Path) -> None:
+    """But `das-sim` alone, which test_replay.py runs at each commit, and a minute of building tables."""
+    commands = [words for words in lines("README.md") if len(words) > 1 and "build" not in words]
+    assert len(commands) >= 4
+    for words in commands:
+        assert run(words, tmp_path), words
+
+
 @pytest.mark.nightly
 def test_every_command_line_of_the_pages_works(tmp_path: Path) -> None:
     """One folder for all pages; a command that two pages have is run once."""

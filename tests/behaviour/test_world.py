@@ -215,7 +215,7 @@ def test_a_restarted_node_takes_the_journey_again(recording: Recording) -> None:
     assert all(m.message.solve_s == m.message.last_advice_s == 0 for m in recording.of(STATUS))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_recording_byte_for_byte(folder: Path, found: dict[str, Any]) -> None:
     """Every topic, in two processes with two nodes and recorders; another seed differs."""
     done = in_a_process("sim.cli", "run", "eventful.toml", "--seed", "4", "--out", "b.mcap", "--json", cwd=folder)

@@ -16,6 +16,7 @@ from das.bus.session import endpoint, free_ports
 from das.command_line.process import EXIT_INTERRUPTED
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
+from precompute.tables.plan import read_plan
 from sim.bundled.example import KEPT, example_files
 from sim.options import TripOptions
 from sim.trips.cleaning import FindingKind
@@ -70,13 +71,16 @@ def test_the_folder_holds_what_readme_lists(folder: Path) -> None:
     assert {path.name for path in folder.iterdir()} >= set(FILES)
 
 
-def test_route_vehicle_and_scenario_belong_together(folder: Path) -> None:
+def test_route_vehicle_scenario_and_plan_belong_together(folder: Path) -> None:
     route, vehicle = load_route(str(folder / "route.toml")), load_vehicle(str(folder / "vehicle.toml"))
     assert [stop.name for stop in route.stops] == ["Adorf", "Bedorf", "Cedorf"]
     assert vehicle.loss_model(vehicle.default_level).loss_w(0.0, 10.0) > 0
     scenario = load_scenario(str(folder / "scenario.toml"))
     of_day, train, stops = lay_out(scenario)
     assert (of_day.id, train.id, len(stops)) == (route.id, vehicle.id, 3)
+    jobs = read_plan(folder / "plan.toml").jobs
+    assert {(job.route.id, job.vehicle.id) for job in jobs} == {(route.id, vehicle.id)}
+    assert len(jobs) == 4  # two sections in both directions
 
 
 def test_the_course_on_the_map_is_as_long_as_the_line_and_bends_as_its_curves(folder: Path) -> None:
