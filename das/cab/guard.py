@@ -28,7 +28,7 @@ from das.cab.heard import (
 from das.domain.errors import DasError
 from das.domain.restriction import LONGEST_TEXT, Restriction
 from das.domain.units import NS
-from das.estimate.settings import STALE_AFTER_S
+from das.estimate.localisation import STALE_AFTER_S
 
 MOST_RIVALS = 20
 """At most this many sessions that wait beside the one that counts are remembered (the newest), and at most this many
