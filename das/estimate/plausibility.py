@@ -53,7 +53,6 @@ AGREEING_FIXES: Final = 4
 AGREEING_SPAN_S: Final = 2.0
 """The rejected fixes that agree must span at least this long, because at 20 Hz four of them come
 within a fifth of a second."""
-
 STANDSTILL_MPS: Final = 0.3
 """A train with an estimated or measured speed below this counts as standing when stops and departures are judged."""
 

@@ -37,7 +37,6 @@ APART_SDS: Final = 4.0
 difference of two positions, to find another unit or to rule all others out for good."""
 APART_LEAST_M: Final = 10.0
 """It must differ by at least this, however exact the sensors claim to be."""
-
 FACTORS: Final = (3.6, 1.0 / 3.6, 1000.0, 0.001)
 """Speeds in km/h for m/s, or m/s converted once too often; speeds in mm/s or positions in km, or the reverse."""
 NEAREST: Final = FACTORS[:2]

@@ -34,7 +34,6 @@ braking."""
 MANOEUVRE_SDS: Final = 3.0
 """Where a measured speed is off by more than this many standard deviations, the driver may have changed the effort:
 the acceleration counts as unknown again."""
-
 WANDER_S = 30.0
 """Time constant (s) with which the errors of a receiver's position and speed wander (assumption)."""
 SCALE_WANDER_S = 3600.0

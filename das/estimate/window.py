@@ -40,7 +40,6 @@ NEUTRAL_MARGIN_M: Final = 30.0
 """A window that comes nearer than this to a neutral section is left out."""
 LINE_GRID_M: Final = 10.0
 """The step with which the line is integrated along the way."""
-
 NORMAL_MAD = 0.6745
 """The median absolute value of a normal variable, in standard deviations."""
 
