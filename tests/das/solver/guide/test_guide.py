@@ -197,7 +197,7 @@ def test_a_change_costs_power_and_time_and_a_young_instruction_more() -> None:
     section, front, _ = solved(ROUTE, LOCAL)
     settings, power_w, last = front.settings, usable_power_w(section), len(front.lambda_w) - 1
     for number in (0, last // 2, last):
-        price, late_j = front.prices(number), settings.change_time_s * float(front.lambda_w[number])
+        price, late_j = front.prices(number), policies.CHANGE_TIME_S * float(front.lambda_w[number])
         assert price.change_j == pytest.approx(settings.change_s * power_w + late_j)
         assert price.young_j == pytest.approx(settings.young_s * power_w + late_j)
 
