@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -12,17 +12,24 @@ from das.advice import wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
 from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
 from das.advice.passing import time_at
-from das.advice.plan import Floats, Place, Plan, four_mode
-from das.advice.planner import Planner
+from das.advice.plan import HOLD_S, Floats, Place, Plan, four_mode
+from das.advice.planner import PASSED_M, Planner
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
-from das.advice.settings import DEFAULT, AdviceSettings, DisplaySettings
+from das.advice.settings import DEFAULT
 from das.advice.shown import lever_ratio, steady_step, step_below
 from das.advice.shown_safely import FourModes, braked_enough, kept_behind
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.solver.kernels.forces import brake_limit
 from das.solver.solution import Fit
+
+HORIZON_S: Final = 30
+"""Advice looks this many seconds ahead, in steps of 1 s."""
+MISSED_NAMED_S: Final = 1.0
+"""The reason says that a point is passed too late if it is passed at least this long after its window."""
+LEAST_FOR_BUFFER_S: Final = 10.0
+"""With less driving time left than this, no buffer ratio is given: it would no longer mean anything."""
 
 
 class Scene(NamedTuple):
@@ -57,8 +64,8 @@ class _Change(NamedTuple):
 class Display:
     """Builds each advice and remembers what it showed, so that modes and speeds stay long enough to be read."""
 
-    def __init__(self, settings: AdviceSettings = DEFAULT) -> None:
-        self._settings = settings
+    def __init__(self, valid_for_s: float = DEFAULT.valid_for_s) -> None:
+        self._valid_for_s = valid_for_s
         self._mode, self._mode_since_ns, self._force_n = Regime.NONE, 0, 0.0
         self._four_mode = Regime.NONE
         self._guided: Instruction | None = None
@@ -81,7 +88,6 @@ class Display:
     def standing(self, scene: Scene, reason: Reason, reduced_max_speed_mps: float = math.nan) -> Advice:
         """The advice for a train that stands at a stop and is to stay there."""
         state, here, planner, guide = scene.state, scene.here, scene.planner, scene.guide
-        horizon_s = self._settings.display.horizon_s
         self._show(Regime.STOP, state.now_ns)
         return Advice(
             time_ns=state.now_ns,
@@ -94,8 +100,8 @@ class Display:
             advised_speed_mps=0.0,
             advised_force_n=0.0,
             advised_force_ratio=0.0,
-            horizon_speed_mps=(0.0,) * horizon_s,
-            horizon_force_n=(0.0,) * horizon_s,
+            horizon_speed_mps=(0.0,) * HORIZON_S,
+            horizon_force_n=(0.0,) * HORIZON_S,
             reduced_max_speed_mps=reduced_max_speed_mps,
             source=planner.source,
             reason=reason,
@@ -116,7 +122,6 @@ class Display:
 
         Speed, force and horizon are those of a standing train, so that a driver who follows them does not depart.
         """
-        horizon_s = self._settings.display.horizon_s
         self._show(Regime.STOP, scene.state.now_ns)  # Otherwise a mode from before the stop might be shown on.
         moving = self.following(scene, plan)
         self._show(Regime.DEPART, scene.state.now_ns)
@@ -143,8 +148,8 @@ class Display:
             advised_speed_mps=0.0,
             advised_force_n=0.0,
             advised_force_ratio=0.0,
-            horizon_speed_mps=(0.0,) * horizon_s,
-            horizon_force_n=(0.0,) * horizon_s,
+            horizon_speed_mps=(0.0,) * HORIZON_S,
+            horizon_force_n=(0.0,) * HORIZON_S,
         )
 
     def braking(self, scene: Scene, reason: Reason) -> Advice:
@@ -156,7 +161,7 @@ class Display:
         most_n = max(min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg - slowed_n), 0.0)
         self._show(Regime.FRICTION_BRAKE if train.friction_force_n > 0 else Regime.FULL_BRAKE, state.now_ns)
         allowed, top_mps = planner.allowed_mps(state.s_m), _top_speed_mps(scene)
-        seconds = np.arange(1, self._settings.display.horizon_s + 1)
+        seconds = np.arange(1, HORIZON_S + 1)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
         # The lowest speed allowed on the way to each point: the horizon never tells the driver to speed up again.
         way_m = np.cumsum(0.5 * (np.append(v_mps, speeds[:-1]) + speeds))
@@ -194,7 +199,7 @@ class Display:
         mode, following = self._instructed(plan, place, scene, too_fast=too_fast)
         advised = min(place.speed_mps, allowed)
         shown_mps = self.displayed(advised, allowed)
-        found = FourModes(self._settings.display, planner, state, max(advised, shown_mps), excess_mps)
+        found = FourModes(self._valid_for_s, planner, state, max(advised, shown_mps), excess_mps)
         four, next_four = self._four_modes(plan, mode, found, following)
         speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
         arrival_ns = plan.arrival_ns(state.now_ns, place)
@@ -224,7 +229,7 @@ class Display:
             next_change_s=following.time_s,
             predicted_arrival_ns=arrival_ns,
             predicted_deviation_s=deviation_s,
-            buffer_ratio=_buffer_ratio(scene, self._settings.display),
+            buffer_ratio=_buffer_ratio(scene),
             energy_to_go_j=plan.energy_to_go_j(place.interval, state.s_m),
             source=planner.source,
             reason=self._reason(scene, plan, deviation_s, excess_mps),
@@ -236,19 +241,19 @@ class Display:
 
     def _horizon(self, plan: Plan, scene: Scene, advised_mps: float, *, too_fast: bool) -> tuple[Floats, Floats]:
         """Speeds and forces of the next seconds; a brake stronger than planned lasts as long as the advice is valid."""
-        state, planner, display = scene.state, scene.planner, self._settings.display
+        state, planner = scene.state, scene.planner
         place = plan.at(state.s_m)
-        speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, display.horizon_s)
+        speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, HORIZON_S)
         planned_n = 0.0 if too_fast else float(plan.shown_force_n[place.interval])
         if self._force_n < min(planned_n, 0.0):
-            soon = slice(math.ceil(display.valid_for_s))
+            soon = slice(math.ceil(self._valid_for_s))
             forces[soon] = np.minimum(forces[soon], self._force_n)
         if too_fast:
-            speeds = kept_behind(speeds, advised_mps, state, plan.ahead_m(place.time_s, display.horizon_s), planner)
+            speeds = kept_behind(speeds, advised_mps, state, plan.ahead_m(place.time_s, HORIZON_S), planner)
         return speeds, forces
 
     def _valid_until_ns(self, state: TrainState) -> int:
-        return state.now_ns + round(self._settings.display.valid_for_s / NS)
+        return state.now_ns + round(self._valid_for_s / NS)
 
     def _show(self, mode: Regime, now_ns: int) -> None:
         self._mode, self._mode_since_ns = mode, now_ns
@@ -306,9 +311,7 @@ class Display:
         """
         urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)
         held_s = (now_ns - self._mode_since_ns) * NS
-        settled = (
-            self._mode in (Regime.NONE, Regime.STOP, Regime.DEPART) or not 0 <= held_s < self._settings.modes.hold_s
-        )
+        settled = self._mode in (Regime.NONE, Regime.STOP, Regime.DEPART) or not 0 <= held_s < HOLD_S
         if wanted is not self._mode and (urgent or settled):
             self._show(wanted, now_ns)
         return self._mode
@@ -319,7 +322,7 @@ class Display:
         change = int(plan.next_change[place.interval])
         mode = Regime(int(plan.modes[change])) if change < len(plan.modes) else Regime.STOP
         found = _Change(mode, float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s)
-        wait_s = max(self._settings.modes.hold_s - (state.now_ns - self._mode_since_ns) * NS, 0.0)
+        wait_s = max(HOLD_S - (state.now_ns - self._mode_since_ns) * NS, 0.0)
         if shown != planned and wait_s < found.time_s:  # The planned mode has to wait until the shown one may change.
             return _Change(Regime(planned), wait_s * place.speed_mps, wait_s)
         return found
@@ -329,7 +332,7 @@ class Display:
         after, _, after_s = self._next_of_four(plan, shown, found, following)
         safe, then = found.safe(self._four_mode, shown), found.safe(after, after)
         if safe is not self._four_mode or safe is Regime.FULL_BRAKE or then is not after:
-            after, after_s = then, max(after_s, self._settings.display.valid_for_s)
+            after, after_s = then, max(after_s, self._valid_for_s)
         due_s = found.full_brake_due_s(safe)
         if due_s < after_s or (due_s < math.inf and after is not Regime.FULL_BRAKE):
             after, after_s = Regime.FULL_BRAKE, due_s
@@ -341,9 +344,7 @@ class Display:
         place = plan.at(found.state.s_m)
         planned = Regime(int(plan.four_modes[place.interval]))
         if self._guided is not None:
-            self._four_mode = four_mode(
-                shown, self._force_n, place.speed_mps, plan.solution.section, self._settings.modes
-            )
+            self._four_mode = four_mode(shown, self._force_n, place.speed_mps, plan.solution.section)
             if self._four_mode is Regime.FULL_TRACTION and found.reaches(self._guided.speed_mps):
                 self._four_mode = Regime.CRUISE
             return following._replace(mode=Regime(int(FOUR_MODES[following.mode])))
@@ -359,7 +360,7 @@ class Display:
 
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The speed to display (m/s): the advised one in whole steps, steady within a band, never above the allowed."""
-        steady_mps = steady_step(advised_mps, self._shown_mps, self._settings.display.speed_band_ratio)
+        steady_mps = steady_step(advised_mps, self._shown_mps)
         self._shown_mps = min(steady_mps, step_below(allowed_mps))
         return self._shown_mps
 
@@ -389,21 +390,21 @@ class Display:
         """The point ahead, if it may not be passed yet or will be passed late; otherwise no reason."""
         state, planner, goal = scene.state, scene.planner, scene.goal
         point = goal.passing
-        if point is None or state.s_m >= point.s_m - self._settings.plan.passed_m or planner.fronts_of(point) is None:
+        if point is None or state.s_m >= point.s_m - PASSED_M or planner.fronts_of(point) is None:
             return NO_REASON
         code, time_ns = ReasonCode.POINT_EARLIEST, point.earliest_ns or 0
         if time_ns <= state.now_ns:
-            if _missed_s(point, plan) < self._settings.display.missed_named_s:
+            if _missed_s(point, plan) < MISSED_NAMED_S:
                 return NO_REASON
             code, time_ns = ReasonCode.POINT_MISSED, point.latest_ns or 0
         return Reason(code=code, at_m=point.s_m, time_ns=time_ns, late_s=deviation_s, text=point.reason)
 
 
-def _buffer_ratio(scene: Scene, settings: DisplaySettings) -> float:
+def _buffer_ratio(scene: Scene) -> float:
     """The buffer: time left divided by the least driving time, minus 1; NaN if hardly any driving time is left."""
     state, planner, goal = scene.state, scene.planner, scene.goal
     least_s = planner.least_time_s(state.s_m, state.v_mps)
-    return goal.left_s(state.now_ns) / least_s - 1.0 if least_s > settings.least_for_buffer_s else math.nan
+    return goal.left_s(state.now_ns) / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan
 
 
 def _top_speed_mps(scene: Scene) -> float:

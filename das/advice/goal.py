@@ -8,6 +8,13 @@ from typing import Final, NamedTuple
 from das.domain.errors import DasError
 from das.domain.units import NS
 
+LONGEST_RATIO: Final = 2.5
+"""No plan takes longer than this multiple of the least time from its state. With more time left, the train arrives
+early and waits at the stop instead of crawling (without idle losses, a crawl would need the least energy)."""
+AT_END_M: Final = 1.0
+"""Closer to the end of the section than this, nothing is planned any more: the train is to stop."""
+AT_STOP_M: Final = 50.0
+"""A standing train within this distance of a stop is at the stop. A train further beyond has run past it."""
 OVERSPEED_MPS: Final = 0.5
 """A train faster than allowed by more than this counts as too fast, and its driver is told so."""
 OVERSPEED_ENDS_MPS: Final = 0.15

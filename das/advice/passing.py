@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.settings import DEFAULT
+from das.advice.goal import LONGEST_RATIO
 from das.domain.errors import DasError
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.trajectory import Trajectory
@@ -25,6 +25,15 @@ from das.solver.section import Section, capped
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_ahead, solve_front
 from das.solver.state import fastest
+
+SLOWING_MPS2: Final = 0.4
+"""The train brakes to the lower speed at this rate, or harder if this is not slow enough."""
+CRAWL_MPS: Final = 0.5
+"""No train is told to go slower than this."""
+HALVINGS: Final = 24
+"""The lower speed is found by halving an interval this many times."""
+PRICES_TRIED: Final = 2
+"""The price of time after the point is estimated this many times, each time from the latest speed at the point."""
 
 Floats = NDArray[np.float64]
 SAME_W = 1e-6
@@ -64,7 +73,7 @@ class PassingFronts:
         slow = -float(section.loss.loss_w(0.0, tol.CREEP_MPS)) * np.array(tol.LADDER_IDLE_RATIOS)
         ladder_w = np.unique(np.concatenate((slow, ladder_w)))
         speed, price = float(last.envelope_mps[0]), -1
-        for _ in range(DEFAULT.passing.prices_tried):
+        for _ in range(PRICES_TRIED):
             before_price, price = price, _price_index(after, speed, run.total_s - run.to_point_s)
             if price == before_price:
                 break
@@ -81,7 +90,7 @@ class PassingFronts:
         if first.fit is Fit.EARLY:
             first = self._slowed(first, to_point_s, s_m, v_mps)
         speed = float(first.trajectory.v_mps[-1])
-        longest_s = DEFAULT.plan.longest_ratio * fastest(self.after.section, self.at_m, speed).time_s
+        longest_s = LONGEST_RATIO * fastest(self.after.section, self.at_m, speed).time_s
         rest_s = min(max(total_s - first.time_s, 0.1), longest_s)
         last = self.after.trajectory(rest_s, self.at_m, speed, tolerance_s=tolerance_s)
         return replace(
@@ -98,12 +107,9 @@ class PassingFronts:
         The train brakes gently to that speed, or fully if gentle braking is too quick. If even a crawl is too quick, it
         crawls.
         """
-        low = DEFAULT.passing.crawl_mps
-        high = max(float(slowest.trajectory.v_mps.max()), 2 * low)
-        braking = next(
-            (x for x in (DEFAULT.passing.slowing_mps2, math.inf) if self._takes(wanted_s, low, x, s_m, v_mps)), math.inf
-        )
-        for _ in range(DEFAULT.passing.halvings):
+        low, high = CRAWL_MPS, max(float(slowest.trajectory.v_mps.max()), 2 * CRAWL_MPS)
+        braking = next((x for x in (SLOWING_MPS2, math.inf) if self._takes(wanted_s, low, x, s_m, v_mps)), math.inf)
+        for _ in range(HALVINGS):
             top = 0.5 * (low + high)
             low, high = (top, high) if self._takes(wanted_s, top, braking, s_m, v_mps) else (low, top)
         return self._under(low, braking, s_m, v_mps) or slowest

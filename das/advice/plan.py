@@ -3,44 +3,60 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import kernels
 from das.advice.regimes import FOUR_MODES, ROLLING, Regime
-from das.advice.settings import DEFAULT, ModeSettings
-from das.domain.units import NS
+from das.domain.units import KMH, NS
 from das.solver.section import Section
 from das.solver.solution import Solution
+
+FULL_EFFORT_RATIO: Final = 0.97
+"""An effort above this share of the largest available one counts as full."""
+IDLE_EFFORT_RATIO: Final = 0.02
+"""A force below this share of the largest traction force counts as none."""
+CRUISE_ACCELERATION_MPS2: Final = 0.02
+"""A train whose speed changes more slowly than this counts as holding its speed."""
+RIPPLE_MPS: Final = 2.0 * KMH
+"""Speeds within this range count as one speed to hold, because no driver holds a speed more closely."""
+WEAK_BRAKE_RATIO: Final = 0.6
+"""A display of four modes shows electric braking below this share of the full effort as coasting: its only brake is
+the full one, with which the driver would brake too early."""
+HOLD_S: Final = 3.0
+"""A new mode is shown only after the one before has lasted this long; but a mode with less traction or more braking
+is shown at once."""
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int64]
 
 
-def classify_modes(solution: Solution, section: Section, settings: ModeSettings = DEFAULT.modes) -> Modes:
+def classify_modes(solution: Solution, section: Section) -> Modes:
     """The mode of each interval of a trajectory, from its acceleration and its share of the available force.
 
     A stretch between two stretches of cruising counts as cruising too if the speed hardly changes in it
-    (`settings.ripple_mps`). A driver who is told to hold the speed needs no alternating advice to coast and to pull.
+    (`RIPPLE_MPS`). A driver who is told to hold the speed needs no alternating advice to coast and to pull.
     """
     run, train, vehicle = solution.trajectory, section.train, section.vehicle
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
     rate = np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)
-    full = settings.full_effort_ratio
-    fastest_rate, hardest_rate = full * train.max_acceleration_mps2, -full * train.max_deceleration_mps2
-    accelerating = np.abs(rate) > settings.cruise_acceleration_mps2
+    fastest_rate, hardest_rate = (
+        FULL_EFFORT_RATIO * train.max_acceleration_mps2,
+        -FULL_EFFORT_RATIO * train.max_deceleration_mps2,
+    )
+    accelerating = np.abs(rate) > CRUISE_ACCELERATION_MPS2
     traction, electric = vehicle.traction_effort_n(mean), vehicle.electric_brake_effort_n(mean)
-    idle = settings.idle_effort_ratio * train.traction_force_n
+    idle = IDLE_EFFORT_RATIO * train.traction_force_n
     force, friction = run.force_el_n, run.force_friction_n
     modes = np.select(
         [
             friction < -idle,
             ~accelerating & (np.abs(force) > idle),
-            (force >= full * traction) | ((force > idle) & (rate >= fastest_rate)),
+            (force >= FULL_EFFORT_RATIO * traction) | ((force > idle) & (rate >= fastest_rate)),
             force > idle,
-            ((force <= -full * electric) & (electric > 0)) | ((force < -idle) & (rate <= hardest_rate)),
+            ((force <= -FULL_EFFORT_RATIO * electric) & (electric > 0)) | ((force < -idle) & (rate <= hardest_rate)),
             force < -idle,
         ],
         [
@@ -54,34 +70,32 @@ def classify_modes(solution: Solution, section: Section, settings: ModeSettings 
         Regime.COAST,
     )
     cruise = int(Regime.CRUISE)
-    return np.asarray(kernels.without_ripples(modes.astype(np.int64), run.v_mps, cruise, ROLLING, settings.ripple_mps))
+    return np.asarray(kernels.without_ripples(modes.astype(np.int64), run.v_mps, cruise, ROLLING, RIPPLE_MPS))
 
 
-def without_short(modes: Modes, t_s: Floats, settings: ModeSettings = DEFAULT.modes) -> Modes:
+def without_short(modes: Modes, t_s: Floats) -> Modes:
     """The modes of the intervals; each mode too short for a driver to follow is replaced by the one before it.
 
-    Modes replaced in a row last less than `settings.hold_s` together. Brakes are never replaced.
+    Modes replaced in a row last less than `HOLD_S` together. Brakes are never replaced.
     """
-    return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), settings.hold_s))
+    return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), HOLD_S))
 
 
-def four_modes(modes: Modes, solution: Solution, section: Section, settings: ModeSettings = DEFAULT.modes) -> Modes:
+def four_modes(modes: Modes, solution: Solution, section: Section) -> Modes:
     """The modes of a trajectory's intervals, reduced to the four of the simplest display."""
     run = solution.trajectory
-    return _as_four(modes, run.force_el_n, run.mean_speed_mps(), section, settings)
+    return _as_four(modes, run.force_el_n, run.mean_speed_mps(), section)
 
 
-def four_mode(
-    mode: Regime, force_n: float, v_mps: float, section: Section, settings: ModeSettings = DEFAULT.modes
-) -> Regime:
+def four_mode(mode: Regime, force_n: float, v_mps: float, section: Section) -> Regime:
     """A mode with its wheel force (N) and speed (m/s), reduced to one of the four modes of the simplest display."""
-    return Regime(int(_as_four(np.array(mode), np.array(force_n), np.array(v_mps), section, settings)))
+    return Regime(int(_as_four(np.array(mode), np.array(force_n), np.array(v_mps), section)))
 
 
-def _as_four(modes: Modes, force_n: Floats, v_mps: Floats, section: Section, settings: ModeSettings) -> Modes:
+def _as_four(modes: Modes, force_n: Floats, v_mps: Floats, section: Section) -> Modes:
     """The modes reduced to four; electric braking far below the full effort counts as coasting."""
     electric_n = section.vehicle.electric_brake_effort_n(np.maximum(v_mps, 1e-3))
-    weak = (modes == Regime.REDUCED_BRAKE) & (-force_n < settings.weak_brake_ratio * electric_n)
+    weak = (modes == Regime.REDUCED_BRAKE) & (-force_n < WEAK_BRAKE_RATIO * electric_n)
     return np.where(weak, int(Regime.COAST), FOUR_MODES[modes])
 
 
@@ -121,13 +135,13 @@ class Plan:
     """v² at the nodes (m²/s²)."""
 
     @classmethod
-    def of(cls, solution: Solution, section: Section, now_ns: int, settings: ModeSettings = DEFAULT.modes) -> Plan:
+    def of(cls, solution: Solution, section: Section, now_ns: int) -> Plan:
         """The plan that follows a solution of the section; `now_ns` is when it is made."""
         run = solution.trajectory
         energy_j = run.input_j(run.loss_j(section.loss))
-        planned = classify_modes(solution, section, settings)
-        modes = without_short(planned, run.t_s, settings)
-        four = four_modes(modes, solution, section, settings)
+        planned = classify_modes(solution, section)
+        modes = without_short(planned, run.t_s)
+        four = four_modes(modes, solution, section)
         force_n = run.force_el_n + run.force_friction_n
         before = np.maximum.accumulate(np.where(modes == planned, np.arange(len(modes)), 0))
         return cls(

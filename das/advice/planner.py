@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from das.advice import kernels
 from das.advice.advice import Source
 from das.advice.braking import BEGINS_MPS, BrakingAhead
-from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.goal import AT_END_M, LONGEST_RATIO, Goal, PassingTarget, TrainState
 from das.advice.passing import PassingFronts, time_at
 from das.advice.plan import Plan
-from das.advice.reduced import ReducedSpeed
-from das.advice.settings import DEFAULT, AdviceSettings
+from das.advice.reduced import BRAKED_EARLY_S, ReducedSpeed
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
@@ -28,6 +28,27 @@ from das.solver.guide.schedule import Schedule, Scheduled
 from das.solver.section import Section, capped
 from das.solver.solution import Solution
 from das.solver.state import fastest, least_time_s
+
+FASTER_BAND_MPS: Final = 0.8
+"""A plan is kept while the train is faster than planned by no more than this."""
+SLOWER_BAND_MPS: Final = 1.4
+"""A plan is kept while the train is slower than planned by no more than this."""
+TIME_BAND_S: Final = 2.0
+"""A plan is kept while the train is earlier or later than planned by no more than this."""
+LONGEST_AGE_S: Final = 60.0
+"""A plan older than this is replaced by a new one."""
+TOLERANCE_S: Final = 0.2
+"""A plan arrives within this time of the wanted arrival."""
+BRAKING_AHEAD_MPS2: Final = 0.25
+"""A limit or stop ahead counts as being braked for if it needs more than this deceleration from here on."""
+SLOWER_THAN_PLANNED_MPS: Final = 1.0
+"""A driver has braked early for a limit or stop if the train is slower than planned by more than this before it."""
+OVERSPEED_EASED_MPS: Final = 1.0
+"""A train above the planned braking curve by at most this gets a plan that starts on it, without hard braking."""
+PASSED_M: Final = 5.0
+"""A point less than this ahead counts as passed: it is too near for a plan to change when it is passed."""
+SAME_POINT_M: Final = 0.01
+"""Two points of the line this near to each other count as the same point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +70,7 @@ class PlanBasis:
 class Planner:
     """Makes the plans of a section from one `PlanBasis`, and keeps each while the train follows it."""
 
-    def __init__(self, basis: PlanBasis, settings: AdviceSettings = DEFAULT) -> None:
+    def __init__(self, basis: PlanBasis) -> None:
         self.basis, self.section = basis, basis.section
         self.allowed_w = self.section.allowed_mps**2
         self._planned_w = self.section.envelope_mps**2
@@ -59,7 +80,6 @@ class Planner:
         """What limits and the stop ahead ask of the brakes."""
         self.reduced = ReducedSpeed(self.section)
         """The one top speed with which the train keeps the timetable, for displays that show only a top speed."""
-        self._settings = settings
         self._braked_early = False
         self._schedule: Schedule | None = None
         self._finished = False
@@ -89,14 +109,14 @@ class Planner:
         if self.plan is None or schedule is not self._schedule or not self._follows(self.plan, state):
             self._schedule = schedule
             planned, v_mps = self._planned_mps(state.s_m), state.v_mps
-            eased = planned < v_mps <= planned + self._settings.plan.overspeed_eased_mps
-            at_least_s = self._settings.plan.braked_early_s if self._brakes_early(state) else 0.0
+            eased = planned < v_mps <= planned + OVERSPEED_EASED_MPS
+            at_least_s = BRAKED_EARLY_S if self._brakes_early(state) else 0.0
             start = state._replace(v_mps=planned) if eased else state
             if reference is None:
                 solution = self._solution(start, goal, at_least_s)
             else:
                 solution = reference.solution(start.s_m, start.v_mps, goal.aimed_s(state.now_ns))
-            self.plan = Plan.of(solution, self.section, state.now_ns, self._settings.modes)
+            self.plan = Plan.of(solution, self.section, state.now_ns)
         return self.plan
 
     def allowed_mps(self, s_m: float) -> float:
@@ -144,63 +164,61 @@ class Planner:
     def fronts_of(self, point: PassingTarget | None) -> PassingFronts | None:
         """The fronts for passing a point in its window; None if they are not known (yet)."""
         fronts = self.basis.passing
-        if point is None or fronts is None or abs(fronts.at_m - point.s_m) > self._settings.plan.same_point_m:
+        if point is None or fronts is None or abs(fronts.at_m - point.s_m) > SAME_POINT_M:
             return None
         return fronts
 
     def _follows(self, plan: Plan, state: TrainState) -> bool:
-        settings, here = self._settings.plan, plan.at(state.s_m)
+        here = plan.at(state.s_m)
         age_s = (state.now_ns - plan.made_ns) * NS
         if state.v_mps < STANDSTILL_MPS and plan.force_n[here.interval] < 0:
             return False  # The train stands where the plan brakes: the plan does not say how to depart.
         return (
-            0 <= age_s <= settings.longest_age_s
-            and -settings.slower_band_mps <= state.v_mps - here.speed_mps <= settings.faster_band_mps
-            and abs(age_s - here.time_s) <= settings.time_band_s
+            0 <= age_s <= LONGEST_AGE_S
+            and -SLOWER_BAND_MPS <= state.v_mps - here.speed_mps <= FASTER_BAND_MPS
+            and abs(age_s - here.time_s) <= TIME_BAND_S
         )
 
     def _brakes_early(self, state: TrainState) -> bool:
         """Whether the driver braked early (below the planned speed) for a limit or stop that is still ahead."""
         s_m, v_mps = state.s_m, state.v_mps
-        settings = self._settings.plan
-        slower = self.plan is not None and self.plan.at(s_m).speed_mps - v_mps > settings.slower_than_planned_mps
-        ahead = self.section.node_m > s_m + self._settings.stop.standstill_m
+        slower = self.plan is not None and self.plan.at(s_m).speed_mps - v_mps > SLOWER_THAN_PLANNED_MPS
+        ahead = self.section.node_m > s_m + AT_END_M
         way_m = self.section.node_m[ahead] - s_m
-        falls = v_mps**2 - self._planned_w[ahead] > 2.0 * settings.braking_ahead_mps2 * way_m
+        falls = v_mps**2 - self._planned_w[ahead] > 2.0 * BRAKING_AHEAD_MPS2 * way_m
         brakes = bool(np.any(falls))
         self._braked_early = brakes and (slower or self._braked_early)
         return self._braked_early
 
     def _solution(self, state: TrainState, goal: Goal, at_least_s: float) -> Solution:
-        """The optimal trajectory for the time left; with very much time left, the slowest that the settings permit.
+        """The optimal trajectory for the time left; with very much time left, the slowest that is planned.
 
         The trajectory takes at least `at_least_s` longer than the fastest one.
         """
-        front, settings = self.basis.front, self._settings.plan
+        front = self.basis.front
         if front is None:
             return self._cautious(state)
         least_s = least_time_s(self.section, state.s_m, state.v_mps)
         at_least = least_s + at_least_s if at_least_s else 1e-3
         left_s = max(goal.aimed_s(state.now_ns), at_least)
-        asked_s = min(left_s, settings.longest_ratio * least_s)
-        free = front.trajectory(asked_s, state.s_m, state.v_mps, tolerance_s=settings.tolerance_s)
+        asked_s = min(left_s, LONGEST_RATIO * least_s)
+        free = front.trajectory(asked_s, state.s_m, state.v_mps, tolerance_s=TOLERANCE_S)
         to_point_s, fronts = self._time_to_point(free, state, goal.passing), self.fronts_of(goal.passing)
         if to_point_s is None or fronts is None:
             return free
-        return fronts.trajectory(to_point_s, left_s, state.s_m, state.v_mps, settings.tolerance_s)
+        return fronts.trajectory(to_point_s, left_s, state.s_m, state.v_mps, TOLERANCE_S)
 
     def _time_to_point(self, free: Solution, state: TrainState, point: PassingTarget | None) -> float | None:
         """The time (s) in which the train must reach the point to pass it within its window.
 
         None if there is no point ahead, or if `free`, the optimum without the window, keeps the window already.
         """
-        settings = self._settings.plan
-        if point is None or state.s_m >= point.s_m - settings.passed_m:
+        if point is None or state.s_m >= point.s_m - PASSED_M:
             return None
         free_s = time_at(free.trajectory, point.s_m)
         if point.earliest_ns is not None:
             # A driver who is ahead of the plan by this time still counts as following it.
-            earliest_s = (point.earliest_ns - state.now_ns) * NS + settings.time_band_s
+            earliest_s = (point.earliest_ns - state.now_ns) * NS + TIME_BAND_S
             if free_s < earliest_s:
                 return earliest_s
         if point.latest_ns is not None and free_s > (point.latest_ns - state.now_ns) * NS:

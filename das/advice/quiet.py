@@ -7,13 +7,32 @@ from collections import deque
 from typing import Final, NamedTuple
 
 from das.advice.advice import Advice, Cause
+from das.advice.goal import AT_STOP_M
 from das.advice.regimes import BRAKES, Regime
-from das.advice.settings import QuietSettings, StopSettings
-from das.domain.units import NS
+from das.domain.units import KMH, NS
 from das.estimate.estimate import Estimate
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.section import Section
 
+BRAKES_MPS2: Final = 0.2
+"""A driver brakes if the train slows down by more than this beyond what gradient and resistance explain."""
+BRAKES_S: Final = 3.0
+"""That deceleration is the mean since the brake began, and it must last for this time."""
+STEADY_RATIO: Final = 0.5
+"""A brake slows the train by more than this share of `BRAKES_MPS2` in every second, but a measured speed that jumps
+does so only once."""
+HOLDS_MPS: Final = 5.0 * KMH
+"""A driver who is told to hold a speed brakes against the advice only if he slows down by more than this: a driver
+who holds a speed wanders by a little less, and corrects that with the brake."""
+RELEASED_MPS2: Final = 0.1
+"""A driver has released the brake if the deceleration that is not explained is no more than this."""
+RELEASED_S: Final = 2.0
+"""That deceleration is the mean of this time, so that the noise of the speed does not count."""
+SETTLED_S: Final = 5.0
+"""After an advised brake, only braking that begins later than this counts: a driver reacts late, and the brakes
+need time to release."""
+BRAKES_AHEAD_S: Final = 20.0
+"""Where the advice announces a brake within this time, a driver who brakes earlier does not act against it."""
 SAMPLED_S: Final = 0.75
 """Speeds less than this time (s) apart are not compared, because their difference would be mostly noise."""
 ROUNDING_S: Final = 0.25
@@ -44,8 +63,7 @@ class Quiet:
     A driver brakes against the advice if he brakes while it tells him to accelerate or to hold a speed.
     """
 
-    def __init__(self, settings: QuietSettings, stop: StopSettings) -> None:
-        self._settings, self._stop = settings, stop
+    def __init__(self) -> None:
         self._samples: deque[_Sample] = deque()
         self._began: _Sample | None = None
         """The last sample before the train began to slow down steadily."""
@@ -65,8 +83,7 @@ class Quiet:
             return Cause.NONE
         if here.speed_mps < STANDSTILL_MPS:
             self.forget()
-            near_m = self._stop.at_stop_m
-            on_line = section.start_m + near_m < here.s_m < section.end_m - near_m
+            on_line = section.start_m + AT_STOP_M < here.s_m < section.end_m - AT_STOP_M
             return Cause.STANDS_ON_LINE if on_line else Cause.NONE
         self._sample(here, section)
         shown = _modes(advice)
@@ -80,7 +97,7 @@ class Quiet:
 
     def _sample(self, here: Estimate, section: Section) -> None:
         """Take a sample, unless the one before is too recent; drop samples that are no longer needed."""
-        now_s, v_mps, samples, settings = here.time_ns * NS, here.speed_mps, self._samples, self._settings
+        now_s, v_mps, samples = here.time_ns * NS, here.speed_mps, self._samples
         if samples and now_s < samples[-1].time_s:  # The clock was set back.
             self.forget()
         if not samples:
@@ -92,11 +109,11 @@ class Quiet:
             return
         lost_mps2 = max(section.resistance_n(here.s_m, v_mps), 0.0) / section.train.inertial_mass_kg
         samples.append(_Sample(now_s, v_mps, before.driven_mps + v_mps - before.v_mps + lost_mps2 * span_s))
-        if before.braked_mps2(samples[-1]) <= settings.steady_ratio * settings.brakes_mps2:
+        if before.braked_mps2(samples[-1]) <= STEADY_RATIO * BRAKES_MPS2:
             self._began = None
         elif self._began is None:
             self._began = before
-        while samples[1].time_s <= now_s - settings.released_s + ROUNDING_S:
+        while samples[1].time_s <= now_s - RELEASED_S + ROUNDING_S:
             samples.popleft()
 
     def _brakes(self, *, holds: bool) -> bool:
@@ -104,24 +121,24 @@ class Quiet:
 
         A driver who is told to hold a speed, and `holds` it, brakes a little now and then.
         """
-        settings, began, now = self._settings, self._began, self._samples[-1]
-        if began is None or began.time_s < self._advised_s + settings.settled_s:
+        began, now = self._began, self._samples[-1]
+        if began is None or began.time_s < self._advised_s + SETTLED_S:
             return False
-        slowed = not holds or began.v_mps - now.v_mps > settings.holds_mps
-        lasts = now.time_s - began.time_s >= settings.brakes_s - ROUNDING_S
-        return slowed and lasts and began.braked_mps2(now) > settings.brakes_mps2
+        slowed = not holds or began.v_mps - now.v_mps > HOLDS_MPS
+        lasts = now.time_s - began.time_s >= BRAKES_S - ROUNDING_S
+        return slowed and lasts and began.braked_mps2(now) > BRAKES_MPS2
 
     def _released(self) -> bool:
         """Whether the driver has released the brake: the train slows down no more than resistance explains."""
         first, last = self._samples[0], self._samples[-1]
-        return first is not last and first.braked_mps2(last) <= self._settings.released_mps2
+        return first is not last and first.braked_mps2(last) <= RELEASED_MPS2
 
     def _brakes_soon(self, advice: Advice) -> bool:
         """Whether the advice itself announces a brake for soon, which the driver may begin early."""
         announced = [(advice.next_mode, advice.next_change_s)]
         if advice.guide is not None:
             announced += [(one.mode, one.in_s) for one in advice.guide.following]
-        return any(mode in BRAKES and in_s <= self._settings.brakes_ahead_s for mode, in_s in announced)
+        return any(mode in BRAKES and in_s <= BRAKES_AHEAD_S for mode, in_s in announced)
 
 
 def _modes(advice: Advice) -> set[Regime]:

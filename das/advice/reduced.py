@@ -6,19 +6,36 @@ A display shows it in whole steps, as a staircase that goes down where braking f
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import kernels
-from das.advice.settings import DEFAULT, AdviceSettings
+from das.advice.goal import LONGEST_RATIO
 from das.advice.shown import steady_step, step_below
-from das.domain.units import NS
+from das.domain.units import KMH, NS
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope
 from das.solver.kernels.forces import largest_gain, mean_resistance, on_supply
 from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
 from das.solver.section import Section
+
+BRAKED_EARLY_S: Final = 5.0
+"""A driver who braked early for a limit or stop is told to speed up again, by a plan or by a higher top speed, only
+if that saves at least this much time."""
+EASY_BRAKING_MPS2: Final = 0.5
+"""The deceleration of comfortable service braking (assumption)."""
+JUDGED_EVERY_S: Final = 30.0
+"""The reduced maximum speed is computed anew this often."""
+SLOWEST_MPS: Final = 20.0 * KMH
+"""No lower speed is shown, except under a lower limit and in the last metres before a stop. Before a stop this is
+the speed shown; in the last metres it is halved, if need be several times."""
+HALVINGS: Final = 12
+"""The reduced maximum speed is found by halving an interval this many times."""
+BELOW_RATIO: Final = 0.999
+"""For a train faster than comfortable braking allows, the computation starts from the allowed speed, divided by
+this ratio."""
 
 Floats = NDArray[np.float64]
 LEVEL_MPS = 1e-6
@@ -29,8 +46,8 @@ class Staircase:
     """The top speed to show at each position of a section, under a curve of gentle braking.
 
     The speed shown is never above the limit over the train, nor above the curve. Where it would be above the curve,
-    the speed at the foot of the curve is shown instead: the next lower limit, or before a stop the slowest speed of
-    the settings. The speed 0 of a stop itself is not shown: the driver finds the mark without the display, and a train
+    the speed at the foot of the curve is shown instead: the next lower limit, or before a stop the slowest
+    speed. The speed 0 of a stop itself is not shown: the driver finds the mark without the display, and a train
     that stands short of the mark must still be able to move up. In the last metres, where full braking from the slowest
     speed would no longer stop the train at the mark, that speed is halved as often as it takes.
 
@@ -38,8 +55,8 @@ class Staircase:
     before it must brake, until the curve has fallen to that speed.
     """
 
-    def __init__(self, section: Section, curve_mps: Floats, braking_mps2: float, settings: AdviceSettings) -> None:
-        self._section, self._settings, self._braking_mps2 = section, settings, braking_mps2
+    def __init__(self, section: Section, curve_mps: Floats, braking_mps2: float) -> None:
+        self._section, self._braking_mps2 = section, braking_mps2
         self._falls = np.diff(curve_mps) < -LEVEL_MPS
         # Where the curve rises, because the limit does, the interval already has the speed of the next one's start.
         starts = np.where(self._falls, curve_mps[:-1], curve_mps[1:])
@@ -73,7 +90,7 @@ class Staircase:
 
     def _held(self, judged_mps: float) -> float:
         """The reduced maximum speed in whole steps, which changes only when `judged_mps` has clearly changed."""
-        self._judged_mps = steady_step(judged_mps, self._judged_mps, self._settings.display.speed_band_ratio)
+        self._judged_mps = steady_step(judged_mps, self._judged_mps)
         return self._judged_mps
 
     def _foot(self, i: int, s_m: float) -> float:
@@ -82,9 +99,9 @@ class Staircase:
         return step_below(foot_mps) if foot_mps > 0 else self._slow_mps(s_m)
 
     def _slow_mps(self, s_m: float) -> float:
-        """The slowest speed of the settings, halved until full braking from it stops the train at the mark."""
+        """The slowest speed shown, halved until full braking from it stops the train at the mark."""
         full_mps = math.sqrt(kernels.linear(self._section.node_m, self._full_w, s_m))
-        speed_mps = self._settings.reduced.slowest_mps
+        speed_mps = SLOWEST_MPS
         while speed_mps > full_mps and speed_mps > 0:
             speed_mps = step_below(0.5 * speed_mps)
         return speed_mps
@@ -102,7 +119,7 @@ class Staircase:
         way_m = (curve_mps**2 - v_mps**2) / (2.0 * braking)
         takes_s = (reached - v_mps) * (1.0 / gain + 1.0 / braking)
         saves_s = way_m / v_mps - takes_s if v_mps > 0 else math.inf
-        return reached if saves_s >= self._settings.plan.braked_early_s else 0.0
+        return reached if saves_s >= BRAKED_EARLY_S else 0.0
 
     def _acceleration_mps2(self, i: int, v_mps: float) -> float:
         """The acceleration (m/s²) that full traction gives in an interval at a speed."""
@@ -127,15 +144,14 @@ class ReducedSpeed:
     It is computed at the departure and again at regular intervals, and is constant in between.
     """
 
-    def __init__(self, section: Section, settings: AdviceSettings = DEFAULT) -> None:
-        self._settings, self._longest_ratio = settings.reduced, settings.plan.longest_ratio
-        easy_mps2 = min(settings.reduced.easy_braking_mps2, section.train.max_deceleration_mps2)
+    def __init__(self, section: Section) -> None:
+        easy_mps2 = min(EASY_BRAKING_MPS2, section.train.max_deceleration_mps2)
         easy = section.train._replace(max_deceleration_mps2=easy_mps2)
         ceiling, _ = braking_envelope(section.for_kernels, section.limit_mps, section.end_speed_mps, easy, FULL_BRAKES)
         # On a descent where such gentle braking is not enough, the envelope of the section counts.
         self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
         self._section = section
-        self._staircase = Staircase(section, self._ceiling_mps, easy_mps2, settings)
+        self._staircase = Staircase(section, self._ceiling_mps, easy_mps2)
         self._judged_ns, self._for_ns, self._speed_mps = 0, 0, math.nan
 
     def shown_mps(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
@@ -145,23 +161,22 @@ class ReducedSpeed:
     def judged_mps(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
         """The reduced maximum speed (m/s) for the rest of the section; computed anew only if the last one is old."""
         age_s = (now_ns - self._judged_ns) * NS
-        if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < self._settings.judged_every_s:
+        if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < JUDGED_EVERY_S:
             before_mps = self._speed_mps if arrival_ns == self._for_ns else math.nan
             self._judged_ns, self._for_ns = now_ns, arrival_ns
             self._speed_mps = self._judged(s_m, v_mps, (arrival_ns - now_ns) * NS, before_mps)
         return self._speed_mps
 
     def _judged(self, s_m: float, v_mps: float, left_s: float, before_mps: float) -> float:
-        low = self._settings.slowest_mps
-        high = max(float(self._ceiling_mps.max()), low)
+        low, high = SLOWEST_MPS, max(float(self._ceiling_mps.max()), SLOWEST_MPS)
         least_s = self.time_s(s_m, v_mps, high)
         if least_s >= left_s:
             return high
-        ample = left_s > self._longest_ratio * least_s
+        ample = left_s > LONGEST_RATIO * least_s
         if ample and not math.isnan(before_mps):
             return before_mps
-        left_s = self._longest_ratio * least_s if ample else left_s
-        for _ in range(self._settings.halvings):
+        left_s = LONGEST_RATIO * least_s if ample else left_s
+        for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.time_s(s_m, v_mps, middle) > left_s else (low, middle)
         return high
@@ -175,6 +190,6 @@ class ReducedSpeed:
         line = LineArrays(*(array[first:].copy() for array in section.for_kernels))
         line.step_m[0] = max(float(section.node_m[first + 1]) - s_m, 1e-3)
         speeds = np.empty(len(cap))
-        speeds[0] = min(v_mps, cap[0] / self._settings.below_ratio)
+        speeds[0] = min(v_mps, cap[0] / BELOW_RATIO)
         took_s = float(fastest_roll_out(line, cap, section.train, speeds))
         return took_s if took_s >= 0 else math.inf

@@ -13,6 +13,8 @@ from das.advice.advice import Guidance
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.units import KMH
 
+SPEED_BAND_RATIO: Final = 0.75
+"""A displayed speed changes when the true one is further than this share of a step from the middle of its step."""
 SPEED_STEP_MPS: Final = 1.0 * KMH
 """The speeds that a driver reads are whole multiples of this."""
 TARGET_STEP_MPS: Final = 5.0 * KMH
@@ -29,13 +31,14 @@ def step_below(speed_mps: float) -> float:
     return math.floor(speed_mps / SPEED_STEP_MPS + 1e-9) * SPEED_STEP_MPS
 
 
-def steady_step(speed_mps: float, shown_mps: float, band_ratio: float) -> float:
+def steady_step(speed_mps: float, shown_mps: float) -> float:
     """A speed (m/s) that changes all the time, rounded down to a whole step; a step shown stays while it is near.
 
-    It is near if its middle is at most `band_ratio` steps from the speed. `shown_mps` is NaN if no step is shown yet.
+    It is near if its middle is at most `SPEED_BAND_RATIO` steps from the speed. `shown_mps` is NaN if no step is
+    shown yet.
     """
     away_mps = abs(speed_mps - (shown_mps + 0.5 * SPEED_STEP_MPS))
-    return shown_mps if away_mps <= band_ratio * SPEED_STEP_MPS else step_below(speed_mps)
+    return shown_mps if away_mps <= SPEED_BAND_RATIO * SPEED_STEP_MPS else step_below(speed_mps)
 
 
 def target_below(speed_mps: float) -> float:

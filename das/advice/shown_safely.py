@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from das.advice.braking import ABOVE_MPS, BRAKED_MORE, braking_mode
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.plan import Floats
 from das.advice.planner import Planner
 from das.advice.regimes import Regime
-from das.advice.settings import DisplaySettings
 
+BEFORE_S: Final = 4.0
+"""Full braking is shown this long before it is needed: advice is valid for 3 s, and the brakes need time to act."""
+SLOW_MPS: Final = 4.0
+"""For a train slower than this, `BEFORE_M` and `LEAST_S` count instead of `BEFORE_S`."""
+BEFORE_M: Final = 5.0
+"""A slow train is shown full braking this far before it is needed, so that it stops at most this far short."""
+LEAST_S: Final = 2.0
+"""A slow train is shown full braking at least this long before it is needed: a driver takes this long to act."""
 LATE_S = 2.0
 """A driver may take this long to do what is shown."""
 NEXT_S = 1.0
@@ -77,7 +84,7 @@ class FourModes(NamedTuple):
     allowed (m/s).
     """
 
-    settings: DisplaySettings
+    valid_for_s: float
     planner: Planner
     state: TrainState
     held_mps: float
@@ -89,14 +96,13 @@ class FourModes(NamedTuple):
         `mode` is what the other displays show. If they show braking to a train that is too fast, this is full braking,
         however weak theirs is.
         """
-        settings, planner, state, v_mps = self.settings, self.planner, self.state, self.state.v_mps
+        planner, state, v_mps = self.planner, self.state, self.state.v_mps
         too_fast, pulls = self.excess_mps > OVERSPEED_MPS, four is Regime.FULL_TRACTION
         rolls = four is Regime.COAST or too_fast
         gained_mps2 = self._gained_mps2(four)
-        gained_mps = max(gained_mps2, 0.0) * settings.valid_for_s
-        four_settings = settings.four
-        slowly_s = max(four_settings.before_m / max(v_mps, 0.1), four_settings.least_s)
-        before_s = slowly_s if v_mps <= four_settings.slow_mps else four_settings.before_s
+        gained_mps = max(gained_mps2, 0.0) * self.valid_for_s
+        slowly_s = max(BEFORE_M / max(v_mps, 0.1), LEAST_S)
+        before_s = slowly_s if v_mps <= SLOW_MPS else BEFORE_S
         soon_mps = max(v_mps, self.held_mps) if four is Regime.CRUISE else v_mps
         late = planner.brakes_late(state, soon_mps + (gained_mps if rolls else 0.0), before_s)
         if late or (too_fast and mode not in (Regime.CRUISE, Regime.COAST)):
@@ -112,9 +118,8 @@ class FourModes(NamedTuple):
 
     def _may_creep(self) -> bool:
         """Whether a slow train may be told to hold a speed instead: it would stand short of its stop if it coasted."""
-        four = self.settings.four
-        before_s = max(four.before_m / max(self.held_mps, 0.1), four.least_s)
-        return self.state.v_mps <= four.slow_mps and not self.planner.brakes_late(self.state, self.held_mps, before_s)
+        before_s = max(BEFORE_M / max(self.held_mps, 0.1), LEAST_S)
+        return self.state.v_mps <= SLOW_MPS and not self.planner.brakes_late(self.state, self.held_mps, before_s)
 
     def full_brake_due_s(self, four: Regime) -> float:
         """In how many whole seconds full braking must follow the mode `four`.
@@ -123,7 +128,7 @@ class FourModes(NamedTuple):
         """
         if four is Regime.FULL_BRAKE:
             return math.inf
-        planner, valid_s = self.planner, math.ceil(self.settings.valid_for_s)
+        planner, valid_s = self.planner, math.ceil(self.valid_for_s)
         state = self.state._replace(ahead_m=planner.ahead.feared_m(self.state.braked_m) - self.state.s_m)
         gained_mps2 = max(self._gained_mps2(four), 0.0)
         for due_s in range(valid_s):
@@ -136,7 +141,7 @@ class FourModes(NamedTuple):
     def reaches(self, speed_mps: float) -> bool:
         """Whether full traction brings the train to a speed (m/s) while the advice is valid."""
         gained_mps2 = max(self._gained_mps2(Regime.FULL_TRACTION), 0.0)
-        return self.state.v_mps + gained_mps2 * self.settings.valid_for_s >= speed_mps
+        return self.state.v_mps + gained_mps2 * self.valid_for_s >= speed_mps
 
     def _gained_mps2(self, four: Regime) -> float:
         """The acceleration (m/s²) of the train with full traction if `four` is that, else when it coasts."""

@@ -104,7 +104,7 @@ class Cab:
         self._post, self._settings = post, settings
         self._guard, self._reporting = Guard(), Reporting()
         self._localisation = Localisation(situation.vehicle)
-        self._quiet = Quiet(settings.advice.quiet, settings.advice.stop)
+        self._quiet = Quiet()
         self._trust = Trust(restrictions_received=settings.no_restrictions)
         self._now = _Now()
 

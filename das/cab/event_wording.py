@@ -145,19 +145,19 @@ def two_publishers(source: str | None, rival: str) -> str:
     return f"{source or 'unnamed'} and {rival}"
 
 
-def two_operators(source: str | None, rival: str) -> str:
-    """The two publishers that state different restrictions."""
-    return f"{_named(source)} and {_named(rival)}"
+def two_operators(source: str | None, rival: str, *, one_is_gone: bool) -> str:
+    """The two publishers that state different restrictions, and what has to be done if one of them is gone."""
+    cure = "; one of them is gone, the other has to send its list again" if one_is_gone else ""
+    return f"{_named(source)} and {_named(rival)}{cure}"
 
 
-def takes_over(kind: Kind, source: str | None, before: str, *, joined: bool, overtaken: bool) -> str:
-    """A publisher that counts now that the previous one is gone; `joined`: the restrictions of both hold.
+def takes_over(kind: Kind, source: str | None, before: str, *, overtaken: bool) -> str:
+    """A publisher that counts now that the previous one is gone.
 
     `overtaken`: nobody knows that it is gone, but it has no liveliness token and this order is newer.
     """
     why = "has no liveliness token and its order is older" if overtaken else "is gone"
-    also = f"; what both said holds until {_named(source)} tells a list anew" if joined else ""
-    return about(kind, f"{_named(source)} counts from now on, {_named(before)} {why}{also}")
+    return about(kind, f"{_named(source)} counts from now on, {_named(before)} {why}")
 
 
 def not_heeded(kind: Kind, source: str, before: str | None) -> str:

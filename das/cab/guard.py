@@ -28,13 +28,13 @@ from das.cab.heard import (
 from das.domain.errors import DasError
 from das.domain.restriction import LONGEST_TEXT, Restriction
 from das.domain.units import NS
-from das.estimate.settings import STALE_AFTER_S
+from das.estimate.localisation import STALE_AFTER_S
 
 MOST_RIVALS = 20
 """At most this many sessions that wait beside the one that counts are remembered (the newest), and at most this many
 other nodes of the train (the first)."""
 MOST_GONE = 50
-"""At most this many sessions that are gone are remembered: the newest."""
+"""It is remembered of at most this many sessions whether they are there: the newest."""
 MOST_STOPS = 200
 """A journey with more stops is rejected as nonsense."""
 MOST_RESTRICTIONS = 100
@@ -80,8 +80,8 @@ class Guard:
             self._newest_ns.pop(kind, None)
             self._early.pop(kind, None)
             if is_counted:
-                how = {"joined": operator.joined, "overtaken": before in operator.overtaken}
-                self._news.append(event_wording.takes_over(kind, operator.source, before, **how))
+                overtaken = before == operator.overtaken
+                self._news.append(event_wording.takes_over(kind, operator.source, before, overtaken=overtaken))
         elif not is_counted and not known and operator.is_rival(source):
             self._news.append(event_wording.not_heeded(kind, source, before))
         return is_counted
@@ -156,7 +156,10 @@ class Guard:
         """The two publishers that state different restrictions; else empty."""
         operator = self._operators[Kind.RESTRICTION]
         other = operator.contradiction()
-        return event_wording.two_operators(operator.source, other) if other is not None else ""
+        if other is None:
+            return ""
+        one_is_gone = operator.is_gone(operator.source) or operator.is_gone(other)
+        return event_wording.two_operators(operator.source, other, one_is_gone=one_is_gone)
 
     def lose_restrictions(self, why: str) -> None:
         """Treat the restrictions in force as unknown until a list is received that can be used."""
@@ -287,11 +290,11 @@ class Publishers:
 class Operator:
     """Decides which session counts for one state.
 
-    The first session counts until its publisher is gone. Until then the newest message of every other session that is
-    present waits. Without reports of who is present, every session is taken to be present.
+    The first session counts until its publisher is gone; what the others said last waits. Without reports of who is
+    present, every session is taken to be present.
 
-    If the first session is gone while two sessions state different restrictions, both lists hold together until the
-    other session sends a list that it made after the conflict was reported.
+    Two sessions that state different restrictions contradict each other until they agree, or until one is gone and the
+    other has sent a list since.
 
     A publisher without a liveliness token is never reported gone. A newer message of another session overtakes its own:
     most often it was started anew. Should it speak again, both are there, and none overtakes any more.
@@ -300,54 +303,39 @@ class Operator:
     def __init__(self) -> None:
         self.source: str | None = None
         """The session that counts."""
-        self._announced: set[str] = set()
+        self._said: dict[str | None, Heard] = {}
+        self._there: dict[str | None, bool] = {}
+        self._left: set[str] = set()
         self._unannounced: tuple[str | None, int] = None, 0
-        self._told: set[str] = set()
-        self.overtaken: set[str] = set()
+        self._tokenless: str | None = None
+        self.overtaken: str | None = None
         """The session whose message a newer one has overtaken, if it has not spoken again."""
         self._contested = False
-        self._newest: Heard | None = None
-        self._rivals: dict[str, Heard] = {}
-        self._gone: dict[str, Heard | None] = {}
-        self._informed: set[str] = set()
-        self._joined: RestrictionsHeard | None = None
-
-    @property
-    def joined(self) -> bool:
-        """Whether the restrictions of a session that is gone hold together with those of the one that counts."""
-        return self._joined is not None and self._joined.is_same(self._newest)
 
     def counts(self, message: Heard) -> bool:
         """Whether a message counts; one that does not count waits while its publisher is present.
 
-        A message that cannot be read does not make its session the one that counts.
+        A message that cannot be read does not make its session the one that counts, nor does a repeated one while the
+        two contradict each other.
         """
-        source = message.source
-        if source != self.source and (self.source is None or self.source in self._gone):
-            if isinstance(message, Unreadable):
-                return True
-            self._rivals.pop(source, None)
-            if self.source is not None:
-                self._gone[self.source] = self._newest
-            self.source = source
-        if source == self.source:
-            if self._repeats(message):
-                return False
-            self._newest = message
-            self._informed.clear()
+        source, before = message.source, self._said.get(message.source)
+        takes_over = source != self.source and (self.source is None or self.is_gone(self.source))
+        repeated = before is not None and replace(before, heard_ns=message.heard_ns) == message
+        if takes_over and isinstance(message, Unreadable):
             return True
-        before = self._rivals.get(source) or self._gone.get(source)
-        if before is not None and _places(before) != _places(self._newest):
-            self._informed.add(source)
-        if source in self.overtaken:
-            self.overtaken.discard(source)
-            self._gone.pop(source, None)
-            self._contested = True
-        if source in self._gone:
-            self._gone[source] = message
-        else:
-            self._wait(source, message)
-        return False
+        if takes_over and repeated and self._differs(source) and self.overtaken != self.source:
+            return False
+        if source == self.overtaken and not takes_over:
+            self.overtaken, self._contested = None, True
+            self._there.pop(source, None)
+        if takes_over:
+            self.source = source
+        if source == self.source and not repeated:
+            self._left.clear()
+        self._said[source] = message
+        if len(self._said) > MOST_RIVALS + 1:
+            self._said.pop(next(one for one in self._said if one != self.source))
+        return source == self.source
 
     def turns_out_unannounced(self, now_ns: int) -> bool:
         """Whether the session that counts proves to have no liveliness token; True once for each session.
@@ -355,12 +343,12 @@ class Operator:
         A token may come a little after the first message.
         """
         since = self._unannounced
-        if not self.source or self.source in self._announced or self.source in self._gone:
+        if not self.source or self.source in self._there:
             self._unannounced = None, 0
         elif since[0] != self.source:
             self._unannounced = self.source, now_ns
-        elif abs(now_ns - since[1]) * NS >= TOKEN_AFTER_S and self.source not in self._told:
-            self._told = {self.source}
+        elif abs(now_ns - since[1]) * NS >= TOKEN_AFTER_S and self._tokenless != self.source:
+            self._tokenless = self.source
             return True
         return False
 
@@ -369,44 +357,26 @@ class Operator:
 
         Restrictions count only if none is left out that was in force: both sessions may be there.
         """
-        if self.source not in self._told - self._announced - set(self._gone) or self._contested:
+        if not self.source or self._tokenless != self.source or self.source in self._there or self._contested:
             return None
-        newest_ns = self._newest.time_ns if isinstance(self._newest, StateHeard) else 0
-        known = set(_places(self._newest) or ())
-        rivals = (one for one in self._rivals.values() if isinstance(one, StateHeard) and one.time_ns > newest_ns)
-        newer = [one for one in rivals if known <= set(_places(one) or ())]
+        newest = self._said[self.source]
+        newest_ns = newest.time_ns if isinstance(newest, StateHeard) else 0
+        known = set(_places(newest) or ())
+        rivals = (one for name in self._rivals() if isinstance(one := self._said[name], StateHeard))
+        newer = [one for one in rivals if one.time_ns > newest_ns and known <= set(_places(one) or ())]
         if not newer:
             return None
-        self._gone[self.source] = None
-        self.overtaken = {self.source}
+        self._there[self.source] = False
+        self.overtaken = self.source
         return max(newer, key=lambda one: one.time_ns)
-
-    def _repeats(self, message: Heard) -> bool:
-        """Whether the bus has repeated the message whose restrictions were joined."""
-        if not self.joined or self._joined is None or not isinstance(message, RestrictionsHeard):
-            return False
-        return message.time_ns <= self._joined.time_ns and not self._joined.is_same(message)
-
-    def _stricter(self, rival: Heard | None) -> Heard | None:
-        """The message that counts when a rival takes over: the rival's, with the restrictions it may not know of."""
-        newest = self._newest
-        if not isinstance(rival, RestrictionsHeard) or not isinstance(newest, RestrictionsHeard):
-            return rival
-        if rival.source in self._informed or _places(rival) == _places(newest):
-            return rival
-        both = tuple(dict.fromkeys((*newest.restrictions, *rival.restrictions)))
-        self._joined = replace(rival, restrictions=both)
-        return self._joined
-
-    def _wait(self, source: str, message: Heard) -> None:
-        """Keep a message until the session that counts is gone."""
-        if source not in self._rivals and len(self._rivals) >= MOST_RIVALS:
-            self._rivals.pop(next(iter(self._rivals)))
-        self._rivals[source] = message
 
     def is_rival(self, source: str) -> bool:
         """Whether a message of this session waits."""
-        return source in self._rivals
+        return source in self._rivals()
+
+    def is_gone(self, source: str | None) -> bool:
+        """Whether the publisher of a session was there and no longer is."""
+        return self._there.get(source) is False
 
     def see(self, seen: PublisherSeen) -> Heard | None:
         """Take note of a publisher that came or went; returns the message that counts now because of that, if any.
@@ -414,25 +384,26 @@ class Operator:
         The last message of a publisher that comes back still holds.
         """
         source = seen.source
-        if seen.there:
-            self._announced.add(source)
-            last = self._gone.pop(source, None)
-            if last is None or source == self.source:
-                return None
-            if self.source in self._gone:
-                return self._stricter(last)
-            self._wait(source, last)
-            return None
-        self._announced.discard(source)
-        self._gone[source] = self._rivals.pop(source, self._gone.get(source))
-        if len(self._gone) > MOST_GONE:
-            self._gone.pop(next(one for one in self._gone if one != self.source))
-        return self._stricter(next(iter(self._rivals.values()), None)) if source == self.source else None
+        if not seen.there and self.is_rival(source) and self._differs(source):
+            self._left.add(source)
+        self._there.pop(source, None)
+        self._there[source] = seen.there
+        if len(self._there) > MOST_GONE:
+            self._there.pop(next(one for one in self._there if one != self.source))
+        rivals = self._rivals() if self.is_gone(self.source) else []
+        return next((self._said[one] for one in rivals if not self._differs(one)), None)
 
     def contradiction(self) -> str | None:
         """A session that states other restrictions than the one that counts; None if no session does."""
-        places = _places(self._newest)
-        return next((source for source, rival in self._rivals.items() if _places(rival) != places), None)
+        return next((one for one in (*self._rivals(), *self._left) if self._differs(one)), None)
+
+    def _rivals(self) -> list[str]:
+        """The sessions beside the one that counts whose publishers are present."""
+        return [one for one in self._said if one is not None and one != self.source and not self.is_gone(one)]
+
+    def _differs(self, source: str) -> bool:
+        """Whether a session said other restrictions last than the one that counts."""
+        return _places(self._said.get(source)) != _places(self._said.get(self.source))
 
 
 def _places(message: Heard | None) -> list[tuple[float, ...]] | None:

@@ -6,7 +6,7 @@ session that sent the message, where that is known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar, Final, NamedTuple
 
@@ -126,10 +126,6 @@ class RestrictionsHeard(StateHeard):
 
     kind: ClassVar[Kind] = Kind.RESTRICTION
     restrictions: tuple[Restriction, ...]
-
-    def is_same(self, other: Heard | None) -> bool:
-        """Whether another message equals this one in all but the time of reception."""
-        return other is not None and replace(other, heard_ns=self.heard_ns) == self
 
 
 @dataclass(frozen=True, kw_only=True)

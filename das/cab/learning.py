@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 from das.cab import event_wording
 from das.cab.heard import EffortHeard, Heard, Kind, PositionHeard
@@ -13,8 +14,9 @@ from das.estimate.calibration import Calibrator, Recalibration
 from das.estimate.fix import Quality
 from das.estimate.localisation import ClockDifference
 from das.estimate.ratios import Estimates, ForceDoubt
-from das.estimate.settings import CALIBRATION, LOCALISATION
 
+CLOCKS_DIFFER_S: Final = 0.3
+"""Forces whose time stamps differ by more than this from those of the positions belong to other moments."""
 REPORT_EVERY_S = 10.0
 """The estimates are reported at this interval (s); a change in the trust in the forces no more often than that."""
 
@@ -27,7 +29,7 @@ class Learning:
         self._recalibration = Recalibration()
         self._reported_ns: int | None = None
         self._mixed: ForceDoubt | None = None
-        self._clocks = {kind: ClockDifference(LOCALISATION.clock) for kind in (Kind.EFFORT, Kind.POSITION)}
+        self._clocks = {kind: ClockDifference() for kind in (Kind.EFFORT, Kind.POSITION)}
         self._doubt_reported: ForceDoubt | None = None
         self._doubt_reported_ns: int | None = None
 
@@ -66,7 +68,7 @@ class Learning:
     @property
     def _clocks_differ(self) -> bool:
         effort, position = self._clocks[Kind.EFFORT].seconds, self._clocks[Kind.POSITION].seconds
-        return abs(effort - position) > CALIBRATION.force.clocks_differ_s
+        return abs(effort - position) > CLOCKS_DIFFER_S
 
     @property
     def _found(self) -> Estimates | None:

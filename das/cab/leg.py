@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 from das.advice.advice import Advice, Guidance, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
 from das.advice.display import Display, Scene
-from das.advice.goal import Goal, PassingTarget, TrainState, is_too_fast
+from das.advice.goal import AT_END_M, AT_STOP_M, Goal, PassingTarget, TrainState, is_too_fast
 from das.advice.guide.drift import Drift
 from das.advice.guide.effort import STEP_RATIO
 from das.advice.guide.guide import Guide
@@ -30,6 +31,11 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
+SHORT_M: Final = 15.0
+"""A train that stood further than this before its stop and moves on is taken to move up to it, whatever the time:
+it is shown nothing until it is there."""
+AHEAD_DEVIATIONS: Final = 2.0
+"""The train is assumed to be ahead of its estimated position by at most this many standard deviations."""
 LEAST_WAY_M = 2.0
 """A point to pass lies at least this far from both ends of its section."""
 
@@ -64,7 +70,7 @@ class Leg:
         drift: Drift | None = None,
     ) -> None:
         self.start, self.end = start, end
-        self.planner, self.display = Planner(PlanBasis(section=section), settings), Display(settings)
+        self.planner, self.display = Planner(PlanBasis(section=section)), Display(settings.valid_for_s)
         guide = settings.guide
         self.guide = Guide(section, None, guide, guide_worker, drift) if guide.enabled else None
         self.arrival_ns: int | None = None
@@ -75,7 +81,6 @@ class Leg:
         """The times that the train has to keep now; `refresh_goal` brings it up to date."""
         self.here: Estimate | None = None
         """The last state of the train on this leg; None if that one cannot be used."""
-        self._settings = settings
         self._arrived_ns: int | None = None
         self.progress = _Progress()
         """How far the train has come on this leg."""
@@ -99,7 +104,7 @@ class Leg:
 
     def use(self, basis: PlanBasis) -> None:
         """Plan with another basis from now on."""
-        self.planner = Planner(basis, self._settings)
+        self.planner = Planner(basis)
         self._lead(None)
 
     def use_guide(self, front: GuideFront) -> None:
@@ -133,8 +138,8 @@ class Leg:
             return
         short_m = self.section.start_m - here.s_m
         if here.speed_mps < STANDSTILL_MPS:
-            self.progress.stood_short = short_m > self._settings.stop.short_m
-        elif short_m < self._settings.stop.standstill_m:
+            self.progress.stood_short = short_m > SHORT_M
+        elif short_m < AT_END_M:
             self.progress.stood_short = False
 
     def refresh_goal(self) -> None:
@@ -157,21 +162,21 @@ class Leg:
 
     def advise(self, here: Estimate) -> Advice:
         """The advice for a usable state, at its time; raises NoPlanError if no plan finishes the section from it."""
-        stop, planner = self._settings.stop, self.planner
+        planner = self.planner
         state = self._state(here)
         self.progress.too_fast = is_too_fast(state.v_mps - planner.allowed_for(state), told=self.progress.too_fast)
         scene = Scene(state, here, planner, self.goal, too_fast=self.progress.too_fast)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
-        if not stands or beyond_m < -stop.at_stop_m:
+        if not stands or beyond_m < -AT_STOP_M:
             self._arrived_ns = None
         if stands:
-            if beyond_m >= -stop.at_stop_m:
+            if beyond_m >= -AT_STOP_M:
                 scene = scene._replace(guide=self._standing(state))
                 late_s = self._arrival_late_s(state.now_ns)
                 return self.display.standing(scene, Reason(code=ReasonCode.ARRIVED, late_s=late_s))
-            if state.s_m <= self.section.start_m + stop.at_stop_m and state.now_ns < self.goal.departure_ns:
+            if state.s_m <= self.section.start_m + AT_STOP_M and state.now_ns < self.goal.departure_ns:
                 return self.display.waiting(scene._replace(guide=self._standing(state)))
-        if beyond_m >= -stop.standstill_m:
+        if beyond_m >= -AT_END_M:
             needed = planner.ahead.effort_to(state.s_m, state.v_mps, self.section.end_m, 0.0)
             reason = Reason(code=ReasonCode.STOP, stop=self.section.end_stop_name)
             return self._braking(scene, reason, needed)
@@ -189,10 +194,10 @@ class Leg:
 
     def _state(self, here: Estimate) -> TrainState:
         """The state to advise for, and by how much the train may be further ahead than the plan already allows for."""
-        section, stop = self.section, self._settings.stop
+        section = self.section
         s_m = max(here.s_m, section.start_m)
         planned_m = 0.0 if section.braking is None else section.braking.deviation_m
-        ahead_m = min(stop.deviations * here.position_sd_m - planned_m, section.end_m - AT_MARK_M - s_m)
+        ahead_m = min(AHEAD_DEVIATIONS * here.position_sd_m - planned_m, section.end_m - AT_MARK_M - s_m)
         return TrainState(here.time_ns, s_m, here.speed_mps, max(ahead_m, 0.0))
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:

@@ -6,16 +6,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Final
 
 from das.advice.advice import Advice, Timetable
+from das.advice.goal import AT_STOP_M
 from das.advice.guide.drift import Drift
-from das.advice.settings import DEFAULT, AdviceSettings, StopSettings
+from das.advice.settings import DEFAULT, AdviceSettings
 from das.cab import event_wording
 from das.cab.heard import Target
 from das.cab.leg import Leg, assign_targets
 from das.cab.preparation import News, Preparation
 from das.cab.situation import AS_PLANNED, Situation
-from das.cab.withdrawal import LastWords
+from das.cab.withdrawal import LOST_BEYOND_M, LastWords
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, RunawayError
 from das.domain.levels import Level
@@ -23,6 +25,10 @@ from das.domain.restriction import Restriction
 from das.domain.route import Stop
 from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
+
+BACK_M: Final = 200.0
+"""A train that has begun a section counts as back on the previous one only if its position lies further back than
+this."""
 
 Moment = tuple[float, bool] | None
 """The position of the train (m) and whether it stands there; None if it is not known."""
@@ -109,7 +115,7 @@ class Legs:
         free = replace(situation, restrictions=())
         s_m = -math.inf if moment is None else moment[0]
         going_on = [known[ends] for ends in pairwise(stop.position_m for stop in stops) if ends in known]
-        drift = _drift_of(going_on, self._settings)
+        drift = _drift_of(going_on)
         legs = [
             known.get((a.position_m, b.position_m)) or self._new_leg(free, (a, b), s_m, drift)
             for a, b in pairwise(stops)
@@ -181,7 +187,7 @@ class Legs:
     def place(self, moment: Moment) -> None:
         """Take over the position of the train; it decides which leg the train is on."""
         if moment is not None and self.legs:
-            self._index = _leg_of(self.legs, self._index, moment, self._settings.stop)
+            self._index = _leg_of(self.legs, self._index, moment)
 
     def prepare(self, now_ns: int) -> None:
         """Bring the legs that are near up to date with the situation at a moment (ns since 1970)."""
@@ -207,13 +213,13 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
         leg.set_timetable(timetable, counts=leg is legs[-1])
 
 
-def _drift_of(legs: Sequence[Leg], settings: AdviceSettings) -> Drift:
+def _drift_of(legs: Sequence[Leg]) -> Drift:
     """What is known of the driver of these legs; nothing if no leg of another journey goes on."""
     guide = legs[0].guide if legs else None
-    return guide.drift if guide is not None else Drift(settings.guide.margin, settings.guide.loss)
+    return guide.drift if guide is not None else Drift()
 
 
-def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool], settings: StopSettings) -> int:
+def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool]) -> int:
     """The index of the leg by position. At a stop it is the leg that ends there until the train stands, then the next.
 
     A train that runs through its stop stays on the leg it has not ended, until it stands or is far away. Scatter of the
@@ -221,11 +227,11 @@ def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool],
     """
     s_m, stands = moment
     ends_m = [leg.section.end_m for leg in legs[:-1]]
-    index = sum(s_m >= end_m - (settings.at_stop_m if stands else 0.0) for end_m in ends_m)
+    index = sum(s_m >= end_m - (AT_STOP_M if stands else 0.0) for end_m in ends_m)
     if before is None:
         return index
-    if before == index + 1 and s_m >= ends_m[index] - settings.back_m:
+    if before == index + 1 and s_m >= ends_m[index] - BACK_M:
         return before
-    if not stands and before == index - 1 and s_m < ends_m[before] + settings.lost_beyond_m:
+    if not stands and before == index - 1 and s_m < ends_m[before] + LOST_BEYOND_M:
         return before
     return index

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from das.advice.advice import Source
-from das.advice.goal import PassingTarget
+from das.advice.goal import AT_STOP_M, PassingTarget
 from das.advice.guide.settings import GuideSettings
 from das.advice.passing import PassingFronts, PassingRun
 from das.advice.planner import PlanBasis
-from das.advice.settings import DEFAULT
 from das.advice.worker import Worker
 from das.cab import event_wording
 from das.cab.fronts import FoundGuide, Fronts, onboard_ladder
@@ -265,7 +264,7 @@ class _Question(NamedTuple):
     @classmethod
     def of(cls, leg: Leg) -> _Question:
         section, goal, here = leg.section, leg.goal, leg.here
-        if here is None or not section.start_m <= here.s_m < section.end_m - DEFAULT.stop.at_stop_m:
+        if here is None or not section.start_m <= here.s_m < section.end_m - AT_STOP_M:
             return cls(section, goal.passing, goal.departure_ns, goal.arrival_ns, section.start_m, 0.0)
         now_ns = here.time_ns
         if here.speed_mps < STANDSTILL_MPS:

@@ -8,17 +8,20 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, replace
+from typing import Final
 
 from das.advice.advice import OF_PROBLEM, Advice, Cause, Withdrawal
 from das.advice.braking_model import BrakingBasis
+from das.advice.goal import AT_END_M, AT_STOP_M
 from das.advice.last_word import Act, LastWord, Part
-from das.advice.settings import DEFAULT, StopSettings
 from das.cab.outputs import is_fresh
 from das.cab.situation import Situation
 from das.domain.units import KMH, KN
 from das.estimate.estimate import Estimate
 from das.estimate.plausibility import STANDSTILL_MPS
 
+LOST_BEYOND_M: Final = 500.0
+"""A train further beyond the end of the section than this is not on the section at all."""
 REPORT_EVERY_S = 30.0
 """A replaced part of the advice is reported once, and again only if it was not replaced for this long."""
 
@@ -68,7 +71,6 @@ def decide(
     *,
     no_plan: str = "",
     quiet: Cause = Cause.NONE,
-    stop: StopSettings = DEFAULT.stop,
 ) -> Withdrawal | None:
     """Why there is no advice; None if there is. The first of these that holds decides:
 
@@ -87,7 +89,7 @@ def decide(
         return Withdrawal(Cause.NO_JOURNEY)
     if not trust.restrictions_received:
         return Withdrawal(Cause.RESTRICTIONS_UNTOLD)
-    found = _of_leg(here, leg, stop)
+    found = _of_leg(here, leg)
     if found is not None:
         return found
     if no_plan:
@@ -111,17 +113,17 @@ def _distrust(trust: Trust) -> Withdrawal | None:
     return None
 
 
-def _of_leg(here: Estimate, leg: LegFacts, stop: StopSettings) -> Withdrawal | None:
+def _of_leg(here: Estimate, leg: LegFacts) -> Withdrawal | None:
     if leg.refusal:
         return Withdrawal(Cause.SECTION_IMPOSSIBLE, leg.refusal)
     if here.problem is not None:
         return Withdrawal(OF_PROBLEM[here.problem.kind], problem=here.problem)
-    if not leg.start_m - stop.at_stop_m <= here.s_m <= leg.end_m + stop.lost_beyond_m:
+    if not leg.start_m - AT_STOP_M <= here.s_m <= leg.end_m + LOST_BEYOND_M:
         return Withdrawal(Cause.OUTSIDE_SECTION, position_m=here.s_m, section_m=(leg.start_m, leg.end_m))
-    creeps = here.speed_mps >= STANDSTILL_MPS and here.s_m < leg.start_m - stop.standstill_m
+    creeps = here.speed_mps >= STANDSTILL_MPS and here.s_m < leg.start_m - AT_END_M
     if creeps and (leg.stood_short or here.time_ns < leg.departure_ns):
         return Withdrawal(Cause.MOVING_UP)
-    if here.s_m - leg.end_m > stop.at_stop_m:
+    if here.s_m - leg.end_m > AT_STOP_M:
         return Withdrawal(Cause.PAST_STOP, position_m=here.s_m - leg.end_m)
     return None
 

@@ -5,8 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final, NamedTuple
 
-from das.estimate.settings import Deviations, SensorSettings
+LEAST_SD_M: Final = 0.5
+"""A stated standard deviation of the position below this is raised to it: no receiver is believed to be better."""
+LEAST_SD_MPS: Final = 0.02
+"""A stated standard deviation of the speed below this is raised to it: no odometer is believed to be better."""
+SPEED_LATE_S: Final = 1.75
+"""A speed whose sender states no deviation is late by this: one standard deviation for receivers that filter their
+speeds (two recorded trips: 0.75 and 2.5 s)."""
+OVERSPEED_RATIO: Final = 1.3
+"""A speed above the train's largest one times this is a fault of the sensor."""
 
 
 class Quality(IntEnum):
@@ -16,6 +25,21 @@ class Quality(IntEnum):
     GOOD = 1
     DEGRADED = 2
     INVALID = 3
+
+
+class Deviations(NamedTuple):
+    """One standard deviation each of a measured position (m) and of a measured speed (m/s)."""
+
+    position_m: float
+    speed_mps: float
+
+
+USUAL: Final = {
+    Quality.GOOD: Deviations(5.0, 0.2),
+    Quality.UNKNOWN: Deviations(10.0, 0.3),
+    Quality.DEGRADED: Deviations(30.0, 0.5),
+}
+"""Standard deviations of a fix that states none, by its quality (assumptions)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,21 +62,16 @@ class PositionFix:
         return self.s_m == other.s_m and self.speed_mps == other.speed_mps
 
 
-def deviations(fix: PositionFix, sensors: SensorSettings) -> Deviations:
+def deviations(fix: PositionFix) -> Deviations:
     """Return the standard deviations of a fix: those that it states, otherwise those usual for its quality.
 
     Raises ValueError for a fix that its sender marked as unusable: such a fix has no deviations.
     """
-    if fix.quality is Quality.GOOD:
-        position_m, speed_mps = sensors.good
-    elif fix.quality is Quality.UNKNOWN:
-        position_m, speed_mps = sensors.unknown
-    elif fix.quality is Quality.DEGRADED:
-        position_m, speed_mps = sensors.degraded
-    else:
+    if fix.quality not in USUAL:
         raise ValueError("a fix marked as unusable has no deviations")
+    position_m, speed_mps = USUAL[fix.quality]
     if fix.uncertainty_m > 0:
-        position_m = max(fix.uncertainty_m, sensors.least_position_sd_m)
+        position_m = max(fix.uncertainty_m, LEAST_SD_M)
     if fix.speed_uncertainty_mps > 0:
-        speed_mps = max(fix.speed_uncertainty_mps, sensors.least_speed_sd_mps)
+        speed_mps = max(fix.speed_uncertainty_mps, LEAST_SD_MPS)
     return Deviations(position_m, speed_mps)

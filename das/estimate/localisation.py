@@ -10,15 +10,51 @@ import math
 import statistics
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import Final
 
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.estimate import NO_POSITION_YET, Estimate, Problem, ProblemKind
 from das.estimate.fix import PositionFix, deviations
-from das.estimate.plausibility import Doubts, FrozenReceiver, Standstill, impossible, surprise
-from das.estimate.settings import LOCALISATION, ClockSettings, ClockStepSettings, LocalisationSettings, UseSettings
+from das.estimate.plausibility import (
+    EXPECTED_SLOW_MPS,
+    SILENCE_S,
+    SLOW_MPS,
+    Doubts,
+    FrozenReceiver,
+    Standstill,
+    impossible,
+    surprise,
+)
 from das.estimate.speed_scale import SpeedScale
 from das.estimate.track_filter import Track, TrainMotion
+
+STALE_AFTER_S: Final = 3.0
+"""An estimate is not used when its last fix is older than this, or is ahead of the clock by more
+than this."""
+LARGEST_POSITION_SD_M: Final = 50.0
+"""An estimate is not used when one standard deviation of its position is larger than this."""
+LARGEST_SPEED_SD_MPS: Final = 2.0
+"""An estimate is not used when one standard deviation of its speed is larger than this."""
+RECOVERED_RATIO: Final = 0.7
+"""An estimate that was too uncertain is used again below this share of the limits, so that advice does not
+come and go."""
+CLOCK_FIXES: Final = 15
+"""The difference is the median over this many fixes, so that single ones that were held up do not count."""
+CLOCK_MEMORY_S: Final = 30.0
+"""Fixes received longer ago than this do not count."""
+CLOCK_LARGEST_S: Final = 10.0
+"""A fix whose time stamp differs from the clock by more than this does not count: it was held up or replayed."""
+RATE_FIXES: Final = 5
+"""The usual time between two fixes is the median of this many intervals between them."""
+ODD_FIXES: Final = 1
+"""A receiver has a steady rate if at most this many of these intervals are not multiples of the usual one."""
+LOST_FIXES: Final = 2
+"""Up to this many fixes may have been lost just when the clock was set."""
+JITTER_S: Final = 0.25
+"""A time stamp that is off the rate of its receiver by no more than this is jitter."""
+LARGEST_STEP_S: Final = 5.0
+"""After a larger step, the estimate begins anew instead of going on."""
 
 
 class ClockDifference:
@@ -30,11 +66,10 @@ class ClockDifference:
     at the next tick.
     """
 
-    def __init__(self, settings: ClockSettings) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._ticked_ns = 0
         self._waiting: list[int] = []
-        self._received: deque[tuple[int, float]] = deque(maxlen=settings.most_fixes)
+        self._received: deque[tuple[int, float]] = deque(maxlen=CLOCK_FIXES)
         self.seconds = 0.0
         """The clock here less the time stamps (s); > 0 where messages are late or the sensor's clock is behind."""
         self._newest_s = 0.0
@@ -57,7 +92,7 @@ class ClockDifference:
         """Take note of a time stamp and of our clock when it was received (both ns since 1970; clock 0: not known)."""
         if received_ns > self._ticked_ns > 0:
             self._note(stamp_ns, received_ns)
-        elif len(self._waiting) < self._settings.most_fixes:
+        elif len(self._waiting) < CLOCK_FIXES:
             self._waiting.append(stamp_ns)
 
     def tick(self, now_ns: int) -> None:
@@ -66,13 +101,13 @@ class ClockDifference:
             self._note(stamp_ns, now_ns)
         self._waiting.clear()
         self._ticked_ns = now_ns
-        known_s = [late_s for at_ns, late_s in self._received if abs(now_ns - at_ns) * NS <= self._settings.memory_s]
+        known_s = [late_s for at_ns, late_s in self._received if abs(now_ns - at_ns) * NS <= CLOCK_MEMORY_S]
         if known_s:
             self.seconds = statistics.median(known_s)
 
     def _note(self, stamp_ns: int, received_ns: int) -> None:
         late_s = (received_ns - stamp_ns) * NS
-        if abs(late_s) <= self._settings.largest_s:
+        if abs(late_s) <= CLOCK_LARGEST_S:
             self._received.append((received_ns, late_s))
             self._newest_s = late_s
 
@@ -84,9 +119,8 @@ class ClockSteps:
     the clock was set. The way of the train since the last fix shows which of the two is more likely.
     """
 
-    def __init__(self, settings: ClockStepSettings) -> None:
-        self._settings = settings
-        self._spans_s: deque[float] = deque(maxlen=settings.rate_fixes)
+    def __init__(self) -> None:
+        self._spans_s: deque[float] = deque(maxlen=RATE_FIXES)
         self._stamp_ns: int | None = None
 
     def take(self, fix: PositionFix, x: Track, span_s: float) -> float:
@@ -105,12 +139,11 @@ class ClockSteps:
     @property
     def _usual_s(self) -> float | None:
         """The time between two time stamps at the receiver's steady rate; None if it has none."""
-        if len(self._spans_s) < self._settings.rate_fixes:
+        if len(self._spans_s) < RATE_FIXES:
             return None
         usual_s = statistics.median(self._spans_s)
-        least_s = self._settings.least_s
-        odd = sum(abs(span_s - max(round(span_s / usual_s), 1) * usual_s) > least_s for span_s in self._spans_s)
-        return usual_s if odd <= self._settings.odd_fixes else None
+        odd = sum(abs(span_s - max(round(span_s / usual_s), 1) * usual_s) > JITTER_S for span_s in self._spans_s)
+        return usual_s if odd <= ODD_FIXES else None
 
     def _step_s(self, since_s: float, fix: PositionFix, x: Track, span_s: float) -> float:
         """The step of the clock (s) since the last time stamp, which is `since_s` before this one; 0: there was none.
@@ -119,22 +152,21 @@ class ClockSteps:
         step counts only if the position is nearer to where the step puts it than to where the train would be without
         one, and if the train runs further in the time of the step than the receiver's error.
         """
-        usual_s, settings = self._usual_s, self._settings
-        if usual_s is None or abs(since_s - usual_s) <= settings.least_s:
+        usual_s = self._usual_s
+        if usual_s is None or abs(since_s - usual_s) <= JITTER_S:
             return 0.0
         off_m = fix.s_m - x.s - x.b - x.g * (x.v + 0.5 * x.a * span_s) * span_s
-        steps_s = (since_s - count * usual_s for count in range(1, settings.lost_fixes + 2))
+        steps_s = (since_s - count * usual_s for count in range(1, LOST_FIXES + 2))
         step_s = min(steps_s, key=lambda step_s: abs(off_m + x.speed_mps * step_s))
         way_m = x.speed_mps * abs(step_s)
-        can_be = abs(step_s) <= settings.largest_s and way_m > math.sqrt(x.bb)
+        can_be = abs(step_s) <= LARGEST_STEP_S and way_m > math.sqrt(x.bb)
         return step_s if can_be and abs(off_m + x.speed_mps * step_s) < 0.5 * way_m else 0.0
 
 
 class Usability:
     """Judges whether a state is usable. It has a memory, so that advice does not come and go with every fix."""
 
-    def __init__(self, settings: UseSettings) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._intervals_s = (0.0, 0.0)
         self._stale, self._vague = False, False
 
@@ -144,7 +176,7 @@ class Usability:
 
     def is_ahead(self, age_s: float) -> bool:
         """Whether a state of this age is too far ahead of the clock for a mere difference between clocks."""
-        return age_s < -self._settings.stale_after_s
+        return age_s < -STALE_AFTER_S
 
     def judge(self, x: Track, age_s: float, rejection: Problem | None) -> Problem | None:
         """Return why a state cannot be used, or None.
@@ -153,13 +185,12 @@ class Usability:
         was stale is used again when fixes come often enough; one that was too uncertain, when it is well below the
         limits.
         """
-        tuning = self._settings
-        rare = self._stale and min(self._intervals_s) > tuning.stale_after_s
-        self._stale = age_s > tuning.stale_after_s or rare
-        ratio = tuning.recovered_ratio if self._vague else 1.0
+        rare = self._stale and min(self._intervals_s) > STALE_AFTER_S
+        self._stale = age_s > STALE_AFTER_S or rare
+        ratio = RECOVERED_RATIO if self._vague else 1.0
         position_sd_m, speed_sd_mps = math.sqrt(x.ss), math.sqrt(x.speed_variance)
-        place_vague = position_sd_m > ratio * tuning.largest_position_sd_m
-        speed_vague = speed_sd_mps > ratio * tuning.largest_speed_sd_mps
+        place_vague = position_sd_m > ratio * LARGEST_POSITION_SD_M
+        speed_vague = speed_sd_mps > ratio * LARGEST_SPEED_SD_MPS
         self._vague = place_vague or speed_vague
         if self.is_ahead(age_s):
             return Problem(ProblemKind.AHEAD_OF_CLOCK, -age_s)
@@ -171,7 +202,7 @@ class Usability:
 
     def _too_old(self, age_s: float) -> Problem:
         """Return the problem of a stale state: its last fix is too old, or its fixes come too rarely."""
-        if age_s > self._settings.stale_after_s:
+        if age_s > STALE_AFTER_S:
             return Problem(ProblemKind.STALE, age_s)
         return Problem(ProblemKind.RARE, min(self._intervals_s))
 
@@ -191,12 +222,12 @@ class _Tally:
 class _Monitors:
     """The monitors that watch the fixes of one estimate; they begin anew with each estimate."""
 
-    def __init__(self, settings: LocalisationSettings, fastest_mps: float) -> None:
-        self.doubts = Doubts(settings, fastest_mps)
-        self.frozen = FrozenReceiver(settings)
-        self.standstill = Standstill(settings.standstill)
-        self.usability = Usability(settings.use)
-        self.steps = ClockSteps(settings.steps)
+    def __init__(self, fastest_mps: float) -> None:
+        self.doubts = Doubts(fastest_mps)
+        self.frozen = FrozenReceiver()
+        self.standstill = Standstill()
+        self.usability = Usability()
+        self.steps = ClockSteps()
 
 
 SPEED_DOUBTED_S = 0.5
@@ -206,14 +237,13 @@ SPEED_DOUBTED_S = 0.5
 class Localisation:
     """Estimates where one train is: give it each fix with `take`, and ask for the estimate with `at`."""
 
-    def __init__(self, vehicle: Vehicle, settings: LocalisationSettings = LOCALISATION) -> None:
+    def __init__(self, vehicle: Vehicle) -> None:
         self.received_any = False
         """Whether any fix was received, even an impossible one."""
-        self._settings = settings
-        self._motion = TrainMotion(vehicle, settings)
+        self._motion = TrainMotion(vehicle)
         self._tally = _Tally()
-        self._clock = ClockDifference(settings.clock)
-        self._scale = SpeedScale(settings)
+        self._clock = ClockDifference()
+        self._scale = SpeedScale()
         self._forget()
 
     def _forget(self) -> None:
@@ -221,7 +251,7 @@ class Localisation:
         self._track: Track | None = None
         self._time_ns = 0
         self._problem: Problem | None = None
-        self._monitors = _Monitors(self._settings, self._motion.fastest_mps)
+        self._monitors = _Monitors(self._motion.fastest_mps)
 
     @property
     def moment(self) -> tuple[float, bool] | None:
@@ -229,7 +259,7 @@ class Localisation:
         first = self._monitors.frozen.first
         if self._track is None or first is None:
             return None
-        unmeasured = math.isnan(first.speed_mps) and self._track.v <= self._settings.standstill.expected_slow_mps
+        unmeasured = math.isnan(first.speed_mps) and self._track.v <= EXPECTED_SLOW_MPS
         return self._track.s, self._monitors.standstill.stands or unmeasured
 
     def take(self, fix: PositionFix, received_ns: int = 0) -> None:
@@ -246,15 +276,14 @@ class Localisation:
             if span_s <= 0:
                 return
         self._clock.receive(fix.time_ns, received_ns)
-        if span_s > self._settings.restart.silence_s:
+        if span_s > SILENCE_S:
             x = None
         if other_unit:  # The state rests on such speeds as well.
             self._forget()
             self._reject(other_unit)
             return
-        problem = impossible(
-            fix, self._settings.possible, fastest_mps=self._motion.fastest_mps, has_state=x is not None
-        ) or self._monitors.frozen.judge(fix)
+        problem = impossible(fix, fastest_mps=self._motion.fastest_mps, has_state=x is not None)
+        problem = problem or self._monitors.frozen.judge(fix)
         if problem:
             self._reject(problem)
         elif x is not None:
@@ -280,7 +309,7 @@ class Localisation:
             return self._counted(now_ns, self._problem or NO_POSITION_YET)
         age_s, fixed_mps = (now_ns - self._time_ns) * NS, x.v
         if not self._monitors.standstill.stands:
-            x = self._motion.carried_on(x, min(max(age_s, 0.0), self._settings.restart.silence_s))
+            x = self._motion.carried_on(x, min(max(age_s, 0.0), SILENCE_S))
         if self._clock.doubt_s > SPEED_DOUBTED_S:
             x = x._replace(v=max(x.v, fixed_mps))
         x = x._replace(ss=x.ss + (x.speed_mps * self._clock.doubt_s) ** 2)
@@ -315,14 +344,14 @@ class Localisation:
             s_m=x.s,
             speed_mps=min(x.speed_mps, self._motion.fastest_mps),
             position_sd_m=math.sqrt(x.ss),
-            speed_sd_mps=self._settings.standstill.slow_mps if stands else math.sqrt(x.speed_variance),
+            speed_sd_mps=SLOW_MPS if stands else math.sqrt(x.speed_variance),
         )
 
     def _take_next(self, fix: PositionFix, x: Track, span_s: float) -> None:
         """Accept or reject a possible fix that comes `span_s` after the last accepted one."""
-        sds = deviations(fix, self._settings.sensors)
+        sds = deviations(fix)
         expected = self._motion.expected(x, fix, span_s)
-        problem = surprise(fix, sds, expected=expected, before=x, gate=self._settings.gate)
+        problem = surprise(fix, sds, expected=expected, before=x)
         if problem:
             self._reject(problem)
             if not math.isnan(fix.s_m):
@@ -340,8 +369,8 @@ class Localisation:
     def _begin(self, fix: PositionFix) -> None:
         """Begin the state from this fix alone."""
         state = self._motion.begin(fix)
-        self._monitors.standstill = Standstill(self._settings.standstill)
-        self._monitors.standstill.notice(fix, deviations(fix, self._settings.sensors).speed_mps, state.v)
+        self._monitors.standstill = Standstill()
+        self._monitors.standstill.notice(fix, deviations(fix).speed_mps, state.v)
         self._accept(fix, state, begins=True)
 
     def _accept(self, fix: PositionFix, state: Track, *, begins: bool = False) -> None:

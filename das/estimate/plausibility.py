@@ -12,21 +12,52 @@ from typing import Final
 
 from das.domain.units import NS
 from das.estimate.estimate import Problem, ProblemKind
-from das.estimate.fix import PositionFix, Quality, deviations
-from das.estimate.settings import (
-    Deviations,
-    GateSettings,
-    LocalisationSettings,
-    PossibleSettings,
-    StandstillSettings,
-)
-from das.estimate.track_filter import Track, position_variance, speed_variance
+from das.estimate.fix import Deviations, PositionFix, Quality, deviations
+from das.estimate.track_filter import HARD_MPS2, Track, position_variance, speed_variance
 
+BACKWARDS_MPS: Final = -0.3
+"""A speed below this is a fault of the sensor; one between this and 0 is the noise of a standing train."""
+LARGEST_M: Final = 1e7
+"""A position or a stated uncertainty beyond this is a fault of the sensor, because no line is 10 000 km long."""
+LARGEST_STATED_SD_M: Final = 200.0
+"""A fix that states a larger standard deviation is of no use: it could lie anywhere, and would hide any jump."""
+GATE_SDS: Final = 5.0
+"""A fix that is off by more than this many standard deviations is rejected: noise alone is off that far less
+than once in a million fixes."""
+GATE_LEAST_M: Final = 10.0
+"""A position that is off by no more than this is never rejected, however exact the sensors claim to be."""
+GATE_LEAST_MPS: Final = 1.0
+"""A speed that is off by no more than this is never rejected, however exact the sensors claim to be."""
+SLOW_MPS: Final = 0.1
+"""A measured speed up to this may be that of a standing train, however exact the odometer claims to be."""
+SLOW_SDS: Final = 2.5
+"""A measured speed up to this many of its standard deviations may be that of a standing train."""
+EXPECTED_SLOW_MPS: Final = 0.5
+"""A train whose estimated speed is above this is not taken to stand, whatever speed was measured last."""
+STANDS_AFTER_S: Final = 2.0
+"""A train that may be standing for this long stands; one slow fix alone may be noise."""
+SETS_OFF_SDS: Final = 3.3
+"""One speed above this many standard deviations ends a standstill at once: noise alone is that large once in
+2 000 fixes."""
+CREEP_FIXES: Final = 5
+"""The mean of this many speeds ends a standstill as well, where each alone is too slow to be told from noise."""
+FROZEN_WAY_M: Final = 2.0
+"""A position that stays the same while the train, by the measured speeds, runs further than this is frozen."""
+COARSE_SDS: Final = 4.0
+"""Where the speeds change, so that only the position stays the same, that distance must also exceed this many
+standard deviations of the position, because a coarse receiver repeats its position for a while."""
+SILENCE_S: Final = 30.0
+"""After this long without an accepted fix the estimate is dropped, and the next fix begins it anew."""
+AGREEING_FIXES: Final = 4
+"""This many rejected fixes in a row that agree with each other show that the estimate was wrong, not the fixes."""
+AGREEING_SPAN_S: Final = 2.0
+"""The rejected fixes that agree must span at least this long, because at 20 Hz four of them come
+within a fifth of a second."""
 STANDSTILL_MPS: Final = 0.3
 """A train with an estimated or measured speed below this counts as standing when stops and departures are judged."""
 
 
-def impossible(fix: PositionFix, settings: PossibleSettings, *, fastest_mps: float, has_state: bool) -> Problem | None:
+def impossible(fix: PositionFix, *, fastest_mps: float, has_state: bool) -> Problem | None:
     """Return why a fix cannot be true, whatever came before it; None if it can.
 
     A fix without a position is possible only where there is a state (`has_state`) that its speed carries on.
@@ -37,43 +68,41 @@ def impossible(fix: PositionFix, settings: PossibleSettings, *, fastest_mps: flo
     nothing = math.isnan(s_m) and (math.isnan(speed_mps) or not has_state)
     if nothing or math.isinf(s_m) or math.isinf(speed_mps):
         return Problem(ProblemKind.NOT_A_NUMBER)
-    if not (math.isnan(speed_mps) or settings.backwards_mps <= speed_mps <= fastest_mps):
+    if not (math.isnan(speed_mps) or BACKWARDS_MPS <= speed_mps <= fastest_mps):
         return Problem(ProblemKind.SPEED_IMPOSSIBLE, speed_mps)
-    if abs(s_m) > settings.largest_m:
+    if abs(s_m) > LARGEST_M:
         return Problem(ProblemKind.POSITION_IMPOSSIBLE, s_m)
-    if fix.uncertainty_m > settings.largest_stated_sd_m:
+    if fix.uncertainty_m > LARGEST_STATED_SD_M:
         return Problem(ProblemKind.TOO_UNCERTAIN, fix.uncertainty_m)
     for stated in (fix.uncertainty_m, fix.speed_uncertainty_mps):
-        if stated < 0 or stated > settings.largest_m:
+        if stated < 0 or stated > LARGEST_M:
             return Problem(ProblemKind.UNCERTAINTY_IMPOSSIBLE, stated)
     return None
 
 
-def surprise(
-    fix: PositionFix, sds: Deviations, *, expected: Track, before: Track, gate: GateSettings
-) -> Problem | None:
+def surprise(fix: PositionFix, sds: Deviations, *, expected: Track, before: Track) -> Problem | None:
     """Return how a fix deviates more than noise and the train explain; None if it does not.
 
     `expected` is the state expected at the fix and `before` the last one. A fix behind `before` deviates as well,
     because trains do not roll back. A speed or position that was not measured never deviates.
     """
     off_mps = fix.speed_mps - expected.v - expected.c
-    if abs(off_mps) > max(gate.sds * math.sqrt(speed_variance(expected) + sds.speed_mps**2), gate.least_mps):
+    if abs(off_mps) > max(GATE_SDS * math.sqrt(speed_variance(expected) + sds.speed_mps**2), GATE_LEAST_MPS):
         return Problem(ProblemKind.SPEED_JUMPED, off_mps)
     off_m, back_m = fix.s_m - expected.s - expected.b, fix.s_m - before.s - before.b
-    if off_m > _gate_m(expected, sds, gate):
+    if off_m > _gate_m(expected, sds):
         return Problem(ProblemKind.JUMPED, off_m)
-    if off_m < -_gate_m(expected, sds, gate) or back_m < -_gate_m(before, sds, gate):
+    if off_m < -_gate_m(expected, sds) or back_m < -_gate_m(before, sds):
         return Problem(ProblemKind.JUMPED_BACK, -off_m)
     return None
 
 
-def _gate_m(x: Track, sds: Deviations, gate: GateSettings) -> float:
+def _gate_m(x: Track, sds: Deviations) -> float:
     """Return how far (m) a measured position may lie off the position of a state."""
-    return max(gate.sds * math.sqrt(position_variance(x) + sds.position_m**2), gate.least_m)
+    return max(GATE_SDS * math.sqrt(position_variance(x) + sds.position_m**2), GATE_LEAST_M)
 
 
-def follows(before: PositionFix, fix: PositionFix, settings: LocalisationSettings, fastest_mps: float) -> bool:
+def follows(before: PositionFix, fix: PositionFix, fastest_mps: float) -> bool:
     """Return whether one train can have been at both fixes.
 
     Between them it ran at speeds between the two measured ones; where none was measured, at any speed that the train
@@ -81,16 +110,15 @@ def follows(before: PositionFix, fix: PositionFix, settings: LocalisationSetting
     """
     span_s, way_m = (fix.time_ns - before.time_ns) * NS, fix.s_m - before.s_m
     speeds = [x for x in (before.speed_mps, fix.speed_mps) if not math.isnan(x)] or [0.0, fastest_mps]
-    gate, position_sd_m = settings.gate, deviations(fix, settings.sensors).position_m
-    slack_m = max(gate.sds * position_sd_m, gate.least_m) + settings.motion.hard_mps2 * span_s**2
+    slack_m = max(GATE_SDS * deviations(fix).position_m, GATE_LEAST_M) + HARD_MPS2 * span_s**2
     return min(speeds) * span_s - slack_m <= way_m <= max(speeds) * span_s + slack_m
 
 
 class Doubts:
     """Collects rejected fixes in a row that agree with each other; enough of them make the estimate begin anew."""
 
-    def __init__(self, settings: LocalisationSettings, fastest_mps: float) -> None:
-        self._settings, self._fastest_mps = settings, fastest_mps
+    def __init__(self, fastest_mps: float) -> None:
+        self._fastest_mps = fastest_mps
         self._first: PositionFix | None = None
         self._last: PositionFix | None = None
         self._count = 0
@@ -98,7 +126,7 @@ class Doubts:
     def outlast(self, time_ns: int) -> bool:
         """Whether there are rejected fixes, the last of them not too old at a time (ns since 1970)."""
         last = self._last
-        return last is not None and (time_ns - last.time_ns) * NS <= self._settings.restart.silence_s
+        return last is not None and (time_ns - last.time_ns) * NS <= SILENCE_S
 
     def add(self, fix: PositionFix) -> bool:
         """Add a rejected fix; return whether the estimate has to begin anew with it.
@@ -111,25 +139,21 @@ class Doubts:
             first, self._count = fix, 0
         elif fix.time_ns <= last.time_ns:
             return False
-        elif not (self._follow(last, fix) and self._follow(first, fix)):
+        elif not all(follows(before, fix, self._fastest_mps) for before in (last, first)):
             first, self._count = fix, 0
         self._first, self._last = first, fix
         self._count += 1
-        enough = self._settings.restart
-        return self._count >= enough.fixes and (fix.time_ns - first.time_ns) * NS >= enough.span_s
+        return self._count >= AGREEING_FIXES and (fix.time_ns - first.time_ns) * NS >= AGREEING_SPAN_S
 
     def clear(self) -> None:
         """Forget all rejected fixes, because a fix was accepted."""
         self._first = self._last = None
         self._count = 0
 
-    def _follow(self, before: PositionFix, fix: PositionFix) -> bool:
-        return follows(before, fix, self._settings, self._fastest_mps)
 
-
-def slow_mps(speed_sd_mps: float, settings: StandstillSettings) -> float:
+def slow_mps(speed_sd_mps: float) -> float:
     """Return the largest measured speed (m/s) that may be noise on a standing train."""
-    return max(settings.slow_mps, settings.slow_sds * speed_sd_mps)
+    return max(SLOW_MPS, SLOW_SDS * speed_sd_mps)
 
 
 class Standstill:
@@ -139,42 +163,38 @@ class Standstill:
     several are somewhat higher. While no speed is measured, no train counts as standing.
     """
 
-    def __init__(self, settings: StandstillSettings) -> None:
+    def __init__(self) -> None:
         self.stands = False
         """Whether the train stands."""
-        self._settings = settings
-        self._speeds_mps: deque[float] = deque(maxlen=settings.creep_fixes)
+        self._speeds_mps: deque[float] = deque(maxlen=CREEP_FIXES)
         self._slow = False
         self._since_ns: int | None = None
 
     def notice(self, fix: PositionFix, speed_sd_mps: float, expected_mps: float) -> None:
         """Judge anew with the next fix, for which the estimate expects a speed (m/s)."""
-        tuning = self._settings
-        was_slow, self._slow = self._slow, fix.speed_mps <= slow_mps(speed_sd_mps, tuning)
+        was_slow, self._slow = self._slow, fix.speed_mps <= slow_mps(speed_sd_mps)
         self._speeds_mps.append(fix.speed_mps)
         if self.stands:
-            doubtful = fix.speed_mps <= max(tuning.slow_mps, tuning.sets_off_sds * speed_sd_mps)
+            doubtful = fix.speed_mps <= max(SLOW_MPS, SETS_OFF_SDS * speed_sd_mps)
             self.stands = (self._slow or (was_slow and doubtful)) and not self._creeps(speed_sd_mps)
             self._since_ns = self._since_ns if self.stands else None
-        elif not self._slow or expected_mps > tuning.expected_slow_mps:
+        elif not self._slow or expected_mps > EXPECTED_SLOW_MPS:
             self._since_ns = None
         elif self._since_ns is None:
             self._since_ns = fix.time_ns
         else:
-            self.stands = (fix.time_ns - self._since_ns) * NS >= tuning.stands_after_s
+            self.stands = (fix.time_ns - self._since_ns) * NS >= STANDS_AFTER_S
 
     def _creeps(self, speed_sd_mps: float) -> bool:
         """Whether the mean of the last speeds is too high for a standing train."""
-        tuning = self._settings
-        mean_mps = sum(self._speeds_mps) / tuning.creep_fixes
-        return mean_mps > max(tuning.slow_mps, tuning.sets_off_sds * speed_sd_mps / math.sqrt(tuning.creep_fixes))
+        mean_mps = sum(self._speeds_mps) / CREEP_FIXES
+        return mean_mps > max(SLOW_MPS, SETS_OFF_SDS * speed_sd_mps / math.sqrt(CREEP_FIXES))
 
 
 class FrozenReceiver:
     """Detects a frozen receiver: by its speeds the train moves on while the position stays the same."""
 
-    def __init__(self, settings: LocalisationSettings) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._first: PositionFix | None = None
         self._repeated_ns = 0
         self._way_m = 0.0
@@ -187,15 +207,14 @@ class FrozenReceiver:
     def judge(self, fix: PositionFix) -> Problem | None:
         """Return the problem of a fix whose position stays the same although the speeds show that the train moves."""
         first, silent_s = self._first, (fix.time_ns - self._repeated_ns) * NS
-        if first is None or fix.s_m != first.s_m or silent_s > self._settings.restart.silence_s:
+        if first is None or fix.s_m != first.s_m or silent_s > SILENCE_S:
             self._way_m = 0.0
             return None
         self._repeated_ns = fix.time_ns
-        position_sd_m, speed_sd_mps = deviations(fix, self._settings.sensors)
-        moves = fix.speed_mps > slow_mps(speed_sd_mps, self._settings.standstill)
+        position_sd_m, speed_sd_mps = deviations(fix)
+        moves = fix.speed_mps > slow_mps(speed_sd_mps)
         self._way_m = self._way_m + fix.speed_mps * silent_s if moves else 0.0
-        tuning = self._settings.frozen
-        most_m = tuning.way_m if fix.repeats(first) else max(tuning.way_m, tuning.coarse_sds * position_sd_m)
+        most_m = FROZEN_WAY_M if fix.repeats(first) else max(FROZEN_WAY_M, COARSE_SDS * position_sd_m)
         return Problem(ProblemKind.FROZEN, fix.s_m) if self._way_m > most_m else None
 
     def accept(self, fix: PositionFix, *, begins: bool) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,69 @@ from das.domain.conditions import Conditions
 from das.domain.route import Floats
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
-from das.estimate.settings import CALIBRATION, CalibrationSettings, ForceSettings, ReplanSettings
 from das.estimate.window import MeasuredWindow, Sample
+
+
+class MassAndResistance(NamedTuple):
+    """One figure for the mass ratio and one for the resistance ratio."""
+
+    mass: float
+    resistance: float
+
+
+LINE_SD_RATIO: Final = 2e-4
+"""How well gradients and curves under the train are known, as a share of its weight (one standard deviation)."""
+TOO_STRONG_RATIO: Final = 1.06
+"""Noise of 2 % does not explain a measured force above this times the train's largest one at its speed."""
+TOO_STRONG_SAMPLES: Final = 5
+"""After this many samples in a row with forces that are too strong, the sensor is taken to measure too much."""
+COASTING_WINDOWS: Final = 4
+"""This many windows of coasting are compared with the estimate from windows with traction or braking."""
+COASTING_SDS: Final = 3.0
+"""Coasting contradicts the measured forces if the coasting windows differ from that estimate by more than this many
+standard deviations on average."""
+GAIN_STEP: Final = 0.03
+"""A mass ratio nearer to 1 than this would not change the plan, so no wrong gain of the sensor is looked for."""
+GAIN_SDS: Final = 3.0
+"""If mass and resistance ratio are nearer to each other than this many standard deviations, a wrong gain of the
+force sensor may explain both."""
+NEAR_MASS_LEAST: Final = 0.7
+"""A mass ratio below this, or above `NEAR_MASS_MOST`, is reported with both explanations: another train than
+planned, or a wrong force sensor."""
+NEAR_MASS_MOST: Final = 1.4
+"""A mass ratio above this, or below `NEAR_MASS_LEAST`, is reported with both explanations: another train than
+planned, or a wrong force sensor."""
+PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
+"""Standard deviations of the two ratios before anything is measured."""
+LEAST: Final = MassAndResistance(0.5, 0.4)
+"""The least values of the two estimates: an empty train, and a long tail wind."""
+MOST: Final = MassAndResistance(1.6, 2.5)
+"""The largest values of the two estimates: an overloaded train, and a storm from ahead."""
+FORGETTING: Final = 0.98
+"""The weight of an observation is multiplied by this at every later one about the same ratio: the memory is about
+50 windows, 17 minutes."""
+INFORMATIVE_SDS: Final = 2.0
+"""A window counts if the prior spread of the ratios (`PRIOR_SD`) would show in it by at least this many standard
+deviations of its noise."""
+SURPRISE_SDS: Final = 4.0
+"""A window further than this many standard deviations from what is expected is left out: wheels slipped, a sensor
+failed, or a force is unknown."""
+SURPRISES: Final = 3
+"""This many surprising windows in a row mean that conditions have changed: the resistance is learned anew."""
+MODEL_SD: Final = MassAndResistance(0.005, 0.015)
+"""The uncertainty that no amount of measuring removes (one standard deviation): forces between samples are unknown,
+and so is the exact shape of the resistance."""
+USABLE_SD: Final = MassAndResistance(0.02, 0.08)
+"""The estimates are usable where both are known at least as well as this."""
+LOAD_MASS_SD: Final = 0.05
+"""The mass after a stop that long differs by this share of the train's (one standard deviation): 500 people in a
+train of 440 t are 9 %."""
+MASS_STEP: Final = 0.03
+"""A mass ratio nearer than this to the plan's is not worth another plan."""
+RESISTANCE_STEP: Final = 0.05
+"""A resistance ratio nearer than this to the plan's is not worth another plan."""
+CERTAIN_SDS: Final = 3.0
+"""A difference of fewer standard deviations than this is too uncertain for another plan."""
 
 
 class Belief(NamedTuple):
@@ -86,18 +147,18 @@ class Estimates:
     doubt: ForceDoubt | None = None
     """Why the forces are not trusted; None if they are."""
 
-    def differs(self, conditions: Conditions, settings: ReplanSettings = CALIBRATION.replan) -> bool:
+    def differs(self, conditions: Conditions) -> bool:
         """Whether the train certainly differs from one under these conditions, and by enough to plan anew."""
         mass = abs(self.planned_mass_ratio - conditions.mass_ratio)
         resistance = abs(self.resistance_ratio - conditions.resistance_ratio)
         return self.usable and (
-            mass >= max(settings.mass_step, settings.certain_sds * self.mass_sd)
-            or resistance >= max(settings.resistance_step, settings.certain_sds * self.resistance_sd)
+            mass >= max(MASS_STEP, CERTAIN_SDS * self.mass_sd)
+            or resistance >= max(RESISTANCE_STEP, CERTAIN_SDS * self.resistance_sd)
         )
 
-    def remark(self, settings: ForceSettings = CALIBRATION.force) -> ForceDoubt | None:
+    def remark(self) -> ForceDoubt | None:
         """Return what to report: a doubt about the forces, or a usable mass far from the planned one; else None."""
-        near = settings.near_mass_least < self.mass_ratio < settings.near_mass_most
+        near = NEAR_MASS_LEAST < self.mass_ratio < NEAR_MASS_MOST
         return ForceDoubt.FAR_MASS if self.usable and not near else self.doubt
 
     @property
@@ -113,9 +174,9 @@ class Estimates:
 class RatioLearner:
     """Learns the two ratios from one window after the other."""
 
-    def __init__(self, vehicle: Vehicle, settings: CalibrationSettings) -> None:
-        self._vehicle, self._settings = vehicle, settings
-        self._prior = np.diag(np.square(settings.belief.prior_sd))
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._prior = np.diag(np.square(PRIOR_SD))
         self._belief = Belief(np.ones(2), self._prior)
         self._samples, self._surprises = 0, 0
 
@@ -127,16 +188,16 @@ class RatioLearner:
     @property
     def estimates(self) -> Estimates:
         """The estimates from all windows so far, without any check of the forces."""
-        tuning, theta = self._settings.belief, self._belief.theta
-        sd = np.hypot(np.sqrt(np.diag(self._belief.covariance)), tuning.model_sd)
-        inside = bool(((theta > tuning.least) & (theta < tuning.most)).all())
+        theta = self._belief.theta
+        sd = np.hypot(np.sqrt(np.diag(self._belief.covariance)), MODEL_SD)
+        inside = bool(((theta > LEAST) & (theta < MOST)).all())
         return Estimates(
             mass_ratio=float(theta[0]),
             mass_sd=float(sd[0]),
             resistance_ratio=float(theta[1]),
             resistance_sd=float(sd[1]),
             samples=self._samples,
-            usable=inside and bool((sd <= tuning.usable_sd).all()),
+            usable=inside and bool((sd <= USABLE_SD).all()),
         )
 
     def change_load(self) -> None:
@@ -149,23 +210,23 @@ class RatioLearner:
         F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², made linear at the mass ratio µ and the
         resistance ratio κ believed so far. A window with little information, or far from what is expected, is left out.
         """
-        tuning, belief = self._settings.belief, self._belief
+        belief = self._belief
         row, residual, variance = self._observation(window)
-        if row @ self._prior @ row < tuning.informative_sds**2 * variance:
+        if row @ self._prior @ row < INFORMATIVE_SDS**2 * variance:
             return
         spread = float(row @ belief.covariance @ row) + variance
-        if residual**2 > tuning.surprise_sds**2 * spread:
+        if residual**2 > SURPRISE_SDS**2 * spread:
             self._surprises += 1
-            if self._surprises < tuning.surprises:
+            if self._surprises < SURPRISES:
                 return
             # The resistance may be anything now; the mass changes little on the way, if at all.
             mass_variance = self._with_other_load().covariance[0, 0]
-            belief = Belief(belief.theta, np.diag([mass_variance, tuning.prior_sd.resistance**2]))
+            belief = Belief(belief.theta, np.diag([mass_variance, PRIOR_SD.resistance**2]))
         self._surprises = 0
-        learned = belief.updated(row, residual, variance, tuning.forgetting)
-        if (np.diag(learned.covariance) > np.square(tuning.prior_sd)).any():
+        learned = belief.updated(row, residual, variance, FORGETTING)
+        if (np.diag(learned.covariance) > np.square(PRIOR_SD)).any():
             learned = belief.updated(row, residual, variance)
-        self._belief = learned._replace(theta=np.clip(learned.theta, tuning.least, tuning.most))
+        self._belief = learned._replace(theta=np.clip(learned.theta, LEAST, MOST))
         self._samples += 1
 
     def distance_sds(self, window: MeasuredWindow) -> float:
@@ -182,36 +243,36 @@ class RatioLearner:
         held_n = resistance * (mass * c0_n + window.moving_n) + window.tunnel_n
         residual_n = window.force_n - mass * pull_n - rotating_kg * window.acceleration_mps2 - held_n
         moved_variance = (mass * train.mass_kg + rotating_kg) ** 2 * window.acceleration_variance
-        line_n = self._settings.window.line_sd_ratio * mass * train.mass_kg * STANDARD_GRAVITY_MPS2
+        line_n = LINE_SD_RATIO * mass * train.mass_kg * STANDARD_GRAVITY_MPS2
         row = np.array([pull_n + resistance * c0_n, mass * c0_n + window.moving_n])
         return row, float(residual_n), float(moved_variance + line_n**2 + window.force_variance)
 
     def _with_other_load(self) -> Belief:
         """Return the belief with a less certain mass, but never less certain than before anything was measured."""
         covariance = self._belief.covariance.copy()
-        widened = covariance[0, 0] + self._settings.load.mass_sd**2
-        covariance[0, 0] = min(widened, self._settings.belief.prior_sd.mass**2)
+        widened = covariance[0, 0] + LOAD_MASS_SD**2
+        covariance[0, 0] = min(widened, PRIOR_SD.mass**2)
         return Belief(self._belief.theta, covariance)
 
 
 class ForceLimits:
     """Compares measured forces with the largest ones that the train has at its speed."""
 
-    def __init__(self, vehicle: Vehicle, settings: ForceSettings) -> None:
-        self._vehicle, self._settings = vehicle, settings
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
         self._in_a_row = 0
         self.exceeded = False
         """Whether forces were above the train's own for longer than noise explains; once True, it stays True."""
 
     def take(self, sample: Sample) -> None:
         """Check the forces of one sample."""
-        train, ratio = self._vehicle, self._settings.too_strong_ratio
+        train = self._vehicle
         electric_n = sample.force_n - sample.friction_n
         largest_n = train.traction_effort_n if electric_n > 0 else train.electric_brake_effort_n
-        is_above = abs(electric_n) > ratio * float(largest_n(sample.speed_mps))
-        is_above = is_above or -sample.friction_n > ratio * train.friction_brake_force_n
+        is_above = abs(electric_n) > TOO_STRONG_RATIO * float(largest_n(sample.speed_mps))
+        is_above = is_above or -sample.friction_n > TOO_STRONG_RATIO * train.friction_brake_force_n
         self._in_a_row = self._in_a_row + 1 if is_above else 0
-        self.exceeded |= self._in_a_row >= self._settings.too_strong_samples
+        self.exceeded |= self._in_a_row >= TOO_STRONG_SAMPLES
 
 
 class CheckedLearner:
@@ -221,12 +282,11 @@ class CheckedLearner:
     measures. Windows of coasting are therefore compared with the two ratios learned from windows under force.
     """
 
-    def __init__(self, vehicle: Vehicle, settings: CalibrationSettings) -> None:
-        self._settings = settings
-        self._all, self._driven = RatioLearner(vehicle, settings), RatioLearner(vehicle, settings)
-        self._limits, self._mean = ForceLimits(vehicle, settings.force), MeanResistance()
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._all, self._driven = RatioLearner(vehicle), RatioLearner(vehicle)
+        self._limits, self._mean = ForceLimits(vehicle), MeanResistance()
         self._c0_n = vehicle.resistance.c0_n
-        self._distances_sds: deque[float] = deque(maxlen=settings.force.coasting_windows)
+        self._distances_sds: deque[float] = deque(maxlen=COASTING_WINDOWS)
 
     def take(self, sample: Sample) -> None:
         """Check the forces of one sample."""
@@ -255,14 +315,14 @@ class CheckedLearner:
 
     @property
     def _doubt(self) -> ForceDoubt | None:
-        tuning, distances = self._settings.force, self._distances_sds
+        distances = self._distances_sds
         if self._limits.exceeded:
             return ForceDoubt.TOO_STRONG
-        full = len(distances) == tuning.coasting_windows
-        if full and abs(sum(distances)) / len(distances) > tuning.coasting_sds:
+        full = len(distances) == COASTING_WINDOWS
+        if full and abs(sum(distances)) / len(distances) > COASTING_SDS:
             return ForceDoubt.COASTING
         known = self._all.estimates.usable
-        if known and looks_like_gain(self._all.belief, self._c0_n, self._mean.moving_n, self._settings):
+        if known and looks_like_gain(self._all.belief, self._c0_n, self._mean.moving_n):
             return ForceDoubt.GAIN
         return None
 
@@ -284,7 +344,7 @@ class MeanResistance:
         return self._sum_n / self._count if self._count else 0.0
 
 
-def looks_like_gain(belief: Belief, c0_n: float, moving_n: float, settings: CalibrationSettings) -> bool:
+def looks_like_gain(belief: Belief, c0_n: float, moving_n: float) -> bool:
     """Whether mass and resistance are off by the same factor, as far as they are known: a wrong gain looks like that.
 
     A gain γ gives µ = γ and κ·(µ·c0 + r) = γ·(c0 + r), with r = c1·v + c2·v² (`moving_n`). The difference of the two
@@ -294,7 +354,7 @@ def looks_like_gain(belief: Belief, c0_n: float, moving_n: float, settings: Cali
     all_n = c0_n + moving_n
     apart = (resistance * (mass * c0_n + moving_n)) / all_n - mass
     row = np.array([resistance * c0_n / all_n - 1.0, (mass * c0_n + moving_n) / all_n])
-    model = np.diag(np.square(settings.belief.model_sd))
+    model = np.diag(np.square(MODEL_SD))
     covariance = belief.covariance + model
-    is_off = abs(mass - 1.0) >= max(settings.force.gain_step, settings.force.gain_sds * float(covariance[0, 0]) ** 0.5)
-    return bool(is_off and apart**2 <= settings.force.gain_sds**2 * float(row @ covariance @ row))
+    is_off = abs(mass - 1.0) >= max(GAIN_STEP, GAIN_SDS * float(covariance[0, 0]) ** 0.5)
+    return bool(is_off and apart**2 <= GAIN_SDS**2 * float(row @ covariance @ row))

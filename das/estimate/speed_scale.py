@@ -16,9 +16,27 @@ from typing import Final
 
 from das.domain.units import NS
 from das.estimate.estimate import Problem, ProblemKind
-from das.estimate.fix import PositionFix, Quality, deviations
-from das.estimate.settings import LocalisationSettings
+from das.estimate.fix import SPEED_LATE_S, PositionFix, Quality, deviations
+from das.estimate.plausibility import EXPECTED_SLOW_MPS, LARGEST_M
 
+OFF_FACTOR: Final = 1.4
+"""The whole way and the median step must both give the factor within this factor: a jump of the position, or the
+spinning of a wheel, gives it by chance in one of the two only."""
+WINDOW_S: Final = 10.0
+"""The fixes of this last time are compared."""
+FIRST_WINDOW_S: Final = 60.0
+"""The fixes of this last time are compared until the speeds are confirmed: a slow train needs longer."""
+OTHER_UNIT_PROBABILITY: Final = 0.5
+"""A sender may send another unit with this probability before anything is compared: nobody knows."""
+LEAST_FIXES: Final = 4
+"""At least this many fixes are compared, however rarely they come."""
+LONGEST_GAP_S: Final = 6.0
+"""After a longer time without a fix, the comparison begins anew."""
+APART_SDS: Final = 4.0
+"""The way by the speeds must differ from the way by the positions by more than this many standard deviations of the
+difference of two positions, to find another unit or to rule all others out for good."""
+APART_LEAST_M: Final = 10.0
+"""It must differ by at least this, however exact the sensors claim to be."""
 FACTORS: Final = (3.6, 1.0 / 3.6, 1000.0, 0.001)
 """Speeds in km/h for m/s, or m/s converted once too often; speeds in mm/s or positions in km, or the reverse."""
 NEAREST: Final = FACTORS[:2]
@@ -28,8 +46,7 @@ NEAREST: Final = FACTORS[:2]
 class SpeedScale:
     """Compares the measured speeds of the last seconds with the way between the measured positions."""
 
-    def __init__(self, settings: LocalisationSettings) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._fixes: deque[PositionFix] = deque()
         self.factor = 1.0
         """The factor by which the speeds are too high; 1 unless it is a known one."""
@@ -50,27 +67,26 @@ class SpeedScale:
 
         It is a problem until the speeds fit the way again. Any fix may be given, also one that is rejected elsewhere.
         """
-        tuning, fixes, most = self._settings.scale, self._fixes, self._settings.possible.largest_m
-        if fix.quality is Quality.INVALID or not abs(fix.s_m) <= most:
+        fixes = self._fixes
+        if fix.quality is Quality.INVALID or not abs(fix.s_m) <= LARGEST_M:
             return self.problem
-        if fixes and not 0 < (fix.time_ns - fixes[-1].time_ns) * NS <= tuning.longest_gap_s:
+        if fixes and not 0 < (fix.time_ns - fixes[-1].time_ns) * NS <= LONGEST_GAP_S:
             if fix.time_ns == fixes[-1].time_ns:
                 return self.problem
             fixes.clear()
-        if not abs(fix.speed_mps) <= most:
+        if not abs(fix.speed_mps) <= LARGEST_M:
             return self.problem
         fixes.append(fix)
-        if abs(fix.speed_mps) <= self._settings.standstill.expected_slow_mps:
+        if abs(fix.speed_mps) <= EXPECTED_SLOW_MPS:
             self._confirmed = True  # A train that stands has the same speed in every unit.
-        window_s = tuning.window_s if self._confirmed else tuning.first_window_s
-        while len(fixes) > tuning.least_fixes and (fix.time_ns - fixes[1].time_ns) * NS >= window_s:
+        window_s = WINDOW_S if self._confirmed else FIRST_WINDOW_S
+        while len(fixes) > LEAST_FIXES and (fix.time_ns - fixes[1].time_ns) * NS >= window_s:
             fixes.popleft()
         self._compare(list(fixes))
         return self.problem
 
     def _compare(self, fixes: list[PositionFix]) -> None:
         """Find the factor from the fixes of the last seconds; it stays where these do not tell."""
-        tuning = self._settings.scale
         steps = list(itertools.pairwise(fixes))
         ways_m = [after.s_m - before.s_m for before, after in steps]
         said_m = [
@@ -78,29 +94,26 @@ class SpeedScale:
             for before, after in steps
         ]
         way_m, all_m = sum(ways_m), sum(said_m)
-        sensors = self._settings.sensors
-        position_sd_m = deviations(fixes[-1], sensors).position_m
-        error_m = max(tuning.sds * math.sqrt(2.0) * position_sd_m, tuning.least_m)
-        self._weigh(way_m, all_m, error_m / tuning.sds)
-        if len(fixes) < tuning.least_fixes or way_m <= 0 or max(way_m, all_m) <= error_m:
+        error_m = max(APART_SDS * math.sqrt(2.0) * deviations(fixes[-1]).position_m, APART_LEAST_M)
+        self._weigh(way_m, all_m, error_m / APART_SDS)
+        if len(fixes) < LEAST_FIXES or way_m <= 0 or max(way_m, all_m) <= error_m:
             return
         ratios = [said / way if way > 0 else math.inf for said, way in zip(said_m, ways_m, strict=True)]
         each = statistics.median(ratios)
         # Speeds that come late are too high while the train brakes, too low while it gains speed.
-        late_m = 2.0 * sensors.speed_late_s * (fixes[0].speed_mps - fixes[-1].speed_mps)
+        late_m = 2.0 * SPEED_LATE_S * (fixes[0].speed_mps - fixes[-1].speed_mps)
         for factor in (1.0, *FACTORS):
             sign = math.copysign(1.0, factor - 1.0)
             told = factor == 1.0 or sign * (all_m - way_m) > error_m + max(sign * late_m, 0.0)
-            if told and all(1.0 / tuning.off < ratio / factor < tuning.off for ratio in (all_m / way_m, each)):
+            if told and all(1.0 / OFF_FACTOR < ratio / factor < OFF_FACTOR for ratio in (all_m / way_m, each)):
                 self.factor = factor
 
     def _weigh(self, way_m: float, said_m: float, sd_m: float) -> None:
         """Weigh the nearest other units by how well each explains the way (Bayes), whose deviation is `sd_m`."""
-        tuning = self._settings.scale
         least = 0.5 * ((way_m - said_m) / sd_m) ** 2
         against = [0.5 * ((way_m - said_m / factor) / sd_m) ** 2 - least for factor in NEAREST]
-        self._confirmed |= self.factor == 1.0 and min(against) > 0.5 * tuning.sds**2
-        other = tuning.other_unit_probability / len(NEAREST)
+        self._confirmed |= self.factor == 1.0 and min(against) > 0.5 * APART_SDS**2
+        other = OTHER_UNIT_PROBABILITY / len(NEAREST)
         odds = [other * math.exp(min(-one, 700.0)) for one in against]
         squares = sum(odd * (1.0 - 1.0 / factor) ** 2 for odd, factor in zip(odds, NEAREST, strict=True))
-        self._unit_sd_ratio = math.sqrt(squares / (1.0 - tuning.other_unit_probability + sum(odds)))
+        self._unit_sd_ratio = math.sqrt(squares / (1.0 - OTHER_UNIT_PROBABILITY + sum(odds)))

@@ -18,12 +18,22 @@ matrix library takes longer than all of the computation.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from das.domain.vehicle import Vehicle
-from das.estimate.fix import PositionFix, Quality, deviations
-from das.estimate.settings import LocalisationSettings
+from das.estimate.fix import OVERSPEED_RATIO, SPEED_LATE_S, PositionFix, Quality, deviations
 
+SPEED_SCALE_SD: Final = 0.04
+"""Every speed is wrong by a share that the positions have to tell, whatever deviation its sender states: one
+standard deviation for worn wheels (8 % between new and worn: 2.3 %), a diameter set wrong and slip (3 %)."""
+HARD_MPS2: Final = 1.0
+"""Any train can brake about as hard as this, whatever its traction."""
+EFFORT_LASTS_S: Final = 60.0
+"""A driver holds an effort for about this long; the jerk density is 2·σ²/this, with σ half the hardest start or
+braking."""
+MANOEUVRE_SDS: Final = 3.0
+"""Where a measured speed is off by more than this many standard deviations, the driver may have changed the effort:
+the acceleration counts as unknown again."""
 WANDER_S = 30.0
 """Time constant (s) with which the errors of a receiver's position and speed wander (assumption)."""
 SCALE_WANDER_S = 3600.0
@@ -216,25 +226,22 @@ def _corrected(x: Track, column: tuple[float, ...], innovation: float, variance:
 class TrainMotion:
     """Predicts the state of one train up to a fix, and corrects it by the measurements of the fix."""
 
-    def __init__(self, vehicle: Vehicle, settings: LocalisationSettings) -> None:
-        self.fastest_mps = settings.possible.overspeed_ratio * vehicle.max_speed_mps
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.fastest_mps = OVERSPEED_RATIO * vehicle.max_speed_mps
         """The largest speed (m/s) that is credible for the train."""
-        tuning = settings.motion
         start_mps2 = float(vehicle.traction_effort_n(0.0)) / vehicle.inertial_mass_kg
-        self._acceleration_sd_mps2 = 0.5 * max(min(start_mps2, vehicle.max_acceleration_mps2), tuning.hard_mps2)
-        self._jerk_psd = 2.0 * self._acceleration_sd_mps2**2 / tuning.effort_lasts_s
-        self._manoeuvre_sds, self._sensors = tuning.manoeuvre_sds, settings.sensors
+        self._acceleration_sd_mps2 = 0.5 * max(min(start_mps2, vehicle.max_acceleration_mps2), HARD_MPS2)
+        self._jerk_psd = 2.0 * self._acceleration_sd_mps2**2 / EFFORT_LASTS_S
         self._wander_sd_m: float | None = None
 
     def begin(self, fix: PositionFix) -> Track:
         """Return the state from this fix alone; without a measured speed, any speed of the train is possible."""
-        position_sd_m, speed_sd_mps = deviations(fix, self._sensors)
+        position_sd_m, speed_sd_mps = deviations(fix)
         speed_mps = max(fix.speed_mps, 0.0)
         if math.isnan(fix.speed_mps):
             speed_mps, speed_sd_mps = 0.0, 0.5 * self.fastest_mps
         self._wander_sd_m = position_sd_m
-        scale_sd = self._sensors.scale_sd
-        return begin(fix.s_m, position_sd_m, speed_mps, speed_sd_mps, self._acceleration_sd_mps2, scale_sd)
+        return begin(fix.s_m, position_sd_m, speed_mps, speed_sd_mps, self._acceleration_sd_mps2, SPEED_SCALE_SD)
 
     def carried_on(self, x: Track, span_s: float) -> Track:
         """Return the state `span_s` (>= 0) after the last fix, without another fix."""
@@ -247,8 +254,8 @@ class TrainMotion:
         """
         speed_wander_sd_mps = self._speed_wander_sd_mps(fix, x.a)
         y = self._predicted(x, fix, span_s, speed_wander_sd_mps)
-        speed_sd_mps = deviations(fix, self._sensors).speed_mps
-        if abs(fix.speed_mps - y.v - y.c) > self._manoeuvre_sds * math.sqrt(speed_variance(y) + speed_sd_mps**2):
+        speed_sd_mps = deviations(fix).speed_mps
+        if abs(fix.speed_mps - y.v - y.c) > MANOEUVRE_SDS * math.sqrt(speed_variance(y) + speed_sd_mps**2):
             x = unknown_acceleration(x, self._acceleration_sd_mps2)
             y = self._predicted(x, fix, span_s, speed_wander_sd_mps)
         return y
@@ -256,7 +263,7 @@ class TrainMotion:
     def _predicted(self, x: Track, fix: PositionFix, span_s: float, speed_wander_sd_mps: float) -> Track:
         """Return the state `span_s` later, with the errors of the fix's sensors wandering."""
         wander_sd_m = self._wandering_sd_m(fix)
-        return predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps, self._sensors.scale_sd)
+        return predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps, SPEED_SCALE_SD)
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state of a standing train at a fix: it stays where it was, and the fix does not move it."""
@@ -265,13 +272,13 @@ class TrainMotion:
 
     def set_off(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected at a fix of a train that has set off since the last fix."""
-        x = set_off(x, deviations(fix, self._sensors).speed_mps, self._acceleration_sd_mps2)
+        x = set_off(x, deviations(fix).speed_mps, self._acceleration_sd_mps2)
         return self._predicted(x, fix, span_s, 0.0)  # It stood: c begins at 0.
 
     def corrected(self, y: Track, fix: PositionFix) -> Track:
         """Return the expected state corrected by the measurements of the fix."""
         self._wander_sd_m = self._wandering_sd_m(fix)
-        sds = deviations(fix, self._sensors)
+        sds = deviations(fix)
         if not math.isnan(fix.speed_mps):
             y = with_speed(y, fix.speed_mps, sds.speed_mps**2)
         return y if math.isnan(fix.s_m) else with_position(y, fix.s_m, sds.position_m**2)
@@ -281,14 +288,14 @@ class TrainMotion:
 
         A receiver that filters its speeds sends them late.
         """
-        return 0.0 if fix.speed_uncertainty_mps > 0 else abs(self._sensors.speed_late_s * a_mps2)
+        return 0.0 if fix.speed_uncertainty_mps > 0 else abs(SPEED_LATE_S * a_mps2)
 
     def _wandering_sd_m(self, fix: PositionFix) -> float:
         """Return the standard deviation of the part of a position's error that wanders.
 
         The error of a degraded fix wanders no more than that of the fix before: what makes it worse is fresh noise.
         """
-        position_sd_m = deviations(fix, self._sensors).position_m
+        position_sd_m = deviations(fix).position_m
         if fix.quality is Quality.DEGRADED and self._wander_sd_m is not None:
             return min(position_sd_m, self._wander_sd_m)
         return position_sd_m

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,30 @@ from das.domain.route import NEUTRAL, Floats, Route
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.effort import Effort
-from das.estimate.settings import SampleSettings, WindowSettings
+from das.estimate.fix import OVERSPEED_RATIO
 from das.solver.line_profile import LineProfile
 
+LONGEST_GAP_S: Final = 2.5
+"""After a longer gap between samples a window begins anew; efforts further apart than this say nothing about the
+forces between them."""
+MOST_WAITING: Final = 100
+"""At most this many positions wait for the next effort; older ones are dropped, so that memory stays bounded."""
+POSSIBLE_FORCE_RATIO: Final = 1.5
+"""A force above this times the train's largest one is a fault of the sensor."""
+SPEED_SD_MPS: Final = 0.05
+"""The least noise of a measured speed (one standard deviation); a window whose speeds scatter more is trusted
+less."""
+FORCE_SD_RATIO: Final = 0.02
+"""The noise of each measured force, as a share of it (one standard deviation)."""
+FRICTION_SD_RATIO: Final = 0.1
+"""The standing error of the measured friction brake force, as a share of it (one standard deviation): the force is
+known from cylinder pressures only."""
+ODOMETRY_M: Final = 40.0
+"""A window is left out if its positions and its speeds disagree about the distance run by more than this."""
+NEUTRAL_MARGIN_M: Final = 30.0
+"""A window that comes nearer than this to a neutral section is left out."""
+LINE_GRID_M: Final = 10.0
+"""The step with which the line is integrated along the way."""
 NORMAL_MAD = 0.6745
 """The median absolute value of a normal variable, in standard deviations."""
 
@@ -55,13 +76,19 @@ class LineIntegral:
     """The forces of the line on a train, integrated along the way: a difference gives the mean over any stretch."""
 
     def __init__(
-        self, route: Route, vehicle: Vehicle, train_length_m: float, settings: WindowSettings, idle_n: float = 0.0
+        self,
+        route: Route,
+        vehicle: Vehicle,
+        train_length_m: float,
+        *,
+        idle_n: float = 0.0,
+        speed_sd_mps: float = SPEED_SD_MPS,
     ) -> None:
         """Integrate the line under a train; forces up to `idle_n` (N) count as none."""
-        self._settings, self._idle_n = settings, idle_n
+        self._idle_n, self._speed_sd_mps = idle_n, speed_sd_mps
         self._resistance = vehicle.resistance
         breaks = route.breakpoints_m()
-        grid = np.arange(0.0, route.length_m + train_length_m, settings.grid_m)
+        grid = np.arange(0.0, route.length_m + train_length_m, LINE_GRID_M)
         ends = (grid, breaks, breaks + train_length_m, [route.length_m + train_length_m])
         self._node_m = np.unique(np.concatenate(ends))
         profile = LineProfile.on(route, vehicle, self._node_m, train_length_m)
@@ -79,21 +106,20 @@ class LineIntegral:
         The slope is Σc·v with c = (t − t̄)/Σ(t − t̄)². Summed by parts it is Σω·ā over the intervals between samples,
         with ω = Δt·Σ_later c. The result is None if the positions do not fit the speeds, or near a neutral section.
         """
-        tuning = self._settings
         t, s, v, force, friction = np.array(samples).T
         off = t - t.mean()
         scatter = float(off @ off)
         share = np.diff(t) * np.cumsum((off / scatter)[::-1])[::-1][1:]
         speed = 0.5 * (v[:-1] + v[1:])
         way = speed * np.diff(t)
-        if abs(s[-1] - s[0] - way.sum()) > tuning.odometry_m or self._in_neutral(float(s[0]), float(s[-1])):
+        if abs(s[-1] - s[0] - way.sum()) > ODOMETRY_M or self._in_neutral(float(s[0]), float(s[-1])):
             return None
         middle = 0.5 * (s[:-1] + s[1:])
         weight = 0.5 * (np.append(share, 0.0) + np.append(0.0, share))
         # An effort that changes between two samples may do so at any moment between them.
         between = np.sum((share * np.diff(force)) ** 2) / 12.0
-        noise = np.sum((weight * tuning.force_sd_ratio * force) ** 2)
-        noise = noise + (tuning.friction_sd_ratio * weight @ friction) ** 2
+        noise = np.sum((weight * FORCE_SD_RATIO * force) ** 2)
+        noise = noise + (FRICTION_SD_RATIO * weight @ friction) ** 2
         r = self._resistance
         return MeasuredWindow(
             acceleration_mps2=float(off @ v) / scatter,
@@ -101,7 +127,7 @@ class LineIntegral:
             line_mps2=float(share @ self._mean(self._work_m2ps2, middle, way)),
             moving_n=float(share @ (r.c1_n_per_mps * speed + r.c2_n_per_mps2 * speed**2)),
             tunnel_n=float(share @ (self._mean(self._tunnel, middle, way) * speed**2)),
-            acceleration_variance=max(_noise_mps(v), tuning.speed_sd_mps) ** 2 / scatter,
+            acceleration_variance=max(_noise_mps(v), self._speed_sd_mps) ** 2 / scatter,
             force_variance=float(between + noise),
             coasts=bool((np.abs(force) <= self._idle_n).all() and (np.abs(friction) <= self._idle_n).all()),
         )
@@ -113,8 +139,7 @@ class LineIntegral:
 
     def _in_neutral(self, from_m: float, to_m: float) -> bool:
         """Whether the way between two positions of the head (m) comes near a neutral section."""
-        margin_m = self._settings.neutral_margin_m
-        ends = np.interp([from_m - margin_m, to_m + margin_m], self._node_m, self._neutral_m)
+        ends = np.interp([from_m - NEUTRAL_MARGIN_M, to_m + NEUTRAL_MARGIN_M], self._node_m, self._neutral_m)
         return bool(ends[1] > ends[0])
 
 
@@ -139,9 +164,9 @@ class _Place(NamedTuple):
 class Pairing:
     """Makes samples from positions and efforts; a position waits until a later effort is received."""
 
-    def __init__(self, vehicle: Vehicle, line_length_m: float, settings: SampleSettings) -> None:
-        self._vehicle, self._line_length_m, self._settings = vehicle, line_length_m, settings
-        self._places: deque[_Place] = deque(maxlen=settings.most_waiting)
+    def __init__(self, vehicle: Vehicle, line_length_m: float) -> None:
+        self._vehicle, self._line_length_m = vehicle, line_length_m
+        self._places: deque[_Place] = deque(maxlen=MOST_WAITING)
         self._before: Effort | None = None
         self._effort: Effort | None = None
 
@@ -151,7 +176,7 @@ class Pairing:
         if not self._is_possible(effort):
             return
         if last is not None and effort.time_ns <= last.time_ns:
-            if (last.time_ns - effort.time_ns) * NS <= self._settings.longest_gap_s:
+            if (last.time_ns - effort.time_ns) * NS <= LONGEST_GAP_S:
                 return
             last = None  # the clock was set back
         self._before, self._effort = last, effort
@@ -184,22 +209,21 @@ class Pairing:
         """Whether a train like this one can have such forces; False for forces that are not a number."""
         train = self._vehicle
         electric_n = max(train.traction.max_force_n, train.electric_brake.max_force_n)
-        most_n = self._settings.possible_force_ratio * (electric_n + train.friction_brake_force_n)
+        most_n = POSSIBLE_FORCE_RATIO * (electric_n + train.friction_brake_force_n)
         return abs(effort.force_el_n) <= most_n and -most_n <= effort.force_friction_n <= 0
 
     def _is_plausible(self, place: _Place) -> bool:
         """Whether a position is usable and on the line, and its speed possible; False for what is not a number."""
         on_line = 0 <= place.s_m <= self._line_length_m
-        fastest_mps = self._settings.overspeed_ratio * self._vehicle.max_speed_mps
+        fastest_mps = OVERSPEED_RATIO * self._vehicle.max_speed_mps
         return place.usable and on_line and abs(place.speed_mps) <= fastest_mps
 
     def _forces_at(self, time_ns: int, before: Effort | None, effort: Effort) -> tuple[float, float] | None:
         """Return the whole wheel force and its friction part (N) at a moment; None if it is not between efforts."""
-        longest_gap_s = self._settings.longest_gap_s
         if time_ns == effort.time_ns:
             share = 1.0
             before = before or effort
-        elif before is None or time_ns < before.time_ns or (effort.time_ns - before.time_ns) * NS > longest_gap_s:
+        elif before is None or time_ns < before.time_ns or (effort.time_ns - before.time_ns) * NS > LONGEST_GAP_S:
             return None
         else:
             share = (time_ns - before.time_ns) / (effort.time_ns - before.time_ns)

@@ -21,6 +21,21 @@ from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from das.solver.state import RollOut, State, fastest, least_time_s
 
+MAX_ROLL_OUTS: Final = 12
+"""At most this number of multipliers is tried."""
+OVERSHOOT_S: Final = 0.15
+"""The next trial is aimed this far (s) beyond the wanted time, so that two trials enclose it."""
+FIRST_STEP: Final = 0.05
+"""While all trials are on one side of the wanted time, the next trial is at least this part of a ladder step away
+from the last one, then four times as far, and so on."""
+BLEND_LOSS_RATIO: Final = 2e-5
+"""Two trajectories are blended if no multiplier between theirs could save more than this share of the train's
+kinetic energy at the highest speed ahead."""
+MAX_BLENDS: Final = 40
+"""At most this number of blends of two trajectories is tried."""
+LEAST_SHARE: Final = 0.02
+"""The next trial keeps at least this share of the interval away from both ends, so that the interval shrinks."""
+
 Floats = NDArray[np.float64]
 
 
@@ -121,29 +136,6 @@ class Front(Summary):
             self.sweep.come_down_to(0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SearchSettings:
-    """How the search for a time narrows, and when it stops."""
-
-    max_roll_outs: int = 12
-    """At most this number of multipliers is tried."""
-    overshoot_s: float = 0.15
-    """The next trial is aimed this far (s) beyond the wanted time, so that two trials enclose it."""
-    first_step: float = 0.05
-    """While all trials are on one side of the wanted time, the next trial is at least this part of a ladder step away
-    from the last one, then four times as far, and so on."""
-    blend_loss_ratio: float = 2e-5
-    """Two trajectories are blended if no multiplier between theirs could save more than this share of the train's
-    kinetic energy at the highest speed ahead."""
-    max_blends: int = 40
-    """At most this number of blends of two trajectories is tried."""
-    least_share: float = 0.02
-    """The next trial keeps at least this share of the interval away from both ends, so that the interval shrinks."""
-
-
-SETTINGS: Final = SearchSettings()
-
-
 class Trial(NamedTuple):
     """A trajectory that was tried.
 
@@ -171,10 +163,9 @@ class TimeSearch:
         *,
         quickest: RollOut,
         tolerance_s: float = tol.TIME_TOLERANCE_S,
-        settings: SearchSettings = SETTINGS,
     ) -> None:
         self.policies, self.state, self.time_s, self.quickest = policies, state, time_s, quickest
-        self.tolerance_s, self.settings = tolerance_s, settings
+        self.tolerance_s = tolerance_s
         self.last = len(policies.lambda_w) - 1
         self._steps = np.arange(self.last + 1)
         self._totals = state.totals(policies)
@@ -224,8 +215,8 @@ class TimeSearch:
         """A slow and a quick trial that can be blended; no slow one if even the smallest multiplier is early."""
         slow, quick = None, Trial(math.inf, self.quickest, self.quickest.time_s - self.time_s)
         above, below, kept = 0.0, 0.0, 0
-        place, step = self._place(self.time_s), self.settings.first_step
-        for _ in range(self.settings.max_roll_outs):
+        place, step = self._place(self.time_s), FIRST_STEP
+        for _ in range(MAX_ROLL_OUTS):
             trial = self.attempt(place)
             # The end that is kept twice in a row counts half, so that both ends move.
             if trial.miss_s > 0:
@@ -242,8 +233,7 @@ class TimeSearch:
 
     def _share(self, above: float, below: float) -> float:
         """Where between two trials the next one should lie, by their misses (false position)."""
-        least = self.settings.least_share
-        return float(np.clip(above / (above - below), least, 1.0 - least))
+        return float(np.clip(above / (above - below), LEAST_SHARE, 1.0 - LEAST_SHARE))
 
     def _blendable(self, slow: Trial | None, quick: Trial) -> bool:
         """Whether next to nothing can be gained between two trials, or no multiplier lies between them."""
@@ -255,7 +245,7 @@ class TimeSearch:
         late, early = slow.miss_s, -quick.miss_s
         gain_j = (self.price_w(quick.place) - self.price_w(slow.place)) * late * early / (late + early)
         kinetic_j = 0.5 * self.state.section.train.inertial_mass_kg * float(self.state.envelope_mps.max()) ** 2
-        return gain_j <= self.settings.blend_loss_ratio * kinetic_j
+        return gain_j <= BLEND_LOSS_RATIO * kinetic_j
 
     def _place(self, time_s: float) -> float:
         """Where on the ladder a trip time lies according to the policies."""
@@ -265,7 +255,7 @@ class TimeSearch:
         """A place just on the other side of the wanted time, if the policies err there as they did at `trial`."""
         side = math.copysign(1.0, trial.miss_s)
         known_s = float(np.interp(trial.place, self._steps, self._table_s))
-        aimed = self._place(known_s - trial.miss_s - side * self.settings.overshoot_s)
+        aimed = self._place(known_s - trial.miss_s - side * OVERSHOOT_S)
         place = trial.place + side * max(side * (aimed - trial.place), step)
         return min(max(place, 0.0), float(self.last))
 
@@ -273,7 +263,7 @@ class TimeSearch:
         """The trajectory of the wanted time between two trials; its energy is near the chord between theirs."""
         low, high, above, below = 0.0, 1.0, slow.miss_s, quick.miss_s
         best, kept = slow.run, 0
-        for _ in range(self.settings.max_blends):
+        for _ in range(MAX_BLENDS):
             share = low + (high - low) * self._share(above, below)
             best = self.state.blend(share, quick.run, slow.run)
             miss = best.time_s - self.time_s

@@ -24,11 +24,27 @@ from das.solver.solution import Fit, Solution
 from das.solver.state import RollOut, State
 from das.solver.warm_up import warm_up
 
+LINES: Final = 3
+"""On each side of the trajectory there are this many lines. Seven lines in all find what thirteen do, in a third of
+the time."""
+REFERENCE_SPEED_MPS: Final = 20.0
+"""Lines are evenly spaced in v², because a shift in v² keeps the force; widths in m/s are meant at this speed."""
+CLOSED_RATIO: Final = 2e-4
+"""A round that saves less than this share of the energy is the last."""
+MOST_TRIALS: Final = 8
+"""At most this many prices of time are tried in a pass."""
+EARLY_S: Final = 1e-3
+"""The refined trajectory is never later than the given one, and earlier by at most about this (s)."""
+MOST_BLENDS: Final = 20
+"""At most this many blends of two trajectories are tried in a pass."""
+TANGENT_RATIO: Final = 3e-4
+"""A refinement may begin with a blend that lies above the tangents at its neighbours by at most this share of its
+energy."""
+
 Floats = NDArray[np.float64]
 
 LARGEST_SHARE = 0.8
 """The outermost lines lower v² by at most this share, so that no line is at standstill."""
-
 FIRST_FACTOR = 1.03
 """The second price of time that a pass tries is the first one multiplied or divided by this."""
 
@@ -37,13 +53,8 @@ FIRST_FACTOR = 1.03
 class RefinementSettings:
     """How wide the tubes are, how they shrink, and when the refinement ends."""
 
-    lines: int = 3
-    """On each side of the trajectory there are this many lines. Seven lines in all find what thirteen do, in a third of
-    the time."""
     widest_mps: float = 2.0
-    """The outermost lines of the first pass differ from the trajectory by this (m/s) at `reference_speed_mps`."""
-    reference_speed_mps: float = 20.0
-    """Lines are evenly spaced in v², because a shift in v² keeps the force; widths in m/s are meant at this speed."""
+    """The outermost lines of the first pass differ from the trajectory by this (m/s) at `REFERENCE_SPEED_MPS`."""
     shrink: float = 0.6
     """Each pass is narrower than the one before by this factor."""
     passes: int = 12
@@ -52,17 +63,9 @@ class RefinementSettings:
     """In the first pass the knots, where the train may change its line, are this far apart (m). Knots move together
     as the lines do, so that a change of line stays a gentle change of force. In the end every node is a knot."""
     most_rounds: int = 3
-    """At most this many rounds of all passes; another follows while the last has saved more than `closed_ratio`."""
-    closed_ratio: float = 2e-4
-    """A round that saves less than this share of the energy is the last."""
-    most_trials: int = 8
-    """At most this many prices of time are tried in a pass."""
-    time_tolerance_s: float = 1e-3
-    """The refined trajectory is never later than the given one, and earlier by at most about this (s)."""
+    """At most this many rounds of all passes; another follows while the last has saved more than `CLOSED_RATIO`."""
     blend_loss_ratio: float = 1e-6
     """Two trajectories of a pass are blended if no price between theirs could save more than this share of energy."""
-    most_blends: int = 20
-    """At most this many blends of two trajectories are tried in a pass."""
 
 
 SETTINGS: Final = RefinementSettings()
@@ -159,7 +162,7 @@ class TubeSearch:
                 if is_over():
                     return run
                 run = self._one_pass(run, settings.shrink**number)
-            if before_j - run.energy_j <= settings.closed_ratio * abs(before_j):
+            if before_j - run.energy_j <= CLOSED_RATIO * abs(before_j):
                 break
         return run
 
@@ -178,7 +181,7 @@ class TubeSearch:
         settings, state = self.settings, self.state
         squared = speeds_mps**2
         knot = _knots(state.node_m, settings.knot_m * width)
-        spacing = 2.0 * settings.reference_speed_mps * settings.widest_mps * width / settings.lines
+        spacing = 2.0 * REFERENCE_SPEED_MPS * settings.widest_mps * width / LINES
         slowest = np.maximum(state.floor_mps, tol.CREST_MPS) ** 2
         return Tube(
             squared=squared,
@@ -186,8 +189,8 @@ class TubeSearch:
             high=np.maximum(state.envelope_mps**2, squared),
             share=_shares(state.node_m, knot),
             knot=knot,
-            spacing=np.minimum(spacing, LARGEST_SHARE * squared[knot] / settings.lines),
-            lines=settings.lines,
+            spacing=np.minimum(spacing, LARGEST_SHARE * squared[knot] / LINES),
+            lines=LINES,
         )
 
     def _enclose(self, tube: Tube, moves: TubeMoves, price_w: float) -> tuple[TubeRun | None, TubeRun | None]:
@@ -196,7 +199,7 @@ class TubeSearch:
         value[-1, tube.lines] = 0.0
         slow = quick = None
         factor = FIRST_FACTOR
-        for _ in range(self.settings.most_trials):
+        for _ in range(MOST_TRIALS):
             trial = self._trial(tube, moves, value, price_w)
             if trial is None:
                 break
@@ -225,7 +228,7 @@ class TubeSearch:
     def _is_enclosed(self, slow: TubeRun, quick: TubeRun) -> bool:
         """Whether the prices of two trajectories are so near that next to nothing can be gained between them."""
         late, early = slow.time_s - self.wanted_s, self.wanted_s - quick.time_s
-        if min(late, early) <= self.settings.time_tolerance_s:
+        if min(late, early) <= EARLY_S:
             return True
         gain_j = (quick.price_w - slow.price_w) * late * early / (late + early)
         return gain_j <= self.settings.blend_loss_ratio * abs(quick.energy_j)
@@ -236,7 +239,7 @@ class TubeSearch:
             return None
         low, high, above, below = 0.0, 1.0, slow.time_s - self.wanted_s, quick.time_s - self.wanted_s
         found, kept = None, 0
-        for _ in range(self.settings.most_blends):
+        for _ in range(MOST_BLENDS):
             share = low + (high - low) * min(max(above / (above - below), 0.02), 0.98)
             trial = self._blended(share, slow, quick)
             if trial is None:
@@ -244,7 +247,7 @@ class TubeSearch:
             miss = trial.time_s - self.wanted_s
             if miss <= 0:
                 found = trial
-                if miss >= -self.settings.time_tolerance_s:
+                if miss >= -EARLY_S:
                     break
                 high, below, above, kept = share, miss, above * (0.5 if kept < 0 else 1.0), -1
             else:
@@ -292,28 +295,9 @@ NARROW: Final = replace(QUICK, widest_mps=0.3, knot_m=15.0, shrink=0.3, passes=3
 """Three passes that begin as narrow as the late ones of a single trajectory: enough for a blend of near neighbours."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ManySettings:
-    """How the trajectories of a section are refined together."""
-
-    alone: RefinementSettings = SETTINGS
-    """For a trajectory whose refinement begins with the table's own; by default the settings for a single one."""
-    between: RefinementSettings = NARROW
-    """For a trajectory whose refinement begins with the blend of its neighbours."""
-    tangent_ratio: float = 3e-4
-    """A refinement may begin with a blend that lies above the tangents at its neighbours by at most this share of its
-    energy."""
-
-
-FRONT: Final = ManySettings()
-"""For a few trajectories that are looked at one by one."""
-TABLE: Final = ManySettings(alone=QUICK)
-"""For the many trajectories of a table."""
-
-
 def refined_runs(
     given: Sequence[Solution],
-    settings: ManySettings = FRONT,
+    alone: RefinementSettings = SETTINGS,
     *,
     is_over: Callable[[], bool] = never,
     watch: Callable[[int], None] = lambda _index: None,
@@ -330,10 +314,10 @@ def refined_runs(
     for place, before, behind in _in_order(len(order)):
         i = order[place]
         neighbours = (found[order[before]], found[order[behind]]) if before < place else None
-        found[i] = _refined(given[i], neighbours, settings, is_over)
+        found[i] = _refined(given[i], neighbours, alone, is_over)
         watch(i)
     for i in sorted(set(range(len(given))) - set(order)):
-        found[i] = refined(given[i], settings.alone, is_over=is_over)
+        found[i] = refined(given[i], alone, is_over=is_over)
         watch(i)
     return found
 
@@ -356,14 +340,14 @@ def _in_order(count: int) -> list[tuple[int, int, int]]:
 
 
 def _refined(
-    one: Solution, neighbours: tuple[Solution, Solution] | None, settings: ManySettings, is_over: Callable[[], bool]
+    one: Solution, neighbours: tuple[Solution, Solution] | None, alone: RefinementSettings, is_over: Callable[[], bool]
 ) -> Solution:
     if neighbours is not None:
-        task = Refinement(one, settings.between)
-        start = _blend(task, *neighbours, settings.tangent_ratio)
+        task = Refinement(one, NARROW)
+        start = _blend(task, *neighbours, TANGENT_RATIO)
         if start is not None and not is_over():
             return task.settled(task.search.best(min(task.given, start, key=lambda run: run.energy_j), is_over))
-    return refined(one, settings.alone, is_over=is_over)
+    return refined(one, alone, is_over=is_over)
 
 
 def _blend(task: Refinement, quick: Solution, slow: Solution, tangent_ratio: float) -> TubeRun | None:

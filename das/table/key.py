@@ -16,11 +16,17 @@ from das.domain.braking import ServiceBraking
 from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
+from das.solver.guide import policies
 from das.solver.guide.policies import PolicySettings
 from das.solver.section import Section
 
 METHOD: Final = 1
 """The version of the planner of references. Raise it when the planner gives other references: a test tells when."""
+SOLVED_BY: Final = (
+    *("STEP_MPS", "LEAST_MPS", "CHANGE_TIME_S", "BRAKE_CHANGES"),
+    *("LOW_RATIO", "HIGH_RATIO", "BACK_SHARE"),
+)
+"""The constants of `das.solver.guide.policies` that a key stands for."""
 _KEPT_BITS = 20
 """Bits of a number that count (six digits): the last ones of a computed array differ between processors."""
 _NAME_LENGTH = 48
@@ -84,7 +90,8 @@ def section_sha256(section: Section) -> str:
 
 def key_of(section: Section, guide: PolicySettings) -> str:
     """SHA-256 of everything that the references of a section depend on: the section, settings, and the method."""
-    counts = {name: value for name, value in asdict(guide).items() if name != "kept_bytes"}
+    counts = asdict(guide) | {name.lower(): getattr(policies, name) for name in SOLVED_BY}
+    del counts["kept_bytes"]
     return _sha256({"section": section_sha256(section), "guide": counts, "method": METHOD})
 
 

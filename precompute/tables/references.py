@@ -13,7 +13,7 @@ import numpy as np
 
 from das.solver.guide.from_run import scheduled_run
 from das.solver.guide.in_time import all_tried
-from das.solver.guide.policies import DEFAULT, GuideFront, GuideRun
+from das.solver.guide.policies import CHANGE_TIME_S, DEFAULT, GuideFront, GuideRun
 from das.solver.guide.references import Finished, References
 from das.solver.section import Section
 from das.solver.state import State
@@ -47,6 +47,5 @@ def finished_references(section: Section, *, threads: int = 1) -> References:
 
 def _priced_j(front: GuideFront, run: GuideRun) -> float:
     """The energy of a run and the price of the changes in it (J): a driver is not to get a change that gains little."""
-    settings = front.settings
-    change_j = settings.change_s * front.power_w + settings.change_time_s * run.lambda_w
+    change_j = front.settings.change_s * front.power_w + CHANGE_TIME_S * run.lambda_w
     return run.energy_j + change_j * float(np.count_nonzero(np.diff(run.said)))

@@ -17,7 +17,7 @@ from das.domain.route import Route
 from das.domain.units import PERCENT
 from das.domain.vehicle import Vehicle
 from das.solver.guide.policies import DEFAULT
-from das.solver.refinement import TABLE, refined_runs
+from das.solver.refinement import QUICK, refined_runs
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
@@ -95,7 +95,7 @@ def _refined(given: list[Solution], settings: TableSettings, stopwatch: Callable
     if settings.refine_s <= 0:
         return given
     began = stopwatch()
-    return refined_runs(given, TABLE, is_over=lambda: stopwatch() - began > settings.refine_s)
+    return refined_runs(given, QUICK, is_over=lambda: stopwatch() - began > settings.refine_s)
 
 
 def _to_be_proven(runs: list[Solution], count: int) -> set[int]:

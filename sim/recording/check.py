@@ -19,7 +19,7 @@ from das.bus.recording import Recording, Stamped, recording_of
 from das.bus.topics import TOPICS, Topic
 from das.cab.outputs import NodeState
 from das.domain.units import NS
-from das.estimate.settings import STALE_AFTER_S
+from das.estimate.localisation import STALE_AFTER_S
 from sim.recording.course import DriveClock, times_of, utc
 from sim.recording.inputs import missing_files
 from sim.recording.opening import is_session, versions

@@ -23,8 +23,8 @@ from das.domain.files.load import catalogue
 from das.domain.route import Floats
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
-from das.estimate.settings import CALIBRATION
-from das.estimate.window import NORMAL_MAD, LineIntegral, MeasuredWindow, Sample
+from das.estimate.calibration import SLOWEST_MPS
+from das.estimate.window import NORMAL_MAD, SPEED_SD_MPS, LineIntegral, MeasuredWindow, Sample
 from sim.trips.settings import CHOICE, ESTIMATE, RATIO_SEARCH, SHARES, WINDOWS
 from sim.trips.trip import Trip
 
@@ -149,7 +149,7 @@ def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: floa
     if len(windows) < WINDOWS.least:
         raise DasError(
             f"{trip.path}: too short to find its train: {len(windows)} stretches of {WINDOWS.samples} s above "
-            f"{CALIBRATION.sample.slowest_mps / KMH:.0f} km/h, expected at least {WINDOWS.least}"
+            f"{SLOWEST_MPS / KMH:.0f} km/h, expected at least {WINDOWS.least}"
         )
     fits = [_WindowFit.of(window, vehicle) for window in windows]
     posterior = RATIOS.log_prior + WINDOWS.weight * sum(one.log_density for one in fits)
@@ -196,20 +196,19 @@ def speed_noise_mps(trip: Trip) -> float:
         return WINDOWS.unmeasured_speed_sd_mps
     since_s = (matched.time_ns[seen] - run.start_time_ns) * NS - run.speed_lag_s
     off = matched.speed_mps[seen] - np.interp(since_s, run.time_s, run.speed_mps)
-    return max(float(np.median(np.abs(off - np.median(off)))) / NORMAL_MAD, CALIBRATION.window.speed_sd_mps)
+    return max(float(np.median(np.abs(off - np.median(off)))) / NORMAL_MAD, SPEED_SD_MPS)
 
 
 def windows_of(trip: Trip, vehicle: Vehicle, noise_mps: float) -> list[TrainWindow]:
     """The windows of the smooth run above a slow speed, each half over the one before."""
     run, samples = trip.run, WINDOWS.samples
-    settings = replace(CALIBRATION.window, samples=samples, speed_sd_mps=noise_mps)
-    line = LineIntegral(trip.route, vehicle, vehicle.train_length_m, settings)
-    effort_n = vehicle.traction_effort_n(np.maximum(run.speed_mps, CALIBRATION.sample.slowest_mps))
+    line = LineIntegral(trip.route, vehicle, vehicle.train_length_m, speed_sd_mps=noise_mps)
+    effort_n = vehicle.traction_effort_n(np.maximum(run.speed_mps, SLOWEST_MPS))
     found = []
     for first in range(0, len(run.time_s) - samples + 1, samples // 2):
         part = slice(first, first + samples)
         speed = run.speed_mps[part]
-        if speed.min() < CALIBRATION.sample.slowest_mps:
+        if speed.min() < SLOWEST_MPS:
             continue
         columns = zip(run.time_s[part], run.s_m[part], speed, effort_n[part], strict=True)
         means = line.window([Sample(*row, 0.0) for row in columns])

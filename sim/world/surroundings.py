@@ -23,8 +23,7 @@ from das.domain.restriction import Restriction
 from das.domain.route import Stretches
 from das.domain.units import KM
 from das.estimate.effort import Effort
-from das.estimate.fix import PositionFix, Quality
-from das.estimate.settings import LEAST_SD_M, LEAST_SD_MPS
+from das.estimate.fix import LEAST_SD_M, LEAST_SD_MPS, PositionFix, Quality
 from sim.drive.limits import Violations
 from sim.drivers.cab import AdviceView, CabView
 from sim.plant.kernels import PlantState

@@ -20,7 +20,7 @@ from das.domain.conditions import Conditions
 from das.domain.restriction import Restriction
 from das.domain.trajectory import PART_WORDS
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2, kwh
-from das.estimate.settings import STALE_AFTER_S
+from das.estimate.localisation import STALE_AFTER_S
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import adhesion_coefficient
@@ -452,7 +452,7 @@ def test_bus_outage_shows_no_advice_and_the_run_arrives() -> None:
     assert driven.run.counts.unheard == outage.for_s == 30
     for told in driven.said.told:
         into_s = told.state.time_s - outage.from_s
-        assert not (DEFAULT.display.valid_for_s <= into_s < outage.for_s and told.cab.shown is not None)
+        assert not (DEFAULT.valid_for_s <= into_s < outage.for_s and told.cab.shown is not None)
     # What was heard is out of date at once when it is over, and advice is back.
     back = next(a for a in driven.said.advices if driven.day.service.clock_s(a.time_ns) >= outage.from_s + 30)
     assert back.mode is not Regime.NONE

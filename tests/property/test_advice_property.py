@@ -15,9 +15,9 @@ import pytest
 from numpy.typing import NDArray
 
 from das.advice.advice import Advice, Source, Timetable
+from das.advice.goal import AT_STOP_M
 from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
-from das.advice.settings import DEFAULT
 from das.cab.fronts import onboard_ladder
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
@@ -148,7 +148,7 @@ def asked(front: Front, source: Source, s_m: float, v_mps: float, arrival_s: flo
 
 def drawn(random: np.random.Generator, section: Section) -> tuple[float, float, float]:
     """A state and the time left: mostly possible, sometimes too fast; from too late by much to far too early."""
-    s_m = float(random.uniform(0.0, END_M - DEFAULT.stop.at_stop_m - 1.0))
+    s_m = float(random.uniform(0.0, END_M - AT_STOP_M - 1.0))
     most = float(np.interp(s_m, section.node_m, section.envelope_mps))
     v_mps = most * float(random.choice([random.uniform(0.0, 1.0), 1.0, random.uniform(1.0, 1.2)], p=[0.8, 0.1, 0.1]))
     return s_m, min(v_mps, 50.0), float((END_M - s_m) / 25.0 * random.uniform(-0.5, 4.0))
@@ -205,7 +205,7 @@ def test_following_the_advice_arrives_and_never_above_what_is_allowed(states: ra
             after = after_a_second_mps(advice)
             s_m, v_mps = s_m + 0.5 * (v_mps + after), after
         assert advice.reason.code is ReasonCode.ARRIVED, (restrictions, s_m, v_mps)
-        assert abs(s_m - END_M) <= DEFAULT.stop.at_stop_m
+        assert abs(s_m - END_M) <= AT_STOP_M
         if advisor.plan is not None:
             assert advisor.plan.solution.feasible
 

@@ -8,17 +8,28 @@ from collections.abc import Iterator
 import numpy as np
 
 from das.domain.units import NS
+from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix
 from das.estimate.localisation import Localisation
-from das.estimate.settings import LocalisationSettings, SpeedScaleSettings
+from das.estimate.speed_scale import SpeedScale
 from das.estimate.track_filter import WANDER_S
 from tests.support.making import make_train
 
 T0 = 1_800_000_000_000_000_000
 TRAIN = make_train()
 SD_M, SD_MPS = 3.0, 0.05
-BELIEVED = LocalisationSettings(scale=SpeedScaleSettings(other_unit_probability=0.0))
-"""The usual settings, but a speed is believed before the way has confirmed it: for tests that begin on the way."""
+
+
+class _Believed(SpeedScale):
+    def unit_sd_mps(self, speed_mps: float) -> float:
+        return 0.0
+
+
+def believing(vehicle: Vehicle) -> Localisation:
+    """A localisation that believes a speed before the way has confirmed it: for tests that begin on the way."""
+    localisation = Localisation(vehicle)
+    localisation._scale = _Believed()
+    return localisation
 
 
 def ns(seconds: float) -> int:
@@ -61,7 +72,7 @@ def fixes(
 
 def heard(until_s: float, **more: float) -> Localisation:
     """A localisation that has received usual fixes up to a time (s); `more` is passed on to `fixes`."""
-    localisation = Localisation(TRAIN, BELIEVED)
+    localisation = believing(TRAIN)
     for fix in fixes(until_s, **more):  # type: ignore[arg-type]
         localisation.take(fix)
     return localisation

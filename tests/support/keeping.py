@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from das.advice.goal import Goal, TrainState
+from das.advice.guide.drift import UsualLoss
 from das.advice.guide.keeping import Keeper, Kept
 from das.advice.guide.planning import elapsed_s
-from das.advice.guide.settings import DEFAULT, GuideSettings, LossSettings
+from das.advice.guide.settings import DEFAULT
+from das.advice.worker import AT_ONCE, Worker
 from das.domain.units import NS
+from das.solver.guide.policies import GuideFront
 from das.solver.guide.schedule import Prospect, Schedule
+from das.solver.section import Section
 from tests.support.bundled_sections import Which, asked_s, guide_of, section_of
 
-SURE = replace(DEFAULT, loss=LossSettings(running_s_per_min=0.0, braking_ratio=0.0))
-"""The settings of a guide whose drivers lose no time, so that references have no reserve."""
 T0 = 1_800_000_000_000_000_000
 
 
@@ -26,9 +27,22 @@ def ns(seconds: float) -> int:
     return T0 + round(seconds / NS)
 
 
-def keeper_of(which: Which, settings: GuideSettings = SURE) -> Keeper:
-    """A keeper of a bundled section that has made no reference yet."""
-    return Keeper(section_of(which), guide_of(which), settings)
+class _NoLoss(UsualLoss):
+    def from_s(self, s_m: float, ahead_s: float) -> float:
+        return 0.0
+
+
+def sure(section: Section, front: GuideFront | None, worker: Worker = AT_ONCE) -> Keeper:
+    """A keeper whose drivers lose no time, so that references have no reserve."""
+    keeper = Keeper(section, front, DEFAULT, worker)
+    keeper._usual = _NoLoss(section)
+    return keeper
+
+
+def keeper_of(which: Which, *, loses: bool = False) -> Keeper:
+    """A keeper of a bundled section that has made no reference yet; its drivers lose no time, or the usual one."""
+    section, front = section_of(which), guide_of(which)
+    return Keeper(section, front, DEFAULT) if loses else sure(section, front)
 
 
 def goal_of(which: Which, buffer_ratio: float, **more: object) -> Goal:
@@ -79,27 +93,27 @@ def copied(keeper: Keeper, which: Which) -> Keeper:
 
 
 @cache
-def _waiting(which: Which, goal: Goal, settings: GuideSettings) -> Keeper:
-    keeper = keeper_of(which, settings)
+def _waiting(which: Which, goal: Goal, loses: bool) -> Keeper:
+    keeper = keeper_of(which, loses=loses)
     stood(keeper, which, goal)
     return keeper
 
 
 @cache
-def _on_the_way(which: Which, goal: Goal, settings: GuideSettings) -> tuple[Keeper, Kept, Keeping]:
-    keeper = waiting(which, goal, settings)
+def _on_the_way(which: Which, goal: Goal, loses: bool) -> tuple[Keeper, Kept, Keeping]:
+    keeper = waiting(which, goal, loses=loses)
     return keeper, *departed(keeper, which, goal)
 
 
-def waiting(which: Which, goal: Goal, settings: GuideSettings = SURE) -> Keeper:
+def waiting(which: Which, goal: Goal, *, loses: bool = False) -> Keeper:
     """A keeper that has made the reference of a train that has not departed yet.
 
     A reference takes a quarter of a second: it is made once a process, and each caller has a copy of its keeper.
     """
-    return copied(_waiting(which, goal, settings), which)
+    return copied(_waiting(which, goal, loses), which)
 
 
-def started(which: Which, goal: Goal, settings: GuideSettings = SURE) -> tuple[Keeper, Kept, Keeping]:
+def started(which: Which, goal: Goal, *, loses: bool = False) -> tuple[Keeper, Kept, Keeping]:
     """A keeper whose train departed 5 s ago, its reference, and a train that keeps it; made once, as for `waiting`."""
-    keeper, kept, train = _on_the_way(which, goal, settings)
+    keeper, kept, train = _on_the_way(which, goal, loses)
     return copied(keeper, which), kept, train

@@ -10,10 +10,9 @@ from das.cab.withdrawal import Trust, decide
 from das.domain.route import Stop
 from das.estimate.estimate import Estimate
 from das.estimate.fix import PositionFix
-from das.estimate.localisation import Localisation
 from das.solver.front import Front
 from das.solver.section import Section
-from tests.support.fixes import BELIEVED
+from tests.support.fixes import believing
 
 
 class OneSection:
@@ -23,7 +22,7 @@ class OneSection:
         section = front.section
         start, end = Stop(name="start", position_m=section.start_m), Stop(name="end", position_m=section.end_m)
         self.leg = Leg(start, end, section)
-        self.localisation = Localisation(section.vehicle, BELIEVED)
+        self.localisation = believing(section.vehicle)
         self.set_front(front, source)
 
     @property

@@ -22,9 +22,8 @@ from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix
-from das.estimate.localisation import Localisation
 from das.solver.section import Section, SectionOptions, build_section
-from tests.support.fixes import BELIEVED
+from tests.support.fixes import believing
 from tests.support.followed import after_a_second_mps
 from tests.support.making import make_route, make_train
 from tests.support.one_section import advised
@@ -67,7 +66,7 @@ class SmallTrip:
     ) -> None:
         self.preparation = Preparation(fronts, time.perf_counter, settings.guide, background=background)
         self.legs = Legs(situation, self.preparation, settings)
-        self.localisation = Localisation(situation.vehicle, BELIEVED)
+        self.localisation = believing(situation.vehicle)
         self.set_restrictions, self.set_targets = self.legs.set_restrictions, self.legs.set_targets
         self.set_conditions, self.take_news, self.close = (
             self.legs.set_conditions, self.legs.take_news, self.preparation.close,
@@ -91,7 +90,7 @@ class SmallTrip:
         """Take over a journey; another train has not been heard of yet."""
         vehicle = others.get("vehicle") or TRAIN
         if vehicle is not self.legs.situation.vehicle:
-            self.localisation = Localisation(vehicle, BELIEVED)
+            self.localisation = believing(vehicle)
         self.legs.begin(stops, timetables, moment=self.localisation.moment, **others)
 
     def set_position(self, fix: PositionFix) -> None:

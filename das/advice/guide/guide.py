@@ -72,7 +72,7 @@ class Guide:
     ) -> None:
         self._section, self._settings, self._worker = section, settings, worker
         self._ahead_of_train = BrakingAhead(section)
-        self.drift = drift or Drift(settings.margin, settings.loss)
+        self.drift = drift or Drift()
         """What is known of the driver."""
         self._keeper = Keeper(section, front, settings, worker, self.drift)
         self._showing = Showing()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from das.advice.advice import Replan, ReplanCause
 from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.guide.drift import Drift, UsualLoss
 from das.advice.guide.planning import Wanted, departing, passes_s, planned
-from das.advice.guide.settings import GuideSettings, KeepingSettings
+from das.advice.guide.settings import GuideSettings
 from das.advice.guide.timeline import COAST_LEAD_S
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
@@ -21,6 +21,35 @@ from das.solver.guide.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
 from das.solver.state import State, least_time_s
 
+LEAST_GAIN_S: Final = 1.0
+"""A new reference for an early train must bring the arrival nearer to the wanted time by at least this; a new
+reference to save energy must not move the arrival further from it by more."""
+LATE_GAIN_S: Final = 2.0
+"""A new reference for a late train must bring the arrival nearer to the wanted time by at least this."""
+LEAST_GAIN_POWER_S: Final = 0.08
+"""A new reference to save energy must save at least the energy of full traction power for this time (0.14 kWh for
+6 MW)."""
+ASTRAY_MPS: Final = 1.5
+"""A new reference to save energy is tried only while the train's speed differs from the reference by more than
+this."""
+ASKED_EVERY_S: Final = 30.0
+"""Whether a new reference would be better is tried at most once in this time."""
+LEAST_AGE_S: Final = 20.0
+"""A reference younger than this is replaced only if the goal or the line has changed, or if it cannot be kept."""
+QUIET_S: Final = 10.0
+"""For this long after the instruction has changed, a reference is replaced only for the reasons of `LEAST_AGE_S`."""
+DUE_SOON_S: Final = 8.0
+"""While the next change is due within this time, a reference is replaced only for the reasons of `LEAST_AGE_S`: a
+change that was announced comes as announced."""
+ARRIVED_S: Final = 30.0
+"""With less time than this to the end of the section, no new reference is tried."""
+ON_TIME_RATIO: Final = 0.9
+"""References leave so much time that a driver is on time with this probability where that counts."""
+ELSEWHERE_RATIO: Final = 0.3
+"""As `ON_TIME_RATIO`, for other stops, whose lateness the next section makes up for less energy."""
+DEAREST_RATIO: Final = 0.25
+"""A second of the reserve is worth no more than the energy of this share of the train's power in a second: twice
+what a second costs with a buffer of 8 %."""
 LEARNED_TO_M = 50.0
 """A driver this near (m) to his stop brakes by eye: the forecast says little about his arrival any more."""
 
@@ -35,10 +64,10 @@ class Changes(NamedTuple):
     next_ns: int = 0
     imposed: bool = False
 
-    def are_near(self, now_ns: int, settings: KeepingSettings) -> bool:
+    def are_near(self, now_ns: int) -> bool:
         """Whether now is so near to one of them that a new reference waits if it can."""
-        just_now = (now_ns - self.last_ns) * NS < settings.quiet_s
-        return just_now or 0.0 <= (self.next_ns - now_ns) * NS < settings.due_soon_s
+        just_now = (now_ns - self.last_ns) * NS < QUIET_S
+        return just_now or 0.0 <= (self.next_ns - now_ns) * NS < DUE_SOON_S
 
 
 NO_CHANGES = Changes()
@@ -120,8 +149,8 @@ class Keeper:
         self._changed = self._standing = False
         self._asked: _Asked | None = None
         self._doubted_ns = 0
-        self._drift = drift or Drift(settings.margin, settings.loss)
-        self._usual = UsualLoss(section, settings.loss)
+        self._drift = drift or Drift()
+        self._usual = UsualLoss(section)
 
     def take_over(self, before: Keeper) -> None:
         """Take over the reference and the driver's drift from the previous keeper, for this keeper's section."""
@@ -154,7 +183,7 @@ class Keeper:
             return kept
         if self._asked is not None and not self._asked.serves(must, goal):
             self._give_up()
-        quiet = changes.are_near(state.now_ns, self._settings.keeping)
+        quiet = changes.are_near(state.now_ns)
         if self._asked is None:
             doubted = must is ReplanCause.NONE
             cause = self._doubt(kept, state, goal) if doubted and kept and not quiet else must
@@ -179,8 +208,8 @@ class Keeper:
 
     def _loss_s(self, state: TrainState, goal: Goal) -> float:
         """The time (s) that the driver loses at most before the stop, with the probability wanted for this stop."""
-        loss, usual_s = self._settings.loss, self._usual.at_last_s(state.s_m, goal.left_s(state.now_ns))
-        return self._drift.loss_s(usual_s, loss.on_time_ratio if goal.counts else loss.elsewhere_ratio)
+        usual_s = self._usual.at_last_s(state.s_m, goal.left_s(state.now_ns))
+        return self._drift.loss_s(usual_s, ON_TIME_RATIO if goal.counts else ELSEWHERE_RATIO)
 
     def _aimed_s(self, state: TrainState, goal: Goal) -> float:
         """The time (s) that a reference may take from here: what is left, less a reserve for what the driver loses.
@@ -258,8 +287,8 @@ class Keeper:
         if self._changed:
             return ReplanCause.LINE, forecast
         if self._standing and state.v_mps > STANDSTILL_MPS:
-            late_s, keeping = forecast.time_s - self._aimed_s(state, goal), self._settings.keeping
-            if not -keeping.early_s <= late_s <= keeping.late_s:
+            late_s = forecast.time_s - self._aimed_s(state, goal)
+            if not -self._settings.early_s <= late_s <= self._settings.late_s:
                 return ReplanCause.START, forecast
             self._standing = False  # What the driver was told while the train stood still holds.
         if goal.arrival_ns != reference.arrival_ns:
@@ -270,25 +299,25 @@ class Keeper:
 
     def _doubt(self, kept: Kept, state: TrainState, goal: Goal) -> ReplanCause:
         """Why a new reference might be better than the present one (NONE: no reason, or not yet time to try)."""
-        keeping, now_ns = self._settings.keeping, state.now_ns
-        young = (now_ns - kept.reference.replan.time_ns) * NS < keeping.least_age_s
-        asked = (now_ns - self._doubted_ns) * NS < keeping.asked_every_s
-        if young or asked or kept.forecast.time_s < keeping.arrived_s:
+        now_ns = state.now_ns
+        young = (now_ns - kept.reference.replan.time_ns) * NS < LEAST_AGE_S
+        asked = (now_ns - self._doubted_ns) * NS < ASKED_EVERY_S
+        if young or asked or kept.forecast.time_s < ARRIVED_S:
             return ReplanCause.NONE
         if self._misses_window(kept, state, goal):
             return ReplanCause.POINT
-        if kept.late_s > keeping.late_s:
+        if kept.late_s > self._settings.late_s:
             return ReplanCause.LATE
-        if kept.late_s < -keeping.early_s:
+        if kept.late_s < -self._settings.early_s:
             return ReplanCause.EARLY
         known = kept.reference.schedule.speed_at(state.s_m)
-        return ReplanCause.ENERGY if abs(state.v_mps - known) > keeping.astray_mps else ReplanCause.NONE
+        return ReplanCause.ENERGY if abs(state.v_mps - known) > ASTRAY_MPS else ReplanCause.NONE
 
     def _can_be_earlier(self, kept: Kept, state: TrainState) -> bool:
         """Whether the fastest trajectory is earlier by enough; if not, no new reference can help a late train."""
         assert self._front is not None
         fastest_s = State.at(self._front.section, state.s_m, state.v_mps).fastest().time_s
-        return kept.forecast.time_s - fastest_s > self._settings.keeping.late_gain_s
+        return kept.forecast.time_s - fastest_s > LATE_GAIN_S
 
     def _misses_window(self, kept: Kept, state: TrainState, goal: Goal) -> bool:
         """Whether a train that keeps the reference passes the point ahead outside its window."""
@@ -311,13 +340,12 @@ class Keeper:
 
     def _is_better(self, doubt: ReplanCause, gain: _Gain) -> bool:
         """Whether a new reference gains enough to be accepted; `doubt` is why it was made."""
-        keeping = self._settings.keeping
-        least_j = keeping.least_gain_power_s * self._section.train.traction_power_w
+        least_j = LEAST_GAIN_POWER_S * self._section.train.traction_power_w
         better = {
             ReplanCause.POINT: True,
-            ReplanCause.LATE: gain.lateness_s > keeping.late_gain_s,
-            ReplanCause.EARLY: gain.lateness_s > keeping.least_gain_s and gain.energy_j > least_j,
-            ReplanCause.ENERGY: -gain.lateness_s < keeping.least_gain_s and min(gain.worth_j, gain.energy_j) > least_j,
+            ReplanCause.LATE: gain.lateness_s > LATE_GAIN_S,
+            ReplanCause.EARLY: gain.lateness_s > LEAST_GAIN_S and gain.energy_j > least_j,
+            ReplanCause.ENERGY: -gain.lateness_s < LEAST_GAIN_S and min(gain.worth_j, gain.energy_j) > least_j,
         }
         return better[doubt]
 
@@ -347,7 +375,7 @@ class Keeper:
             v_mps=state.v_mps,
             left_s=left_s,
             reserve_s=left_s - self._aimed_s(state, goal),
-            reserve_ratio=self._settings.loss.dearest_ratio,
+            reserve_ratio=DEAREST_RATIO,
             point_m=None if point is None else point.s_m,
             earliest_s=earliest_s,
             latest_s=latest_s,

@@ -12,7 +12,7 @@ from das.domain.journey import Window
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, through
 from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.guide.policies import GuideFront, PolicyFrom
+from das.solver.guide.policies import BACK_SHARE, HIGH_RATIO, GuideFront, PolicyFrom
 from das.solver.guide.schedule import Prospect, Schedule, Scheduled
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
@@ -77,7 +77,7 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
         return None
     left_s = _less_reserve_s(wanted, front.references.quickest_s(_dearest_w(front, wanted)))
     try:
-        found = front.references.departing(front.section, front.settings.back_share, s_m, v_mps, left_s)
+        found = front.references.departing(front.section, BACK_SHARE, s_m, v_mps, left_s)
     except DasError:
         return None  # Somebody has changed the table, or the train stands outside its section.
     if found is None or point_m is None or point_m <= s_m:
@@ -102,7 +102,7 @@ def _less_reserve_s(wanted: Wanted, dearest_s: float) -> float:
 
 def _dearest_w(front: GuideFront, wanted: Wanted) -> float:
     """The price of time (W) up to which a reserve is kept."""
-    return wanted.reserve_ratio / front.settings.high_ratio * float(front.lambda_w[-1])
+    return wanted.reserve_ratio / HIGH_RATIO * float(front.lambda_w[-1])
 
 
 def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect) -> Scheduled:

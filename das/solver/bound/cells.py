@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,6 +17,17 @@ from das.solver.kernels.forces import ELECTRIC, TRACTION
 from das.solver.kernels.relaxed_program import MapRows, row_hulls
 from das.solver.kernels.speed_cells import Cells, values_ahead, values_behind
 from das.solver.kernels.tuples import TrainParams
+
+FIRST_WIDTH: Final = 0.03
+"""First width of the cells, in the square root of the speed (m/s): 0.3 m/s at 25 m/s."""
+NARROWEST_WIDTH: Final = 0.0001
+"""No cells get narrower than this."""
+ENOUGH_GAP_RATIO: Final = 1e-3
+"""The search ends once the gap is at most this share of the energy."""
+SLOW_RATIO: Final = 0.9
+"""The search ends once a pass leaves more than this share of the gap."""
+GROWTH: Final = 1.3
+"""A pass is expected to take, per cell, at most this many times as long as the one before."""
 
 Floats = NDArray[np.float64]
 
@@ -33,25 +43,6 @@ ROUNDING_RATIO: Final = 1e-9
 """The bound is lowered by this share of the sizes of its terms, which is more than their rounding."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TightSettings:
-    """How narrow the cells of the tight bound get, and when the search ends."""
-
-    first_width: float = 0.03
-    """First width of the cells, in the square root of the speed (m/s): 0.3 m/s at 25 m/s."""
-    narrowest_width: float = 0.0001
-    """No cells get narrower than this."""
-    enough_ratio: float = 1e-3
-    """The search ends once the gap is at most this share of the energy."""
-    slow_ratio: float = 0.9
-    """The search ends once a pass leaves more than this share of the gap."""
-    growth: float = 1.3
-    """A pass is expected to take, per cell, at most this many times as long as the one before."""
-
-
-SETTINGS: Final = TightSettings()
-
-
 class Incumbent(NamedTuple):
     """The known run: its energy (J) and its price of time (W)."""
 
@@ -65,7 +56,6 @@ def tightened_j(
     incumbent: Incumbent,
     budget_s: float,
     *,
-    settings: TightSettings = SETTINGS,
     clock: Callable[[], float] = time.thread_time,
 ) -> float:
     """The highest bound (J) that cells of speeds prove for a task within `budget_s` (of CPU time); −inf if none.
@@ -75,8 +65,8 @@ def tightened_j(
     """
     lambda_w = incumbent.lambda_w
     rows, line = even_rows(map_rows(task, loss), loss), cell_line(task, lambda_w)
-    _load_kernels(all_cells(task, 10.0 * settings.first_width), line, rows)
-    cells, best_j, gap_j = all_cells(task, settings.first_width), -np.inf, np.inf
+    _load_kernels(all_cells(task, 10.0 * FIRST_WIDTH), line, rows)
+    cells, best_j, gap_j = all_cells(task, FIRST_WIDTH), -np.inf, np.inf
     began = clock()
     most_j = incumbent.energy_j + lambda_w * task.allowed_s
     while True:
@@ -85,17 +75,17 @@ def tightened_j(
         slack_j = ROUNDING_RATIO * (abs(total_j) + lambda_w * task.allowed_s)
         found_j = min(total_j - lambda_w * task.allowed_s - slack_j, incumbent.energy_j)
         best_j, left_j = max(best_j, found_j), incumbent.energy_j - found_j
-        slow = left_j > settings.slow_ratio * gap_j
+        slow = left_j > SLOW_RATIO * gap_j
         gap_j = min(gap_j, left_j)
-        narrow = cells.width / PARTS < settings.narrowest_width
-        if slow or narrow or gap_j <= settings.enough_ratio * abs(incumbent.energy_j):
+        narrow = cells.width / PARTS < NARROWEST_WIDTH
+        if slow or narrow or gap_j <= ENOUGH_GAP_RATIO * abs(incumbent.energy_j):
             return float(best_j)
         values_ahead(cells, line, rows)
         before = int(cells.open.sum())
         close(cells, most_j + slack_j)
         after = PARTS * int(cells.open.sum())
         now = clock()
-        if now + settings.growth * (now - pass_began) * after / before - began > budget_s:
+        if now + GROWTH * (now - pass_began) * after / before - began > budget_s:
             return float(best_j)
         cells = split(cells, PARTS)
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from das.domain.losses import LossMap
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.solver import tolerances as tol
-from das.solver.bound.cells import ROUNDING_RATIO, Incumbent, tightened_j
-from das.solver.bound.cells import SETTINGS as TIGHT
+from das.solver.bound.cells import ENOUGH_GAP_RATIO, ROUNDING_RATIO, Incumbent, tightened_j
 from das.solver.bound.relaxation import MapPlanes, Task, acceleration_limits, efficiency_planes, joined, relaxation
 from das.solver.kernels.forces import TRACTION, adhesion_coefficient
 from das.solver.kernels.interior_point import best_bound
@@ -247,7 +246,7 @@ def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
 def _raised_j(task: Task, solution: BoundedRun, bound_j: float, tight_s: float) -> float:
     """The bound (J) that cells of speeds prove in `tight_s`, or the given one if that is higher or good enough."""
     loss, energy_j = task.section.loss, solution.balance.input
-    if not isinstance(loss, LossMap) or energy_j - bound_j <= TIGHT.enough_ratio * abs(energy_j):
+    if not isinstance(loss, LossMap) or energy_j - bound_j <= ENOUGH_GAP_RATIO * abs(energy_j):
         return bound_j
     incumbent = Incumbent(energy_j, min(solution.lambda_w, LARGEST_PRICE_W))
     tight_j = tightened_j(task, loss, incumbent, tight_s)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.guide.policies import SAME_MPS, GuideFront, GuideRun
+from das.solver.guide.policies import BACK_SHARE, SAME_MPS, GuideFront, GuideRun
 from das.solver.guide.schedule import Schedule, Scheduled
 from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, ROLLS_UP, SHARES
 from das.solver.kernels.tuples import KnownRun
@@ -35,7 +35,7 @@ def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
     speeds = np.concatenate((np.full(first, state.speed_mps), run.speeds_mps))
     raw = Schedule(
         section=section, phases=tuple(phases), known=KnownRun(speeds, np.zeros_like(speeds)),
-        back_share=front.settings.back_share,
+        back_share=BACK_SHARE,
     )  # fmt: skip
     return Scheduled(*raw.settled(float(state.node_m[0]), state.speed_mps), run.lambda_w)
 

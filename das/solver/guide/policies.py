@@ -9,7 +9,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from threading import Lock
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,23 @@ from das.solver.section import Section
 from das.solver.solve import DecisionGrid, node_behind, usable_power_w
 from das.solver.state import State
 
+STEP_MPS: Final = 5.0 * KMH
+"""Speeds are told in steps of this size; limits as they are."""
+LEAST_MPS: Final = 10.0 * KMH
+"""No lower speed is told, except where a limit is lower."""
+CHANGE_TIME_S: Final = 0.3
+"""A change must also save as much as this time is worth at the price of time: a late train is not given changes that
+gain little."""
+BRAKE_CHANGES: Final = 1.0
+"""A brake that no limit asks for costs this many changes more."""
+LOW_RATIO: Final = 0.001
+"""The lowest price of time, as a share of the traction power that can be used on the section."""
+HIGH_RATIO: Final = 2.0
+"""The highest price of time, as a multiple of the same power: no more is paid for a second, however late the train is.
+A weak train on a slow line needs almost as much to keep a timetable with a buffer of 8 %."""
+BACK_SHARE: Final = 0.6
+"""A train slower than the speed to hold gets back to it with this share of its traction."""
+
 Floats = NDArray[np.float64]
 SAME_MPS = 1e-6
 """Speeds of a section that differ by less come from rounding."""
@@ -48,32 +65,18 @@ WAITING = 40
 
 @dataclass(frozen=True, kw_only=True)
 class PolicySettings:
-    """What an instruction costs, and how finely speeds are told and solved."""
+    """What a change of the instruction costs, and how finely policies are solved."""
 
-    step_mps: float = 5.0 * KMH
-    """Speeds are told in steps of this size; limits as they are."""
-    least_mps: float = 10.0 * KMH
-    """No lower speed is told, except where a limit is lower."""
+    change_s: float = 0.15
+    """A change must save as much energy as the train's full power needs in this time, and as much as
+    `CHANGE_TIME_S` is worth."""
+    young_s: float = 0.6
+    """As `change_s`, for a change while the present instruction has not stood for `STANDS_S`."""
     line_mps: float = 1.0 * KMH
     """The distance of lines in the speed grid: a fifth of a step, so that every speed that is told lies on one. With
     2.5 km/h a freight train, which gains less than that in a decision step, needs up to a fifth more energy."""
-    change_s: float = 0.15
-    """A change must save as much energy as the train's full power needs in this time, …"""
-    change_time_s: float = 0.3
-    """… and as much as this time is worth at the price of time: a late train is not given changes that gain little."""
-    young_s: float = 0.6
-    """As `change_s`, for a change while the present instruction has not stood for `STANDS_S`."""
-    brake_changes: float = 1.0
-    """A brake that no limit asks for costs this many changes more."""
     ladder_ratio: float = 1.03
     """Each price of time is this many times the one before."""
-    low_ratio: float = 0.001
-    """The lowest price of time, as a share of the traction power that can be used on the section."""
-    high_ratio: float = 2.0
-    """The highest, as a multiple of the same power: no more is paid for a second, however late the train is. A weak
-    train on a slow line needs almost as much to keep a timetable with a buffer of 8 %."""
-    back_share: float = 0.6
-    """A train slower than the speed to hold gets back to it with this share of its traction."""
     kept_bytes: int = 100_000_000
     """The policies used last are kept up to this size (bytes): ten to twenty of 30 km, four of 100 km."""
 
@@ -156,7 +159,7 @@ class GuideFront:
         self.section, self.settings, self.references = section, settings, references
         self._first = node_behind(section, section.start_m if s_m is None else s_m)
         self._threads, self._lock = threads, Lock()
-        self.speeds_mps = told_speeds(section, settings)
+        self.speeds_mps = told_speeds(section)
         goal_mps, foot_m = falls_to(section.envelope_mps, section.node_m)
         self._curve = FineCurve(goal_mps, self._nearest(goal_mps), foot_m)
         grid, decision = DecisionGrid.of(section), section.decision
@@ -166,8 +169,8 @@ class GuideFront:
             grid.line, grid.bounds.envelope_mps, np.minimum.reduceat(section.limit_mps, decision[:-1]),
             goal_mps, self._nearest(goal_mps), self.speeds_mps, settings.line_mps,
         )  # fmt: skip
-        size = 1 + math.ceil(math.log(settings.high_ratio / settings.low_ratio) / math.log(settings.ladder_ratio))
-        self.lambda_w = self.power_w * settings.high_ratio * settings.ladder_ratio ** np.arange(1.0 - size, 1.0)
+        size = 1 + math.ceil(math.log(HIGH_RATIO / LOW_RATIO) / math.log(settings.ladder_ratio))
+        self.lambda_w = self.power_w * HIGH_RATIO * settings.ladder_ratio ** np.arange(1.0 - size, 1.0)
         self._behind: _Behind | None = None
         self._solved_ahead: _Ahead | None = None
 
@@ -204,10 +207,10 @@ class GuideFront:
 
     def prices(self, number: int) -> GuidePrices:
         """The prices that go with a price of time."""
-        settings, late_j = self.settings, self.settings.change_time_s * max(float(self.lambda_w[number]), 0.0)
+        settings, late_j = self.settings, CHANGE_TIME_S * max(float(self.lambda_w[number]), 0.0)
         change_j = settings.change_s * self.power_w + late_j
         young_j = max(settings.young_s * self.power_w + late_j, change_j)
-        return GuidePrices(float(self.lambda_w[number]), change_j, young_j, settings.brake_changes * change_j)
+        return GuidePrices(float(self.lambda_w[number]), change_j, young_j, BRAKE_CHANGES * change_j)
 
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:
         """The run from a state that follows the policies of a plan, in the order of its nodes.
@@ -229,7 +232,7 @@ class GuideFront:
             anew = one.anew and one.node > state.first_node  # A train beyond that node has been told already.
             now = guide_roll_out(
                 (begin, end), state.first_node, state.decision, state.for_kernels, state.envelope_mps, curve,
-                self._grid, section.train, ahead.node, policy, self.settings.back_share, now, anew, speeds, said,
+                self._grid, section.train, ahead.node, policy, BACK_SHARE, now, anew, speeds, said,
             )  # fmt: skip
             if now[0] == STALLED:
                 break
@@ -283,7 +286,7 @@ class GuideFront:
         They know what a speed is worth there, so no rule says where to accelerate again. Prices may be negative here: a
         train that must not be at the node too early gains by being slow.
         """
-        settings, (ahead, (policy,)) = self.settings, self._policies([number])
+        ahead, (policy,) = self._policies([number])
         rows = node - ahead.node
         behind, moves = GuidePolicy(policy.choice[rows:].copy(), policy.stay[rows:].copy()), ahead.moves
         moves = GuideMoves(
@@ -291,7 +294,7 @@ class GuideFront:
         )  # fmt: skip
         costs_j = self._swept(node, len(self._grid.limit_mps), self._free(ahead), moves, number, behind)
         found = copy(self)
-        waiting = np.geomspace(1.0, settings.low_ratio, WAITING)
+        waiting = np.geomspace(1.0, LOW_RATIO, WAITING)
         found.lambda_w = np.concatenate((-self.power_w * waiting, self.lambda_w))
         found._behind = _Behind(node, behind, costs_j)
         found._solved_ahead, found._lock = ahead._replace(policies={}), Lock()
@@ -338,15 +341,15 @@ def falls_to(envelope_mps: Floats, node_m: Floats) -> tuple[Floats, Floats]:
     return goal, foot_m
 
 
-def told_speeds(section: Section, settings: PolicySettings) -> Floats:
+def told_speeds(section: Section) -> Floats:
     """The speeds that may be told on a section, ascending: its limits, and steps from the lowest to the highest.
 
     If they are more than the number of an instruction has room for, equal parts of them are left out.
     """
-    envelope, step = section.envelope_mps, settings.step_mps
+    envelope, step = section.envelope_mps, STEP_MPS
     exact = np.unique(np.concatenate((section.limit_mps, falls_to(envelope, section.node_m)[0])))
     exact = exact[(exact > SAME_MPS) & (exact <= envelope.max() + SAME_MPS)]
-    steps = step * np.arange(math.ceil(settings.least_mps / step), math.floor(envelope.max() / step) + 1)
+    steps = step * np.arange(math.ceil(LEAST_MPS / step), math.floor(envelope.max() / step) + 1)
     far = np.abs(steps[:, np.newaxis] - exact).min(axis=1) > SAME_MPS
     found = np.sort(np.concatenate((exact, steps[far])))
     found = found[np.append(True, np.diff(found) > SAME_MPS)]

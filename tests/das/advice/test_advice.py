@@ -14,13 +14,12 @@ from hypothesis import strategies as st
 
 from das.advice.advice import Advice, Cause, Source, Timetable, Withdrawal
 from das.advice.display import Display
-from das.advice.goal import UNHURRIED_S
+from das.advice.goal import LONGEST_RATIO, UNHURRIED_S
 from das.advice.kernels import interval, without_ripples
-from das.advice.plan import Plan, classify_modes, without_short
+from das.advice.plan import IDLE_EFFORT_RATIO, RIPPLE_MPS, Plan, classify_modes, without_short
 from das.advice.reason import ReasonCode
 from das.advice.reduced import ReducedSpeed
 from das.advice.regimes import FOUR_MODES, ROLLING, Regime
-from das.advice.settings import DEFAULT
 from das.advice.wording import words
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
@@ -409,8 +408,7 @@ def test_the_effort_of_a_mode_left_out_is_not_shown_with_another(front: Front) -
         assert (plan.shown_force_n[plan.modes == planned] == plan.force_n[plan.modes == planned]).all()
         assert (plan.shown_force_n <= plan.force_n).all()
         assert (
-            plan.shown_force_n[plan.modes == Regime.COAST].max()
-            <= DEFAULT.modes.idle_effort_ratio * section.train.traction_force_n
+            plan.shown_force_n[plan.modes == Regime.COAST].max() <= IDLE_EFFORT_RATIO * section.train.traction_force_n
         )
     assert left_out > 0
 
@@ -465,9 +463,7 @@ def test_who_keeps_his_speed_between_two_stretches_of_cruising_is_cruising() -> 
         ([cruise, pull, cruise, pull, cruise], [20.0, 20.0, 20.5, 20.5, 21.0, 21.0], [cruise] * 5),
     ]
     for modes, v_mps, expected in cases:
-        found = without_ripples(
-            np.array(modes, dtype=np.int64), np.array(v_mps), int(cruise), ROLLING, DEFAULT.modes.ripple_mps
-        )
+        found = without_ripples(np.array(modes, dtype=np.int64), np.array(v_mps), int(cruise), ROLLING, RIPPLE_MPS)
         assert found.tolist() == expected
 
 
@@ -519,9 +515,7 @@ def test_the_reduced_maximum_speed_is_not_absurdly_slow_where_time_is_ample(fron
     reduced = ReducedSpeed(front.section)
     fast = float(front.section.limit_mps.max())
     top = reduced.judged_mps(0.0, 0.0, ns(0), ns(9_000))
-    assert reduced.time_s(0.0, 0.0, top) == pytest.approx(
-        DEFAULT.plan.longest_ratio * reduced.time_s(0.0, 0.0, fast), abs=2.0
-    )
+    assert reduced.time_s(0.0, 0.0, top) == pytest.approx(LONGEST_RATIO * reduced.time_s(0.0, 0.0, fast), abs=2.0)
     for second in range(60, 1_800, 60):
         assert reduced.judged_mps(10.0 * second, top, ns(second), ns(9_000)) == top
 

@@ -12,7 +12,6 @@ import pytest
 from das.advice.advice import Advice, Cause, Guidance, Instruction
 from das.advice.quiet import Quiet
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.advice.settings import DEFAULT
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH, NS
 from das.estimate.estimate import Estimate
@@ -47,7 +46,7 @@ class Drive:
 
     def __init__(self, s_m: float = MIDDLE_M, v_mps: float = FROM_MPS, section: Section | None = None) -> None:
         self.section = section or flat()
-        self.quiet = Quiet(DEFAULT.quiet, DEFAULT.stop)
+        self.quiet = Quiet()
         self.s_m, self.v_mps, self.now_s = s_m, v_mps, 1_000.0
         self.causes: list[Cause] = []
 

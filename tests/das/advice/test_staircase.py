@@ -7,15 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from das.advice.reduced import ReducedSpeed, Staircase
-from das.advice.settings import DEFAULT
+from das.advice.reduced import EASY_BRAKING_MPS2, SLOWEST_MPS, ReducedSpeed, Staircase
 from das.advice.shown import SPEED_STEP_MPS
 from das.domain.units import KMH
 from das.solver.section import Section, build_section
 from tests.support.making import make_route, make_train
 
-EASY = DEFAULT.reduced.easy_braking_mps2
-LOWEST = DEFAULT.reduced.slowest_mps
+EASY = EASY_BRAKING_MPS2
+LOWEST = SLOWEST_MPS
 
 
 def section_of(length_m: float, limits_kmh: list[tuple[float, float]]) -> Section:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Timetable
+from das.advice.goal import LONGEST_RATIO
 from das.advice.guide.guide import SAID_ANEW_S
 from das.advice.guide.settings import GuideSettings
 from das.advice.reason import ReasonCode
@@ -298,7 +299,7 @@ def test_far_too_much_time_is_not_crawled_away() -> None:
     first = at(made, 0, 0.0, 0.0)
     least_s = made.leg.planner.least_time_s(0.0, 0.0)
     run_s = (first.predicted_arrival_ns - T0) * NS
-    assert run_s <= DEFAULT.plan.longest_ratio * least_s + 1
+    assert run_s <= LONGEST_RATIO * least_s + 1
     assert first.predicted_deviation_s < -1000
     assert words(first.reason).endswith("early: wait at B")
     advices = [a for a in follow(made) if a.s_m < 4000]

@@ -20,10 +20,19 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Route, Tunnel, Zone
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration import Calibrator, Recalibration
+from das.estimate.calibration import REPLAN_EVERY_S, WINDOW_SAMPLES, Calibrator, Recalibration
 from das.estimate.effort import Effort
-from das.estimate.ratios import Belief, Estimates
-from das.estimate.settings import CALIBRATION
+from das.estimate.ratios import (
+    FORGETTING,
+    LEAST,
+    LOAD_MASS_SD,
+    MASS_STEP,
+    MODEL_SD,
+    MOST,
+    PRIOR_SD,
+    Belief,
+    Estimates,
+)
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
@@ -164,20 +173,20 @@ def test_what_is_not_observed_is_not_forgotten() -> None:
     """However long one direction is seen, the others keep their variance; it itself ends at r·(1 − λ)."""
     belief = Belief(np.zeros(2), np.diag([0.04, 9.0]))
     for _ in range(5000):
-        belief = belief.updated(np.array([0.0, 2.0]), 0.1, 0.5, CALIBRATION.belief.forgetting)
+        belief = belief.updated(np.array([0.0, 2.0]), 0.1, 0.5, FORGETTING)
     assert belief.covariance[0, 0] == 0.04
     assert belief.covariance[0, 1] == 0.0
-    assert 4.0 * belief.covariance[1, 1] == pytest.approx(0.5 * (1 - CALIBRATION.belief.forgetting), rel=1e-6)
+    assert 4.0 * belief.covariance[1, 1] == pytest.approx(0.5 * (1 - FORGETTING), rel=1e-6)
 
 
 def test_what_changes_is_followed_with_the_stated_memory() -> None:
     """After n observations of a step, 1 − λⁿ of it is found, once the memory is full."""
     row, belief = np.array([1.0]), Belief(np.zeros(1), np.eye(1))
     for _ in range(1000):
-        belief = belief.updated(row, 0.0 - belief.theta[0], 1.0, CALIBRATION.belief.forgetting)
+        belief = belief.updated(row, 0.0 - belief.theta[0], 1.0, FORGETTING)
     for _ in range(50):
-        belief = belief.updated(row, 1.0 - belief.theta[0], 1.0, CALIBRATION.belief.forgetting)
-    assert belief.theta[0] == pytest.approx(1 - CALIBRATION.belief.forgetting**50, rel=1e-6)
+        belief = belief.updated(row, 1.0 - belief.theta[0], 1.0, FORGETTING)
+    assert belief.theta[0] == pytest.approx(1 - FORGETTING**50, rel=1e-6)
 
 
 # --- against the plant --------------------------------------------------------------------------------------------
@@ -291,9 +300,9 @@ def calibrated(states: States, route: Route | None = None, **train: float) -> Es
 
 UNTOUCHED = Estimates(
     mass_ratio=1.0,
-    mass_sd=math.hypot(CALIBRATION.belief.prior_sd.mass, CALIBRATION.belief.model_sd.mass),
+    mass_sd=math.hypot(PRIOR_SD.mass, MODEL_SD.mass),
     resistance_ratio=1.0,
-    resistance_sd=math.hypot(CALIBRATION.belief.prior_sd.resistance, CALIBRATION.belief.model_sd.resistance),
+    resistance_sd=math.hypot(PRIOR_SD.resistance, MODEL_SD.resistance),
     samples=0,
     usable=False,
 )
@@ -322,14 +331,14 @@ def test_neutral_sections_and_forces_near_what_the_rail_carries_do_not_count(
     route: Route, adhesive_mass_kg: float | None, samples: int
 ) -> None:
     train = {} if adhesive_mass_kg is None else {"adhesive_mass_kg": adhesive_mass_kg}
-    found = calibrated(on_the_flat(CALIBRATION.window.samples), route, **train)
+    found = calibrated(on_the_flat(WINDOW_SAMPLES), route, **train)
     assert found.samples == samples
     assert samples or found == UNTOUCHED
 
 
 def test_brakes_of_uncertain_force_do_not_count_on_an_even_run() -> None:
     """Held downhill by the friction brake, whose force is known no better than the resistance."""
-    run = on_the_flat(CALIBRATION.window.samples, force_n=0.0)
+    run = on_the_flat(WINDOW_SAMPLES, force_n=0.0)
     rubbing = tuple(s._replace(force_el_n=150e3, force_friction_n=-150e3) for s in run)
     assert calibrated(rubbing, friction_brake_force_n=2e5).samples == 0
     assert calibrated(run, friction_brake_force_n=2e5).samples == 1
@@ -337,9 +346,9 @@ def test_brakes_of_uncertain_force_do_not_count_on_an_even_run() -> None:
 
 @pytest.mark.parametrize("fault", ["frozen", "jump", "unusable", "gap", "back", "no number", "too fast"])
 def test_faults_of_the_sensors_break_the_window_off(fault: str) -> None:
-    states = on_the_flat(CALIBRATION.window.samples)
+    states = on_the_flat(WINDOW_SAMPLES)
     calibrator = Calibrator(FLAT, POINT_MASS)
-    for i, s in enumerate(states[: CALIBRATION.window.samples]):
+    for i, s in enumerate(states[:WINDOW_SAMPLES]):
         late, s_m, speed_mps = i >= 12, s.s_m, s.speed_mps
         if fault == "frozen" and late:
             s_m = states[11].s_m
@@ -373,7 +382,7 @@ def test_after_a_stop_the_mass_may_be_another_one() -> None:
         calibrator.set_position(at_ns, last.s_m, 0.0)
         calibrator.set_effort(Effort(time_ns=at_ns, force_el_n=0.0, force_friction_n=0.0))
     after = calibrator.estimates
-    assert after.mass_sd == pytest.approx(math.hypot(before.mass_sd, CALIBRATION.load.mass_sd))
+    assert after.mass_sd == pytest.approx(math.hypot(before.mass_sd, LOAD_MASS_SD))
     assert (after.mass_ratio, after.resistance_sd) == (before.mass_ratio, before.resistance_sd)
     assert before.usable
     assert not after.usable
@@ -395,10 +404,10 @@ def test_garbage_stays_bounded(stream: list[tuple[int, float, float, float, floa
             calibrator.set_position(at_ns, s_m + i * speed_mps, speed_mps)
             calibrator.set_effort(Effort(time_ns=at_ns, force_el_n=electric_n, force_friction_n=friction_n))
         found = calibrator.estimates
-        assert CALIBRATION.belief.least.mass <= found.mass_ratio <= CALIBRATION.belief.most.mass
-        assert CALIBRATION.belief.least.resistance <= found.resistance_ratio <= CALIBRATION.belief.most.resistance
-        assert CALIBRATION.belief.model_sd.mass < found.mass_sd <= UNTOUCHED.mass_sd
-        assert CALIBRATION.belief.model_sd.resistance < found.resistance_sd <= UNTOUCHED.resistance_sd
+        assert LEAST.mass <= found.mass_ratio <= MOST.mass
+        assert LEAST.resistance <= found.resistance_ratio <= MOST.resistance
+        assert MODEL_SD.mass < found.mass_sd <= UNTOUCHED.mass_sd
+        assert MODEL_SD.resistance < found.resistance_sd <= UNTOUCHED.resistance_sd
 
 
 @pytest.mark.parametrize("electric_n", [-60e3, 90e3])
@@ -451,8 +460,8 @@ def test_the_plan_is_made_anew_when_it_would_change_and_not_too_often() -> None:
     first = recalibration.due(estimates(1.1, 1.2), now)
     assert first == Conditions(mass_ratio=1.1, resistance_ratio=1.2, receptivity_ratio=0.5)
     assert first.train(VEHICLE).mass_kg == pytest.approx(1.1 * VEHICLE.mass_kg)
-    assert recalibration.due(estimates(1.1 + 0.9 * CALIBRATION.replan.mass_step, 1.22), now + 10**12) is None
-    soon, later = now + round(0.9 * CALIBRATION.replan.every_s / NS), now + round(1.1 * CALIBRATION.replan.every_s / NS)
+    assert recalibration.due(estimates(1.1 + 0.9 * MASS_STEP, 1.22), now + 10**12) is None
+    soon, later = now + round(0.9 * REPLAN_EVERY_S / NS), now + round(1.1 * REPLAN_EVERY_S / NS)
     assert recalibration.due(estimates(1.2, 1.2), soon) is None
     assert recalibration.due(estimates(1.2, 1.2), later) == replace(first, mass_ratio=1.2)
     assert recalibration.conditions.mass_ratio == 1.2

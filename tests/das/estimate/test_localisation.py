@@ -14,11 +14,16 @@ from das.advice import wording
 from das.domain.files.load import load_vehicle
 from das.domain.units import NS
 from das.estimate.estimate import Estimate, Problem
-from das.estimate.fix import PositionFix, Quality, deviations
-from das.estimate.localisation import Localisation
-from das.estimate.settings import LOCALISATION, OVERSPEED_RATIO, STALE_AFTER_S
+from das.estimate.fix import OVERSPEED_RATIO, PositionFix, Quality, deviations
+from das.estimate.localisation import (
+    LARGEST_POSITION_SD_M,
+    LARGEST_SPEED_SD_MPS,
+    STALE_AFTER_S,
+    Localisation,
+)
+from das.estimate.plausibility import AGREEING_FIXES, SILENCE_S, SLOW_SDS, STANDS_AFTER_S
 from das.estimate.track_filter import WANDER_S
-from tests.support.fixes import BELIEVED, SD_M, T0, TRAIN, at, fixes, heard, ns, truth
+from tests.support.fixes import SD_M, T0, TRAIN, at, believing, fixes, heard, ns, truth
 
 
 def taken(localisation: Localisation, fix: PositionFix) -> Estimate:
@@ -55,7 +60,7 @@ def test_the_uncertainty_grows_in_a_dropout_until_the_estimate_is_too_old() -> N
 
 def test_after_a_long_dropout_the_state_is_that_of_the_next_fix() -> None:
     localisation = heard(80.0)
-    time_s = 80.0 + LOCALISATION.restart.silence_s + 1.0
+    time_s = 80.0 + SILENCE_S + 1.0
     found = taken(localisation, at(time_s, 2_000.0, 7.0))
     assert (found.s_m, found.speed_mps, found.position_sd_m) == (2_000.0, 7.0, SD_M)
 
@@ -74,7 +79,7 @@ def test_repeated_late_and_disordered_fixes_change_nothing() -> None:
 
 def test_a_source_too_slow_is_not_used_and_let_go_by_turns() -> None:
     """With a fix every 5 s, the first gap is a dropout; after that, advice does not come and go with each fix."""
-    localisation, usable = Localisation(TRAIN, BELIEVED), []
+    localisation, usable = believing(TRAIN), []
     for second in range(60):
         if second % 5 == 0:
             localisation.take(at(second, 20.0 * second, 20.0))
@@ -134,15 +139,15 @@ def test_an_emergency_brake_is_no_jump() -> None:
 
 def test_where_rejected_fixes_agree_the_state_begins_anew_there() -> None:
     """The first fix was 3 km too far."""
-    localisation = Localisation(TRAIN, BELIEVED)
+    localisation = believing(TRAIN)
     localisation.take(at(70.0, truth(70.0)[0] + 3_000.0, 30.0))
-    for i in range(LOCALISATION.restart.fixes):
+    for i in range(AGREEING_FIXES):
         assert localisation.at(ns(70.0 + i)).restarts == 0
         (fix,) = fixes(71.0 + i, from_s=71.0 + i)
         localisation.take(fix)
-    found = localisation.at(ns(70.0 + LOCALISATION.restart.fixes))
-    assert (found.restarts, found.rejected) == (1, LOCALISATION.restart.fixes)
-    assert found.s_m == pytest.approx(truth(70.0 + LOCALISATION.restart.fixes)[0], abs=4 * SD_M)
+    found = localisation.at(ns(70.0 + AGREEING_FIXES))
+    assert (found.restarts, found.rejected) == (1, AGREEING_FIXES)
+    assert found.s_m == pytest.approx(truth(70.0 + AGREEING_FIXES)[0], abs=4 * SD_M)
     (fix,) = fixes(75.0, from_s=75.0)
     assert taken(localisation, fix).usable  # The way has told the scale of the speeds well enough.
 
@@ -170,7 +175,7 @@ def test_rejected_fixes_that_disagree_never_move_the_state() -> None:
 def test_doubts_do_not_outlast_a_dropout() -> None:
     localisation = heard(80.0)
     localisation.take(at(81.0, 9_000.0, 30.0))
-    time_s = 82.0 + LOCALISATION.restart.silence_s
+    time_s = 82.0 + SILENCE_S
     found = taken(localisation, at(time_s, *truth(time_s)))
     assert (found.usable, found.restarts, found.rejected) == (True, 0, 1)
 
@@ -234,7 +239,7 @@ def test_a_coarse_receiver_is_not_frozen() -> None:
 
 
 def test_the_same_place_after_a_silence_is_not_frozen() -> None:
-    localisation = Localisation(TRAIN, BELIEVED)
+    localisation = believing(TRAIN)
     for second in (0, 1_000):
         assert taken(localisation, at(second, 1_000.0, 20.0)).usable
 
@@ -285,7 +290,7 @@ def test_without_positions_the_way_is_reckoned_and_ever_less_certain() -> None:
         found = taken(localisation, at(second, true_m + 30.0 * (second - 399), 30.0, uncertainty_m=45.0))
         sds.append(found.position_sd_m)
         used.append(found.usable)
-    assert LOCALISATION.use.largest_position_sd_m > sds[0] > 0.7 * LOCALISATION.use.largest_position_sd_m
+    assert LARGEST_POSITION_SD_M > sds[0] > 0.7 * LARGEST_POSITION_SD_M
     assert not used[0]
     assert used == sorted(used)
 
@@ -320,7 +325,7 @@ def test_a_standing_train_stays_where_it_is_while_fixes_wander(speed_noise_mps: 
 
 @pytest.mark.parametrize(
     ("s_m", "seconds"),
-    [(1_000.0, [10.0 + LOCALISATION.restart.silence_s]), (9_000.0, [10.0, 11.0, 12.0, 13.0])],
+    [(1_000.0, [10.0 + SILENCE_S]), (9_000.0, [10.0, 11.0, 12.0, 13.0])],
     ids=["after a silence", "where rejected fixes agree"],
 )
 def test_an_estimate_that_begins_anew_knows_of_no_standstill(s_m: float, seconds: list[float]) -> None:
@@ -332,7 +337,7 @@ def test_an_estimate_that_begins_anew_knows_of_no_standstill(s_m: float, seconds
     for second in seconds:
         localisation.take(at(second, s_m, 0.0))
     assert localisation.moment == (s_m, False)
-    localisation.take(at(seconds[-1] + LOCALISATION.standstill.stands_after_s, s_m, 0.0))
+    localisation.take(at(seconds[-1] + STANDS_AFTER_S, s_m, 0.0))
     assert localisation.moment == (s_m, True)
 
 
@@ -451,8 +456,8 @@ def check(found: Estimate) -> None:
     assert found.problem is None
     assert math.isfinite(found.s_m)
     assert 0.0 <= found.speed_mps <= OVERSPEED_RATIO * TRAIN.max_speed_mps
-    assert 0.0 <= found.position_sd_m <= LOCALISATION.use.largest_position_sd_m
-    assert 0.0 <= found.speed_sd_mps <= LOCALISATION.use.largest_speed_sd_mps
+    assert 0.0 <= found.position_sd_m <= LARGEST_POSITION_SD_M
+    assert 0.0 <= found.speed_sd_mps <= LARGEST_SPEED_SD_MPS
     assert abs(found.time_ns - found.fix_time_ns) * NS <= STALE_AFTER_S
 
 
@@ -476,7 +481,7 @@ def test_garbage_in_between_never_moves_a_train_further_than_it_can(wrong: dict[
 
     Each fix between them may move the train within its own gate: that is as wide as estimate and fix are uncertain.
     """
-    localisation, before, most_m = Localisation(TRAIN), None, LOCALISATION.use.largest_position_sd_m
+    localisation, before, most_m = Localisation(TRAIN), None, LARGEST_POSITION_SD_M
     for i in range(60):
         if i in wrong:
             localisation.take(replace(wrong[i], time_ns=ns(60.0 + (i - 0.5) / hz)))
@@ -486,7 +491,7 @@ def test_garbage_in_between_never_moves_a_train_further_than_it_can(wrong: dict[
         if before is not None and before.usable and found.usable and before.restarts == found.restarts:
             way_m, span_s = found.s_m - before.s_m, (found.time_ns - before.time_ns) * NS
             heeded = [one for one in (wrong.get(i), fix) if one is not None and one.quality is not Quality.INVALID]
-            sds_m = [min(deviations(one, LOCALISATION.sensors).position_m, most_m) for one in heeded]
+            sds_m = [min(deviations(one).position_m, most_m) for one in heeded]
             gates_m = sum(math.hypot(before.position_sd_m, sd_m) for sd_m in sds_m)
             slack_m = 5 * (gates_m + found.position_sd_m) + 10.0
             assert -slack_m <= way_m <= OVERSPEED_RATIO * TRAIN.max_speed_mps * span_s + slack_m
@@ -500,8 +505,8 @@ def test_the_same_fixes_give_the_same_estimate() -> None:
 @pytest.mark.parametrize("quality", [Quality.GOOD, Quality.UNKNOWN, Quality.DEGRADED])
 def test_a_train_that_creeps_out_of_a_stop_is_noticed(quality: Quality) -> None:
     """One fix alone is too slow to be told from a standstill; a driver who creeps must get advice all the same."""
-    usual = deviations(PositionFix(time_ns=0, s_m=0.0, speed_mps=0.0, quality=quality), LOCALISATION.sensors)
-    creeping_mps = 0.95 * LOCALISATION.standstill.slow_sds * usual.speed_mps
+    usual = deviations(PositionFix(time_ns=0, s_m=0.0, speed_mps=0.0, quality=quality))
+    creeping_mps = 0.95 * SLOW_SDS * usual.speed_mps
     localisation, s_m = Localisation(load_vehicle("re460-ic")), 100.0
     for second in range(30):
         speed_mps = 0.0 if second < 10 else creeping_mps
@@ -515,4 +520,4 @@ def test_a_train_that_creeps_out_of_a_stop_is_noticed(quality: Quality) -> None:
 
 def test_a_fix_marked_unusable_has_no_deviations() -> None:
     with pytest.raises(ValueError, match="a fix marked as unusable has no deviations"):
-        deviations(at(0.0, 0.0, 0.0, quality=Quality.INVALID), LOCALISATION.sensors)
+        deviations(at(0.0, 0.0, 0.0, quality=Quality.INVALID))

@@ -7,18 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from das.solver.front import Front, SearchSettings, TimeSearch
+from das.solver import front
+from das.solver.front import Front, TimeSearch
 from das.solver.kernels.policy_values import blended_values
 from das.solver.kernels.tuples import Policies, Policy
 from das.solver.solution import Fit
 from das.solver.state import State
 
 
-def search(hilly: Front, buffer_ratio: float, settings: SearchSettings | None = None) -> TimeSearch:
+def search(hilly: Front, buffer_ratio: float) -> TimeSearch:
     state = State.at(hilly.section)
     quickest = state.fastest()
     wanted_s = quickest.time_s * (1 + buffer_ratio)
-    return TimeSearch(hilly.policies, state, wanted_s, quickest=quickest, settings=settings or SearchSettings())
+    return TimeSearch(hilly.policies, state, wanted_s, quickest=quickest)
 
 
 @pytest.mark.parametrize("buffer_ratio", [0.001, 0.02, 0.1, 0.4])
@@ -50,10 +51,12 @@ def test_a_higher_price_of_time_gives_a_quicker_run(hilly: Front) -> None:
     assert [trial.miss_s for trial in trials] == [time_s - wanted.time_s for time_s in times_s]
 
 
-def test_one_trial_is_the_most_where_the_settings_say_so(hilly: Front) -> None:
+def test_one_trial_is_the_most_where_no_more_are_allowed(monkeypatch: pytest.MonkeyPatch, hilly: Front) -> None:
     """With one multiplier tried and no blend the run is what that multiplier gives: the time is missed."""
-    rough = search(hilly, 0.1, SearchSettings(max_roll_outs=1, max_blends=0)).run()
     exact = search(hilly, 0.1).run()
+    monkeypatch.setattr(front, "MAX_ROLL_OUTS", 1)
+    monkeypatch.setattr(front, "MAX_BLENDS", 0)
+    rough = search(hilly, 0.1).run()
     assert exact.fit is Fit.ON_TIME
     assert abs(rough.time_s - rough.requested_s) > abs(exact.time_s - exact.requested_s)
 

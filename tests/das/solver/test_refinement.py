@@ -14,8 +14,9 @@ from das.domain.files.load import load_route, load_vehicle, locate_route, locate
 from das.domain.levels import Level
 from das.domain.route import Route, Zone
 from das.domain.units import KMH, PERMILLE
+from das.solver import refinement
 from das.solver.front import Front
-from das.solver.refinement import SETTINGS, TABLE, TubeSearch, refined, refined_runs
+from das.solver.refinement import NARROW, QUICK, SETTINGS, TubeSearch, refined, refined_runs
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
@@ -25,8 +26,8 @@ from tests.support.making import csv_rows, make_route
 from tests.support.raw_data import Line, Loss, Train
 from tests.support.verifier import KWH, verify
 
-WITNESS = replace(SETTINGS, lines=8, widest_mps=4.0, shrink=0.75, passes=24)
-"""A tube of twice as many lines that begins twice as wide and shrinks half as fast."""
+WITNESS = replace(SETTINGS, widest_mps=4.0, shrink=0.75, passes=24)
+"""A tube that begins twice as wide and shrinks half as fast."""
 PRECISE_RATIO = 1e-3
 """A refined run needs at most this much more than what any witness finds."""
 
@@ -118,8 +119,12 @@ def test_a_refined_run_is_possible_in_time_and_needs_less(line: str, level: Leve
     ("line", "level", "buffer_ratio"),
     [pytest.param(*one, marks=() if number % 3 == 0 else pytest.mark.nightly) for number, one in enumerate(CASES)],
 )
-def test_a_wider_and_finer_tube_finds_next_to_nothing_more(line: str, level: Level, buffer_ratio: float) -> None:
+def test_a_wider_and_finer_tube_finds_next_to_nothing_more(
+    monkeypatch: pytest.MonkeyPatch, line: str, level: Level, buffer_ratio: float
+) -> None:
+    """Its tube has more than twice as many lines."""
     found = refined_of(line, level, buffer_ratio)
+    monkeypatch.setattr(refinement, "LINES", 8)
     witness = refined(run_of(line, level, buffer_ratio), WITNESS)
     assert found.balance.input <= witness.balance.input * (1.0 + PRECISE_RATIO)
 
@@ -254,7 +259,7 @@ def given() -> list[Solution]:
 
 def test_runs_refined_together_are_as_good_as_each_alone() -> None:
     told: list[int] = []
-    found = refined_runs(given(), TABLE, watch=told.append)
+    found = refined_runs(given(), QUICK, watch=told.append)
     assert sorted(told) == list(range(len(given())))
     for before, after in zip(given(), found, strict=True):
         assert after.feasible
@@ -262,7 +267,7 @@ def test_runs_refined_together_are_as_good_as_each_alone() -> None:
         assert after.balance.input <= before.balance.input
         assert after.balance.input <= refined(before).balance.input * (1 + 2e-4)
         assert after.gap_ratio < 1e-3
-    again = refined_runs(given(), TABLE)
+    again = refined_runs(given(), QUICK)
     for one, other in zip(found, again, strict=True):
         np.testing.assert_array_equal(one.trajectory.v_mps, other.trajectory.v_mps)
 
@@ -277,9 +282,9 @@ def test_neighbours_spare_passes(monkeypatch: pytest.MonkeyPatch) -> None:
         return pass_of(self, run, width)
 
     monkeypatch.setattr(TubeSearch, "_one_pass", one_pass)
-    refined_runs(given(), TABLE)
-    assert counted.count(TABLE.between) >= TABLE.between.passes
-    assert counted.count(TABLE.alone) >= TABLE.alone.passes
+    refined_runs(given(), QUICK)
+    assert counted.count(NARROW) >= NARROW.passes
+    assert counted.count(QUICK) >= QUICK.passes
 
 
 def test_a_budget_that_is_over_leaves_the_runs_that_were_given() -> None:

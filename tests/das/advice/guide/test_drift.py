@@ -8,8 +8,10 @@ import pytest
 
 from das.advice.advice import ReplanCause, Timetable
 from das.advice.goal import UNHURRIED_S, Goal, TrainState
-from das.advice.guide.drift import Drift, UsualLoss
-from das.advice.guide.settings import DEFAULT, LossSettings, MarginSettings
+from das.advice.guide import keeping
+from das.advice.guide.drift import BRAKING_RATIO, MARGIN_LEAST_S, MARGIN_MOST_S, RUNNING_S_PER_MIN, Drift, UsualLoss
+from das.advice.guide.keeping import ELSEWHERE_RATIO, ON_TIME_RATIO
+from das.advice.guide.settings import DEFAULT
 from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.legs import Legs
@@ -18,16 +20,15 @@ from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.solve import usable_power_w
 from tests.support.bundled_sections import BUNDLED, Which, asked_s, section_of
-from tests.support.keeping import SURE, Keeping, goal_of, keeper_of, ns, started, stood, waiting
+from tests.support.keeping import Keeping, goal_of, keeper_of, ns, started, stood, waiting
 
 LINE = BUNDLED[2]
 """17 km, the middle section of Zürich–Luzern."""
-LOSS, MARGIN = LossSettings(), MarginSettings()
 
 
 def drifted(per_min_s: float, minutes: int, *, usual_per_min_s: float = 1.0) -> Drift:
     """The drift of a driver who loses this many seconds a minute, where drivers usually lose so many."""
-    drift, usual_s = Drift(MARGIN, LOSS), usual_per_min_s * minutes
+    drift, usual_s = Drift(), usual_per_min_s * minutes
     drift.see(ns(0), 0.0, usual_s, anew=True)
     for step in range(1, 3 * minutes + 1):
         drift.see(ns(20.0 * step), per_min_s * step / 3.0, usual_s * (1.0 - step / (3 * minutes)), anew=False)
@@ -38,12 +39,12 @@ def test_the_margin_grows_for_a_driver_who_drifts() -> None:
     """The margin grows whether he loses or gains time, stays within its bounds, and is larger further ahead."""
     calm, losing, gaining = drifted(0.0, 15), drifted(6.0, 15), drifted(-6.0, 15)
     assert calm.margin_s(240.0) < losing.margin_s(240.0) == gaining.margin_s(240.0)
-    assert MARGIN.least_s <= losing.margin_s(1.0) <= losing.margin_s(240.0) <= MARGIN.most_s
-    assert drifted(0.0, 60).margin_s(60.0) == MARGIN.least_s
+    assert MARGIN_LEAST_S <= losing.margin_s(1.0) <= losing.margin_s(240.0) <= MARGIN_MOST_S
+    assert drifted(0.0, 60).margin_s(60.0) == MARGIN_LEAST_S
 
 
 def test_an_unknown_driver_is_expected_to_lose_what_drivers_usually_lose() -> None:
-    assert Drift(MARGIN, LOSS).loss_s(12.0, 0.5) == 12.0
+    assert Drift().loss_s(12.0, 0.5) == 12.0
 
 
 @pytest.mark.parametrize(("per_min_s", "share"), [(0.0, 8 / 20), (0.5, 14 / 20), (1.0, 1.0), (-1.0, 0.0)])
@@ -59,7 +60,7 @@ def test_a_driver_who_loses_more_than_usual_has_no_larger_reserve() -> None:
 
 def test_another_reference_is_no_drift_and_a_pause_is_none() -> None:
     """The forecast jumps when the reference changes, or when something else does; this is not the driver's doing."""
-    drift = Drift(MARGIN, LOSS)
+    drift = Drift()
     drift.see(ns(0), 0.0, 30.0, anew=True)
     drift.see(ns(30), -50.0, 20.0, anew=True)
     drift.see(ns(60), -50.0, 20.0, anew=False)
@@ -70,7 +71,7 @@ def test_another_reference_is_no_drift_and_a_pause_is_none() -> None:
 
 def test_the_reserve_is_a_quantile_of_the_loss_to_come() -> None:
     """By hand: with 4 s² a second, 9 s have the standard deviation √(4 · 9) = 6 s; the 90 % quantile is 1.2816 σ."""
-    drift = Drift(MARGIN, replace(LOSS, variance_s=4.0))
+    drift = Drift()
     assert drift.loss_s(9.0, 0.9) == pytest.approx(9.0 + 1.2816 * 6.0, abs=1e-3)
     assert drift.loss_s(9.0, 0.3) == pytest.approx(9.0 - 0.5244 * 6.0, abs=1e-3)
     assert drift.loss_s(9.0, 0.01) == 0.0
@@ -79,10 +80,10 @@ def test_the_reserve_is_a_quantile_of_the_loss_to_come() -> None:
 def test_the_usual_loss_is_that_of_running_and_of_braking() -> None:
     """The fastest run of the 6 km accelerates to 140 km/h and brakes once: that takes the last 85 s."""
     section = section_of(BUNDLED[0])
-    run, usual = section.fastest_run, UsualLoss(section, LOSS)
+    run, usual = section.fastest_run, UsualLoss(section)
     top = int(run.speed_mps.argmax())
     brakes_s = float(run.time_to_go_s[run.speed_mps > run.speed_mps[top] - 1e-3][-1])
-    expected_s = LOSS.running_s_per_min * 240.0 / 60.0 + LOSS.braking_ratio * brakes_s
+    expected_s = RUNNING_S_PER_MIN * 240.0 / 60.0 + BRAKING_RATIO * brakes_s
     assert usual.from_s(section.start_m, 240.0) == pytest.approx(expected_s, abs=0.2)
     assert usual.from_s(section.end_m, 0.0) == 0.0
 
@@ -90,7 +91,7 @@ def test_the_usual_loss_is_that_of_running_and_of_braking() -> None:
 def test_only_what_is_lost_just_before_the_stop_is_reserved() -> None:
     """At 18 min it is as much as at 10; a few seconds before the stop next to nothing."""
     section = section_of(BUNDLED[3])
-    usual, start_m = UsualLoss(section, LOSS), section.start_m
+    usual, start_m = UsualLoss(section), section.start_m
     last_s = usual.at_last_s(start_m, 1100.0)
     assert usual.at_last_s(start_m + 8000.0, 600.0) == last_s < 0.5 * usual.from_s(start_m, 1100.0)
     assert usual.at_last_s(section.end_m - 20.0, 8.0) < 0.2 * last_s
@@ -100,34 +101,33 @@ def test_only_what_is_lost_just_before_the_stop_is_reserved() -> None:
 def test_the_first_reference_leaves_a_reserve_and_less_where_being_on_time_does_not_count(which: Which) -> None:
     """With a buffer of 15 % it arrives earlier by the reserve, to a second or two."""
     goal = goal_of(which, 0.15)
-    usual_s = UsualLoss(section_of(which), LOSS).at_last_s(section_of(which).start_m, goal.left_s(ns(0)))
-    for one, ratio in ((goal, LOSS.on_time_ratio), (replace(goal, counts=False), LOSS.elsewhere_ratio)):
-        early_s = one.left_s(ns(0)) - stood(waiting(which, one, DEFAULT), which, one).forecast.time_s
-        assert early_s == pytest.approx(Drift(MARGIN, LOSS).loss_s(usual_s, ratio) - UNHURRIED_S, abs=2.5)
+    usual_s = UsualLoss(section_of(which)).at_last_s(section_of(which).start_m, goal.left_s(ns(0)))
+    for one, ratio in ((goal, ON_TIME_RATIO), (replace(goal, counts=False), ELSEWHERE_RATIO)):
+        early_s = one.left_s(ns(0)) - stood(waiting(which, one, loses=True), which, one).forecast.time_s
+        assert early_s == pytest.approx(Drift().loss_s(usual_s, ratio) - UNHURRIED_S, abs=2.5)
 
 
-def test_a_reserve_is_bought_up_to_its_price_and_no_further() -> None:
+def test_a_reserve_is_bought_up_to_its_price_and_no_further(monkeypatch: pytest.MonkeyPatch) -> None:
     """On the middle section with a buffer of 5 % a second of it soon costs a quarter of the power."""
-    goal, dear = goal_of(LINE, 0.05), replace(DEFAULT, loss=replace(LOSS, dearest_ratio=2.0))
-    early_s = [
-        goal.left_s(ns(0)) - stood(waiting(LINE, goal, settings), LINE, goal).forecast.time_s
-        for settings in (SURE, DEFAULT, dear)
-    ]
-    assert early_s[0] + 5.0 < early_s[1] < early_s[2] - 5.0
-    kept = stood(waiting(LINE, goal, DEFAULT), LINE, goal)
-    assert kept.reference.lambda_w <= 1.03 * LOSS.dearest_ratio * usable_power_w(section_of(LINE))
+    goal = goal_of(LINE, 0.05)
+    kept = stood(waiting(LINE, goal, loses=True), LINE, goal)
+    assert kept.reference.lambda_w <= 1.03 * keeping.DEAREST_RATIO * usable_power_w(section_of(LINE))
+    took_s = [stood(waiting(LINE, goal, loses=loses), LINE, goal).forecast.time_s for loses in (False, True)]
+    monkeypatch.setattr(keeping, "DEAREST_RATIO", 2.0)
+    took_s.append(stood(keeper_of(LINE, loses=True), LINE, goal).forecast.time_s)
+    assert took_s[0] - 5.0 > took_s[1] > took_s[2] + 5.0
 
 
 def test_a_train_that_cannot_be_on_time_has_no_reserve() -> None:
     """Its reference is that for the time left, however little that is; with a second to spare, the reserve is that."""
     start, late = TrainState(ns(0), section_of(LINE).start_m, 0.0), goal_of(LINE, -0.1)
-    with_reserve, without = (keeper_of(LINE, one).keep(start, late) for one in (DEFAULT, SURE))
+    with_reserve, without = (keeper_of(LINE, loses=loses).keep(start, late) for loses in (True, False))
     assert with_reserve is not None
     assert without is not None
     assert with_reserve.late_s == without.late_s
     assert with_reserve.reference.lambda_w == without.reference.lambda_w
     least_s = float(section_of(LINE).fastest_run.time_to_go_s[0])
-    kept = keeper_of(LINE, DEFAULT).keep(start, Goal(departure_ns=ns(0), due_ns=ns(least_s + 1.0)))
+    kept = keeper_of(LINE, loses=True).keep(start, Goal(departure_ns=ns(0), due_ns=ns(least_s + 1.0)))
     assert kept is not None
     assert kept.forecast.time_s - kept.late_s == pytest.approx(least_s, abs=1e-3)
 
@@ -135,7 +135,7 @@ def test_a_train_that_cannot_be_on_time_has_no_reserve() -> None:
 def test_who_keeps_exactly_to_his_references_loses_his_reserve_on_the_way() -> None:
     """He loses nothing, so new references save the energy of being early, and none of them hurries him."""
     goal = replace(goal_of(LINE, 0.15), counts=False)
-    keeper, kept, train = started(LINE, goal, DEFAULT)
+    keeper, kept, train = started(LINE, goal, loses=True)
     first_s, causes = kept.late_s - kept.forecast.time_s, []
     for second in range(6, 2000):
         state, before = train.at(second), keeper.reference

@@ -12,10 +12,12 @@ import pytest
 
 from das.advice.advice import Replan, ReplanCause
 from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.guide import keeping
+from das.advice.guide.drift import MARGIN_LEAST_S
 from das.advice.guide.keeping import Changes, Keeper, Kept
 from das.advice.guide.planning import Wanted, passes_s, planned
 from das.advice.guide.scene import SpeedsAllowed
-from das.advice.guide.settings import KeepingSettings
+from das.advice.guide.settings import DEFAULT, GuideSettings
 from das.advice.guide.showing import Showing
 from das.advice.worker import Worker
 from das.domain.errors import DasError
@@ -25,7 +27,7 @@ from das.solver.guide.lateness import NEAR_S
 from das.solver.guide.policies import GuideFront
 from das.solver.section import build_section
 from tests.support.bundled_sections import BUNDLED, Which, guide_of, section_of
-from tests.support.keeping import SURE, Keeping, departed, goal_of, keeper_of, ns, started, stood, waiting
+from tests.support.keeping import Keeping, departed, goal_of, keeper_of, ns, started, stood, sure, waiting
 
 LINE = BUNDLED[2]
 """17 km, the middle section of Zürich–Luzern."""
@@ -109,7 +111,7 @@ def test_who_is_late_gets_one_other_reference_which_says_what_it_gains(behind_s:
     kept = made[0][1]
     replan = kept.reference.replan
     assert replan.time_ns == ns(100)
-    assert -SURE.keeping.early_s < kept.late_s < SURE.keeping.late_s, "it is not in doubt itself"
+    assert -DEFAULT.early_s < kept.late_s < DEFAULT.late_s, "it is not in doubt itself"
     assert 0.5 * behind_s <= replan.gain_s <= behind_s + 1.0
     assert replan.gain_j < 0.0  # Faster driving costs energy.
     assert kept.reference.lambda_w > first.reference.lambda_w
@@ -161,7 +163,7 @@ def test_a_driver_who_is_known_to_lose_time_gets_another_reference_all_the_same(
 def test_who_is_late_by_less_than_the_stated_seconds_keeps_his_reference() -> None:
     goal = goal_of(LINE, BUFFER)
     keeper, _, train = started(LINE, goal)
-    assert not driven(keeper, train, goal, range(6, 300), behind_s=SURE.keeping.late_s - 1.5)
+    assert not driven(keeper, train, goal, range(6, 300), behind_s=DEFAULT.late_s - 1.5)
 
 
 def test_who_is_early_by_far_gets_a_slower_reference_that_saves_energy() -> None:
@@ -172,7 +174,7 @@ def test_who_is_early_by_far_gets_a_slower_reference_that_saves_energy() -> None
     replan = kept.reference.replan
     assert replan.cause is ReplanCause.EARLY
     assert replan.gain_s > 10.0
-    assert replan.gain_j > SURE.keeping.least_gain_power_s * section_of(LINE).train.traction_power_w
+    assert replan.gain_j > keeping.LEAST_GAIN_POWER_S * section_of(LINE).train.traction_power_w
 
 
 def test_a_reference_is_not_doubted_just_after_the_instruction_has_changed() -> None:
@@ -245,7 +247,7 @@ def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
     one = Restriction(start_m=free.start_m + 9000.0, end_m=free.start_m + 9500.0, limit_mps=12.0)
     route = free.route.with_restrictions((one,))
     section = build_section(route, free.vehicle, start_m=free.start_m, end_m=free.end_m)
-    meanwhile, after = Keeper(section, None, SURE), Keeper(section, GuideFront(section, SURE.policies), SURE)
+    meanwhile, after = sure(section, None), sure(section, GuideFront(section))
     meanwhile.take_over(keeper)
     old = meanwhile.keep(train.at(50), goal)
     assert old is not None
@@ -285,7 +287,7 @@ class PatientWorker(Worker):
 
 def test_while_a_reference_is_being_made_the_one_before_stands() -> None:
     worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
-    keeper = Keeper(section_of(LINE), guide_of(LINE), SURE, worker)
+    keeper = sure(section_of(LINE), guide_of(LINE), worker)
     start = TrainState(0, section_of(LINE).start_m, 0.0)
     assert keeper.keep(start, goal) is None
     assert keeper.keep(start, goal) is None
@@ -320,7 +322,7 @@ def test_while_a_reference_is_being_made_the_one_before_stands() -> None:
 def test_a_reference_made_in_doubt_waits_for_a_change_that_came_meanwhile() -> None:
     """It was asked for before the instruction changed, and is ready just after."""
     worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
-    keeper = Keeper(section_of(LINE), guide_of(LINE), SURE, worker)
+    keeper = sure(section_of(LINE), guide_of(LINE), worker)
     start = TrainState(0, section_of(LINE).start_m, 0.0)
     keeper.keep(start, goal)
     worker.finish()
@@ -343,7 +345,7 @@ def test_a_reference_made_in_doubt_waits_for_a_change_that_came_meanwhile() -> N
 
 def test_a_reference_that_could_not_be_made_in_the_background_is_asked_for_again() -> None:
     worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
-    keeper = Keeper(section_of(LINE), guide_of(LINE), SURE, worker)
+    keeper = sure(section_of(LINE), guide_of(LINE), worker)
     assert keeper.keep(TrainState(0, section_of(LINE).start_m, 0.0), goal) is None
     worker.waiting.pop()[1].set_exception(DasError("no way"))
     with pytest.raises(DasError, match="no way"):
@@ -369,7 +371,7 @@ def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None,
     assert new is not None
     assert new.reference.replan.cause is ReplanCause.POINT
     at_ns = ns(60.0 + passes_s(new.reference.schedule, new.forecast, here.s_m, point_m))
-    least_ns = round(SURE.margin.least_s / NS)
+    least_ns = round(MARGIN_LEAST_S / NS)
     assert earliest_ns is None or at_ns >= earliest_ns + least_ns - 2e8
     assert latest_ns is None or at_ns <= latest_ns - least_ns + 2e8
     following = Keeping(new.reference.schedule, new.forecast, 60.0, here.s_m)
@@ -402,12 +404,14 @@ def test_who_would_miss_the_window_gets_another_reference() -> None:
     [(0.0, 4.0, ReplanCause.ENERGY), (100.0, 4.0, ReplanCause.START), (0.0, -4.0, ReplanCause.START)],
 )
 def test_who_is_far_off_the_speed_gets_another_reference_only_where_that_saves_enough(
-    least_gain_power_s: float, away_mps: float, cause: ReplanCause
+    monkeypatch: pytest.MonkeyPatch, least_gain_power_s: float, away_mps: float, cause: ReplanCause
 ) -> None:
     """The train is 4 m/s off its speed but nearly on time; for a slow train a new reference would need more energy."""
-    keeping = KeepingSettings(late_s=60.0, early_s=60.0, least_gain_s=30.0, least_gain_power_s=least_gain_power_s)
+    monkeypatch.setattr(keeping, "LEAST_GAIN_S", 30.0)
+    monkeypatch.setattr(keeping, "LEAST_GAIN_POWER_S", least_gain_power_s)
     goal = goal_of(LINE, BUFFER)
-    keeper, _, train = started(LINE, goal, replace(SURE, keeping=keeping))
+    keeper, _, train = started(LINE, goal)
+    keeper._settings = GuideSettings(late_s=60.0, early_s=60.0)
     for second in range(60, 400, 20):
         state = train.at(second)
         kept = keeper.keep(state._replace(v_mps=max(state.v_mps + away_mps, 1.0)), goal)
@@ -419,7 +423,7 @@ def test_who_is_far_off_the_speed_gets_another_reference_only_where_that_saves_e
 
 def test_without_a_front_there_is_no_reference_and_after_forgetting_it_starts_anew() -> None:
     goal, start_m = goal_of(LINE, BUFFER), section_of(LINE).start_m
-    assert Keeper(section_of(LINE), None, SURE).keep(TrainState(ns(0), start_m, 0.0), goal) is None
+    assert sure(section_of(LINE), None).keep(TrainState(ns(0), start_m, 0.0), goal) is None
     keeper, _, train = started(LINE, goal)
     keeper.forget()
     assert keeper.reference is None

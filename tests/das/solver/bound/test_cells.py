@@ -14,10 +14,9 @@ from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import LossMap
 from das.domain.vehicle import BrakePolicy
+from das.solver.bound import cells as cells_module
 from das.solver.bound.cells import (
-    SETTINGS,
     Incumbent,
-    TightSettings,
     all_cells,
     cell_line,
     close,
@@ -144,11 +143,11 @@ def test_cells_around_a_run_prove_nearly_all_of_its_cost(electric_n: float) -> N
     assert 0.0 <= left <= 2e-3
 
 
-def tight_j(budget_s: float, settings: TightSettings = SETTINGS) -> float:
+def tight_j(budget_s: float) -> float:
     """The bound by cells of the run (J), with a clock that adds a second at each look."""
     ticks = iter(range(10_000))
     incumbent, task = Incumbent(run().balance.input, run().lambda_w), task_of(run(), run().time_s)
-    return tightened_j(task, loss(), incumbent, budget_s, settings=settings, clock=lambda: float(next(ticks)))
+    return tightened_j(task, loss(), incumbent, budget_s, clock=lambda: float(next(ticks)))
 
 
 @pytest.mark.slow
@@ -165,10 +164,11 @@ def test_a_search_without_time_leaves_the_quick_bound() -> None:
     assert tightened(run(), 1e-9).certificate == certificate(run())
 
 
-def test_a_pass_that_would_not_end_in_time_is_not_begun() -> None:
+def test_a_pass_that_would_not_end_in_time_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a clock that adds a second at each look there is one pass for 1 s, and several for 100 s."""
-    coarser = replace(SETTINGS, first_width=0.1, narrowest_width=0.02)
-    once_j, often_j = tight_j(1.0, coarser), tight_j(100.0, coarser)
+    monkeypatch.setattr(cells_module, "FIRST_WIDTH", 0.1)
+    monkeypatch.setattr(cells_module, "NARROWEST_WIDTH", 0.02)
+    once_j, often_j = tight_j(1.0), tight_j(100.0)
     assert -math.inf < once_j < often_j <= run().balance.input
 
 

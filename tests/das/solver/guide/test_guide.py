@@ -21,6 +21,7 @@ from das.domain.route import Route
 from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.front import Front
+from das.solver.guide import policies
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, lateness_s, through
 from das.solver.guide.phases import Phase, PhaseKind
@@ -109,12 +110,11 @@ def test_a_run_is_in_time_and_hardly_above_the_exact_optimum(route: Route, train
 
 @at_points
 def test_with_a_low_price_of_changes_a_run_is_within_a_hundredth_of_the_optimum(
-    route: Route, train: Vehicle, buffer_ratio: float
+    monkeypatch: pytest.MonkeyPatch, route: Route, train: Vehicle, buffer_ratio: float
 ) -> None:
     section, _, exact = solved(route, train)
-    front = GuideFront(
-        section, PolicySettings(change_s=0.08, change_time_s=0.0, young_s=0.3, high_ratio=2.0), threads=1
-    )
+    monkeypatch.setattr(policies, "CHANGE_TIME_S", 0.0)
+    front = GuideFront(section, PolicySettings(change_s=0.08, young_s=0.3), threads=1)
     time_s = least_time_s(section, section.start_m, 0.0) * (1.0 + buffer_ratio)
     run, _ = in_time(front, State.at(section), time_s)
     optimum = exact.trajectory(run.time_s).trajectory
@@ -133,7 +133,7 @@ def test_the_schedule_of_a_run_has_its_time_and_energy(route: Route, train: Vehi
 
 
 def test_the_steps_of_speed_are_those_that_a_driver_is_shown() -> None:
-    assert PolicySettings().step_mps == pytest.approx(TARGET_STEP_MPS)
+    assert pytest.approx(TARGET_STEP_MPS) == policies.STEP_MPS
 
 
 @at_points
@@ -197,7 +197,7 @@ def test_a_change_costs_power_and_time_and_a_young_instruction_more() -> None:
     section, front, _ = solved(ROUTE, LOCAL)
     settings, power_w, last = front.settings, usable_power_w(section), len(front.lambda_w) - 1
     for number in (0, last // 2, last):
-        price, late_j = front.prices(number), settings.change_time_s * float(front.lambda_w[number])
+        price, late_j = front.prices(number), policies.CHANGE_TIME_S * float(front.lambda_w[number])
         assert price.change_j == pytest.approx(settings.change_s * power_w + late_j)
         assert price.young_j == pytest.approx(settings.young_s * power_w + late_j)
 

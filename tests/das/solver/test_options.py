@@ -1,27 +1,17 @@
-"""Settings of the solver, the constants that the kernels read, and the options of a section."""
+"""The options of a section."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from das.domain.vehicle import BrakePolicy
-from das.solver import tolerances as tol
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
-from das.solver.tolerances import SolverSettings
 from das.table.key import section_sha256
 from tests.support.making import flat, make_route, make_train
-
-
-def test_every_setting_is_a_constant_of_the_kernels() -> None:
-    """Numba compiles constants: none of the settings may be missing among them, or differ."""
-    groups = [getattr(SolverSettings(), field.name) for field in fields(SolverSettings)]
-    values = sorted(str(value) for group in groups for value in asdict(group).values())
-    constants = sorted(str(value) for name, value in vars(tol).items() if name.isupper())
-    assert constants == values
 
 
 def test_decision_steps_are_as_short_as_asked_and_never_longer_than_usual() -> None:

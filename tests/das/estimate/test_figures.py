@@ -1,38 +1,44 @@
-"""Every setting of the localisation is used."""
+"""Every figure of the localisation is used."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pytest
 
+from das.estimate import fix as fix_module
+from das.estimate import localisation as localisation_module
+from das.estimate import plausibility, speed_scale, track_filter
 from das.estimate.estimate import Estimate
-from das.estimate.fix import PositionFix, Quality
+from das.estimate.fix import USUAL, Deviations, PositionFix, Quality
 from das.estimate.localisation import Localisation
-from das.estimate.settings import LocalisationSettings
 from tests.support.fixes import TRAIN, at, fixes, ns
 
+MODULES: Final = (fix_module, localisation_module, plausibility, speed_scale, track_filter)
+ELSEWHERE: Final = ("STANDSTILL_MPS", "SPEED_DOUBTED_S", "CLOCK_FIXES", "CLOCK_MEMORY_S", "CLOCK_LARGEST_S")
+"""Used by others only, or when times of reception are known: test_clocks.py."""
+NAMES: Final = sorted(
+    {
+        name
+        for module in MODULES
+        for name, value in vars(module).items()
+        if name.isupper() and isinstance(value, int | float) and name not in ELSEWHERE
+    }
+)
 
-def paths(settings: LocalisationSettings) -> list[str]:
-    """The settings as "group.field"."""
-    groups = [one.name for one in fields(settings)]
-    return [f"{group}.{one.name}" for group in groups for one in fields(getattr(settings, group))]
 
-
-def changed(settings: LocalisationSettings, path: str, ratio: float) -> LocalisationSettings:
-    """The same settings but for one figure, multiplied by a ratio; a count is rounded up."""
-    group, name = path.split(".")
-    usual = getattr(getattr(settings, group), name)
-    if isinstance(usual, tuple):
-        other: Any = type(usual)(*(ratio * x for x in usual))
-    else:
-        other = math.ceil(ratio * usual) if isinstance(usual, int) else ratio * usual
-    return replace(settings, **{group: replace(getattr(settings, group), **{name: other})})
+def change(monkeypatch: pytest.MonkeyPatch, name: str, ratio: float) -> None:
+    """Multiply one figure by a ratio wherever it is used; a count is rounded up."""
+    for module in MODULES:
+        if hasattr(module, name):
+            usual = getattr(module, name)
+            other = math.ceil(ratio * usual) if isinstance(usual, int) else ratio * usual
+            monkeypatch.setattr(module, name, other)
 
 
 def shifted(fix: PositionFix, **by: float) -> PositionFix:
@@ -117,11 +123,11 @@ def eventful() -> tuple[PositionFix, ...]:
     return (*found, *in_km_h)
 
 
-def estimates_with(settings: LocalisationSettings) -> list[Estimate]:
+def estimates() -> list[Estimate]:
     """The estimates of the whole run, and those of a localisation that begins while the train sets off."""
     found = []
     for run in (eventful(), eventful()[15:40]):
-        localisation = Localisation(TRAIN, settings)
+        localisation = Localisation(TRAIN)
         for fix in run:
             localisation.take(fix)
             found += [localisation.at(fix.time_ns), localisation.at(fix.time_ns + ns(3.5) - ns(0.0))]
@@ -129,13 +135,26 @@ def estimates_with(settings: LocalisationSettings) -> list[Estimate]:
 
 
 @cache
-def estimates_as_usual() -> list[Estimate]:
-    return estimates_with(LocalisationSettings())
+def estimates_as_usual() -> str:
+    return repr(estimates())
 
 
-# Those of the clock need times of reception: test_clocks.py.
-@pytest.mark.parametrize("path", [path for path in paths(LocalisationSettings()) if not path.startswith("clock.")])
-def test_every_setting_of_the_localisation_is_used(path: str) -> None:
+def estimates_with(name: str, ratio: float) -> str:
+    """The estimates with one figure multiplied by a ratio."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        change(monkeypatch, name, ratio)
+        return repr(estimates())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_figure_of_the_localisation_is_used(name: str) -> None:
     """A figure that is a tenth of the usual, or ten times as large, changes some estimate."""
-    settings = LocalisationSettings()
-    assert any(repr(estimates_with(changed(settings, path, by))) != repr(estimates_as_usual()) for by in (0.1, 10.0))
+    as_usual = estimates_as_usual()
+    assert any(estimates_with(name, by) != as_usual for by in (0.1, 10.0))
+
+
+@pytest.mark.parametrize("quality", list(USUAL))
+def test_the_usual_deviations_are_used(monkeypatch: pytest.MonkeyPatch, quality: Quality) -> None:
+    as_usual = estimates_as_usual()
+    monkeypatch.setitem(USUAL, quality, Deviations(*(10.0 * x for x in USUAL[quality])))
+    assert repr(estimates()) != as_usual
