@@ -11,9 +11,8 @@ import numpy as np
 from das.advice import wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
 from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
-from das.advice.passing import time_at
 from das.advice.plan import HOLD_S, Floats, Place, Plan, four_mode
-from das.advice.planner import PASSED_M, Planner
+from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
 from das.advice.settings import DEFAULT
@@ -390,7 +389,7 @@ class Display:
         """The point ahead, if it may not be passed yet or will be passed late; otherwise no reason."""
         state, planner, goal = scene.state, scene.planner, scene.goal
         point = goal.passing
-        if point is None or state.s_m >= point.s_m - PASSED_M or planner.fronts_of(point) is None:
+        if point is None or state.s_m >= point.s_m - PASSED_M or planner.basis.passing is None:
             return NO_REASON
         code, time_ns = ReasonCode.POINT_EARLIEST, point.earliest_ns or 0
         if time_ns <= state.now_ns:
@@ -417,4 +416,4 @@ def _missed_s(point: PassingTarget, plan: Plan) -> float:
     """How long (s) after the end of its window a plan passes a point; minus infinity if the window has no end."""
     if point.latest_ns is None:
         return -math.inf
-    return (plan.made_ns - point.latest_ns) * NS + time_at(plan.solution.trajectory, point.s_m)
+    return (plan.made_ns - point.latest_ns) * NS + passed_s(plan.solution, point)

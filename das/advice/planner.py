@@ -8,7 +8,7 @@ that leaves this band gets a new plan from where it is. The same inputs give the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -17,13 +17,14 @@ from das.advice import kernels
 from das.advice.advice import Source
 from das.advice.braking import BEGINS_MPS, BrakingAhead
 from das.advice.goal import AT_END_M, LONGEST_RATIO, Goal, PassingTarget, TrainState
-from das.advice.passing import PassingFronts, time_at
+from das.advice.guide.planning import Wanted, planned
 from das.advice.plan import Plan
 from das.advice.reduced import BRAKED_EARLY_S, ReducedSpeed
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.front import Front
+from das.solver.guide.policies import GuideFront
 from das.solver.guide.schedule import Schedule, Scheduled
 from das.solver.section import Section, capped
 from das.solver.solution import Solution
@@ -57,13 +58,13 @@ class PlanBasis:
 
     `front` is the section's front of optimal trajectories. While it is None (not known yet), the plan is the fastest
     safe trajectory, nowhere faster than `before`, the plan that the train has followed so far. `passing` holds the
-    fronts for a point that must be passed in a window of time; None if there is no such point.
+    guide's policies if a point must be passed in a window of time.
     """
 
     section: Section
     front: Front | None = None
     source: Source = Source.FALLBACK
-    passing: PassingFronts | None = None
+    passing: GuideFront | None = None
     before: Plan | None = None
 
 
@@ -161,13 +162,6 @@ class Planner:
         """The time (s) that the fastest trajectory from a state takes to the end of the section."""
         return least_time_s(self.section, s_m, v_mps)
 
-    def fronts_of(self, point: PassingTarget | None) -> PassingFronts | None:
-        """The fronts for passing a point in its window; None if they are not known (yet)."""
-        fronts = self.basis.passing
-        if point is None or fronts is None or abs(fronts.at_m - point.s_m) > SAME_POINT_M:
-            return None
-        return fronts
-
     def _follows(self, plan: Plan, state: TrainState) -> bool:
         here = plan.at(state.s_m)
         age_s = (state.now_ns - plan.made_ns) * NS
@@ -203,26 +197,26 @@ class Planner:
         left_s = max(goal.aimed_s(state.now_ns), at_least)
         asked_s = min(left_s, LONGEST_RATIO * least_s)
         free = front.trajectory(asked_s, state.s_m, state.v_mps, tolerance_s=TOLERANCE_S)
-        to_point_s, fronts = self._time_to_point(free, state, goal.passing), self.fronts_of(goal.passing)
-        if to_point_s is None or fronts is None:
+        window = self._window(free, state, goal.passing)
+        if window is None or self.basis.passing is None:
             return free
-        return fronts.trajectory(to_point_s, left_s, state.s_m, state.v_mps, TOLERANCE_S)
+        return planned(self.basis.passing, replace(window, left_s=left_s)).solution(state.s_m, state.v_mps, left_s)
 
-    def _time_to_point(self, free: Solution, state: TrainState, point: PassingTarget | None) -> float | None:
-        """The time (s) in which the train must reach the point to pass it within its window.
+    def _window(self, free: Solution, state: TrainState, point: PassingTarget | None) -> Wanted | None:
+        """The window in which the train is to pass the point ahead.
 
         None if there is no point ahead, or if `free`, the optimum without the window, keeps the window already.
         """
         if point is None or state.s_m >= point.s_m - PASSED_M:
             return None
-        free_s = time_at(free.trajectory, point.s_m)
+        wanted, free_s = Wanted(s_m=state.s_m, v_mps=state.v_mps, left_s=0.0, point_m=point.s_m), passed_s(free, point)
         if point.earliest_ns is not None:
             # A driver who is ahead of the plan by this time still counts as following it.
             earliest_s = (point.earliest_ns - state.now_ns) * NS + TIME_BAND_S
             if free_s < earliest_s:
-                return earliest_s
-        if point.latest_ns is not None and free_s > (point.latest_ns - state.now_ns) * NS:
-            return (point.latest_ns - state.now_ns) * NS
+                return replace(wanted, earliest_s=earliest_s)
+        if point.latest_ns is not None and free_s > (latest_s := (point.latest_ns - state.now_ns) * NS):
+            return replace(wanted, latest_s=latest_s)
         return None
 
     def _cautious(self, state: TrainState) -> Solution:
@@ -234,3 +228,9 @@ class Planner:
             except DasError:
                 pass  # At the speeds of the previous plan the train does not get over a hill.
         return fastest(self.section, state.s_m, state.v_mps)
+
+
+def passed_s(solution: Solution, point: PassingTarget) -> float:
+    """When a trajectory passes a point (s from its start)."""
+    run = solution.trajectory
+    return float(np.interp(point.s_m, run.s_m, run.t_s))

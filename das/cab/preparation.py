@@ -16,17 +16,16 @@ from typing import Any, NamedTuple
 from das.advice.advice import Source
 from das.advice.goal import AT_STOP_M, PassingTarget
 from das.advice.guide.settings import GuideSettings
-from das.advice.passing import PassingFronts, PassingRun
 from das.advice.planner import PlanBasis
 from das.advice.worker import Worker
 from das.cab import event_wording
-from das.cab.fronts import FoundGuide, Fronts, onboard_ladder
+from das.cab.fronts import FoundGuide, Fronts
 from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
 from das.domain.errors import DasError, RunawayError
 from das.domain.units import NS
-from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.front import Front
+from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 NO_GUIDE = GuideSettings(enabled=False)
@@ -45,7 +44,7 @@ class _Answer(NamedTuple):
     """The result of a search for a front; `refusal`: why there is none; `failed`: whether that was unforeseen."""
 
     found: Front | None
-    passing: PassingFronts | None
+    passing: GuideFront | None
     refusal: str
     failed: bool
     took_s: float
@@ -252,33 +251,26 @@ def _release(leg: Leg, one: _Prepared) -> None:
 
 
 class _Question(NamedTuple):
-    """What a search starts from: the section, the point to pass, and the state of the train when the search began."""
+    """What a search starts from: the section, the point to pass, and the place of the train (m) when it began."""
 
     section: Section
     point: PassingTarget | None
-    now_ns: int
-    arrival_ns: int
     s_m: float
-    v_mps: float
 
     @classmethod
     def of(cls, leg: Leg) -> _Question:
-        section, goal, here = leg.section, leg.goal, leg.here
-        if here is None or not section.start_m <= here.s_m < section.end_m - AT_STOP_M:
-            return cls(section, goal.passing, goal.departure_ns, goal.arrival_ns, section.start_m, 0.0)
-        now_ns = here.time_ns
-        if here.speed_mps < STANDSTILL_MPS:
-            now_ns = max(now_ns, goal.departure_ns)
-        return cls(section, goal.passing, now_ns, goal.arrival_ns, here.s_m, here.speed_mps)
+        section, here = leg.section, leg.here
+        inside = here is not None and section.start_m <= here.s_m < section.end_m - AT_STOP_M
+        return cls(section, leg.goal.passing, here.s_m if here is not None and inside else section.start_m)
 
 
 def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
-    """Search for a front, and for those of a point to pass; any error becomes part of the answer."""
+    """Search for a front, and for policies if there is a point to pass; any error becomes part of the answer."""
     began = stopwatch()
     found, passing, refusal, failed = None, None, "", False
     try:
         found = fronts.find(question.section, question.s_m)
-        passing = _passing(question, found.section)
+        passing = _passing(fronts, question, found.section)
     except DasError as error:
         refusal = str(error)
     except Exception as error:  # A thread must not die in silence: giving no advice is better.
@@ -294,18 +286,9 @@ def _search_guide(fronts: Fronts, section: Section, guide: GuideSettings, s_m: f
         return str(error) if isinstance(error, DasError) else event_wording.solving_failed(error)
 
 
-def _passing(question: _Question, section: Section) -> PassingFronts | None:
-    """The fronts of a point to pass on a section; None if the point sets no time or is already reached."""
+def _passing(fronts: Fronts, question: _Question, section: Section) -> GuideFront | None:
+    """The guide's policies if a point is to be passed; None if the point sets no time or is already reached."""
     point = question.point
-    if point is None or point.s_m < question.s_m + LEAST_WAY_M:
+    if point is None or point.s_m < question.s_m + LEAST_WAY_M or (point.earliest_ns or point.latest_ns) is None:
         return None
-    due_ns = point.earliest_ns if point.earliest_ns is not None else point.latest_ns
-    if due_ns is None:
-        return None
-    run = PassingRun(
-        question.s_m,
-        question.v_mps,
-        to_point_s=(due_ns - question.now_ns) * NS,
-        total_s=(question.arrival_ns - question.now_ns) * NS,
-    )
-    return PassingFronts.solve(section, point.s_m, onboard_ladder(section), run)
+    return fronts.find_guide(section, NO_GUIDE, question.s_m).front
