@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
-from das.advice.goal import OVERSPEED_MPS, PassingTarget
+from das.advice.goal import AT_END_M, OVERSPEED_MPS, PassingTarget
 from das.advice.guide.follow import CREEP_MPS
 from das.advice.guide.guard import BRAKED_MPS
 from das.advice.guide.settings import GuideSettings
@@ -82,7 +82,7 @@ class World:
     def state(self, second: float) -> Estimate:
         """A state of the section: mostly possible, sometimes too fast, sometimes at a stand."""
         random = self.random
-        s_m = float(random.uniform(self.start_m, self.end_m - SETTINGS.stop.standstill_m - 1.0))
+        s_m = float(random.uniform(self.start_m, self.end_m - AT_END_M - 1.0))
         most = float(np.interp(s_m, self.section.node_m, self.section.allowed_mps))
         share = float(
             random.choice([random.uniform(0.0, 1.0), 1.0, random.uniform(1.0, 1.3), 0.0], p=[0.7, 0.1, 0.15, 0.05])
