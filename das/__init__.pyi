@@ -44,9 +44,9 @@ from .front_door import (
 from .front_door import (
     to_pandas as to_pandas,
 )
+from .offline.journey.chains import Split as Split
+from .offline.journey.plan import JourneyPlan as JourneyPlan
 from .solver.front import Front as Front
-from .solver.journey.chains import Split as Split
-from .solver.journey.plan import JourneyPlan as JourneyPlan
 from .solver.section import Section as Section
 from .solver.solution import Solution as Solution
 

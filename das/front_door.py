@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
     from das.domain.plotted import Plottable, PlottedFront, PlottedRun
     from das.drawing.picture import Picture
+    from das.offline.journey.chains import Split
+    from das.offline.journey.plan import JourneyPlan
     from das.solver.front import Front
-    from das.solver.journey.chains import Split
-    from das.solver.journey.plan import JourneyPlan
     from das.solver.section import Section
     from das.solver.solution import Solution
     from das.table.table import Table
@@ -140,7 +140,7 @@ def refined(run: Solution) -> Solution:
         >>> better.time_s <= run.time_s, better.balance.input < run.balance.input
         (True, True)
     """
-    from das.solver import refinement
+    from das.offline import refinement
 
     return refinement.refined(run)
 
@@ -255,8 +255,8 @@ def plan_journey(
         >>> len(plan.sections), 0.0 <= plan.gap_ratio < 0.02
         (3, True)
     """
-    from das.solver.journey.chains import Split
-    from das.solver.journey.plan import JourneyPlanner
+    from das.offline.journey.chains import Split
+    from das.offline.journey.plan import JourneyPlanner
 
     losses = None if level is None else chosen(Level, vehicle.source, "level", level)
     shared = chosen(Split, journey.source, "split", split)

@@ -1,7 +1,7 @@
 """The driver's sheet of a journey as a page to print or to read on a tablet: what to do from which place on.
 
 Nothing on it changes on the way, as on the speeds that railways hand out hours before a departure. The instructions
-come from `das.advice.sheet`; this module places them by kilometre and board, and draws the page.
+come from `precompute.section_sheet`; this module places them by kilometre and board, and draws the page.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ import numpy as np
 
 from das import __version__
 from das.advice.regimes import InstructionKind
-from das.advice.sheet import SectionSheet, SheetLine, section_sheet
 from das.domain.braking import USUAL
 from das.domain.journey import Held, Passing, Window
 from das.domain.route import Route
 from das.domain.units import KM, KMH, kmh, kwh
 from das.drawing.colors import LIMIT
-from das.solver.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
+from das.offline.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.section import with_braking
+from precompute.section_sheet import SectionSheet, SheetLine, section_sheet
 
 HALF_MINUTE_S = 30.0
 HELD_MPS, HELD_S = 1.0, 10.0

@@ -15,7 +15,7 @@ from das.advice.plan import Plan
 from das.bus import das_pb2, topics
 from das.bus.restrictions import decode_restriction, encode_restriction
 from das.bus.topics import Received, Topic
-from das.cab import event_wording, heard
+from das.cab import heard
 from das.cab.heard import Heard, Kind
 from das.cab.outputs import Estimated, Event, Output, Status
 from das.estimate.effort import Effort
@@ -50,7 +50,7 @@ def decode(received: Received, heard_ns: int) -> Heard | None:
     try:
         return _DECODERS[kind](received.message, common)
     except ValueError as error:
-        return heard.Unreadable(told=kind, why=event_wording.unreadable(error), **common)  # type: ignore[arg-type]
+        return heard.Unreadable(told=kind, why=f"one that cannot be read ({error})", **common)  # type: ignore[arg-type]
 
 
 def encode_input(value: Heard) -> Outgoing:

@@ -156,7 +156,7 @@ class Cab:
             for news in self._guard.take_news():
                 self._reporting.complain(self._now.clock_ns, news)
         except (ArithmeticError, ValueError) as error:
-            self._ignore(kind, event_wording.failed(error))
+            self._ignore(kind, f"a message was ignored ({error})")
         except Exception as error:
             self._lose(kind, self._unforeseen(error))
         self._now.news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
@@ -223,8 +223,8 @@ class Cab:
         if not self._reporting.may_report(self._now.clock_ns):
             return
         names = [stop.name for stop in order.stops]
-        self._reporting.event(journey.time_ns, Severity.INFO, event_wording.journey(names))
-        self._reporting.add(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
+        self._reporting.event(journey.time_ns, Severity.INFO, f"journey {' – '.join(names)}")
+        self._reporting.add(self._status(journey.time_ns, NodeState.READY, f"ready for {' – '.join(names)}"))
 
     def _judge_day(self, now_ns: int) -> None:
         """Judge the journey again if the clock has entered or left its day since the last judgement."""
@@ -259,7 +259,7 @@ class Cab:
         """Report an unforeseen error and where it occurred; returns the reported text."""
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
-        text = event_wording.internal_error(what, Path(place.filename).name, place.lineno)
+        text = f"internal error: {what} ({Path(place.filename).name}:{place.lineno})"
         self._reporting.complain(self._now.clock_ns, text, Severity.ERROR)
         return text
 

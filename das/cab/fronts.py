@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.guide.settings import GuideSettings
-from das.cab import event_wording
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
 from das.solver.front import Front
@@ -81,9 +80,9 @@ class Fronts:
         if not tables.is_dir():
             raise DasError(f"{tables}: no such folder of tables")
         if any(tables.glob(OLD)):
-            self.notes.append(event_wording.old_tables(tables))
+            self.notes.append(f"{tables}: holds tables of an earlier release, which no longer serve; build them again")
         elif not any(tables.glob("*.json")):
-            self.notes.append(event_wording.no_tables(tables))
+            self.notes.append(f"{tables}: no table in this folder")
 
     def find(self, section: Section, s_m: float | None = None) -> Front:
         """The front of a section: kept, or solved now; raises as `solve_front` does.
@@ -122,11 +121,11 @@ class Fronts:
             if path.exists():
                 return Table.read(path).references_for(section, guide), ()
         except TableError as error:
-            return None, (event_wording.table_unfit(error),)
+            return None, (f"{error}; references are solved instead",)
         if section.name in self._missed:
             return None, ()
         self._missed.add(section.name)  # once is enough, however often restrictions change
-        return None, (event_wording.no_table(self._folder, section.name),)
+        return None, (f"{self._folder}: no table of {section.name}; references are solved instead",)
 
 
 def _size(front: Front) -> int:

@@ -115,8 +115,8 @@ class Guard:
         found = self._problem_by_itself(message)
         measured = self._publishers.get(kind)
         if not found and measured is not None and not measured.counts(message.source, now_ns):
-            unstamped = message.source == UNSTAMPED
-            found = event_wording.NOT_STAMPED if unstamped else event_wording.second_publisher(message.source)
+            second = f"one of a second publisher ({message.source or 'unnamed'})"
+            found = event_wording.NOT_STAMPED if message.source == UNSTAMPED else second
         if not found and isinstance(message, StateHeard):
             found = self._replayed(message)
         return event_wording.ignored(kind, found) if found else ""
@@ -183,7 +183,7 @@ class Guard:
         received = list(message.restrictions)
         if found := self._replayed(message):
             if received != self._in_force:  # A replay, or an operator whose clock was set back: nobody can tell.
-                why = event_wording.older_and_different(found)
+                why = f"{found}, which said otherwise"
                 self.lose_restrictions(why)
                 return event_wording.restrictions_unheeded(why)
             return event_wording.ignored(Kind.RESTRICTION, found)
@@ -195,7 +195,7 @@ class Guard:
         kind, now_ns = kind_of(message), message.heard_ns
         if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
             self._early[kind] = message
-            return event_wording.ahead_of_clock(_ahead_s(message, now_ns))
+            return f"one from {_ahead_s(message, now_ns):.0f} s ahead of the clock"
         found = self._problem_of_sense(message)
         if found:
             self._early.pop(kind, None)
@@ -212,7 +212,7 @@ class Guard:
         # If the clock was set back, the newest time from before must not shut anything out.
         was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > AHEAD_S
         if message.time_ns < newest_ns and not was_set_back:
-            return event_wording.older_than_last((newest_ns - message.time_ns) * NS)
+            return f"one {(newest_ns - message.time_ns) * NS:.0f} s older than the last"
         self._newest_ns[kind] = message.time_ns
         self._early.pop(kind, None)
         return ""
@@ -220,10 +220,10 @@ class Guard:
     def _problem_of_sense(self, message: Heard) -> str:
         """Why a message is nonsense; empty if it makes sense."""
         if isinstance(message, Unreadable):
-            return message.why or event_wording.NOT_OF_ITS_KIND
+            return message.why or "a message that cannot be read"
         if isinstance(message, RestrictionsHeard):
             if len(message.restrictions) > MOST_RESTRICTIONS:
-                return event_wording.too_many_restrictions(len(message.restrictions), MOST_RESTRICTIONS)
+                return f"{len(message.restrictions)} of them, more than {MOST_RESTRICTIONS}"
             for one in message.restrictions:
                 try:
                     judged(one)
@@ -232,18 +232,18 @@ class Guard:
             return ""
         if isinstance(message, TargetsHeard):
             if len(message.targets) > MOST_TARGETS:
-                return event_wording.too_many(len(message.targets), "targets", MOST_TARGETS)
+                return f"one of {len(message.targets)} targets, more than {MOST_TARGETS}"
             return self._too_long(*(one.stop for one in message.targets))
         if isinstance(message, JourneyHeard):
             if len(message.stops) > MOST_STOPS:
-                return event_wording.too_many(len(message.stops), "stops", MOST_STOPS)
+                return f"one of {len(message.stops)} stops, more than {MOST_STOPS}"
             texts = (message.train, message.route_id, message.vehicle_id, message.load, message.level)
             return self._too_long(*texts, *(stop.name for stop in message.stops))
         return ""
 
     def _too_long(self, *texts: str) -> str:
         longest = max(map(len, texts), default=0)
-        return event_wording.name_too_long(longest) if longest > LONGEST_TEXT else ""
+        return f"one with a name of {longest} letters" if longest > LONGEST_TEXT else ""
 
 
 class Publishers:
@@ -276,7 +276,7 @@ class Publishers:
     def contested(self, now_ns: int) -> str:
         """The two publishers that both measure now, so that neither can be trusted; else empty."""
         if self._rival and self._within(now_ns, self._rival_ns) and self._within(now_ns, self._counted_ns):
-            return event_wording.two_publishers(self._source, self._rival)
+            return f"{self._source or 'unnamed'} and {self._rival}"
         return ""
 
     def unstamped(self, now_ns: int) -> bool:

@@ -20,7 +20,6 @@ from das.advice.planner import PlanBasis, Planner
 from das.advice.reason import Reason, ReasonCode
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.advice.worker import AT_ONCE, Worker
-from das.cab import event_wording
 from das.cab.heard import Target
 from das.cab.withdrawal import LegFacts
 from das.domain.errors import DasError
@@ -274,7 +273,7 @@ def _assign(target: Target, legs: Sequence[Leg]) -> None:
         at_end = leg.end.name.casefold() == target.stop.casefold() if target.stop else target.s_m == end_m
         if at_end:
             if target.arrival_ns <= 0:
-                raise DasError(event_wording.no_arrival_given(leg.end.name))
+                raise DasError(f"{leg.end.name}: no arrival is given")
             leg.arrival_ns = target.arrival_ns
             return
         if not target.stop and leg.start.position_m + LEAST_WAY_M <= target.s_m <= end_m - LEAST_WAY_M:
@@ -287,4 +286,4 @@ def _assign(target: Target, legs: Sequence[Leg]) -> None:
                 )
             )
             return
-    raise DasError(event_wording.not_on_the_way(target))
+    raise DasError(f"{target.stop or f'{target.s_m:.0f} m'} is not on the way to a stop of this journey")

@@ -166,7 +166,7 @@ class Legs:
         except RunawayError:
             pass  # The leg refuses it by name.
         except DasError as error:
-            self.preparation.report(News(event_wording.calibration_ignored(error), True))
+            self.preparation.report(News(f"calibration ignored: {error}", True))
             return
         self.situation = situation
         self._note_change()
@@ -176,7 +176,7 @@ class Legs:
         self._targets = tuple(targets)
         self._accepted, refused = assign_targets(self._targets, self.legs)
         for why in refused:
-            self.preparation.report(News(event_wording.target_ignored(why), True))
+            self.preparation.report(News(f"target ignored: {why}", True))
         self._note_change()
 
     def set_delay(self, delay_s: float) -> None:
@@ -206,7 +206,7 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
     """Give each leg its timetable; raises DasError if a leg has no time, or begins before the previous one ends."""
     for i, (before, after) in enumerate(pairwise(timetables), 1):
         if after.departure_ns < before.arrival_ns:
-            raise DasError(event_wording.departs_before_arrival(i + 1))
+            raise DasError(f"timetable: the departure from stop {i + 1} is before the arrival there")
     for timetable in timetables:
         timetable.check()
     for leg, timetable in zip(legs, timetables, strict=True):

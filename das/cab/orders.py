@@ -47,18 +47,18 @@ class Post:
     def accept(self, journey: JourneyHeard) -> Order:
         """The journey as an order; raises DasError if it is not for this train, line or day, or makes no sense."""
         if journey.route_id != self.route.id:
-            raise DasError(event_wording.other_route(journey.route_id, self.route.id))
+            raise DasError(f"it is for route {journey.route_id!r}, this node has {self.route.id!r}")
         if journey.train and journey.train != self.train:
-            raise DasError(event_wording.other_train(journey.train, self.train))
+            raise DasError(f"it is for train {journey.train!r}, this node is for {self.train!r}")
         if journey.reversed != self.reverse:
             raise DasError(event_wording.other_direction(ordered_reverse=journey.reversed, own_reverse=self.reverse))
         if len(journey.stops) < 2:
-            raise DasError(event_wording.too_few_stops(len(journey.stops)))
+            raise DasError(f"it has {len(journey.stops)} stops, expected at least 2")
         _check_times(journey.stops)
         if is_of_another_day(journey, journey.heard_ns):
             raise DasError(event_wording.other_day(journey.stops[0].departure_ns, journey.heard_ns))
         if journey.level and journey.level not in list(Level):
-            raise DasError(event_wording.unknown_level(journey.level))
+            raise DasError(f"level {journey.level!r}: expected one of {', '.join(Level)}")
         return Order(
             stops=tuple(Stop(name=stop.name, position_m=stop.s_m) for stop in journey.stops),
             timetables=tuple(
@@ -75,8 +75,8 @@ def _check_times(stops: Sequence[OrderedStop]) -> None:
     for number, stop in enumerate(stops, 1):
         for name, time_ns in (("arrival", stop.arrival_ns), ("departure", stop.departure_ns)):
             if time_ns < 0:
-                raise DasError(event_wording.time_before_1970(number, name, time_ns))
+                raise DasError(f"stop {number} has the {name} {time_ns} ns, expected nanoseconds since 1970")
     if not stops[0].departure_ns:
-        raise DasError(event_wording.NO_DEPARTURE)
+        raise DasError("the first stop has no departure")
     if not stops[-1].arrival_ns:
-        raise DasError(event_wording.NO_ARRIVAL)
+        raise DasError("the last stop has no arrival")

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+from das.advice import wording
 from das.advice.advice import Advice, Cause
 from das.advice.plan import Plan
 from das.advice.regimes import Regime
@@ -172,10 +173,10 @@ class Reporting:
     def losses(self, now_ns: int, dropped: int) -> None:
         """Report how many complaints were held back, and how many messages were lost in floods (`dropped`: in all)."""
         if suppressed := self._complaints.take_suppressed(now_ns):
-            self.event(now_ns, Severity.WARNING, event_wording.suppressed(suppressed))
+            self.event(now_ns, Severity.WARNING, f"{suppressed} more messages were ignored")
         lost = dropped - self._dropped
         if lost and abs(now_ns - self._losses_ns) * NS >= LOSSES_EVERY_S:
-            self.event(now_ns, Severity.WARNING, event_wording.dropped(lost))
+            self.event(now_ns, Severity.WARNING, f"{lost} messages were dropped: too many at once")
             self._dropped, self._losses_ns = dropped, now_ns
 
     def changes(self, advice: Advice, reason: str) -> None:
@@ -183,7 +184,7 @@ class Reporting:
         if (advice.mode, advice.cause) != self._shown:
             wrong = advice.mode is Regime.NONE and not advice.cause.is_quiet
             severity = Severity.WARNING if wrong else Severity.INFO
-            self.event(advice.time_ns, severity, event_wording.shown(advice.mode, reason))
+            self.event(advice.time_ns, severity, ": ".join(filter(None, (wording.mode_words(advice.mode), reason))))
             self._shown = advice.mode, advice.cause
 
     def note_internal_error(self) -> None:
@@ -194,10 +195,10 @@ class Reporting:
         """Report that positions begin to be rejected, or that the estimate has begun anew elsewhere."""
         rejected, restarts = self._counted
         if here.restarts > restarts:
-            self.event(here.time_ns, Severity.WARNING, event_wording.position_restarted(here.s_m))
+            self.event(here.time_ns, Severity.WARNING, f"position: taken up anew at {here.s_m:.0f} m")
         rejecting = here.rejected > rejected
         if rejecting and not self._rejecting and here.rejection is not None:
-            self.event(here.time_ns, Severity.WARNING, event_wording.position_rejected(here.rejection))
+            self.event(here.time_ns, Severity.WARNING, f"position: rejected, {wording.problem(here.rejection)}")
         self._counted, self._rejecting = (here.rejected, here.restarts), rejecting
 
     def clocks(self, here: Estimate) -> None:
@@ -208,7 +209,7 @@ class Reporting:
         agree = abs(off_s) < CLOCKS_DIFFER_S
         self._clock_reported = (0.0 if agree else off_s), here.time_ns
         severity = Severity.INFO if agree else Severity.WARNING
-        text = event_wording.CLOCKS_AGREE if agree else event_wording.clocks_differ(off_s)
+        text = "position: its time stamps agree with the clock again" if agree else event_wording.clocks_differ(off_s)
         self.complain(here.time_ns, text, severity)
 
     def plan(self, plan: Plan | None, now_ns: int) -> None:

@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 
 from das.advice.advice import Source
 from das.advice.goal import AT_STOP_M, PassingTarget
-from das.advice.guide.settings import GuideSettings
+from das.advice.guide.settings import DEFAULT, GuideSettings
 from das.advice.planner import PlanBasis
 from das.advice.worker import Worker
-from das.cab import event_wording
 from das.cab.fronts import FoundGuide, Fronts
 from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
@@ -28,7 +27,6 @@ from das.solver.front import Front
 from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
-NO_GUIDE = GuideSettings(enabled=False)
 TRY_AGAIN_S = 10.0
 """A search that failed for an unforeseen reason is repeated after this time, and whenever something changes."""
 
@@ -94,7 +92,7 @@ class Preparation:
     """
 
     def __init__(
-        self, fronts: Fronts, stopwatch: Callable[[], float], guide: GuideSettings = NO_GUIDE, *, background: bool
+        self, fronts: Fronts, stopwatch: Callable[[], float], guide: GuideSettings = DEFAULT, *, background: bool
     ) -> None:
         self._fronts, self._stopwatch, self._guide = fronts, stopwatch, guide
         self._solver = Worker("solve", background=background)
@@ -203,15 +201,15 @@ class Preparation:
         found = answer.found
         if found is None:
             one.refusal = answer.refusal
-            self._news.append(News(event_wording.no_front(leg.section.name, answer.refusal), True))
+            self._news.append(News(f"{leg.section.name}: no plan: {answer.refusal}", True))
             return
         one.refusal = ""
         if answer.refusal:
-            self._news.append(News(event_wording.target_unsolved(answer.refusal), True))
+            self._news.append(News(f"target: {answer.refusal}", True))
         section = found.section
         leg.use(PlanBasis(section=section, front=found, source=Source.SOLVED, passing=answer.passing))
         why, one.why = one.why, ""
-        self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, why)))
+        self._news.append(News(f"{leg.start.name} – {leg.end.name}: solved" + (f" ({why})" if why else "")))
         if self._guide.enabled:
             s_m = _Question.of(leg).s_m
             one.guide = self.guide_worker.submit(lambda: _search_guide(self._fronts, section, self._guide, s_m))
@@ -220,11 +218,11 @@ class Preparation:
         """Let the guide lead by the policies found; without any, the leg goes on without a guide."""
         one.guide = None
         if isinstance(answer, str):
-            self._news.append(News(event_wording.no_guide(answer), True))
+            self._news.append(News(f"no guide: {answer}", True))
             return
         self._news += [News(note, True) for note in answer.notes]
         if answer.front.references is not None:
-            self._news.append(News(event_wording.references_found(leg.start.name, leg.end.name)))
+            self._news.append(News(f"{leg.start.name} – {leg.end.name}: references from a table"))
         leg.use_guide(answer.front)
 
 
@@ -236,7 +234,7 @@ def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
         start_m, end_m = leg.start.position_m, leg.end.position_m
         leg.use_meanwhile(wanted.section_ahead(start_m, end_m, leg.progress.reached_m))
     except DasError as error:
-        refusal = event_wording.impossible_now(why, error)
+        refusal = f"{why}: {error}"
         held_from_m = error.held_from_m if isinstance(error, RunawayError) else math.inf
     # Only after the leg has taken over the situation: if that fails, the leg does not count as prepared.
     one.situation, one.refusal, one.failed_ns, one.why = wanted, refusal, None, why
@@ -274,7 +272,7 @@ def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], f
     except DasError as error:
         refusal = str(error)
     except Exception as error:  # A thread must not die in silence: giving no advice is better.
-        refusal, failed = event_wording.solving_failed(error), True
+        refusal, failed = f"solving failed ({type(error).__name__}: {error})", True
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 
@@ -283,7 +281,7 @@ def _search_guide(fronts: Fronts, section: Section, guide: GuideSettings, s_m: f
     try:
         return fronts.find_guide(section, guide, s_m)
     except Exception as error:  # Advice without a guide is better than a thread that dies in silence.
-        return str(error) if isinstance(error, DasError) else event_wording.solving_failed(error)
+        return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"
 
 
 def _passing(fronts: Fronts, question: _Question, section: Section) -> GuideFront | None:
@@ -291,4 +289,4 @@ def _passing(fronts: Fronts, question: _Question, section: Section) -> GuideFron
     point = question.point
     if point is None or point.s_m < question.s_m + LEAST_WAY_M or (point.earliest_ns or point.latest_ns) is None:
         return None
-    return fronts.find_guide(section, NO_GUIDE, question.s_m).front
+    return fronts.find_guide(section, DEFAULT, question.s_m).front

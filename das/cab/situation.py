@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from das.cab import event_wording
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, RunawayError
@@ -81,7 +80,7 @@ class Situation:
         )
         bounded = capped(section, np.sqrt(lower_w))
         if np.any(bounded.envelope_mps**2 > allowed_w + SAME_W):
-            raise DasError(event_wording.HILL_NEEDS_BRAKES)
+            raise DasError("a hill would have to be taken faster than the brakes of the train as planned allow")
         return replace(bounded, allowed_mps=np.minimum(section.allowed_mps, np.sqrt(allowed_w)))
 
     def section_ahead(self, start_m: float, end_m: float, s_m: float) -> Section:
@@ -111,11 +110,12 @@ class Situation:
 def difference(before: Situation, after: Situation) -> str:
     """The first difference between two situations, in words."""
     if before.vehicle is not after.vehicle:
-        return event_wording.OTHER_TRAIN
+        return "another train or load"
     if before.level != after.level:
-        return event_wording.OTHER_LEVEL
+        return "another level"
     if before.restrictions != after.restrictions:
         gone = len(set(before.restrictions) - set(after.restrictions))
         lifted = gone and len(after.restrictions) < len(before.restrictions)
-        return event_wording.RESTRICTION_LIFTED if lifted else event_wording.RESTRICTION_SET
-    return event_wording.other_conditions(after.conditions)
+        return "restriction lifted" if lifted else "restriction set"
+    now = after.conditions
+    return f"mass × {now.mass_ratio:.2f} and resistance × {now.resistance_ratio:.2f} of the plan's"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from das.cab import event_wording
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_vehicle
 from das.domain.vehicle import Vehicle
@@ -40,5 +39,5 @@ class Trains:
         # The id is never taken as a path, because it comes over the bus.
         if vehicle_id not in catalogue("vehicles"):
             known = sorted({name for name, _ in self._found} | set(catalogue("vehicles")))
-            raise DasError(event_wording.unknown_vehicle(vehicle_id, known))
+            raise DasError(f"it is for vehicle {vehicle_id!r}, this node knows {', '.join(known)}")
         return load_vehicle(vehicle_id)

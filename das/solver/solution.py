@@ -20,7 +20,7 @@ from das.solver.line_profile import LineProfile
 from das.solver.section import Section
 
 if TYPE_CHECKING:
-    from das.solver.bound.certificate import Certificate
+    from das.offline.bound.certificate import Certificate
 
 Floats = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Solution(Summary):
     @cached_property
     def certificate(self) -> Certificate:
         """The proven lower bound of the energy, or the reason why there is none."""
-        from das.solver.bound.certificate import certificate
+        from das.offline.bound.certificate import certificate
 
         return certificate(self) if self.proven is None else self.proven
 
@@ -124,7 +124,7 @@ def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
 
     This raises the bound of a train with a loss map (`docs/explanation/bounds.md`); any other solution stays as it is.
     """
-    from das.solver.bound.certificate import certificate
+    from das.offline.bound.certificate import certificate
 
     if not isinstance(solution.section.loss, LossMap):
         return solution

@@ -18,8 +18,8 @@ from das.domain.losses import LossMap, fit_error, fit_mean_efficiency, operating
 from das.domain.trajectory import Trajectory, consumed_j
 from das.domain.units import KMH, KW
 from das.domain.vehicle import Vehicle
+from das.offline.refinement import refined
 from das.solver.front import Front
-from das.solver.refinement import refined
 from das.solver.solve import solve_front
 from docs.studies.cases import (
     ACCELERATION,

@@ -19,8 +19,8 @@ from das.domain.levels import Level
 from das.domain.route import Route, Stretches, Zone
 from das.domain.units import KMH, kwh
 from das.domain.vehicle import Vehicle
+from das.offline.refinement import refined
 from das.solver.front import Front
-from das.solver.refinement import refined
 from das.solver.section import build_section
 from das.solver.solution import Solution, tightened
 from das.solver.solve import solve_front

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from das.domain.journey import Journey
     from das.domain.route import Route
     from das.domain.vehicle import Vehicle
-    from das.solver.journey.plan import JourneyPlan, JourneyPlanner
+    from das.offline.journey.plan import JourneyPlan, JourneyPlanner
 
 ALL_STOPS = "stops"
 """The word that is given instead of a journey: call at all stops of the route."""
@@ -127,8 +127,8 @@ def journey(
     posed = TrainOnLine(where=where, driven=driven, world=world)
     files.check(journey, *posed.inputs())
     with loading_solver():
-        from das.solver.journey.chains import Split
-        from das.solver.journey.plan import JourneyPlanner
+        from das.offline.journey.chains import Split
+        from das.offline.journey.plan import JourneyPlanner
         from das.solver.warm_up import warm_up
 
         line = posed.route()

@@ -169,7 +169,7 @@ def check_journey(
     if vehicle is not None and line is not None:
         train = load_vehicle(vehicle)
         with loading_solver():
-            from das.solver.journey.plan import JourneyPlanner
+            from das.offline.journey.plan import JourneyPlanner
 
             planner = JourneyPlanner(read, line, train)
         spare = journey_report.spare_times(planner)

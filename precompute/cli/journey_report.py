@@ -12,7 +12,7 @@ from das.command_line.printing import new_table
 from das.domain.journey import Call, Journey, Passing, Window, clock, file_clock
 from das.domain.route import Route
 from das.domain.units import KM, kmh
-from das.solver.journey.plan import JourneyPlanner
+from das.offline.journey.plan import JourneyPlanner
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -100,14 +100,8 @@ COMMANDS: tuple[Entry | Group, ...] = (
     ),
 )
 """Every command; a test compares its summary with the first line of its docstring."""
-GONE = {
-    "calm": "das-precompute few-switch",
-    "calibrate": "uv run python -m docs.studies.calibrate (in a clone of the project)",
-    "study": "uv run python -m docs.studies.paper (in a clone of the project)",
-}
-"""Former commands, each with what to run instead: some were renamed, others are scripts beside the documentation."""
 
-app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS, gone=GONE)
+app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS)
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from das.domain.errors import DasError
 from das.domain.journey import Held, clock
 from das.domain.plotted import PlottedFront
 from das.domain.units import KM, KMH, KW, kmh, kwh
-from das.solver.journey.plan import JourneyPlan, JourneyPlanner, PassedAt, PlannedTime, SectionPlan
+from das.offline.journey.plan import JourneyPlan, JourneyPlanner, PassedAt, PlannedTime, SectionPlan
 from das.solver.section import Section
 from das.solver.solution import Solution, plotted_on
 from precompute.baselines import Strategy

@@ -103,7 +103,7 @@ def _check_used(strategy: Strategy) -> None:
 
 def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
     """Section, front, least time (s), and the seconds the front took once everything was compiled."""
-    with loading_solver("das.solver.late_kernels"):
+    with loading_solver("das.offline.late_kernels"):
         from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
 
@@ -124,7 +124,7 @@ def _optimal(pose: Pose, trip: TripTime, budget_s: float, bound_s: float) -> tup
         refuse_given(f"needs a loss map (--level {Level.L3}); the losses of {section.level} are none", "--bound")
     if budget_s > 0:
         with loading_solver():
-            from das.solver.refinement import refined, warm_up_refinement
+            from das.offline.refinement import refined, warm_up_refinement
 
             warm_up_refinement()
     began = time.perf_counter()
@@ -296,7 +296,7 @@ def _runs(front: Front, min_time_s: float, buffers: list[float], budget_s: float
 def _refined(runs: list[Solution], budget_s: float) -> tuple[list[Solution], list[float]]:
     """The runs, refined for at most `budget_s` (s), and the seconds that each took."""
     with loading_solver():
-        from das.solver.refinement import refined_runs, warm_up_refinement
+        from das.offline.refinement import refined_runs, warm_up_refinement
 
         warm_up_refinement()
     began = time.perf_counter()

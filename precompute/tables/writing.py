@@ -16,8 +16,8 @@ from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.units import PERCENT
 from das.domain.vehicle import Vehicle
+from das.offline.refinement import QUICK, refined_runs
 from das.solver.guide.policies import DEFAULT
-from das.solver.refinement import QUICK, refined_runs
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front

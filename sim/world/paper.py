@@ -6,12 +6,12 @@ import math
 from functools import lru_cache
 
 from das.advice.regimes import InstructionKind, Regime, departure_regime
-from das.advice.sheet import SectionSheet, SheetLine, section_sheet
 from das.domain.braking import ServiceBraking
 from das.domain.journey import Window
 from das.domain.units import NS
 from das.solver.front import Front
 from das.solver.section import with_braking
+from precompute.section_sheet import SectionSheet, SheetLine, section_sheet
 from sim.drivers.cab import Efforts
 from sim.drivers.presentations.sheet import SheetLook
 from sim.plant.kernels import PlantState

@@ -25,8 +25,8 @@ from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
+from das.offline.journey.plan import plan_journey
 from das.solver.front import Front
-from das.solver.journey.plan import plan_journey
 from das.solver.section import SectionOptions, build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front

@@ -260,7 +260,9 @@ def test_the_solver_depends_on_its_kernels_and_on_the_domain_and_on_nothing_else
     assert {"das.solver.front", "das.solver.section", "das.solver.tolerances", "das.solver.kernels.tuples"} <= found
     assert {"das.domain.vehicle", "das.domain.route", "das.domain.losses", "das.domain.units"} <= found
     assert any(name.startswith("das.solver.kernels") for name in found)
-    assert all(name.startswith(("das.solver", "das.domain")) or name == "das.compiling" for name in found)
+    assert all(
+        name.startswith(("das.solver", "das.offline", "das.domain")) or name == "das.compiling" for name in found
+    )
 
 
 def test_a_module_without_its_source_is_refused(package: Path) -> None:

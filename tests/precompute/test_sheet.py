@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from das.advice.regimes import InstructionKind
-from das.advice.sheet import SectionSheet, SheetLine
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.journey import Passing, Window
 from das.solver.section import build_section
+from precompute.section_sheet import SectionSheet, SheetLine
 from precompute.sheet import (
     SaidLine,
     boards_words,

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from das.domain.errors import InfeasibleError
 from das.domain.levels import Level
 from das.domain.losses import LossMap
-from das.solver.bound.cells import all_cells, cell_line, even_rows
-from das.solver.bound.certificate import behind_fastest, fastest_is_ahead, task_of
-from das.solver.bound.relaxation import MapPlanes, Task, efficiency_planes, map_rows, relaxation
-from das.solver.front import Front
-from das.solver.kernels.relaxed_program import (
+from das.offline.bound.cells import all_cells, cell_line, even_rows
+from das.offline.bound.certificate import behind_fastest, fastest_is_ahead, task_of
+from das.offline.bound.relaxation import MapPlanes, Task, efficiency_planes, map_rows, relaxation
+from das.offline.kernels.relaxed_program import (
     FIXED_ROWS,
     LOCAL,
     Multipliers,
@@ -31,7 +30,8 @@ from das.solver.kernels.relaxed_program import (
     constraints,
     proven_bound,
 )
-from das.solver.kernels.speed_cells import values_behind
+from das.offline.kernels.speed_cells import values_behind
+from das.solver.front import Front
 from das.solver.solution import Solution, trajectory_on
 from das.solver.solve import solve_front
 from das.solver.state import RollOut, State

@@ -31,7 +31,7 @@ def test_limits_in_whole_kmh_are_shown_as_they_are() -> None:
 def test_a_speed_that_changes_all_the_time_is_shown_steadily_and_near(speeds_mps: list[float]) -> None:
     shown_mps = math.nan
     for speed_mps in speeds_mps:
-        shown_mps = steady_step(speed_mps, shown_mps, 0.75)
+        shown_mps = steady_step(speed_mps, shown_mps)
         assert -0.25 * KMH - 1e-9 <= speed_mps - shown_mps <= 1.25 * KMH + 1e-9
 
 

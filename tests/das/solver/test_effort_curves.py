@@ -15,8 +15,8 @@ from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import section_stops
 from das.domain.vehicle import BrakePolicy, Vehicle
+from das.offline.refinement import refined
 from das.solver.kernels.forces import electric_limit, traction_limit
-from das.solver.refinement import refined
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Solution, tightened
 from das.solver.solve import solve_front

@@ -15,7 +15,7 @@ from das.command_line.application import Entry
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from precompute.cli.options import chosen
-from precompute.cli.program import COMMANDS, GONE, NAME
+from precompute.cli.program import COMMANDS, NAME
 from tests.support.benchmark import TRAIN
 from tests.support.crossing import few
 from tests.support.making import REPOSITORY, das_precompute, in_a_process, printed
@@ -64,18 +64,6 @@ def test_only_takes_known_names_each_once_and_in_their_order() -> None:
     for wrong in ("fig3", "", "fig4,,fig5", "FIG4"):
         with pytest.raises(DasError, match=r"no item .*; expected some of fig4, fig5, table2"):
             chosen(wrong, names, "item")
-
-
-@pytest.mark.parametrize("name", GONE)
-def test_a_command_that_is_gone_says_what_to_run_instead(name: str, tmp_path: Path) -> None:
-    for more in ((), ("-h",), ("--check", "-o", "x")):
-        done = das_precompute(tmp_path, name, *more)
-        assert (done.returncode, done.stdout) == (2, "")
-        assert done.stderr == f"error: {name} is no longer a command of this program; run instead: {GONE[name]}\n"
-        studies = re.findall(r"docs\.studies\.\w+", done.stderr)
-        assert all((REPOSITORY / f"{one.replace('.', '/')}.py").is_file() for one in studies)
-        assert studies or GONE[name].removeprefix("das-precompute ") in WORDS
-    assert f"  {name} " not in das_precompute(tmp_path, "-h").stdout
 
 
 PRINTED = {

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
 from das.domain.journey import clock
+from das.offline.journey.sections import JourneySection, Stretch, Tight, TightSpan, Timeline, WaitLink
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.journey.sections import JourneySection, Stretch, Tight, TightSpan, Timeline, WaitLink
 from das.solver.section import Section
 from das.solver.solution import Fit
 from das.solver.solve import default_ladder, solve_front

@@ -1,4 +1,4 @@
-"""`python -m das.solver.late_kernels`: compile kernels that a solved section needs, on a tiny one.
+"""`python -m das.offline.late_kernels`: compile kernels that a solved section needs, on a tiny one.
 
 A command that compiles the solver starts this beside itself. It takes the kernels in the order in which the command
 comes to need them, and leaves to the command those that share most of their code with what it compiles itself: the
@@ -13,7 +13,7 @@ import numpy as np
 
 from das.domain.errors import InfeasibleError
 from das.domain.files.load import load_vehicle
-from das.solver.bound.certificate import bound_of, task_of
+from das.offline.bound.certificate import bound_of, task_of
 from das.solver.kernels.tuples import Policies, Policy
 from das.solver.policy_store import WholePolicies
 from das.solver.section import Section, build_section

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
-from das.solver.bound.certificate import task_of
-from das.solver.bound.relaxation import MapPlanes, efficiency_planes, map_rows
+from das.offline.bound.certificate import task_of
+from das.offline.bound.relaxation import MapPlanes, efficiency_planes, map_rows
 from das.solver.section import Section, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front

@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import NEUTRAL
-from das.solver import tolerances as tol
-from das.solver.kernels.forces import ELECTRIC, TRACTION, brake_limit, on_supply
-from das.solver.kernels.relaxed_program import (
+from das.offline.kernels.relaxed_program import (
     Box,
     MapRows,
     MeanSpeeds,
@@ -27,6 +25,8 @@ from das.solver.kernels.relaxed_program import (
     loss_planes,
     row_hulls,
 )
+from das.solver import tolerances as tol
+from das.solver.kernels.forces import ELECTRIC, TRACTION, brake_limit, on_supply
 from das.solver.kernels.tuples import CURVE_STEPS_PER_MPS, NO_LIMIT_N, TrainParams
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section

@@ -2,7 +2,7 @@
 
 The table takes a decision every 150 m or more often, and among some two hundred speeds. A trajectory from it is near
 the optimum of the section, but not on it. `refined` lays a few lines beside the trajectory, finds the best one between
-them by a dynamic program on the section's own integration grid (`das.solver.kernels.tube`), lays narrower lines around
+them by a dynamic program on the section's own integration grid (`das.offline.kernels.tube`), lays narrower lines around
 that, and so on. The price of time is chosen anew in every pass, so that the arrival stays the same.
 """
 
@@ -16,10 +16,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from das.offline.kernels.tube import SPECIALS, Tube, TubeMoves, fill_moves, tube_roll_out, tube_sweep
 from das.solver import tolerances as tol
 from das.solver.kernels.driving import run_energy
 from das.solver.kernels.roll_out import blend_runs
-from das.solver.kernels.tube import SPECIALS, Tube, TubeMoves, fill_moves, tube_roll_out, tube_sweep
 from das.solver.solution import Fit, Solution
 from das.solver.state import RollOut, State
 from das.solver.warm_up import warm_up

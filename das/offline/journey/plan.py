@@ -22,11 +22,11 @@ from das.domain.route import Route
 from das.domain.summary import Summary, needs
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import Vehicle
+from das.offline.bound.certificate import Certificate
+from das.offline.journey.certificate import PricedTimeline, lower_bound_j
+from das.offline.journey.chains import Chains, DrivenStretch, Solved, Split
+from das.offline.journey.sections import DriveLink, JourneySection, Tight, build_journey_sections
 from das.solver import tolerances as tol
-from das.solver.bound.certificate import Certificate
-from das.solver.journey.certificate import PricedTimeline, lower_bound_j
-from das.solver.journey.chains import Chains, DrivenStretch, Solved, Split
-from das.solver.journey.sections import DriveLink, JourneySection, Tight, build_journey_sections
 from das.solver.section import Section
 from das.solver.solution import plotted_on, trajectory_on
 
@@ -94,8 +94,8 @@ class JourneyPlan(Summary):
     """A planned journey, one part for each section.
 
     `table_bound_j` is a lower bound (J) of the energy of every run on the solver's decision grid that keeps the windows
-    (see `das.solver.journey.certificate`). Finer runs, such as those of the plan, may need less. It is −inf for a split
-    that is not the optimum, and if a span must be driven as fast as possible to keep its times.
+    (see `das.offline.journey.certificate`). Finer runs, such as those of the plan, may need less. It is −inf for a
+    split that is not the optimum, and if a span must be driven as fast as possible to keep its times.
     """
 
     journey: Journey

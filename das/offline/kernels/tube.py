@@ -16,6 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling import kernel
+from das.offline.kernels.tube_lines import (
+    ANY_SQUARED,
+    ROUNDING_MPS2,
+    ROUNDING_N,
+    ROUNDING_RATIO,
+    room_for,
+    to_lines,
+)
 from das.solver.kernels.driving import full_traction_speed
 from das.solver.kernels.forces import (
     brake_limit,
@@ -28,14 +36,6 @@ from das.solver.kernels.forces import (
     traction_limit,
 )
 from das.solver.kernels.landings import speed_under_force
-from das.solver.kernels.tube_lines import (
-    ANY_SQUARED,
-    ROUNDING_MPS2,
-    ROUNDING_N,
-    ROUNDING_RATIO,
-    room_for,
-    to_lines,
-)
 from das.solver.tolerances import INFEASIBLE, UNREACHABLE
 
 Floats = NDArray[np.float64]

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from das.domain.journey import Window
 from das.domain.trajectory import Trajectory
+from das.offline.bound.certificate import NOT_FOUND, Certificate, behind_fastest, bound_of, fastest_is_ahead
+from das.offline.bound.relaxation import Task
+from das.offline.journey.chains import Ahead, Chains, Parts, Solved, start_speeds
+from das.offline.journey.sections import DriveLink, JourneySection, TightSpan, Timeline, WaitLink
 from das.solver import tolerances as tol
-from das.solver.bound.certificate import NOT_FOUND, Certificate, behind_fastest, bound_of, fastest_is_ahead
-from das.solver.bound.relaxation import Task
-from das.solver.journey.chains import Ahead, Chains, Parts, Solved, start_speeds
-from das.solver.journey.sections import DriveLink, JourneySection, TightSpan, Timeline, WaitLink
 
 Floats = NDArray[np.float64]
 

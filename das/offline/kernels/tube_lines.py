@@ -1,6 +1,6 @@
 """Moves between the lines of a tube, many pairs of lines at once in loops that the compiler vectorises.
 
-The formulas are those of `das.solver.kernels.tube`, without branches: every pair is calculated, and what the train
+The formulas are those of `das.offline.kernels.tube`, without branches: every pair is calculated, and what the train
 cannot do is marked afterwards. With `fastmath`, divisions may become products and sums may be taken in another order,
 as vector instructions require. So these costs only choose among moves; the resulting trajectory is integrated without
 `fastmath`.

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
 from das.domain.trajectory import EnergyBalance, Trajectory
+from das.offline.bound.cells import ENOUGH_GAP_RATIO, ROUNDING_RATIO, Incumbent, tightened_j
+from das.offline.bound.relaxation import MapPlanes, Task, acceleration_limits, efficiency_planes, joined, relaxation
+from das.offline.kernels.interior_point import best_bound
+from das.offline.kernels.relaxed_program import FIXED_ROWS, MeanSpeeds, Multipliers, Planes, Program, RelaxedRun
 from das.solver import tolerances as tol
-from das.solver.bound.cells import ENOUGH_GAP_RATIO, ROUNDING_RATIO, Incumbent, tightened_j
-from das.solver.bound.relaxation import MapPlanes, Task, acceleration_limits, efficiency_planes, joined, relaxation
 from das.solver.kernels.forces import TRACTION, adhesion_coefficient
-from das.solver.kernels.interior_point import best_bound
-from das.solver.kernels.relaxed_program import FIXED_ROWS, MeanSpeeds, Multipliers, Planes, Program, RelaxedRun
 from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import CURVE_STEPS_PER_MPS, NO_LIMIT_N, TrainParams
 from das.solver.line_profile import LineProfile
@@ -153,7 +153,7 @@ def first_run(program: Program, speeds_mps: Floats) -> RelaxedRun:
 def first_multipliers(program: Program, price: float) -> Multipliers:
     """Multipliers to begin with: the planes share the weight of the energy, the slowness has the price of time.
 
-    The multipliers of the other constraints follow from the slacks (see `das.solver.kernels.interior_point`).
+    The multipliers of the other constraints follow from the slacks (see `das.offline.kernels.interior_point`).
     """
     step, count = program.motion.step_m, program.planes.force.shape[1]
     rows = np.repeat(step[:, None], FIXED_ROWS + count, axis=1)
@@ -220,7 +220,7 @@ class BoundedRun(Protocol):
 def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
     """The certificate of a solution; proving it takes 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
 
-    With a loss map, a search of about `tight_s` seconds more can raise the bound (see `das.solver.bound.cells`); with
+    With a loss map, a search of about `tight_s` seconds more can raise the bound (see `das.offline.bound.cells`); with
     constant efficiencies there is nothing to raise. If the run of least energy ends early, the bound holds for the
     time that was asked for.
     """

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
+from das.offline.bound.relaxation import LEAST_POWER_W, Task, acceleration_limits, force_limits, map_rows
+from das.offline.kernels.cell_links import CellEfforts, CellLine, CellTrain, EvenRows
+from das.offline.kernels.relaxed_program import MapRows, row_hulls
+from das.offline.kernels.speed_cells import Cells, values_ahead, values_behind
 from das.solver import tolerances as tol
-from das.solver.bound.relaxation import LEAST_POWER_W, Task, acceleration_limits, force_limits, map_rows
-from das.solver.kernels.cell_links import CellEfforts, CellLine, CellTrain, EvenRows
 from das.solver.kernels.forces import ELECTRIC, TRACTION
-from das.solver.kernels.relaxed_program import MapRows, row_hulls
-from das.solver.kernels.speed_cells import Cells, values_ahead, values_behind
 from das.solver.kernels.tuples import TrainParams
 
 FIRST_WIDTH: Final = 0.03

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from das.advice.regimes import InstructionKind
-from das.advice.sheet import SectionSheet, section_sheet
 from das.domain.braking import USUAL
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.journey import Window
 from das.solver.section import build_section, with_braking
 from das.solver.solve import solve_front
+from precompute.section_sheet import SectionSheet, section_sheet
 
 ROUTE, TRAIN = load_route("zurich-luzern"), load_vehicle("re460-ic")
 

@@ -23,10 +23,10 @@ from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
+from das.offline.journey.chains import Split
+from das.offline.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan, plan_journey
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.journey.chains import Split
-from das.solver.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan, plan_journey
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
 from tests.support.benchmark import journey_path, track_path, train_path

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling import kernel
-from das.solver.kernels.arrays import add, put
-from das.solver.kernels.relaxed_program import (
+from das.offline.kernels.relaxed_program import (
     FIXED_ROWS,
     LOCAL,
     Multipliers,
@@ -25,6 +24,7 @@ from das.solver.kernels.relaxed_program import (
     local_values,
     proven_bound,
 )
+from das.solver.kernels.arrays import add, put
 
 Floats = NDArray[np.float64]
 

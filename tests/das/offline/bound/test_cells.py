@@ -14,8 +14,8 @@ from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import LossMap
 from das.domain.vehicle import BrakePolicy
-from das.solver.bound import cells as cells_module
-from das.solver.bound.cells import (
+from das.offline.bound import cells as cells_module
+from das.offline.bound.cells import (
     Incumbent,
     all_cells,
     cell_line,
@@ -24,9 +24,9 @@ from das.solver.bound.cells import (
     split,
     tightened_j,
 )
-from das.solver.bound.certificate import certificate, task_of
-from das.solver.bound.relaxation import Task, map_rows
-from das.solver.kernels.speed_cells import values_ahead, values_behind
+from das.offline.bound.certificate import certificate, task_of
+from das.offline.bound.relaxation import Task, map_rows
+from das.offline.kernels.speed_cells import values_ahead, values_behind
 from das.solver.line_profile import LineProfile
 from das.solver.section import build_section
 from das.solver.solution import Solution, tightened

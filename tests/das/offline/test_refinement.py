@@ -14,9 +14,9 @@ from das.domain.files.load import load_route, load_vehicle, locate_route, locate
 from das.domain.levels import Level
 from das.domain.route import Route, Zone
 from das.domain.units import KMH, PERMILLE
-from das.solver import refinement
+from das.offline import refinement
+from das.offline.refinement import NARROW, QUICK, SETTINGS, TubeSearch, refined, refined_runs
 from das.solver.front import Front
-from das.solver.refinement import NARROW, QUICK, SETTINGS, TubeSearch, refined, refined_runs
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front

@@ -52,20 +52,10 @@ class JourneySection:
 
         Its start and end speeds remain those of the whole section; a front answers for any speed at its beginning.
         """
-        section, a, b = self.whole, self.places[first], self.places[last]
-        of_intervals = [field.name for field in fields(LineProfile) if field.name != "node_m"]
-        inside = (section.decision >= a) & (section.decision <= b)
-        floor = section.floor_mps[: b + 1].copy()
-        if least_end_mps > floor[-1]:
-            floor = _run_up(section, b, least_end_mps)
-        return replace(
-            section,
-            **{name: getattr(section, name)[a:b] for name in of_intervals},
-            node_m=section.node_m[a : b + 1],
-            floor_mps=floor[a:],
-            envelope_mps=section.envelope_mps[a : b + 1],
-            decision=section.decision[inside] - a,
-        )
+        a, b = self.places[first], self.places[last]
+        found = _section_between(self.whole, a, b)
+        rises = least_end_mps > found.floor_mps[-1]
+        return replace(found, floor_mps=_run_up(self.whole, b, least_end_mps)[a:]) if rises else found
 
 
 def build_journey_sections(
@@ -122,13 +112,6 @@ def _journey_section(
         least_s=section.elapsed_s(speeds)[places],
         fastest_mps=speeds,
     )
-
-
-def _with_breakpoints(route: Route, position_m: list[float]) -> Route:
-    """The same route with breakpoints, and so decision nodes, at the given positions."""
-    limits = route.limits_mps
-    start_m = np.unique(np.concatenate((limits.start_m, position_m)))
-    return replace(route, limits_mps=Stretches(start_m=start_m, value=limits.at(start_m)))
 
 
 def _bounded(section: Section, node: int, passing: Passing) -> Section:
@@ -293,3 +276,26 @@ class Timeline:
         index, time_s = tight
         event = self.events[min(max(index, 1), len(self.events) - 2)]
         return f"{event.what} ({event.window.held_at(time_s, tol.TIME_TOLERANCE_S)} {clock(time_s)})"
+
+
+def _with_breakpoints(route: Route, position_m: Sequence[float]) -> Route:
+    """The same route with breakpoints, and so decision nodes, at the given positions."""
+    limits = route.limits_mps
+    start_m = np.unique(np.concatenate((limits.start_m, position_m)))
+    return replace(route, limits_mps=Stretches(start_m=start_m, value=limits.at(start_m)))
+
+
+def _section_between(section: Section, first: int, last: int) -> Section:
+    """The part of a section between two integration nodes; it may end at any speed that the section has there.
+
+    Its start and end speeds remain those of the whole section; a front answers for any speed at its beginning.
+    """
+    of_intervals = [field.name for field in fields(LineProfile) if field.name != "node_m"]
+    of_nodes = ("node_m", "floor_mps", "envelope_mps")
+    inside = (section.decision >= first) & (section.decision <= last)
+    return replace(
+        section,
+        **{name: getattr(section, name)[first:last] for name in of_intervals},
+        **{name: getattr(section, name)[first : last + 1] for name in of_nodes},
+        decision=section.decision[inside] - first,
+    )
