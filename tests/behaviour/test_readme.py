@@ -13,11 +13,11 @@ import precompute.cli.program
 import sim.cli.program
 from tests.support.making import REPOSITORY, das_precompute, das_sim
 
-PAGES = ("README.md", "docs/tutorials/own-line.md", "docs/tutorials/my-line.md", "docs/tutorials/first-replay.md")
+PAGES = ("README.md", "docs/tutorials/own-line.md", "docs/tutorials/first-replay.md")
 ELSEWHERE = ("pytest", "das-node")
 """Programs of other tests: the tests themselves, and the node, which runs until it is stopped."""
 WRITTEN = (
-    "both.png", "mine/there.png", "my-line/posts.csv", "my-line/run.png", "my-line/tables/build.json", "run.png",
+    "both.png", "my-line/there.png", "my-line/posts.csv", "my-line/run.png", "my-line/tables/build.json", "run.png",
     "tables/build.json", "x.png", "zug-luzern.png",
 )  # fmt: skip
 """Files that the commands of all pages leave behind, beside recordings."""
