@@ -1,7 +1,7 @@
 """The driver's sheet of a section: what to do from which place on, fixed before departure and never changed.
 
-Its instructions are the phases of a schedule for the planned running time, made as the guide makes them, but
-with a higher price of a change: what is read on paper must be little.
+Its instructions are the guide's timeline for the planned running time, with a higher price of a change: what is read
+on paper must be little.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.guide.planning import Wanted, elapsed_s, planned
+from das.advice.guide.timeline import timeline
 from das.advice.regimes import InstructionKind
 from das.domain.journey import Window
-from das.solver.guide.phases import PhaseKind
 from das.solver.guide.policies import GuideFront, PolicySettings
 from das.solver.guide.schedule import Schedule
 from das.solver.section import Section
@@ -27,15 +27,6 @@ CHANGE_S = 4.0 * PolicySettings().change_s
 the guide has. On a sheet, every line has to be found, read and remembered."""
 PLACE_M = 100.0
 """Places on a sheet are whole multiples of this (m): that is how closely a driver can tell them by posts and boards."""
-SAME_MPS = 0.5
-"""Two speeds that differ by less than this (m/s) are the same on a sheet."""
-_KINDS = {
-    PhaseKind.TRACTION: InstructionKind.TRACTION,
-    PhaseKind.HOLD: InstructionKind.HOLD,
-    PhaseKind.COAST: InstructionKind.COAST,
-    PhaseKind.BRAKE: InstructionKind.BRAKE,
-    PhaseKind.CURVE: InstructionKind.BRAKE,
-}
 SETTINGS = PolicySettings(change_s=CHANGE_S, young_s=2.0 * CHANGE_S)
 
 
@@ -110,32 +101,22 @@ def section_sheet(
 
 
 def _lines(schedule: Schedule, at_m: Floats, times_s: Floats, speeds_mps: Floats) -> tuple[SheetLine, ...]:
-    """The phases of a schedule as lines; a phase that says nothing new is left out."""
+    """The steps of a schedule as lines. What only coasts or brakes further has no line of its own."""
     found: list[SheetLine] = []
-    for number, phase in enumerate(schedule.phases):
-        begin_m, end_m = schedule.begin_m(number), schedule.begin_m(number + 1)
-        kind = InstructionKind.COAST if phase.rolls_up else _KINDS[phase.kind]
-        ends_mps = float(np.interp(end_m, at_m, speeds_mps))
-        speed_mps = ends_mps if kind in (InstructionKind.COAST, InstructionKind.BRAKE) else phase.target_mps
+    for step in timeline(schedule):
+        slows = step.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
         line = SheetLine(
-            kind=kind,
-            s_m=begin_m,
-            speed_mps=speed_mps,
-            after_s=float(np.interp(begin_m, at_m, times_s)),
-            effort_ratio=phase.share if kind is InstructionKind.TRACTION else 0.0,
+            kind=step.kind,
+            s_m=step.from_m,
+            speed_mps=float(np.interp(step.by_m, at_m, speeds_mps)) if slows else step.speed_mps,
+            after_s=float(np.interp(step.from_m, at_m, times_s)),
+            effort_ratio=step.effort if step.kind is InstructionKind.TRACTION else 0.0,
         )
-        before = found[-1] if found else None
-        if before is not None and _goes_on(before, line):
-            found[-1] = replace(before, speed_mps=line.speed_mps)
+        if slows and found and line.kind is found[-1].kind:
+            found[-1] = replace(found[-1], speed_mps=line.speed_mps)
         else:
             found.append(line)
+        if slows and step.by_m < step.to_m:
+            after_s = float(np.interp(step.by_m, at_m, times_s))
+            found.append(SheetLine(kind=InstructionKind.HOLD, s_m=step.by_m, speed_mps=step.speed_mps, after_s=after_s))
     return tuple(found)
-
-
-def _goes_on(before: SheetLine, line: SheetLine) -> bool:
-    """Whether a line only goes on with the one before it: it brakes or coasts further, or holds the speed reached."""
-    if line.kind is not before.kind:
-        reached = before.kind is InstructionKind.TRACTION and line.kind is InstructionKind.HOLD
-        return reached and abs(line.speed_mps - before.speed_mps) < SAME_MPS
-    same = abs(line.speed_mps - before.speed_mps) < SAME_MPS
-    return same or line.kind in (InstructionKind.COAST, InstructionKind.BRAKE)

@@ -22,9 +22,9 @@ that a reserve is left on descents as well (assumption)."""
 class ServiceBraking:
     """The braking that advice plans with; full brakes stay in reserve.
 
-    A train planned in this way slows down to a lower limit, or stops, in time with its service deceleration, even if it
-    begins to brake `reaction_s` late and its brakes take `build_up_s` to act fully. It never needs more than
-    `SERVICE_SHARE` of its brakes' force, on whatever descent.
+    A train planned in this way stops in time with its service deceleration even if it begins to brake `reaction_s` late
+    and its brakes take `build_up_s` to act fully. For a lower limit, the reserve is that delay times the speed to take
+    off. It never needs more than `SERVICE_SHARE` of its brakes' force, on whatever descent.
     """
 
     deceleration_mps2: float

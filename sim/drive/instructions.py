@@ -256,6 +256,8 @@ class InstructionWatch:
         self._at_s = -math.inf
         self._announced: deque[tuple[float, _Task, float]] = deque(maxlen=2 * REMEMBERED)
         self._coasted_s = 0
+        self._ending: tuple[_Told, _Told, int] | None = None
+        """Coasting that another instruction is about to end, and how long the train has coasted (s)."""
         self._led_mps = math.nan
         """The speed shown last: to coast is one instruction though its speed changes."""
         self._reliance = _RelianceWatch()
@@ -275,10 +277,13 @@ class InstructionWatch:
         self._at_s = time_s
         self._reliance.look(told, advice, force_n)
         if told is None:
-            self._now = None
+            self._now = self._ending = None
             return
         if before is None or told.seen != before.seen:
             self._changed(before, told, advice)
+        if self._ending is not None and time_s >= self._ending[1].due_s - 0.5:
+            self._counts["missed_coasts"] += _misses(*self._ending, advice.speed_mps)
+            self._ending = None
         self._led_mps = told.to_mps
         self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
         for one in advice.guide.following:
@@ -303,7 +308,8 @@ class InstructionWatch:
         counts["announced"] += _is_own_end(before._replace(to_mps=self._led_mps), told) or self._was_announced(told)
         counts["brakes"] += told.kind is InstructionKind.BRAKE
         counts["led"] += told.kind is InstructionKind.BRAKE and told.due_s - told.time_s >= LEAD_S
-        counts["missed_coasts"] += coasted_s >= LEAST_COAST_S and _misses(before, told, coasted_s)
+        if coasted_s >= LEAST_COAST_S:
+            self._ending = before, told, coasted_s
         counts["vain_accelerations"] += _is_vain(before, told)
 
     def _was_announced(self, told: _Told) -> bool:
@@ -373,16 +379,19 @@ def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
     return bool(slows or told.speed_mps <= told.to_mps + OVERSPEED_MPS)
 
 
-def _misses(coast: _Told, told: _Told, coasted_s: int) -> bool:
-    """Whether a train that has coasted (s) ended far from the speed, though the same reference went on."""
+def _misses(coast: _Told, told: _Told, coasted_s: int, ends_mps: float) -> bool:
+    """Whether a train that has coasted (s) ended far from the speed, though the same reference went on.
+
+    It ends at `ends_mps` (m/s), where what it is `told` next is due.
+    """
     if coast.kind is not InstructionKind.COAST or coasted_s < 0.5 * (told.time_s - coast.due_s):
         return False
     replaced = told.reference_ns * NS > coast.time_s
     if told.kind is InstructionKind.BRAKE:
         interrupted = told.to_mps > coast.to_mps  # By a limit on the way.
-        return not (interrupted or replaced) and told.speed_mps > coast.to_mps + COAST_MISSES_MPS
-    passed = coast.speed_mps < coast.to_mps < told.speed_mps  # It rolled down a hill.
-    return not (passed or replaced) and abs(told.speed_mps - coast.to_mps) > COAST_MISSES_MPS
+        return not (interrupted or replaced) and ends_mps > coast.to_mps + COAST_MISSES_MPS
+    passed = coast.speed_mps < coast.to_mps < ends_mps  # It rolled down a hill.
+    return not (passed or replaced) and abs(ends_mps - coast.to_mps) > COAST_MISSES_MPS
 
 
 def _is_vain(accelerated: _Told, told: _Told) -> bool:

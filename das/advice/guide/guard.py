@@ -30,8 +30,6 @@ BRAKED_MPS = 0.9
 """A driver above the limit by more than this is told to brake; by less, to coast, or to hold the limit."""
 HELD_MPS2 = 0.5
 """A driver below the speed to hold is assumed to accelerate to it at no more than this."""
-STEEP_MPS2 = 0.15
-"""A hill that slows a coasting train by more than this brakes for a lower limit as well as brakes do."""
 NEAR_MARK_M = 3.0
 """Near its mark the brake stands as it is while the train stands with it within this of the mark: it is seen there."""
 
@@ -141,12 +139,13 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     lead_s = max(lead_s + SOONER_S, SHORT_M / max(soon_mps, 1.0)) + (wanted.in_s if wanted.brakes else 0.0)
     if not ahead.is_due(state.braked_m, soon_mps, lead_s):
         return wanted
-    if one.mode is Regime.COAST and scene.rolls_mps2 < -STEEP_MPS2:
-        rolls = foreseen_brake(scene, one, wanted.in_s)
-        if rolls is None or rolls.in_s > lead_s:
-            return wanted  # The hill brakes enough.
     begun = memory.shown.mode in BRAKES and memory.due_ns <= state.now_ns
     waits_s = 0.0 if begun else begins_s(scene, _keeps_mps(one, v_mps))
+    if one.mode is Regime.COAST:
+        rolls = foreseen_brake(scene, one, wanted.in_s)
+        if rolls is None or rolls.in_s > lead_s:
+            return wanted  # The train slows down enough by itself.
+        waits_s = max(rolls.in_s - SOONER_S, 0.0)
     waits_s = min(waits_s, wanted.in_s) if wanted.brakes else waits_s
     lowest_mps = ahead.lowest_mps(state.braked_m, soon_mps * lead_s)
     if waits_s > lead_s and lowest_mps > v_mps:  # Only a faster train would have to brake so soon.
