@@ -8,6 +8,10 @@ import unicodedata
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import yaml
+
+from docs.studies.reference import rows_of
+
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
     [
@@ -24,9 +28,47 @@ EXTRA = re.compile(r"'\.\[([a-z,]+)\]'")
 OPTION = re.compile(r"(?<![\w-])--(?:csv|output)\b")
 
 
+BUDGETS = {"how-to": 900, "tutorials": 900, "explanation": 1500, "reference": 2500}
+"""Words that a page may have, by its folder in docs; what scripts write into a page between marks does not count."""
+WORDS_IN_ALL = 45_000
+"""Words of all pages together, as `wc -w` counts them."""
+GROUPS = {"Plan", "Review", "Experiment", "Operate"}
+MOST_IN_A_GROUP = 6
+
+
+def words(page: Path) -> int:
+    """Words with a letter or digit, outside of what a script writes."""
+    written = r"<!-- ([\w-]+): begin -->.*?<!-- \1: end -->"
+    return len(re.findall(r"\S*\w\S*", re.sub(written, "", page.read_text(encoding="utf-8"), flags=re.DOTALL)))
+
+
+def test_every_page_keeps_its_budget_of_words() -> None:
+    over = {
+        page.relative_to(ROOT).as_posix(): words(page)
+        for folder, most in BUDGETS.items()
+        for page in (ROOT / "docs" / folder).rglob("*.md")
+        if words(page) > most
+    }
+    assert over == {}
+
+
+def test_all_pages_together_keep_their_budget_of_words() -> None:
+    pages = [*PAGES, ROOT / "tests" / "data" / "README.md"]
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= WORDS_IN_ALL
+
+
+def test_how_to_pages_are_grouped_by_role() -> None:
+    nav = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
+    (groups,) = (one["How-to"] for one in nav if "How-to" in one)
+    sizes = {name: len(pages) for group in groups for name, pages in group.items()}
+    assert set(sizes) == GROUPS
+    assert max(sizes.values()) <= MOST_IN_A_GROUP
+
+
 def test_every_test_that_the_failures_name_is_there_once() -> None:
     page = (ROOT / "docs" / "reference" / "failures.md").read_text(encoding="utf-8")
-    rows = [line.strip("|").split("|") for line in page.splitlines() if line.startswith("| ")][1:]
+    _, *rows = rows_of("failures")
+    assert [said for said, _ in rows if f"| {said} |" not in page] == []
     named = [name.strip() for row in rows for name in row[-1].split(",")]
     there = [path.stem for path in (ROOT / "tests").rglob("test_*.py")]
     assert len(named) > len(rows) > 30
@@ -34,8 +76,7 @@ def test_every_test_that_the_failures_name_is_there_once() -> None:
 
 
 def test_every_safety_rule_names_its_tests_and_they_are_there() -> None:
-    page = (ROOT / "docs" / "reference" / "safety-rules.md").read_text(encoding="utf-8")
-    rows = [line.strip("|").split("|") for line in page.splitlines() if line.startswith("| ")][1:]
+    _, *rows = rows_of("safety-rules")
     files = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")}
     missing = []
     for row in rows:
@@ -125,11 +166,6 @@ def hidden_cells(text: str) -> list[str]:
 def test_every_row_of_a_table_has_the_cells_of_its_header() -> None:
     assert of_all(PAGES, lambda page: hidden_cells(page.read_text(encoding="utf-8"))) == {}
     assert hidden_cells("| a | b |\n|---|---|\n| 1 | 2 | 3 |\n") == ["| 1 | 2 | 3 |"]
-
-
-def test_an_explanation_of_over_2000_words_has_a_picture() -> None:
-    texts = {page.stem: page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "explanation").glob("*.md")}
-    assert [name for name, text in texts.items() if len(text.split()) > 2000 and "![" not in text] == []
 
 
 def test_every_extra_that_is_named_is_one_of_ours_and_is_installed_from_the_checkout() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import stats
 
 from docs.studies.driver_days import COMPARED, EXAMPLES, FOLLOWED, PAGE, PERSONS, SCENARIOS, TABLE
-from docs.studies.output import DOCS, write_table
+from docs.studies.output import DOCS, write_csv, write_table
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.parameters import DEFAULT, load_population
 from sim.jobs.report import with_interval
@@ -211,23 +211,26 @@ def goes_with(persons: Sequence[Row]) -> Iterator[str]:
 
 
 def tables(rows: Sequence[Row], persons: Sequence[Row]) -> Iterator[tuple[Path, str, list[str]]]:
-    """Every table: its page, its name there, and its lines."""
+    """Every table: its page or its CSV, its name, and its lines."""
+    folder = PAGE.with_suffix("")
     for scenario in SCENARIOS:
-        yield PAGE, scenario, list(presentations(rows, scenario))
-    for page in (PAGE, DOCS / "explanation" / "guide-figures.md"):
-        yield page, "worth", list(worth(rows))
-    for table in (grammar, examples, perfect):
+        yield PAGE if scenario == CLEAR else folder / f"{scenario}.csv", scenario, list(presentations(rows, scenario))
+    yield DOCS / "explanation" / "guide-figures.md", "worth", list(worth(rows))
+    yield folder / "grammar.csv", "grammar", list(grammar(rows))
+    for table in (examples, perfect):
         yield PAGE, table.__name__, list(table(rows))
     yield PERSONS.with_suffix(".md"), "spread", list(spread(rows, persons))
-    yield PERSONS.with_suffix(".md"), "goes-with", list(goes_with(persons))
-    yield DOCS / "reference" / "drivers.md", "presentations", list(presentations(rows, CLEAR))
+    yield PERSONS.with_name("populations-goes-with.csv"), "goes-with", list(goes_with(persons))
 
 
 def main(names: Sequence[str] = ()) -> None:
     """Write all tables again, or print those that are named."""
     made = list(tables(read(), read(PERSONS)))
     for page, name, lines in made if not names else ():
-        write_table(page, name, lines)
+        if page.suffix == ".csv":
+            write_csv(page, lines)
+        else:
+            write_table(page, name, lines)
     printed = {name: lines for _, name, lines in made}
     for name in names:
         print("\n".join(printed[name]))

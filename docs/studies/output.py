@@ -1,7 +1,8 @@
-"""Writing the results of the studies: files in a folder, and tables between marks in pages of the documentation."""
+"""Writing the results of the studies: files in a folder, CSV, and tables between marks in pages."""
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 import tempfile
@@ -85,8 +86,24 @@ def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
     write_whole(page, text.encode())
 
 
-def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table; the first column is left-aligned, the others right-aligned."""
-    lines = ["| " + " | ".join(header) + " |", "|---" + "|---:" * (len(header) - 1) + "|"]
-    lines += ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
+def write_csv(path: Path, lines: Iterable[str]) -> None:
+    """Write the cells of a Markdown table as CSV; prints each line as it comes."""
+    rows = []
+    for line in lines:
+        print(line, flush=True)
+        if set(line) - set("|-: "):
+            rows.append(line.strip("|").strip().split(" | "))
+    write_whole(path, csv_text(rows).encode())
+
+
+def csv_text(rows: Iterable[Sequence[str]]) -> str:
+    """Rows as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([cell.strip() for cell in row] for row in rows)
+    return text.getvalue()
+
+
+def csv_lines(path: Path) -> list[str]:
+    """The rows of a CSV as those of a Markdown table."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return [f"| {' | '.join(row)} |" for row in csv.reader(file)]

@@ -1,7 +1,7 @@
-"""The tables of docs/results/0.2/solver.md: peers, the solver's table, refinement and proven bounds side by side.
+"""The tables of docs/results/0.2/solver: peers, the solver's table, refinement and proven bounds side by side.
 
-`python -m docs.studies.peers` solves all rows again, which takes about ten minutes, and writes the tables into the
-page. It needs the third-party data beside the checkout (../shared).
+`python -m docs.studies.peers` solves all rows again, which takes about ten minutes, and writes the tables. It needs the
+third-party data beside the checkout (../shared).
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solution import Solution, tightened
 from das.solver.solve import solve_front
-from docs.studies.output import DOCS, write_table
+from docs.studies.output import DOCS, write_csv, write_table
 from tests.das.solver.test_solver import pose_reference
 from tests.support.benchmark import SHARED, ReferenceResult, reference_results
 from tests.support.making import make_route
 
 PAGE = DOCS / "results" / "0.2" / "solver.md"
+PEERS, HARD = (PAGE.with_suffix("") / name for name in ("peers.csv", "hard.csv"))
 MAP = SHARED / "loss_maps" / "NL_Intercity_VIRM6_chain.csv"
 LEVELS = (Level.L0_REG, Level.L1, Level.L2, Level.L3)
 SEED = 14
@@ -160,9 +161,9 @@ def hard_table() -> Iterator[str]:
         "problem, buffer, level, table kWh, refined kWh, saved, table gap, gap, tight gap",
         (_hard_cells(hard, level, row, tight.get(id(row))) for hard, level, row in rows),
     )
-    yield from ("", _summed("Convex losses (L0 to L2)", convex))
-    yield from ("", _summed("Loss map (L3)", [row.found.gap_ratio for row in of_maps]))
-    yield from ("", _summed(f"Loss map with `--bound {TIGHT_S:.0f}`", list(tight.values())))
+    yield from ("", "- " + _summed("Convex losses (L0 to L2)", convex))
+    yield from ("", "- " + _summed("Loss map (L3)", [row.found.gap_ratio for row in of_maps]))
+    yield from ("", "- " + _summed(f"Loss map with `--bound {TIGHT_S:.0f}`", list(tight.values())))
 
 
 def _hard_cells(hard: Hard, level: Level, row: PeerRow, tight_ratio: float | None) -> list[str]:
@@ -188,9 +189,11 @@ def _summed(what: str, gap_ratios: Sequence[float]) -> str:
 
 
 def main() -> None:
-    """Write both tables."""
-    for name, table in (("peers", peers_table), ("hard", hard_table)):
-        write_table(PAGE, name, table())
+    """Write both tables, and the summary of the hard problems into the page."""
+    write_csv(PEERS, peers_table())
+    lines = list(hard_table())
+    write_csv(HARD, (line for line in lines if line.startswith("|")))
+    write_table(PAGE, "hard", (line for line in lines if line and not line.startswith("|")))
 
 
 if __name__ == "__main__":

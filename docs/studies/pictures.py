@@ -1,7 +1,8 @@
 """The pictures of recordings in the pages, drawn from drives that are made for them, into the working folder.
 
 `python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt), review.png, and
-what comes of its drive with a restriction (what-if.txt, what-if.png); `readme` first-minute.png, the picture of README.
+what comes of its drive with a restriction (what-if.txt, what-if.png); `readme` first-minute.txt and first-minute.png,
+which README has.
 `report` draws report.png, and needs Chromium and pdftoppm (poppler): its picture is one of release 0.2, in
 docs/results/0.2/screens.
 """
@@ -30,8 +31,9 @@ def first_minute(folder: Path) -> None:
 
 
 def readme(folder: Path) -> None:
-    """The two drives of the first minute beside each other."""
-    _, recorded, guided = _driven(folder)
+    """What the first minute prints, and its two drives beside each other."""
+    said, recorded, guided = _driven(folder)
+    (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
     das_sim("compare", recorded, guided, "--plot", folder / "first-minute.png")
 
 

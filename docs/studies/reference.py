@@ -1,14 +1,20 @@
 """The tables of the reference pages that the code decides, written into the working folder when the site is built.
 
-`python -m docs.studies.reference` writes the options of every command (das-sim-run.md and so on, for commands.md), the
-parameters of a human driver (parameters.md, for drivers.md), and the default population (population.md).
+`python -m docs.studies.reference` writes the commands of each program with their options (das-sim.md and so on, for
+commands.md), the parameters of a human driver (parameters.md), the default population (population.md), and the measures
+and factors of experiments (measures.md, factors.md); for bus.md also topics.md, causes.md and reasons.md.
+The tables that are kept as CSV in docs/studies/tables become pages' tables as well.
 """
 
 from __future__ import annotations
 
+import ast
+import csv
+import inspect
 import re
 from collections.abc import Iterable
 from enum import Enum
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +25,19 @@ import das.node.command
 import das.recorder.command
 import precompute.cli.program
 import sim.cli.program
+from das.advice.advice import Cause
+from das.advice.reason import ReasonCode
+from das.bus.topics import TOPICS
 from das.command_line.application import Entry, single_command
 from sim.drivers.parameters import DEFAULT, NORMAL, HumanParameters, Population, load_population, parameter_table
+from sim.experiment.factors import FACTORS
+from sim.experiment.measures import MEASURES
 
 EVERYWHERE = {"--help", "-h", "--version", "--install-completion", "--show-completion"}
 """Options that the top of commands.md explains for all commands."""
+
+TABLES = Path(__file__).parent / "tables"
+PROGRAMS = ("das-precompute", "das-sim", "das-node", "das-record")
 
 
 def commands() -> dict[str, TyperCommand]:
@@ -75,6 +89,78 @@ def _default(option: Any) -> str:
     return f" [default: {default:g}]" if isinstance(default, float) else f" [default: {default}]"
 
 
+def program(name: str) -> str:
+    """The commands of a program: a heading, what its help says first, and the options of each."""
+    parts = []
+    for one, command in commands().items():
+        if one.startswith(name):
+            words = one.replace(f"{name}-", f"{name} ", 1)
+            for group in ("journey", "route", "vehicle", "experiment"):
+                words = words.replace(f" {group}-", f" {group} ")
+            said = " ".join(str(command.help).split("\n\n")[0].split())
+            parts.append(f"### {words}\n\n{said}\n\n{options(command)}")
+    return "\n".join(parts)
+
+
+def measures() -> str:
+    """The measures of a trial."""
+    rows = ((f"`{one.name}`", one.unit, one.formula, one.source) for one in MEASURES.values())
+    return _table(("measure", "unit", "formula", "source"), "|---|---|---|---|", rows)
+
+
+def factors() -> str:
+    """The factors of an experiment."""
+    rows = ((f"`{one.name}`", one.meaning, one.expected) for one in FACTORS.values())
+    return _table(("factor", "what it varies", "levels"), "|---|---|---|", rows)
+
+
+def rows_of(name: str) -> list[list[str]]:
+    """The rows of a table that is kept as CSV."""
+    with (TABLES / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+def as_markdown(name: str) -> str:
+    """A table that is kept as CSV."""
+    head, *rows = rows_of(name)
+    return _table(head, "|---" * len(head) + "|", rows)
+
+
+def topics() -> str:
+    """The topics of the bus."""
+    rows = (
+        (
+            f"`{one.key('<train>')}`",
+            f"`{one.message.DESCRIPTOR.full_name}`",
+            one.publisher,
+            "yes" if one.latched else "",
+        )
+        for one in TOPICS
+    )
+    return _table(("key", "message", "publisher", "kept for late subscribers"), "|---|---|---|---|", rows)
+
+
+def causes() -> str:
+    """The causes of a withdrawal, in the order in which they are decided."""
+    said = _members(Cause)
+    rows = ((str(int(one)), f"`{one.label}`", said[one.name]) for one in Cause)
+    return _table(("number", "cause", "meaning"), "|---:|---|---|", rows)
+
+
+def reasons() -> str:
+    """The codes of reasons."""
+    said = _members(ReasonCode)
+    rows = ((str(int(one)), f"`{one.name}`", said[one.name]) for one in ReasonCode)
+    return _table(("number", "code", "meaning"), "|---:|---|---|", rows)
+
+
+def _members(kind: type[Enum]) -> dict[str, str]:
+    """The docstring of each member of an enumeration."""
+    names, body = list(kind.__members__), ast.parse(inspect.getsource(kind)).body[0].body  # type: ignore[attr-defined]
+    said = [after.value.value for one, after in pairwise(body) if isinstance(one, ast.Assign)]
+    return dict(zip(names, said, strict=True))
+
+
 def parameters() -> str:
     """The parameters of a human driver."""
     rows = ((f"`{name}`", *others) for name, *others in parameter_table())
@@ -108,7 +194,10 @@ def _table(head: Iterable[str], aligned: str, rows: Iterable[Iterable[str]]) -> 
 
 
 if __name__ == "__main__":
-    tables = {name: options(command) for name, command in commands().items()}
+    tables = {name: program(name) for name in PROGRAMS}
     tables |= {"parameters": parameters(), "population": population(load_population(DEFAULT))}
+    tables |= {"measures": measures(), "factors": factors()}
+    tables |= {name: as_markdown(name) for name in ("batch", "plausibility", "safety-rules", "seam", "trips")}
+    tables |= {"topics": topics(), "causes": causes(), "reasons": reasons()}
     for name, table in tables.items():
         Path(f"{name}.md").write_text(table, encoding="utf-8")

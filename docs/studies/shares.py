@@ -24,7 +24,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.section import Section, build_section
 from docs.studies.cases import ENERGY_SHARES_PERCENT, GTO_VEHICLE
 from docs.studies.drawing import new_figure
-from docs.studies.output import Output, markdown_table
+from docs.studies.output import Output, csv_text
 from precompute.baselines import strategies as baselines
 
 ROUTE = "zurich-luzern"
@@ -121,14 +121,14 @@ def friction_for(trip: DrivenTrip, friction_brake_percent: float) -> float | Non
 
 
 def energy_shares(_bench: object, output: Output) -> None:
-    """Write the shares of both drivers against the paper's, as Markdown and picture."""
+    """Write the shares of both drivers against the paper's, as CSV and picture."""
     drawn: dict[str, list[Shares]] = {}
     for driver in DRIVERS:
         trip = drive(driver)
         fitted = friction_for(trip, ENERGY_SHARES_PERCENT["friction_brake"])
         ratios = [0.0, *([fitted] if fitted is not None else []), 1.0]
         drawn[driver] = [shares(trip, ratio) for ratio in ratios]
-    output.text("shares.md", _markdown(drawn))
+    output.text("shares.csv", _csv(drawn))
     output.picture("shares", _draw(drawn))
 
 
@@ -141,16 +141,14 @@ _LABELS = {
 _COLOURS = {"component_loss": "#d55e00", "resistance": "#56b4e9", "friction_brake": "#555555", "comfort": "#e6b800"}
 
 
-def _markdown(drawn: dict[str, list[Shares]]) -> str:
+def _csv(drawn: dict[str, list[Shares]]) -> str:
     header = ["driver", "friction braking", *_LABELS.values(), "total kWh"]
     rows = [["paper, 49 measured runs", "–", *(f"{v:.1f} %" for v in ENERGY_SHARES_PERCENT.values()), "–"]]
     for driver, items in drawn.items():
         for item in items:
             cells = [f"{item.percent(n):.1f} % ({item.percent(n) - v:+.1f})" for n, v in ENERGY_SHARES_PERCENT.items()]
             rows.append([driver, f"{100 * item.friction_ratio:.0f} %", *cells, f"{kwh(item.total):.0f}"])
-    return "Shares of the energy that is gone for good (in brackets: points from the paper).\n\n" + markdown_table(
-        header, rows
-    )
+    return csv_text([header, *rows])
 
 
 def _draw(drawn: dict[str, list[Shares]]) -> Any:

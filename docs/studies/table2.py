@@ -21,7 +21,7 @@ from docs.studies.cases import (
     Workbench,
     label,
 )
-from docs.studies.output import Output, markdown_table
+from docs.studies.output import Output, csv_text
 from precompute.baselines import strategies as baselines
 
 FOUR_MODE_LEVELS = (L0_NOREG, L1, L2)
@@ -79,27 +79,21 @@ def cells(bench: Workbench) -> list[Cell]:
 
 
 def table2(bench: Workbench, output: Output) -> None:
-    """Write Table 2 as Markdown."""
-    output.text("table2.md", markdown(cells(bench)))
+    """Write Table 2 as CSV."""
+    output.text("table2.csv", as_csv(cells(bench)))
 
 
-def markdown(found: list[Cell]) -> str:
+def as_csv(found: list[Cell]) -> str:
     """The table; each cell has the printed figure, ours and the deviation."""
     rows = []
     for trajectory in TABLE2:
         row = [c for c in found if c.trajectory == trajectory]
-        rows.append([label(trajectory), *(_text(cell, found) for cell in row)])
-    return (
-        f"Energy at t+ = {TABLE2_BUFFER_PERCENT:g} % on 6 km, in % of the fastest run's at L3 GTO. "
-        "Each cell: paper → ours (deviation); bold: least of its column in ours.\n\n"
-        + markdown_table(["optimal for", *(f"at {label(level)}" for level in TABLE2_LEVELS)], rows)
-    )
+        rows.append([label(trajectory), *map(_text, row)])
+    return csv_text([["optimal for", *(f"at {label(level)}" for level in TABLE2_LEVELS)], *rows])
 
 
-def _text(cell: Cell, found: list[Cell]) -> str:
-    least = min(c.ours for c in found if c.level == cell.level)
+def _text(cell: Cell) -> str:
     ours = f"{cell.ours:.2f}"
-    ours = f"**{ours}**" if ours == f"{least:.2f}" else ours
     if np.isnan(cell.printed):
         return f"– → {ours}"
     return f"{cell.printed:.2f} → {ours} ({100 * cell.deviation_ratio:+.1f} %)"

@@ -72,9 +72,11 @@ def test_every_result_says_in_its_title_of_which_release_data_seed_commit_and_da
 
 
 @pytest.mark.nightly
-def test_the_picture_of_readme_is_that_of_its_command(tmp_path: Path) -> None:
+def test_readme_has_the_picture_and_the_words_of_its_command(tmp_path: Path) -> None:
     command = "python -m docs.studies.pictures readme"
     folder = made([command], "test", tmp_path)[command]
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert not_on_page(readme, (folder / "first-minute.txt").read_text(encoding="utf-8").splitlines()) == []
     assert same_picture(DOCS / "images" / "first-minute.png", folder / "first-minute.png")
 
 

@@ -1,10 +1,11 @@
 """All tracks × trains of the public benchmark library: solved and verified, or refused for the true reason.
 
-`python -m tests.reference.test_ttobench_matrix` prints the table of docs/results/0.2/solver.md.
+`python -m tests.reference.test_ttobench_matrix` prints docs/results/0.2/solver/tracks.csv.
 """
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -21,10 +22,11 @@ from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.front import Front
 from das.solver.section import Section, build_section
 from das.solver.solve import solve_front
+from docs.studies.output import DOCS, csv_text
 from precompute.cli.report import solution_json
 from tests.support.benchmark import TRACKS, TRAINS, track_path, tracks_here, train_path
 from tests.support.crossing import crossed
-from tests.support.making import REPOSITORY, csv_rows
+from tests.support.making import csv_rows
 from tests.support.raw_data import Floats, G, Line, Train
 from tests.support.verifier import Finding, verify
 
@@ -104,10 +106,9 @@ def solve_and_verify(case: Case) -> Answer:
 
 
 def published() -> dict[str, list[str]]:
-    """Rows of the table in docs/results/0.2/solver.md by track: the number of sections, then one cell a train."""
-    text = (REPOSITORY / "docs" / "results" / "0.2" / "solver.md").read_text(encoding="utf-8")
-    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
-    return {row[0]: row[1:] for row in rows if row[0] in TRACKS and len(row) == 2 + len(TRAINS)}
+    """Rows of docs/results/0.2/solver/tracks.csv by track: the number of sections, then one cell a train."""
+    with (DOCS / "results" / "0.2" / "solver" / "tracks.csv").open(encoding="utf-8", newline="") as file:
+        return {row[0]: row[1:] for row in csv.reader(file)}
 
 
 @pytest.mark.slow
@@ -211,17 +212,16 @@ def test_the_overloaded_trains_meet_both_obstacles() -> None:
     assert [found and found[0] for found in met] == ["cannot brake on the descent", "stalls", None]
 
 
-# --- the table of docs/results/0.2/solver.md ---------------------------------------------------------------------
+# --- docs/results/0.2/solver/tracks.csv --------------------------------------------------------------------------
 
 
 def table() -> str:
-    names = TRAINS
-    lines = [f"| track | sections | {' | '.join(names)} |", "|---|---|" + "---|" * len(names)]
+    rows = [["track", "sections", *TRAINS]]
     for track in TRACKS:
-        answers: list[Any] = [solve_and_verify(Case.read(track, train)) for train in names]
-        lines.append(f"| {track} | {answers[0].sections} | {' | '.join(map(str, answers))} |")
-    return "\n".join(lines)
+        answers: list[Any] = [solve_and_verify(Case.read(track, train)) for train in TRAINS]
+        rows.append([track, str(answers[0].sections), *map(str, answers)])
+    return csv_text(rows)
 
 
 if __name__ == "__main__":
-    print(table())
+    print(table(), end="")

@@ -18,15 +18,16 @@ from das.bus import das_pb2
 from das.bus.session import CONTROL_FACTOR, Bus, Inbox, check_endpoint, endpoint, free_ports
 from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION, TOPICS, Received, Topic, topic_of
 from das.domain.errors import DasError
+from docs.studies.reference import topics
 from tests.support.making import REPOSITORY
 from tests.support.node_process import TRAIN, a_journey, until
 
 
 def test_docs_list_every_topic() -> None:
-    page = (REPOSITORY / "docs" / "reference" / "bus.md").read_text()
+    assert "docs.studies.reference -> topics.md }}" in (REPOSITORY / "docs" / "reference" / "bus.md").read_text()
     for topic in TOPICS:
         name = topic.message.DESCRIPTOR.full_name
-        assert f"| `{topic.key('<train>')}` | `{name}` |" in page
+        assert f"| `{topic.key('<train>')}` | `{name}` |" in topics()
 
 
 def test_the_session_listens_on_loopback_only_and_does_not_scout() -> None:

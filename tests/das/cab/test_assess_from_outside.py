@@ -12,13 +12,11 @@ import pytest
 from das.advice import advice
 from das.cab import cab, heard, outputs
 from das.estimate import effort, fix
+from docs.studies.reference import rows_of
 from tests.support.making import REPOSITORY
 
-PAGE = REPOSITORY / "docs" / "how-to" / "assess-from-outside.md"
-TEXT = PAGE.read_text(encoding="utf-8")
-CODE = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
-SEAM = TEXT.split("<!-- seam: begin -->")[1].split("<!-- seam: end -->")[0]
-ROWS = [re.findall(r"`(\w+)`", row) for row in SEAM.splitlines() if row.startswith("| `")]
+CODE = (REPOSITORY / "docs" / "examples" / "assess.py").read_text(encoding="utf-8")
+ROWS = [re.findall(r"`(\w+)`", " ".join(row)) for row in rows_of("seam")[1:]]
 MODULES = (cab, heard, outputs, advice, effort, fix)
 PROMISED = 23
 """So many types are promised: a row that is taken away is noticed here."""
@@ -33,10 +31,9 @@ def named(name: str) -> type:
 
 def test_the_program_of_the_page_runs_and_hears_all_kinds_of_answers() -> None:
     names: dict[str, object] = {}
-    assert len(CODE) == 1
-    assert len(CODE[0].splitlines()) <= 40
+    assert len(CODE.splitlines()) <= 40
     with redirect_stdout(io.StringIO()) as printed:
-        exec(compile(CODE[0], PAGE.name, "exec"), names)
+        exec(compile(CODE, "assess.py", "exec"), names)
     said, last = names["said"], names["advice"]
     assert isinstance(said, list)
     assert isinstance(last, outputs.Advice)

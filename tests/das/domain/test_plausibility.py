@@ -29,7 +29,8 @@ from das.domain.plausibility import (
 )
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from tests.support.making import REPOSITORY, make_train
+from docs.studies.reference import as_markdown
+from tests.support.making import make_train
 
 TRAIN = catalogue("vehicles")["re460-ic"].read_text(encoding="utf-8")
 LINE = catalogue("routes")["flat-6km"].read_text(encoding="utf-8")
@@ -240,8 +241,7 @@ def test_a_command_says_once_what_is_unusual_and_refuses_in_one_line(tmp_path: P
 
 
 def test_the_documentation_names_every_check() -> None:
-    page = (REPOSITORY / "docs" / "reference" / "file-formats.md").read_text(encoding="utf-8")
-    said = page.split("## What cannot be meant")[1].split("## Journey")[0]
+    said = as_markdown("plausibility")
     assert all(f"| `{check}`" in said for check in (*VEHICLE_CHECKS, *ROUTE_CHECKS))
 
 

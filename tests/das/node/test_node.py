@@ -166,8 +166,7 @@ def test_node_says_when_its_port_is_taken() -> None:
 
 @pytest.mark.nightly
 def test_the_example_of_the_documentation_is_advised() -> None:
-    text = (REPOSITORY / "docs" / "how-to" / "connect-to-the-bus.md").read_text(encoding="utf-8")
-    example = text.split("```python\n")[1].split("```")[0]
+    example = (REPOSITORY / "docs" / "examples" / "connect.py").read_text(encoding="utf-8")
     ours, theirs = (endpoint(port) for port in free_ports(2))
     example = example.replace("tcp/127.0.0.1:7448", ours).replace("tcp/127.0.0.1:7447", theirs)
     with process("das.node", *FLAT, "--train", "IC1", "--listen", theirs, "--connect", ours) as child:
@@ -187,9 +186,8 @@ def test_the_example_of_the_documentation_is_advised() -> None:
 
 @contextmanager
 def own_publisher(old: str = "", new: str = "") -> Iterator[tuple[Bus, subprocess.Popen[str]]]:
-    """A node, a listener beside it, and the program of docs/how-to/your-own-publisher.md with a part of it replaced."""
-    text = (REPOSITORY / "docs" / "how-to" / "your-own-publisher.md").read_text(encoding="utf-8")
-    example = text.split("```python\n")[1].split("```")[0]
+    """A node, a listener beside it, and docs/examples/own_publisher.py with a part of it replaced."""
+    example = (REPOSITORY / "docs" / "examples" / "own_publisher.py").read_text(encoding="utf-8")
     assert old in example
     ours, theirs, mine = (endpoint(port) for port in free_ports(3))
     example = example.replace("tcp/127.0.0.1:7448", ours).replace("tcp/127.0.0.1:7447", theirs).replace(old, new)

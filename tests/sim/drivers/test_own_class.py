@@ -19,7 +19,7 @@ from sim.plant.plant import force, lever, speed
 from tests.support.flat_days import FLAT
 from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal
 
-PAGE = REPOSITORY / "docs" / "how-to" / "bring-your-own-driver.md"
+EXAMPLE = REPOSITORY / "docs" / "examples" / "my_driver.py"
 WRONG = """
 from sim.plant.plant import lever
 
@@ -78,7 +78,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "fails.py").write_text("x = 1\ny = x.nothing\n")
     (tmp_path / "halves.py").write_text("x = (\n")
     (tmp_path / "needs.py").write_text("import nothing_of_this\n")
-    (tmp_path / "my_driver.py").write_text(PAGE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0])
+    (tmp_path / "my_driver.py").write_text(EXAMPLE.read_text(encoding="utf-8"))
     return tmp_path
 
 

@@ -17,6 +17,7 @@ import pytest
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.levels import Level
+from docs.studies.reference import as_markdown
 from precompute.pool import Made
 from precompute.workers import Workers
 from sim.drivers.kinds import DriverKind, Presentation
@@ -26,7 +27,7 @@ from sim.jobs.runner import attempted
 from sim.world import loop
 from sim.world.outcome import SHARES
 from tests.support.flat_days import FLAT
-from tests.support.making import REPOSITORY, das_sim, refusal, wait_until
+from tests.support.making import das_sim, refusal, wait_until
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
@@ -114,8 +115,7 @@ def test_the_table_has_a_row_for_every_run(first: First) -> None:
 
 
 def test_every_column_is_documented() -> None:
-    page = (REPOSITORY / "docs" / "reference" / "batch-table.md").read_text(encoding="utf-8")
-    said = page.replace("`_ratio`", ", ".join(f"`{name}_ratio`" for name in SHARES))
+    said = as_markdown("batch").replace("`_ratio`", ", ".join(f"`{name}_ratio`" for name in SHARES))
     assert [name for name in COLUMNS if f"`{name}`" not in said] == []
 
 

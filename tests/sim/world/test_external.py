@@ -38,7 +38,7 @@ from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import REPOSITORY, das_sim
 
-PAGE = REPOSITORY / "docs" / "how-to" / "bring-your-own-driver.md"
+EXAMPLE = REPOSITORY / "docs" / "examples" / "external_driver.py"
 HUMAN = "[human]\nbraking_mps2 = {min = 0.4, max = 0.7}\n"
 RESTRICTED = "[[disturbances]]\nkind = 'restriction'\nfrom_m = 1200\nto_m = 1500\nspeed_kmh = 60\nannounced_m = 900\n"
 SILENT = """
@@ -82,7 +82,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "eventful.toml").write_text(FLAT + HUMAN + RESTRICTED + signal_at(4000, 800))
     (folder / "silent.py").write_text(SILENT)
     (folder / "second.py").write_text(SECOND)
-    (folder / "page.py").write_text(PAGE.read_text(encoding="utf-8").split("```python\n")[2].split("```")[0])
+    (folder / "page.py").write_text(EXAMPLE.read_text(encoding="utf-8"))
     return folder
 
 

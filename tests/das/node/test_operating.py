@@ -1,0 +1,72 @@
+"""The operator's page: the commands of its unit and container file start a node, which its health check finds."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import das.domain.catalogue
+from das.bus.session import endpoint, free_ports
+from tests.support.making import REPOSITORY
+from tests.support.node_process import process
+
+EXAMPLES = REPOSITORY / "docs" / "examples"
+CATALOGUE = Path(das.domain.catalogue.__path__[0])
+MOST_MB = 400
+"""Most memory of a node that has started on a short line."""
+
+
+def unit() -> list[str]:
+    (words,) = re.findall(r"^ExecStart=(.*)$", (EXAMPLES / "das-node.service").read_text(), re.MULTILINE)
+    return words.split()
+
+
+def container() -> list[str]:
+    (words,) = re.findall(r"^ENTRYPOINT (.*)$", (EXAMPLES / "Containerfile").read_text(), re.MULTILINE)
+    return list(json.loads(words))
+
+
+def health(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(EXAMPLES / "node_health.py"), *words]
+    return subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.slow
+def test_unit_and_container_have_one_command_which_starts_a_healthy_node(tmp_path: Path) -> None:
+    program, *words = unit()
+    assert Path(program).name == container()[0] == "das-node"
+    assert words == container()[1:]
+    shutil.copy(CATALOGUE / "routes" / "flat-6km.toml", tmp_path / "line.toml")
+    shutil.copy(CATALOGUE / "vehicles" / "re460-ic.toml", tmp_path / "train.toml")
+    (tmp_path / "tables").mkdir()
+    here, there = (endpoint(port) for port in free_ports(2))
+    places = {"/etc/das": str(tmp_path), "/var/lib/das": str(tmp_path)}
+    places |= {"tcp/127.0.0.1:7447": here, "tcp/127.0.0.1:7448": there}
+    for old, new in places.items():
+        words = [word.replace(old, new) for word in words]
+    with process("das.node", *words) as node:
+        assert node.stdout is not None
+        while "listening on" not in (line := node.stdout.readline()):
+            assert line, "the node ended"
+        found = health("IC1", here)
+        assert (found.returncode, found.stdout) == (0, "STATE_WAITING no journey yet\n")
+        status = Path(f"/proc/{node.pid}/status").read_text()
+        assert int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) / 1000 < MOST_MB
+    assert health("IC1", here).returncode == 1
+
+
+def test_the_unit_is_one_that_systemd_reads(tmp_path: Path) -> None:
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("systemd-analyze is missing")
+    text = (EXAMPLES / "das-node.service").read_text().replace("/opt/das/bin/das-node", sys.executable)
+    (tmp_path / "das-node.service").write_text(text)
+    done = subprocess.run(
+        ["systemd-analyze", "verify", tmp_path / "das-node.service"], capture_output=True, text=True, check=False
+    )
+    assert "das-node.service" not in done.stderr, done.stderr
