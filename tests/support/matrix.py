@@ -306,7 +306,7 @@ BOUNDS: Final = (
 
 def bounds_table(rows: Sequence[Judged]) -> Iterator[str]:
     """Every bound beside what was found, as a table of Markdown."""
-    yield "| driver | figure | asked | today's bound | found | |"
+    yield "| driver | figure | asked | today's bound | found | verdict |"
     yield "|---|---|---:|---:|---:|---|"
     for one in BOUNDS:
         found, sign = one.found(rows), "≥" if one.least else "≤"
