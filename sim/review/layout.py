@@ -12,14 +12,13 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import rerun.blueprint as rrb
 
-from das.bus.topics import CAB, EVENT, LOG
 from das.domain.earth import MEAN_RADIUS_M
 from das.domain.units import NS
+from sim.drive.series import BUFFER_PERCENT, QUANTITIES, MapTrack
 from sim.review.cab_display import CAB_CARD, DIAL, EXTENT
 from sim.review.lanes import COST, WAY, lane_entity
 from sim.review.rerun_drawing import BOOKMARKS, BOTTOM, ENERGY, FURNITURE, MARGIN, WIDTH, Timelines
 from sim.review.scene import ReviewScene
-from sim.review.series import BUFFER_PERCENT, QUANTITIES, MapTrack
 
 MARGIN_RATIO: Final = 0.02
 MAP_PX: Final = (380.0, 210.0)
@@ -100,7 +99,9 @@ def _over_time(scene: ReviewScene) -> rrb.Container:
 
 def _cab(scene: ReviewScene) -> list[rrb.View]:
     """What the driver saw at the moment of the cursor; of a recording without a display, what the node advised."""
-    name = "In the cab, as the driver saw it" if scene.recording.of(CAB) else "Driven (the display was not recorded)"
+    name = (
+        "In the cab, as the driver saw it" if scene.drive.table.has("cab") else "Driven (the display was not recorded)"
+    )
     bounds = rrb.VisualBounds2D(x_range=(-EXTENT, EXTENT), y_range=(-EXTENT, 0.8 * EXTENT))
     quiet: dict[Any, Any] = {f"{DIAL}/{part}": rrb.EntityBehavior(interactive=False) for part in ("scale", "figures")}
     words = rrb.TextDocumentView(origin=CAB_CARD, name="The display's words at the cursor")
@@ -117,7 +118,7 @@ def _tabs(scene: ReviewScene, *, with_map: bool) -> list[rrb.View]:
     way = scene.way
     if way is not None:
         found += [_track(way), *([rrb.MapView(origin="map", name="Map", zoom=_zoom(way))] if with_map else [])]
-    if scene.recording.of(EVENT) or scene.recording.of(LOG):
+    if scene.drive.table.said.node or scene.drive.table.said.simulator:
         found.append(rrb.TextLogView(origin="events", name="Log", columns=columns))
     return found
 

@@ -10,13 +10,13 @@ import numpy as np
 from das.domain.units import KM, KMH, KN, kmh, kwh
 from das.drawing.meanings import EFFICIENCY_GREYS, LIGHT, Meaning
 from sim.drive.attribution.causes import OVER_MPS
-from sim.drive.events.event import bookmarks
+from sim.drive.events import bookmarks
+from sim.drive.series import QUANTITIES, STYLES
 from sim.review.canvas import INK, TEXT_POINTS, curve, lane_rows, light_figure, named, page_legend, stops
 from sim.review.lanes import MODE_LANES
 from sim.review.report.findings import DriveFinding
 from sim.review.report.sentences import told_causes
 from sim.review.scene import ReviewScene, Trace, meaning_of
-from sim.review.series import QUANTITIES, STYLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +52,7 @@ def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
     The places of each finding are grey stretches with its number; temporary restrictions are dashed. Below is where
     more energy was lost than by the optimum, if that is known.
     """
-    lost = [trace for trace in scene.over_distance(("place/lost",)) if not scene.drive.not_comparable]
+    lost = [trace for trace in scene.over_distance(("place/lost",)) if not scene.drive.energy.not_comparable]
     figure, axes = light_figure(FIRST_IN[1 : 2 + len(lost)])
     figure.set_figwidth(FIRST_IN[0])
     axis = axes[0]
@@ -157,8 +157,8 @@ def _below(axis: Any, trace: Trace) -> None:
 
 def cause_figure(scene: ReviewScene) -> Figure:
     """The energy above the optimum by cause, as bars in the colours of the causes."""
-    assert scene.drive.attribution is not None
-    parts = told_causes(scene.drive.attribution)[::-1]
+    assert scene.drive.energy.attribution is not None
+    parts = told_causes(scene.drive.energy.attribution)[::-1]
     figure, (axis,) = light_figure((max(BAR_IN * len(parts), 0.8),))
     values = np.array([kwh(energy_j) for _, energy_j in parts])
     colors = [LIGHT.of[meaning_of(cause)] for cause, _ in parts]
@@ -187,7 +187,7 @@ def place_figure(scene: ReviewScene) -> Figure:
 
 def efficiency_figure(scene: ReviewScene) -> Figure:
     """Wheel force of the motors over speed, on the efficiency of the train's traction chain."""
-    attribution = scene.drive.attribution
+    attribution = scene.drive.energy.attribution
     assert attribution is not None
     assert scene.attribution is not None
     section, vehicle = attribution.legs[0].optimum.section, attribution.inputs.vehicle
