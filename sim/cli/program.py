@@ -169,7 +169,7 @@ ENTRIES: Final = (
     ),
 )
 GONE: Final = {
-    "compare": "das-sim report FIRST OTHER…, with --csv for the table that --out wrote",
+    "compare": "das-sim report FIRST OTHER…, with --table for the table that --out wrote",
     "energy": "das-sim report RECORDING --show energy",
     "events": "das-sim report RECORDING --show events, or --show bookmarks",
     "note": "das-sim report RECORDING --note TEXT --at TIME",

@@ -117,10 +117,6 @@ SaveOption = Annotated[
     Path | None,
     typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
 ]
-MapOption = Annotated[
-    bool,
-    typer.Option("--map", help="A map as well; it loads its tiles from OpenStreetMap over the network."),
-]
 LanguageOption = Annotated[
     Language, typer.Option("--language", help="The language of what the driver's display shows.")
 ]
@@ -142,9 +138,9 @@ def report(
         list[ReportPart] | None,
         typer.Option("--show", help="What to print of each drive; may be given several times [default: words]."),
     ] = None,
-    csv: Annotated[
+    table: Annotated[
         Path | None,
-        typer.Option("--csv", metavar="FILE", help="Table (.csv) of the drives that are compared: a row every 10 m."),
+        typer.Option("--table", metavar="FILE", help="Table (.csv) of the drives that are compared: a row every 10 m."),
     ] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
@@ -152,10 +148,10 @@ def report(
     """Write a report about recorded drives: one page for an instructor, then figures, pictures and what happened."""
     parts = tuple(show or (ReportPart.WORDS,))
     paged = any(path is not None for path in written.paths)
-    _check_asked(files, parts, listed, csv)
+    _check_asked(files, parts, listed, table)
     if paged or as_json:
         check_packages("view", "jinja2", "matplotlib")
-    written.check(files, csv, overwrite=overwrite)
+    written.check(files, table, overwrite=overwrite)
     noted.add(files)
     if not paged and not as_json and len(files) == 1 and not {ReportPart.WORDS, ReportPart.ENERGY} & {*parts}:
         _print_listed(files[0], parts, listed)
@@ -167,23 +163,23 @@ def report(
         subjects = [subject_of(path) for path in files]
         aligned, not_compared = compared(subjects)
     written.write(lambda: page(subjects, aligned, not_compared))
-    if csv is not None:
-        _write_csv(csv, aligned, not_compared)
+    if table is not None:
+        _write_csv(table, aligned, not_compared)
     if as_json:
         print(json.dumps(as_dict(subjects, aligned, not_compared)))
         return
     for subject in subjects:
         _print_parts(subject.drive, parts, listed)
     _print_comparison(aligned, not_compared)
-    tell_written(*written.paths, csv)
+    tell_written(*written.paths, table)
 
 
-def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, csv: Path | None) -> None:
+def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, table: Path | None) -> None:
     """Raise DasError for options that would have no effect."""
     if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
         raise DasError("--kind, --from and --to choose events: expected --show events or --show bookmarks beside them")
-    if csv is not None and len(files) < 2:
-        raise DasError("--csv: expected two recordings or more, of which the first is the one to compare with")
+    if table is not None and len(files) < 2:
+        raise DasError("--table: expected two recordings or more, of which the first is the one to compare with")
 
 
 def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
@@ -212,7 +208,7 @@ def _write_csv(path: Path, aligned: AlignedDrives | None, not_compared: str) -> 
     from sim.drive.comparison import as_csv
 
     if aligned is None:
-        raise DasError(f"--csv: {not_compared}")
+        raise DasError(f"--table: {not_compared}")
     write_whole(path, as_csv(aligned))
 
 
@@ -333,7 +329,6 @@ def view(
     overwrite: OverwriteOption = False,
     start: FromTimeOption = None,
     end: ToTimeOption = None,
-    with_map: MapOption = False,
     language: LanguageOption = Language.EN,
     of_train: OfTrainOption = None,
 ) -> None:
@@ -353,8 +348,8 @@ def view(
         other = None if beside is None else Drive.read(beside)
         check_one_line([drive] if other is None else [drive, other])
     if save is None:
-        open_view(drive, ViewerChoice(other, with_map, language))
+        open_view(drive, ViewerChoice(other, language))
         return
     with busy(f"writing {save} …"):
-        save_view(drive, save, ViewerChoice(other, with_map, language))
+        save_view(drive, save, ViewerChoice(other, language))
     tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")

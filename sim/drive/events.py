@@ -23,7 +23,7 @@ from das.domain.units import KM, NS, PERCENT, kmh
 from sim.drive.calls import NEAR_M, KeptCall
 from sim.drive.limits import signals, spans_above, temporary_limits
 from sim.drive.notes import read_notes
-from sim.drive.table import DriveTable, PlanMade
+from sim.drive.table import HOLDS_NS, HOLDS_S, DriveTable, PlanMade
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.presentations.presenter import ShownRegime
 from sim.recording.course import DriveClock, DrivenCourse, Floats
@@ -133,8 +133,6 @@ MUCH_OVER_KMH: Final = 3.0
 """A train this much (km/h) above the limit was too fast by more than the error of a speedometer and of the sampling."""
 LONG_OVER_S: Final = 5.0
 """A train that is above the limit for this long (s) did not only touch it."""
-LONG_SILENT_S: Final = 3.0
-"""The driver does not notice a shorter silence (s), because the display keeps its advice for this long."""
 LONG_AWAY_S: Final = 10.0
 """Attention that is away for this long (s) is more than a look at something else."""
 LARGE_DEVIATION_S: Final = 60.0
@@ -176,9 +174,9 @@ def _mark(one: DriveEvent) -> str:
             return "too fast"
         case EventKind.BEYOND_TRAIN if one.facts["over_kmh"] >= MUCH_OVER_KMH or one.facts["lasted_s"] >= LONG_OVER_S:
             return "another train?"
-        case EventKind.WITHDRAWAL if lasted_s >= LONG_SILENT_S:
+        case EventKind.WITHDRAWAL if lasted_s >= HOLDS_S:
             return "advice withdrawn"
-        case EventKind.LAPSE if lasted_s >= LONG_SILENT_S:
+        case EventKind.LAPSE if lasted_s >= HOLDS_S:
             return "nothing heard"
         case EventKind.DRIVER if one.facts.get("followed") is False:
             return REFUSED
@@ -217,9 +215,6 @@ def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
     """All bookmarks in order of time: those that the program made, and the notes of people."""
     return tuple(one for one in events if one.mark or one.kind is EventKind.NOTE)
 
-
-HEARD_NS: Final = 3_000_000_000
-"""A message that withdraws the advice does not say how long it is valid; it counts for this long (ns)."""
 
 NOT_HEARD: Final = "the node is not heard"
 
@@ -270,7 +265,7 @@ def _silent(table: DriveTable, first_ns: int, last_ns: int) -> Iterator[tuple[Sp
         if time_ns > heard_ns:
             yield Span(heard_ns, time_ns, NOT_HEARD), NOT_HEARD
         next_ns = times_ns[row + 1] if row + 1 < len(times_ns) else last_ns
-        heard_ns = min(next_ns, max(valid_ns[row], time_ns + HEARD_NS))
+        heard_ns = min(next_ns, max(valid_ns[row], time_ns + HOLDS_NS))
         if sources[row] == Source.NONE:
             yield Span(time_ns, heard_ns, withdrawal_words(reasons[row], causes[row])), causes[row]
     if times_ns:
@@ -298,8 +293,6 @@ def points(table: DriveTable) -> tuple[Point, ...]:
     return tuple(found.values())
 
 
-NEWS_NS: Final = 3_000_000_000
-"""A plan made within this time (ns) after, say, a new restriction counts as caused by it: solving takes time."""
 OFF_PLAN_MPS: Final = 0.3
 """A train whose speed differs by at least this (m/s) from the plan has left the plan."""
 OFF_PLAN_S: Final = 1.0
@@ -339,7 +332,7 @@ def new_plans(table: DriveTable) -> tuple[NewPlan, ...]:
             continue
         if before is not None and plan.s_m[-1] <= before.s_m[-1] + 1.0:
             last = bisect_right(moments, plan.time_ns) - 1
-            fresh = last >= 0 and plan.time_ns - moments[last] <= NEWS_NS
+            fresh = last >= 0 and plan.time_ns - moments[last] <= HOLDS_NS
             found.append(NewPlan(plan.time_ns, news[last][1] if fresh else _off_plan(before, plan)))
         before = plan
     return tuple(found)

@@ -18,7 +18,7 @@ from das.advice.goal import OVERSPEED_MPS
 from das.advice.regimes import KIND_OF, InstructionKind, Regime
 from das.advice.shown import TARGET_STEP_MPS, step_below
 from das.domain.units import KMH, NS
-from sim.drive.table import DriveTable
+from sim.drive.table import HOLDS_S, DriveTable
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 
 ANNOUNCED_S: Final = 8.0
@@ -43,8 +43,6 @@ MOVING_MPS: Final = 0.3
 """A train slower than this stands."""
 REMEMBERED: Final = 60
 """The announcements of this many seconds are remembered."""
-GAP_S: Final = 3.0
-"""Two advices that are further apart than this (s) are not compared."""
 
 
 _Task = tuple[InstructionKind, int]
@@ -234,7 +232,7 @@ class InstructionWatch:
         if told is not None and advice.speed_mps < MOVING_MPS:
             self._counts["standing_s"] += told.kind is InstructionKind.TRACTION
             told = None
-        before = self._now if time_s - self._at_s <= GAP_S else None
+        before = self._now if time_s - self._at_s <= HOLDS_S else None
         self._at_s = time_s
         self._reliance.look(told, advice, force_n)
         if told is None:

@@ -159,10 +159,9 @@ class FirstPlans:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapTrack:
-    """The positions of the trip on the map: WGS 84, and in a plane (m east and m south of their middle)."""
+    """The positions of the trip in a plane (m east and m south of their middle)."""
 
     time_ns: Times
-    degrees: Floats
     plane_m: Floats
 
     @classmethod
@@ -178,7 +177,6 @@ class MapTrack:
         north, east = (np.radians(degrees - middle) * MEAN_RADIUS_M).T
         return cls(
             time_ns=time_ns,
-            degrees=degrees,
             plane_m=np.column_stack((east * np.cos(np.radians(middle[0])), -north)),
         )
 

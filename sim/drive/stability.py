@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from sim.drive.table import DriveTable
+from sim.drive.table import HOLDS_S, DriveTable
 from sim.drivers.presentations.presenter import Shown
 
 MOST_CHANGES_PER_MIN: Final = 2.0
@@ -17,8 +17,6 @@ SHORTEST_MODE_S: Final = 8.0
 REVERSAL_S: Final = 10.0
 """Traction and braking, in either order, with less than this (s) between them are a reversal."""
 A_SECOND_NS: Final = 1_000_000_000
-GAP_S: Final = 3.0
-"""Two looks at the display that are further apart than this (s) are not compared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,13 +81,13 @@ class ShownWatch:
         shown = shown if under_way else None
         before, span_s = self._before, time_s - self._before_s
         self._before, self._before_s = shown, time_s
-        if before is not None and span_s <= GAP_S:
+        if before is not None and span_s <= HOLDS_S:
             self._shown_s += span_s
         else:
             self._mode_since_s, self._effort_side, self._neither_since_s = time_s, 0, math.inf
         if shown is None:
             return
-        if before is not None and span_s <= GAP_S and shown != before:
+        if before is not None and span_s <= HOLDS_S and shown != before:
             self._changes += 1
             if shown.mode is not before.mode:
                 self._mode_ended(time_s, before.mode, shown.mode)

@@ -24,6 +24,7 @@ from das.bus.topics import Topic
 from das.cab.heard import OrderedStop
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
+from das.domain.units import NS
 from sim.drive.above_optimum import AboveOptimum
 from sim.drivers.cab import KINDS, AdviceView
 from sim.drivers.kinds import Presentation
@@ -50,6 +51,13 @@ NUMBERS: Final[Mapping[Topic, str]] = {
     topics.CAB: ("presentation mode advised_speed_mps advised_lever_ratio limit_mps signal_m lever_ratio look"),
 }
 """The columns of numbers, by their topics."""
+
+
+HOLDS_S: Final = 3.0
+"""A message counts for this long (s) after its moment: messages come once a second, and two may be lost. What lasted no
+longer was not noticed, and what came no longer before a plan is its cause."""
+HOLDS_NS: Final = round(HOLDS_S / NS)
+"""`HOLDS_S` in ns."""
 
 
 class JourneyTold(NamedTuple):

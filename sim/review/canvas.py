@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
 from das.drawing.colors import look_of
-from das.drawing.meanings import COMPARED, LIGHT, Theme
+from das.drawing.meanings import COMPARED, LIGHT
 from sim.drive.series import QUANTITIES, STYLES
 from sim.recording.course import Floats, Times
 from sim.review.lanes import Lane, instructions
@@ -37,34 +37,29 @@ Along = Callable[[Times], Floats]
 """Returns where times (ns) lie on an axis."""
 
 
-def curve(axis: Any, name: str, x: Floats, values: Floats, theme: Theme) -> None:
+def curve(axis: Any, name: str, x: Floats, values: Floats) -> None:
     """Draw a series in its style, unless it has no value."""
     style = STYLES[name]
     if np.isfinite(values).any():
         axis.plot(
-            x, values, color=theme.of[style.meaning], linewidth=LINE_RATIO * style.width,
+            x, values, color=LIGHT.of[style.meaning], linewidth=LINE_RATIO * style.width,
             drawstyle="steps-post" if style.held else "default", label=style.label,
             zorder=2.5 if name == "speed/limit" else 2.0,
         )  # fmt: skip
 
 
-def rows(axis: Any, names: Sequence[str], theme: Theme) -> None:
-    """Divide an axis into named rows, one below the other."""
-    axis.set_ylim(len(names), 0.0)
-    axis.set_yticks(np.arange(len(names)) + 0.5, names)
-    axis.tick_params(axis="y", length=0.0, labelcolor=theme.ink)
-    axis.grid(visible=False, axis="y")
-
-
-def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along, theme: Theme) -> dict[str, str]:
+def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along) -> dict[str, str]:
     """Draw lanes of states up to a moment (ns), each in a row; return the colours of the states that need a legend."""
     named: dict[str, str] = {}
-    rows(axis, [lane.name for lane in lanes], theme)
+    axis.set_ylim(len(lanes), 0.0)
+    axis.set_yticks(np.arange(len(lanes)) + 0.5, [lane.name for lane in lanes])
+    axis.tick_params(axis="y", length=0.0, labelcolor=INK)
+    axis.grid(visible=False, axis="y")
     for row, lane in enumerate(lanes):
         for change, following in pairwise([*lane.changes, lane.changes[-1]._replace(time_ns=end_ns)]):
             start, end = along(_times(change.time_ns, following.time_ns))
             if change.state:
-                color = lane.color(change.state, theme)
+                color = lane.color(change.state, LIGHT)
                 axis.broken_barh([(start, end - start)], (row + 0.08, 0.84), facecolor=color, edgecolor=color, lw=0.8)
                 if len(lane.colors) > 2 and lane.name != "no advice":
                     named.setdefault(change.state, color)
@@ -74,7 +69,6 @@ def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along, theme
 def name_stops(
     axis: Any,
     stops: Sequence[tuple[str, float]],
-    theme: Theme,
     at_points: tuple[float, float] = NAMES_AT_POINTS,
 ) -> None:
     """Write the names of stops (name, place on the axis) above the axis, as far as they do not cover each other."""
@@ -90,7 +84,7 @@ def name_stops(
         ends[row] = start + width
         axis.annotate(
             name, (start + 0.5 * width, 1.0), (0.0, at_points[row]), xycoords="axes fraction",
-            textcoords="offset points", ha="center", color=theme.ink, fontsize=SMALL + 1.0,
+            textcoords="offset points", ha="center", color=INK, fontsize=SMALL + 1.0,
         )  # fmt: skip
 
 
@@ -156,7 +150,7 @@ def stops(
     for _, s_m in places:
         axis.axvline(s_m / KM, color=INK, linewidth=0.6, alpha=0.4)
     if written:
-        name_stops(axis, [(name, s_m / KM) for name, s_m in places], LIGHT, at_points)
+        name_stops(axis, [(name, s_m / KM) for name, s_m in places], at_points)
 
 
 def as_image(figure: Figure) -> str:
@@ -183,7 +177,7 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     figure, axes = light_figure((2.6, *(SAID_IN if _has_words(lane) else STRIP_IN for _, lane in said), 1.3, 1.3))
     (speed, *told), (time, energy) = axes[:-2], axes[-2:]
     at_km = aligned.s_m / KM
-    curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps), LIGHT)
+    curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps))
     for i, drive in enumerate(aligned.drives):
         style = {**look_of(i, COMPARED), "linewidth": 1.4}
         speed.plot(at_km, kmh(aligned.speed_mps[i]), label=drive.label, **style)

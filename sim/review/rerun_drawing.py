@@ -132,7 +132,7 @@ class Timelines:
         return self.of(np.rint(time_ns * NS).astype(np.int64) * round(1 / NS))
 
 
-def send(out: rr.RecordingStream, scene: ReviewScene, language: Language, *, with_map: bool) -> None:
+def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> None:
     """Send everything to rerun that is to be shown, except the energy attribution; the display is in a language."""
     out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
     lines = Timelines.of_scene(scene)
@@ -145,7 +145,7 @@ def send(out: rr.RecordingStream, scene: ReviewScene, language: Language, *, wit
     _events(out, lines, scene)
     send_cab(out, lines.of, scene, DisplayWords(language, scene.drive.table.zone))
     if scene.way is not None:
-        _location(out, lines, scene.way, scene, with_map=with_map)
+        _location(out, lines, scene.way, scene)
     _over_distance(out, lines, scene)
     out.log("summary", rr.TextDocument(summary(scene.drive, scene.filled_from), media_type=MARKDOWN), static=True)
 
@@ -233,8 +233,8 @@ def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> No
         out.send_columns("events", lines.in_seconds(time_ns), columns)
 
 
-def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: ReviewScene, *, with_map: bool) -> None:
-    """Send the track in a plane, coloured by speed, with the stops; and on the map if that is wanted."""
+def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: ReviewScene) -> None:
+    """Send the track in a plane, coloured by speed, with the stops."""
     index, trip = lines.of(way.time_ns), lines.trip
     radius, dot = rr.Radius.ui_points(2.5), rr.Radius.ui_points(7.0)
     ends = np.unique(np.linspace(0, len(way.time_ns) - 1, TRACK_PIECES + 1).astype(int))
@@ -246,10 +246,6 @@ def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: R
     _track_stops(out, way, scene)
     out.log("track/train", rr.Points2D.from_fields(colors=TRAIN, radii=dot), static=True)
     out.send_columns("track/train", index, rr.Points2D.columns(positions=way.plane_m))
-    if with_map:
-        out.log("map/way", rr.GeoLineStrings(lat_lon=[way.degrees], colors=TRAIN, radii=radius), static=True)
-        out.log("map/train", rr.GeoPoints.from_fields(colors=TRAIN, radii=dot), static=True)
-        out.send_columns("map/train", index, rr.GeoPoints.columns(positions=way.degrees))
 
 
 def _track_stops(out: rr.RecordingStream, way: MapTrack, scene: ReviewScene) -> None:

@@ -35,16 +35,15 @@ CLOSING_S: Final = 5.0
 
 
 class ViewerChoice(NamedTuple):
-    """What a user chooses for the viewer: another drive whose curves lie under those of the recording, whether there is
-    a map, and the language of the display."""
+    """What a user chooses for the viewer: another drive whose curves lie under those of the recording, and the language
+    of the display."""
 
     beside: Drive | None = None
-    with_map: bool = False
     language: Language = Language.EN
 
 
 PLAIN: Final = ViewerChoice()
-"""One drive, no map, the display in English."""
+"""One drive, the display in English."""
 
 
 def save_view(drive: Drive, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> None:
@@ -97,8 +96,8 @@ def _send(
     from sim.review.rerun_drawing import send, send_attribution
 
     with rr.RecordingStream(APPLICATION, recording_id=scene.drive.name) as out:
-        attach(out, blueprint(scene, with_map=chosen.with_map))
-        send(out, scene, chosen.language, with_map=chosen.with_map)
+        attach(out, blueprint(scene))
+        send(out, scene, chosen.language)
         out.flush()
         send_attribution(out, scene.with_attribution())
         out.flush()

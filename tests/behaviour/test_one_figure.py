@@ -141,7 +141,7 @@ def slow_train(folder: Path, max_speed_kmh: int) -> str:
 def test_a_simulated_day_has_one_set_of_figures(folder: Path) -> None:
     told = json.loads((folder / "none.json").read_text())
     api = sim.run_day(folder / "flat.toml", 1, driver="human", advice="none").outcome
-    energy = run(folder, "energy", "none.mcap")
+    energy = run(folder, "report", "none.mcap")["drives"][0]["energy"]
     compared = check_same(
         run=figures(told), api=figures(api), energy=figures(energy), **of_recording(folder / "none.mcap")
     )
@@ -277,7 +277,7 @@ def test_a_cut_recording_is_refused_by_every_command_in_the_same_words(folder: P
     (folder / "cut.mcap").write_bytes(whole[: len(whole) // 2])
     assert not Drive.read(folder / "cut.mcap").recording.complete
     assert of_recording(folder / "cut.mcap")["report"]["not_comparable"] == NOT_WHOLE
-    for command in (("cut.mcap", "--show", "energy"), ("none.mcap", "cut.mcap", "--csv", "both.csv")):
+    for command in (("cut.mcap", "--show", "energy"), ("none.mcap", "cut.mcap", "--table", "both.csv")):
         refused = das_sim("report", *command, cwd=folder)
         assert refused.returncode == 2
         assert refused.stderr.endswith(f"cut.mcap: not comparable: {NOT_WHOLE}\n")

@@ -14,7 +14,7 @@ from das.advice.advice import Source
 from das.advice.regimes import Regime
 from das.domain.trajectory import Trajectory
 from das.domain.vehicle import Vehicle
-from sim.drive.table import DriveTable
+from sim.drive.table import HOLDS_NS, DriveTable
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of, shown_presentation
 from sim.options import WhatIfKind
 from sim.recording.course import Floats, Times
@@ -103,10 +103,6 @@ BY_SPEED: Final = frozenset(
 """Causes about the speed at which the train was driven."""
 
 
-VALID_NS = 3_000_000_000
-"""A message about the cab counts for this long (ns)."""
-
-
 class Seen(NamedTuple):
     """Advice that a driver saw: mode, speed (m/s), effort as a share of the largest (NaN: none).
 
@@ -165,7 +161,7 @@ class ShownAdvice:
     def at(self, time_ns: int) -> Seen | None:
         """What the driver saw at a time; None for nothing."""
         last = int(np.searchsorted(self.time_ns, time_ns, side="right")) - 1
-        if last < 0 or not self.shown[last] or time_ns - int(self.time_ns[last]) > VALID_NS:
+        if last < 0 or not self.shown[last] or time_ns - int(self.time_ns[last]) > HOLDS_NS:
             return None
         number = int(self.mode[last])
         return Seen(
@@ -195,7 +191,7 @@ def _speed_is(number: int, mode: int) -> SpeedIs:
     return presenter_of(presentation).speed_is(mode)
 
 
-OVER_MPS: Final = 2.0 / 3.6
+APART_MPS: Final = 2.0 / 3.6
 """A speed this far (m/s) from the advised one is against the advice: displays show whole km/h, drivers keep within one
 or two."""
 SAME_MPS: Final = 1.0 / 3.6
@@ -262,7 +258,7 @@ class Judge:
         return _by_best(now)
 
     def _by_advice(self, now: Moment, seen: Seen) -> EnergyCause:
-        over = now.speed_mps > seen.speed_mps + OVER_MPS and seen.speed_mps > 0
+        over = now.speed_mps > seen.speed_mps + APART_MPS and seen.speed_mps > 0
         slowing = seen.mode in (Regime.COAST, *BRAKING) and not seen.top_only
         if slowing and not self._coasting_due:
             self._was_over = self._over_moments >= LASTS
@@ -300,7 +296,7 @@ def _other_effort(now: Moment, seen: Seen) -> bool:
         return seen.mode in PULLING and now.brakes
     more = max(seen.lever_ratio - seen.advised_ratio, now.driven_ratio - max(seen.advised_ratio, 0.0))
     less = seen.advised_ratio - seen.lever_ratio
-    faster, slower = now.speed_mps > seen.speed_mps - SAME_MPS, now.speed_mps < seen.speed_mps - OVER_MPS
+    faster, slower = now.speed_mps > seen.speed_mps - SAME_MPS, now.speed_mps < seen.speed_mps - APART_MPS
     return (more > EFFORT_RATIO and faster) or (less > EFFORT_RATIO and slower)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from das.domain.units import KM, KMH, KN, kmh, kwh
 from das.drawing.meanings import EFFICIENCY_GREYS, LIGHT, Meaning
-from sim.drive.attribution.causes import OVER_MPS
+from sim.drive.attribution.causes import APART_MPS
 from sim.drive.events import bookmarks
 from sim.drive.series import QUANTITIES, STYLES
 from sim.review.canvas import INK, TEXT_POINTS, curve, lane_rows, light_figure, named, page_legend, stops
@@ -115,7 +115,7 @@ def drive_figure(scene: ReviewScene) -> Figure:
     figure, axes = light_figure([*heights_in, *(HEIGHTS_IN[trace.quantity] for trace in below)])
     _speeds(axes[0], scene)
     if lanes:
-        modes = lane_rows(axes[1], lanes, int(scene.trip.time_ns[-1]), scene.km_at, LIGHT)
+        modes = lane_rows(axes[1], lanes, int(scene.trip.time_ns[-1]), scene.km_at)
         page_legend(axes[1], modes)
     for axis, trace in zip(axes[len(heights_in) :], below, strict=True):
         _below(axis, trace)
@@ -127,7 +127,7 @@ def drive_figure(scene: ReviewScene) -> Figure:
 
 def _draw(axis: Any, trace: Trace) -> None:
     """Draw a series over distance in its style, and name the axis."""
-    curve(axis, trace.name, trace.s_m / KM, trace.values, LIGHT)
+    curve(axis, trace.name, trace.s_m / KM, trace.values)
     named(axis, y=QUANTITIES[trace.quantity].title)
 
 
@@ -148,7 +148,7 @@ def _below(axis: Any, trace: Trace) -> None:
         _draw(axis, trace)
         axis.axhline(0.0, color=INK, linewidth=0.7)
         return
-    over_kmh, values = OVER_MPS / KMH, np.clip(trace.values, -MOST_APART_KMH, MOST_APART_KMH)
+    over_kmh, values = APART_MPS / KMH, np.clip(trace.values, -MOST_APART_KMH, MOST_APART_KMH)
     axis.axhspan(-over_kmh, over_kmh, color=LIGHT.grid, alpha=0.6, linewidth=0.0)
     _draw(axis, trace._replace(values=values))
     reach = 1.1 * max(float(np.nanmax(np.abs(values))), 2.0 * over_kmh)

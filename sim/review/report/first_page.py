@@ -7,7 +7,7 @@ them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from das.domain.errors import DasError
@@ -37,11 +37,15 @@ MOST_CHANGES: Final = 2
 
 
 class PageFigure(NamedTuple):
-    """One of the four figures: its name, its value in words, and what must be known beside it."""
+    """One of the four figures: its name, its value in words, what must be known beside it, and it for programs.
+
+    `told` has names with units (s, m/s, kWh); None stands for what is not known.
+    """
 
     name: str
     value: str
     beside: str
+    told: Mapping[str, Any]
 
 
 def last_arrival(drive: Drive) -> KeptCall | None:
@@ -62,17 +66,21 @@ def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
 
 def _arrival(drive: Drive) -> PageFigure:
     name, call, clock = "Arrival against the timetable", last_arrival(drive), drive.table.clock
+    told = {
+        "arrived_at": None if call is None else call.name,
+        "arrived_late_s": None if call is None else call.arrived_late_s,
+    }
     if drive.table.own_timetable:
         arrived = [
             f"at {one.name}: there {clock.of_day(one.arrived_ns)}; " for one in drive.served[1:] if one.arrived_ns
         ]
-        return PageFigure(name, NOT_KNOWN, f"{''.join(arrived[-1:])}no timetable was given")
+        return PageFigure(name, NOT_KNOWN, f"{''.join(arrived[-1:])}no timetable was given", told)
     if call is None:
-        return PageFigure(name, NOT_KNOWN, "no arrival with a time in the timetable was recorded")
+        return PageFigure(name, NOT_KNOWN, "no arrival with a time in the timetable was recorded", told)
     there = f"there {clock.of_day(call.arrived_ns)}"
     early_end = "" if call is drive.calls[-1] else ", the last stop with a known arrival"
     beside = f"at {call.name}{early_end}: due {clock.of_day(call.due_arrival_ns)}, {there}{_price(drive, call)}"
-    return PageFigure(name, lateness_text(call.arrived_late_s), beside)
+    return PageFigure(name, lateness_text(call.arrived_late_s), beside, told)
 
 
 def _price(drive: Drive, call: KeptCall) -> str:
@@ -88,22 +96,32 @@ def _price(drive: Drive, call: KeptCall) -> str:
 
 def _driven(drive: Drive) -> PageFigure:
     name, driven_j = "Energy driven", drive.energy.driven_j
+    told = {
+        "energy_kwh": None if driven_j is None else kwh(driven_j),
+        "measured": drive.energy.measured,
+        "train_known": train_known(drive),
+    }
     if driven_j is None:
         beside = "for the reason beside it" if drive.energy.not_comparable else drive.energy.why_no_attribution
-        return PageFigure(name, NOT_KNOWN, beside)
+        return PageFigure(name, NOT_KNOWN, beside, told)
     how = "as simulated" if drive.energy.measured else "computed from positions"
     doubt = ", if it was this train" if _right_train(drive) else ""
-    return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}{doubt}")
+    return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}{doubt}", told)
 
 
 def _above(drive: Drive) -> PageFigure:
     name, above = "Energy above the optimum", drive.energy.above
     if above is None or drive.energy.not_comparable:
-        return PageFigure(name, NOT_COMPARABLE, drive.energy.not_comparable)
+        nothing = dict.fromkeys(("above_optimum_kwh", "above_optimum_ratio"))
+        return PageFigure(name, NOT_COMPARABLE, drive.energy.not_comparable, nothing)
     share = [] if above.ratio is None else [percent_of_optimum(above.ratio)]
     doubt = ["if it was this train"] if _right_train(drive) else []
     beside = "; ".join([*share, *doubt, *_likely(drive)])
-    return PageFigure(name, energy_words(above.above_j or 0.0, None), beside)
+    told = {
+        "above_optimum_kwh": None if above.above_j is None else kwh(above.above_j),
+        "above_optimum_ratio": above.ratio,
+    }
+    return PageFigure(name, energy_words(above.above_j or 0.0, None), beside, told)
 
 
 def _likely(drive: Drive) -> list[str]:
@@ -147,11 +165,12 @@ def beyond_ratio(drive: Drive) -> float:
 
 def _over_limit(drive: Drive) -> PageFigure:
     name, found = "Time above the limit", drive.violations
+    told = {"over_limit_s": found.over_limit_s, "over_limit_mps": found.over_limit_mps}
     if found.over_limit_s:
-        return PageFigure(name, f"{found.over_limit_s:.0f} s", f"by up to {kmh(found.over_limit_mps):.0f} km/h")
+        return PageFigure(name, f"{found.over_limit_s:.0f} s", f"by up to {kmh(found.over_limit_mps):.0f} km/h", told)
     if not drive.limit_known:
-        return PageFigure(name, NOT_KNOWN, "the recording does not bring its line along")
-    return PageFigure(name, "0 s", "no limit was exceeded by more than 1 km/h")
+        return PageFigure(name, NOT_KNOWN, "the recording does not bring its line along", dict.fromkeys(told))
+    return PageFigure(name, "0 s", "no limit was exceeded by more than 1 km/h", told)
 
 
 def how_sure(drive: Drive) -> list[str]:
@@ -216,20 +235,8 @@ def _range_sure(drive: Drive) -> list[str]:
 
 def first_page_dict(drive: Drive) -> dict[str, Any]:
     """The first page for programs: s, m/s, m and kWh; None stands for what is not known."""
-    call, above = last_arrival(drive), None if drive.energy.not_comparable else drive.energy.above
-    over_known = drive.limit_known or drive.violations.over_limit_s > 0.0
-    return {
-        "arrived_at": None if call is None else call.name,
-        "arrived_late_s": None if call is None else call.arrived_late_s,
-        "energy_kwh": None if drive.energy.driven_j is None else kwh(drive.energy.driven_j),
-        "measured": drive.energy.measured,
-        "train_known": train_known(drive),
-        "above_optimum_kwh": None if above is None or above.above_j is None else kwh(above.above_j),
-        "above_optimum_ratio": None if above is None else above.ratio,
-        "over_limit_s": drive.violations.over_limit_s if over_known else None,
-        "over_limit_mps": drive.violations.over_limit_mps if over_known else None,
-        "findings": [one.as_dict(drive.table.clock) for one in findings(drive)],
-    }
+    figures = {name: value for one in page_figures(drive) for name, value in one.told.items()}
+    return {**figures, "findings": [one.as_dict(drive.table.clock) for one in findings(drive)]}
 
 
 def page_dict(drive: Drive) -> dict[str, Any]:

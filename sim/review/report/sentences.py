@@ -13,24 +13,21 @@ import numpy as np
 from das.domain.units import KM, NS, kmh, kwh
 from sim.drive.above_optimum import EnergyBand, percent_of_optimum
 from sim.drive.attribution.attribution import Attribution
-from sim.drive.attribution.causes import OVER_MPS, EnergyCause
+from sim.drive.attribution.causes import APART_MPS, EnergyCause
 from sim.drive.attribution.worst import elsewhere, worst_places
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, lateness_text, place_text, times_text
+from sim.drive.table import HOLDS_S
 from sim.drivers.kinds import DriverKind, External, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
-from sim.recording.opening import WHAT_IF
-from sim.runs.what_if.origin import CHANGED, OF
-from sim.world.disturbances import NOTHING
+from sim.recording.opening import CHANGED, NOTHING, OF, WHAT_IF
 
 MAIN_CAUSES: Final = 3
 """The paragraph names at most this many causes."""
 NAMED_KWH: Final = 0.1
 """The paragraph does not name a cause of less than this (kWh)."""
-LASTS_S: Final = 3.0
-"""A display message counts as shown for at most this long (s) if no other follows."""
 RIGHT_TRAIN: Final = "Is it the right train?"
 LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not bring its line along."
 DRIVERS: Final[Mapping[str, str]] = {
@@ -191,7 +188,7 @@ def _kept(drive: Drive) -> list[str]:
     if followed is not None:
         lasted = spell(shown_s(drive))
         told.append(
-            f"While a speed to keep was shown (for {lasted}), it drove within {kmh(OVER_MPS):.0f} km/h of it "
+            f"While a speed to keep was shown (for {lasted}), it drove within {kmh(APART_MPS):.0f} km/h of it "
             f"{followed:.0%} of the time."
         )
     gone = [one for one in events if one.kind is EventKind.WITHDRAWAL]
@@ -234,7 +231,7 @@ def compliance(drive: Drive) -> float | None:
         return None
     apart_mps = (speed_mps - shown.speed_mps)[given]
     apart_mps = np.where(shown.top_only[given], np.maximum(apart_mps, 0.0), apart_mps)
-    return float((np.abs(apart_mps) <= OVER_MPS).mean())
+    return float((np.abs(apart_mps) <= APART_MPS).mean())
 
 
 def shown_s(drive: Drive) -> float:
@@ -243,7 +240,7 @@ def shown_s(drive: Drive) -> float:
     if len(shown.time_ns) < 2:
         return 0.0
     given = shown.comparable & (trip.at(shown.time_ns, trip.speed_mps) > 1.0)
-    lasts_s = np.minimum(np.diff(shown.time_ns, append=shown.time_ns[-1]) * NS, LASTS_S)
+    lasts_s = np.minimum(np.diff(shown.time_ns, append=shown.time_ns[-1]) * NS, HOLDS_S)
     return float(lasts_s[given].sum())
 
 

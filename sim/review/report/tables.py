@@ -12,7 +12,7 @@ from das.advice.regimes import mode_name
 from das.domain.levels import Level
 from das.domain.units import NS, kmh, kwh
 from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
-from sim.drive.attribution.causes import OVER_MPS, EnergyCause
+from sim.drive.attribution.causes import APART_MPS, EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_text
 from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
@@ -58,7 +58,7 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     followed = compliance(drive)
     if followed is not None:
         share = f"{followed:.0%} of {spell(shown_s(drive))}"
-        rows.append((f"within {kmh(OVER_MPS):.0f} km/h of a speed shown to keep", share))
+        rows.append((f"within {kmh(APART_MPS):.0f} km/h of a speed shown to keep", share))
     answers = [one.facts for one in events if "followed" in one.facts]
     if answers:
         seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]

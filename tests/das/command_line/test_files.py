@@ -33,7 +33,7 @@ WRITERS = {
     "recover": ("das-sim", "recover", DAY, "-o", "out.mcap"),
     "what-if": ("das-sim", "what-if", DAY, "-o", "out.mcap"),
     "report": ("das-sim", "report", DAY, "-o", "out.html"),
-    "report --csv": ("das-sim", "report", DAY, REPLAY, "--csv", "out.csv"),
+    "report --table": ("das-sim", "report", DAY, REPLAY, "--table", "out.csv"),
     "view --save": ("das-sim", "view", DAY, "--save", "out.rrd"),
     "trip": ("das-sim", "trip", DAY, "--out", "out.csv"),
     "trip --plot": ("das-sim", "trip", DAY, "--plot", "out.svg"),

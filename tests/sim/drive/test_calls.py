@@ -45,11 +45,10 @@ def test_a_part_of_a_drive_has_the_stops_of_that_part() -> None:
 
 def test_names_of_near_stops_are_in_two_rows_and_none_covers_another() -> None:
     pytest.importorskip("matplotlib")
-    from das.drawing.meanings import LIGHT
     from sim.review.canvas import LETTER_SHARE, NAMES_AT_POINTS, light_figure, name_stops
 
     _, (axis,) = light_figure((1.0,))
-    name_stops(axis, [(f"Station {i}", 0.02 * i) for i in range(51)], LIGHT)
+    name_stops(axis, [(f"Station {i}", 0.02 * i) for i in range(51)])
     named = [(text.xy[0], text.xyann[1], LETTER_SHARE * len(text.get_text())) for text in axis.texts]
     assert {height for _, height, _ in named} == set(NAMES_AT_POINTS)
     for height in NAMES_AT_POINTS:

@@ -206,7 +206,7 @@ def test_nothing_is_late_or_early_without_a_timetable(driven: Driven) -> None:
     assert math.isnan(drive.late_s)
     assert {EventKind.DELAY, EventKind.DEVIATION}.isdisjoint(one.kind for one in drive.events)
     assert not any("on time" in one.text or "late" in one.text for one in drive.events)
-    assert "deviation/operator" not in series(drive.recording, drive.table.course)
+    assert "deviation/operator" not in series(drive.table)
     assert drive.table.clock.zero_is == "the departure of the trip"
     assert all(row["due"] == row["leaves"] == "" for row in stop_rows(drive))
     arrival = page_dict(drive)["figures"][0]
