@@ -286,13 +286,13 @@ class PageFiles:
         pdf_alone = self.out is not None and self.pdf is None and self.out.suffix.lower() == ".pdf"
         return (None, self.out) if pdf_alone else (self.out, self.pdf)
 
-    def check(self, inputs: Iterable[Path], *, overwrite: bool) -> None:
-        """Raise DasError if the page or its PDF cannot be made; called before the work begins."""
+    def check(self, inputs: Iterable[Path], *others: Path | None, overwrite: bool) -> None:
+        """Raise DasError if the page, its PDF or other files cannot be made; called before the work begins."""
         out, pdf = self.paths
         for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
             if path is not None and path.suffix.lower() not in suffixes:
                 raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
-        check_outputs(out, pdf, inputs=inputs, overwrite=overwrite)
+        check_outputs(out, pdf, *others, inputs=inputs, overwrite=overwrite)
         if pdf is not None:
             from das.command_line.pdf import browser
 

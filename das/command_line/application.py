@@ -21,6 +21,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from inspect import Parameter, Signature
+from types import MappingProxyType
 from typing import Annotated, Any, get_type_hints
 
 import typer
@@ -114,9 +115,13 @@ def application(
     about: str,
     entries: Sequence[Entry | Group],
     *,
+    gone: Mapping[str, str] = MappingProxyType({}),
     without_command: Callable[[], None] | None = None,
 ) -> TyperGroup:
-    """A program of several commands; `without_command` is called when none is given (default: print the help)."""
+    """A program of several commands; `without_command` is called when none is given (default: print the help).
+
+    `gone`: commands that the program no longer has, each with what to run instead. The help does not list them.
+    """
     app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
 
     @app.callback(help=about, epilog=f"{name} COMMAND -h explains a command.")
@@ -125,6 +130,8 @@ def application(
             without_command()
 
     group = _filled(app, name, entries)
+    for word, instead in gone.items():
+        group.add_command(_GoneCommand(word, instead))
     group.params.append(_version_parameter())
     return group
 
@@ -158,6 +165,18 @@ class _LazyCommand(TyperCommand):
             if args[0] == entry.name:
                 return entry.load().make_context(f"{info_name} {entry.name}", args[1:], parent=parent, **extra)
         return self.entry.load().make_context(info_name, args, parent=parent, **extra)
+
+
+class _GoneCommand(TyperCommand):
+    """Stands for a command that is gone; its error says what to run instead, whatever arguments follow."""
+
+    def __init__(self, name: str, instead: str) -> None:
+        super().__init__(name=name, hidden=True, rich_markup_mode=None)
+        self.instead = instead
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        """Raise DasError."""
+        raise DasError(f"{info_name} is no longer a command of this program; run instead: {self.instead}")
 
 
 def _typer(**settings: Any) -> typer.Typer:

@@ -87,7 +87,6 @@ DARK, LIGHT, VIEWER = (
 )
 """The themes for a dark background, for white, and for the viewer. The viewer's background is dark or light, as the
 desktop's is, so its colours are middle tones that are readable on either."""
-THEMES: Final = {theme.name: theme for theme in (DARK, LIGHT)}
 
 MODES: Final = {
     "full traction": "#7a9a2e",

@@ -1,8 +1,8 @@
 """The pictures of recordings in the pages, drawn from drives that are made for them, into the working folder.
 
-`python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt), review.png, and
-what comes of its drive with a restriction (what-if.txt, what-if.png); `readme` first-minute.txt and first-minute.png,
-which README has.
+`python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt) and what comes of
+its drive with a restriction (what-if.txt, what-if.png); `readme` first-minute.txt and first-minute.png, which README
+has.
 `report` draws report.png, and needs Chromium and pdftoppm (poppler): its picture is one of release 0.2, in
 docs/results/0.2/screens.
 """
@@ -14,19 +14,22 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
+import sim
+from das.command_line.files import save_figure
 from docs.studies.bundled import das_sim, first_page
 from sim.cli.first_minute import DRIVER
+from sim.review.canvas import comparison_figure
 
 
 def first_minute(folder: Path) -> None:
     """The first minute: what it prints, its two drives beside each other, and the second one with a restriction."""
-    said, recorded, guided = _driven(folder)
+    said, _, guided = _driven(folder)
     (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
-    das_sim("view", guided, "--beside", recorded, "--plot", folder / "review.png")
     guided.rename(folder / "guided.mcap")
     again = ("--driver", DRIVER, "--restriction", "18-19.5:60", "-o", "restricted.mcap")
     das_sim("what-if", "guided.mcap", *again, folder=folder)
-    compared = das_sim("compare", "guided.mcap", "restricted.mcap", "--plot", "what-if.png", folder=folder)
+    _beside(folder / "guided.mcap", folder / "restricted.mcap", folder / "what-if.png")
+    compared = das_sim("report", "guided.mcap", "restricted.mcap", folder=folder)
     (folder / "what-if.txt").write_text(compared, encoding="utf-8")
 
 
@@ -34,7 +37,12 @@ def readme(folder: Path) -> None:
     """What the first minute prints, and its two drives beside each other."""
     said, recorded, guided = _driven(folder)
     (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
-    das_sim("compare", recorded, guided, "--plot", folder / "first-minute.png")
+    _beside(recorded, guided, folder / "first-minute.png")
+
+
+def _beside(first: Path, other: Path, picture: Path) -> None:
+    """Draw two drives beside each other, as in a report."""
+    save_figure(picture, comparison_figure(sim.compare(first, other)))
 
 
 def _driven(folder: Path) -> tuple[list[str], Path, Path]:

@@ -98,9 +98,9 @@ def trip_attributions(data: Path) -> list[TripAttribution]:
                 vehicle = load_vehicle(_train(data, train))
                 level = vehicle.default_level
                 inputs = DriveInputs(route=route, vehicle=vehicle, level=level, source=train)
-                drive = Drive(source=recording, given=inputs)
-                attribution = drive.any_attribution
-                likely = likely_range(attribution.legs, drive.smoothed)
+                drive = Drive(recording=recording, given=inputs)
+                attribution = drive.energy.any_attribution
+                likely = likely_range(attribution.legs, drive.energy.smoothed)
                 assert likely is not None  # a trip is estimated, and has one leg
                 entry_j = above_slow_entry_j(attribution)
                 found.append(

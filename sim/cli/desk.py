@@ -103,7 +103,7 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
         from sim.recording.opening import open_recording
 
     with busy(f"reading {path} …"):
-        replay = Replay(Drive(source=open_recording(path, train)), str(looks.language), at=at)
+        replay = Replay(Drive(recording=open_recording(path, train)), str(looks.language), at=at)
     token = new_token()
     with listening(looks.port) as door:
         _show(address_of(door, token), looks)

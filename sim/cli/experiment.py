@@ -21,7 +21,6 @@ from sim.options import PageFiles, PowerAsked
 
 if TYPE_CHECKING:
     from sim.experiment.analysis.power import PowerAnswer
-    from sim.experiment.trials import Keep
 
 
 DesignArgument = Annotated[
@@ -66,9 +65,6 @@ def run(
     recordings: Annotated[
         bool, typer.Option("--recordings", help="Drive over the bus and keep a recording of every trial (slower).")
     ] = False,
-    measures_only: Annotated[
-        bool, typer.Option("--measures-only", help="Keep the table of trials, but no events and no series.")
-    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Drive all trials of a design; a stopped experiment continues where it left off and tries failed trials again.
@@ -77,18 +73,17 @@ def run(
     and frozen there first, unless it was before.
     """
     hands = Workers.asked(workers, scheduler)
-    _check_options(scheduler, recordings=recordings, measures_only=measures_only)
+    if recordings and scheduler is not None:
+        raise DasError("--recordings: not together with --scheduler, because recordings are written on this machine")
     with busy("reading the design …"):
         from sim.experiment.checking import checked_in
         from sim.experiment.design import load_design
         from sim.experiment.trials import Keep, jobs_of, run_study
 
-        if not measures_only:
-            check_packages("batch", "pyarrow")
+        check_packages("batch", "pyarrow")
         asked = load_design(design)
     checked_in(asked, out)
-    keep: Keep = Keep.RECORDINGS if recordings else Keep.MEASURES if measures_only else Keep.SERIES
-    jobs = jobs_of(asked, keep, out)
+    jobs = jobs_of(asked, Keep.RECORDINGS if recordings else Keep.SERIES, out)
     found = run_study(asked, jobs, out, hands)
     if as_json:
         print(json.dumps(found.as_dict()))
@@ -99,14 +94,6 @@ def run(
     if found.failed:
         print(f"{len(found.failed)} of {found.trials} trials failed: see {out / FAILED_TABLE}", file=sys.stderr)
         raise typer.Exit(1)
-
-
-def _check_options(scheduler: str | None, *, recordings: bool, measures_only: bool) -> None:
-    """Refuse options that contradict each other."""
-    if recordings and measures_only:
-        raise DasError("give either --recordings or --measures-only")
-    if recordings and scheduler is not None:
-        raise DasError("--recordings: not together with --scheduler, because recordings are written on this machine")
 
 
 def studies(as_json: JsonOption = False) -> None:

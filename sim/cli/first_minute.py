@@ -113,7 +113,7 @@ def _print(found: AlignedDrives) -> None:
         (f"leaves {start.name} (due {_clock(before, start.due_departure_ns)})", *_times(found, first=True)),
         (f"arrives at {end.name} (due {_clock(before, end.due_arrival_ns)})", *_times(found, first=False)),
         ("energy (estimated)", f"{kwh(alone_j):.0f} kWh", f"{kwh(guided_j):.0f} kWh"),
-        ("instructions in the cab", "none", f"{after.instructions.instructions}"),
+        ("instructions in the cab", "none", f"{after.figures.instructions.instructions}"),
     )
     way = f"from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km"
     tell(f"A late train {way}; the same simulated driver twice:")
@@ -144,4 +144,4 @@ def _times(found: AlignedDrives, *, first: bool) -> list[str]:
 
 def _clock(drive: Drive, time_ns: int) -> str:
     """A moment on the clock of the line, "09:05:30"."""
-    return f"{datetime.fromtimestamp(round(time_ns * NS), drive.zone):%H:%M:%S}"
+    return f"{datetime.fromtimestamp(round(time_ns * NS), drive.table.zone):%H:%M:%S}"

@@ -95,8 +95,8 @@ ENTRIES: Final = (
     Entry(
         name="view",
         where="sim.cli.review:view",
-        summary="Look at a recording in the rerun viewer, or draw it as a picture.",
-        examples=("das-sim view recordings/run.mcap --plot run.png",),
+        summary="Look at a recording in the rerun viewer.",
+        examples=("das-sim view recordings/run.mcap --save run.rrd",),
     ),
     Entry(
         name="check",
@@ -123,28 +123,10 @@ ENTRIES: Final = (
         examples=("das-sim export run.mcap -o tables", "das-sim export run.mcap -o shared --trim-ends --anonymous"),
     ),
     Entry(
-        name="events",
-        where="sim.cli.review:events",
-        summary="List what happened on a recorded drive, when, where and why.",
-        examples=("das-sim events run.mcap --kind withdrawal --kind overspeed",),
-    ),
-    Entry(
-        name="energy",
-        where="sim.cli.review:energy",
-        summary="Say where the energy of a recorded drive went, by cause and by place.",
-        examples=("das-sim energy run.mcap --json",),
-    ),
-    Entry(
         name="report",
         where="sim.cli.review:report",
         summary="Write a report about recorded drives, which begins with one page for an instructor.",
-        examples=("das-sim report run.mcap -o report.html",),
-    ),
-    Entry(
-        name="compare",
-        where="sim.cli.review:compare",
-        summary="Compare recorded drives at the same places of the line.",
-        examples=("das-sim compare before.mcap after.mcap --plot both.png",),
+        examples=("das-sim report run.mcap -o report.html", "das-sim report before.mcap after.mcap --show energy"),
     ),
     Entry(
         name="what-if",
@@ -154,12 +136,6 @@ ENTRIES: Final = (
             "das-sim what-if run.mcap --level l1 -o l1.mcap",
             "das-sim what-if run.mcap --advice guide --restriction 20-22:80",
         ),
-    ),
-    Entry(
-        name="note",
-        where="sim.cli.review:note",
-        summary="Add a note to a recording, or list its notes.",
-        examples=('das-sim note run.mcap --at 12:34 "braked late for the limit" --tag braking',),
     ),
     Entry(
         name="scenarios",
@@ -192,6 +168,13 @@ ENTRIES: Final = (
         examples=("das-sim make-trip --route zurich-luzern --vehicle re460-ic --to Zug --delay 90 --out trip.mcap",),
     ),
 )
+GONE: Final = {
+    "compare": "das-sim report FIRST OTHER…, with --table for the table that --out wrote",
+    "energy": "das-sim report RECORDING --show energy",
+    "events": "das-sim report RECORDING --show events, or --show bookmarks",
+    "note": "das-sim report RECORDING --note TEXT --at TIME",
+}
+"""Former commands, each with what to run instead."""
 ABOUT: Final = (
     "Replay a train's trip, or simulate a day, against a live advice node; record it and look at it.\n\n"
     "Without a command, das-sim replays the bundled recording, drives its trip with the guide, and compares the two."
@@ -204,7 +187,7 @@ def _first_minute() -> None:
     first_minute()
 
 
-app = application(NAME, ABOUT, ENTRIES, without_command=_first_minute)
+app = application(NAME, ABOUT, ENTRIES, without_command=_first_minute, gone=GONE)
 
 
 def main() -> None:

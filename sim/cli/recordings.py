@@ -361,7 +361,7 @@ def _print_what_if(found: Changed, new: Otherwise, files: tuple[Path, Path], not
     for note in notes:
         tell(f"note: {note}")
     if found.aligned is not None:
-        tell_energy_range(found.aligned.drives[0].drive.inputs.route)
+        tell_energy_range(found.aligned.drives[0].drive.table.inputs.route)
     old, written = files
     tell(f"written: {written}")
     both = f"{shlex.quote(str(old))} {shlex.quote(str(written))}"

@@ -1,19 +1,20 @@
-"""The commands that review recorded drives: events and notes, energy, comparison, report, view."""
+"""The commands that review recorded drives: report and view."""
 
 from __future__ import annotations
 
 import json
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from das.advice.wording import Language
-from das.command_line.files import check_outputs, check_picture, save_figure
-from das.command_line.given import refuse_given
-from das.command_line.options import JsonOption, OverwriteOption, PlotOption
+from das.command_line.files import check_outputs
+from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, typed, visible
 from das.domain.errors import DasError
 from sim.cli.options import (
@@ -21,16 +22,87 @@ from sim.cli.options import (
     RecordingArgument,
     ToTimeOption,
     check_packages,
+    chosen,
     tell_energy_range,
     tell_written,
 )
-from sim.drive.events.event import DriveEvent, EventKind, Filter
 from sim.options import OfTrainOption, PageFiles
 
 if TYPE_CHECKING:
     from sim.drive.attribution.attribution import Attribution
     from sim.drive.comparison import AlignedDrives
     from sim.drive.drive import Drive
+    from sim.drive.events import Filter
+
+
+class ReportPart(StrEnum):
+    """What `das-sim report` prints of each drive."""
+
+    WORDS = "words"
+    EVENTS = "events"
+    BOOKMARKS = "bookmarks"
+    ENERGY = "energy"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedEvents:
+    """Which events `das-sim report` lists; None lets every event pass."""
+
+    kind: Annotated[
+        list[str] | None,
+        typer.Option("--kind", metavar="KIND", help="Only events of this kind; may be given several times."),
+    ] = None
+    from_time: FromTimeOption = None
+    to_time: ToTimeOption = None
+
+    @property
+    def given(self) -> bool:
+        """Whether events are filtered at all."""
+        return any((self.kind, self.from_time, self.to_time))
+
+    def filter(self, drive: Drive, *, bookmarks: bool) -> Filter:
+        """The filter on the clock of a drive; DasError for a kind or a time that there is not."""
+        from sim.drive.events import EventKind, Filter
+
+        def moment_ns(text: str | None) -> int | None:
+            return None if text is None else drive.table.clock.moment_ns(text)
+
+        return Filter(
+            kinds=tuple(chosen(EventKind, "--kind", one) for one in self.kind or ()),
+            from_ns=moment_ns(self.from_time),
+            to_ns=moment_ns(self.to_time),
+            bookmarks=bookmarks,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewNote:
+    """A note to be added to a recording before the report is made."""
+
+    note: Annotated[
+        str | None,
+        typer.Option("--note", metavar="TEXT", help="Note to keep beside the recording, about the time --at."),
+    ] = None
+    at: Annotated[
+        str | None, typer.Option("--at", metavar="TIME", help="When: 12:34 on the drive's clock, or 08:16:34Z.")
+    ] = None
+
+    def add(self, files: Sequence[Path]) -> None:
+        """Add the note, if there is one; DasError without its time, outside the drive, or for several recordings."""
+        from sim.drive.drive import Drive
+        from sim.drive.notes import Note, add_note
+
+        if self.note is None and self.at is None:
+            return
+        if self.note is None or self.at is None or len(files) != 1:
+            example = 'das-sim report drive.mcap --note "braked late" --at 12:34'
+            raise DasError(f"a note needs its text, --at and one recording, for example: {example}")
+        table = Drive.read(files[0]).table
+        at_ns, (first_ns, last_ns) = table.clock.moment_ns(self.at), table.course.time_ns[[0, -1]].tolist()
+        if not first_ns <= at_ns <= last_ns:
+            ends = f"{table.clock.shown(first_ns)} to {table.clock.shown(last_ns)}"
+            raise DasError(f"--at {self.at}: expected a time of the drive, {ends}")
+        tell_written(add_note(files[0], Note(time_ns=at_ns, end_ns=at_ns, text=self.note)))
 
 
 BesideOption = Annotated[
@@ -45,70 +117,110 @@ SaveOption = Annotated[
     Path | None,
     typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
 ]
-PictureOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--plot",
-        "--png",
-        metavar="FILE",
-        help="Picture to write instead (.png, .pdf or .svg): over distance, over time, and what happened.",
-    ),
-]
-ThemeOption = Annotated[str, typer.Option("--theme", metavar="NAME", help="Picture: light (for paper) or dark.")]
-MapOption = Annotated[
-    bool,
-    typer.Option("--map", help="Viewer: a map as well; it loads its tiles from OpenStreetMap over the network."),
-]
 LanguageOption = Annotated[
-    Language, typer.Option("--language", help="Viewer: the language of what the driver's display shows.")
+    Language, typer.Option("--language", help="The language of what the driver's display shows.")
 ]
 SHOWN = 8
 """The table of a comparison shows this many stretches: those on which the drives differ most."""
 
 
-def events(
-    file: RecordingArgument,
-    kind: Annotated[
-        list[EventKind] | None, typer.Option("--kind", help="Only events of this kind; may be given several times.")
+def report(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RECORDING…", help="Recordings (.mcap); several drives of one line are compared with the first."
+        ),
+    ],
+    written: PageFiles,
+    listed: ListedEvents,
+    noted: NewNote,
+    show: Annotated[
+        list[ReportPart] | None,
+        typer.Option("--show", help="What to print of each drive; may be given several times [default: words]."),
     ] = None,
-    search: Annotated[str, typer.Option("--search", metavar="TEXT", help="Only events whose text holds this.")] = "",
-    from_time: FromTimeOption = None,
-    to_time: ToTimeOption = None,
-    bookmarks: Annotated[
-        bool, typer.Option("--bookmarks", help="Only what a reviewer wants to see first, and the notes of people.")
-    ] = False,
+    table: Annotated[
+        Path | None,
+        typer.Option("--table", metavar="FILE", help="Table (.csv) of the drives that are compared: a row every 10 m."),
+    ] = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List what happened on a recorded drive, when, where and why, with the notes that people made."""
+    """Write a report about recorded drives: one page for an instructor, then figures, pictures and what happened."""
+    parts = tuple(show or (ReportPart.WORDS,))
+    paged = any(path is not None for path in written.paths)
+    _check_asked(files, parts, listed, table)
+    if paged or as_json:
+        check_packages("view", "jinja2", "matplotlib")
+    written.check(files, table, overwrite=overwrite)
+    noted.add(files)
+    if not paged and not as_json and len(files) == 1 and not {ReportPart.WORDS, ReportPart.ENERGY} & {*parts}:
+        _print_listed(files[0], parts, listed)
+        return
+    with loading_solver():
+        from sim.review.report.page import as_dict, compared, page, subject_of
+
+    with busy("reading the recordings and solving their sections …"):
+        subjects = [subject_of(path) for path in files]
+        aligned, not_compared = compared(subjects)
+    written.write(lambda: page(subjects, aligned, not_compared))
+    if table is not None:
+        _write_csv(table, aligned, not_compared)
+    if as_json:
+        print(json.dumps(as_dict(subjects, aligned, not_compared)))
+        return
+    for subject in subjects:
+        _print_parts(subject.drive, parts, listed)
+    _print_comparison(aligned, not_compared)
+    tell_written(*written.paths, table)
+
+
+def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, table: Path | None) -> None:
+    """Raise DasError for options that would have no effect."""
+    if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
+        raise DasError("--kind, --from and --to choose events: expected --show events or --show bookmarks beside them")
+    if table is not None and len(files) < 2:
+        raise DasError("--table: expected two recordings or more, of which the first is the one to compare with")
+
+
+def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
+    """Print events alone, for which no section is solved."""
     from sim.drive.drive import Drive
-    from sim.drive.events.chronicle import as_rows
 
     with busy(f"reading {file} …"):
         drive = Drive.read(file)
-    clock = drive.clock
-    wanted = Filter(
-        kinds=tuple(kind or ()),
-        text=search,
-        from_ns=None if from_time is None else clock.moment_ns(from_time),
-        to_ns=None if to_time is None else clock.moment_ns(to_time),
-        bookmarks=bookmarks,
-    )
-    found = wanted.choose(drive.events)
-    if as_json:
-        print(json.dumps({"recording": str(file), "zero_ns": clock.zero_ns, "events": as_rows(found, clock)}))
-        return
+    _print_parts(drive, parts, listed)
+
+
+def _print_parts(drive: Drive, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
+    for part in parts:
+        if part is ReportPart.WORDS:
+            from sim.review.report.sentences import paragraph as in_words
+
+            paragraph(f"{drive.name}: {in_words(drive)}")
+        elif part is ReportPart.ENERGY:
+            _print_energy(drive)
+        else:
+            _print_events(drive, listed.filter(drive, bookmarks=part is ReportPart.BOOKMARKS))
+
+
+def _write_csv(path: Path, aligned: AlignedDrives | None, not_compared: str) -> None:
+    from das.domain.files.writing import write_whole
+    from sim.drive.comparison import as_csv
+
+    if aligned is None:
+        raise DasError(f"--table: {not_compared}")
+    write_whole(path, as_csv(aligned))
+
+
+def _print_events(drive: Drive, wanted: Filter) -> None:
+    from sim.drive.events import place_text
+
+    clock, found = drive.table.clock, wanted.choose(drive.events)
     if not drive.recording.complete:
-        tell(f"{file}: this recording was cut off; these are the events before that")
+        tell(f"{drive.recording.path}: this recording was cut off; these are the events before that")
     if not found:
         tell(f"no such events among {len(drive.events)}")
         return
-    _print_events(found, drive)
-
-
-def _print_events(found: tuple[DriveEvent, ...], drive: Drive) -> None:
-    from sim.drive.events.chronicle import place_text
-
-    clock = drive.clock
     heads = ("time", str(clock.zone), "place", "kind")
     table = new_table("", ("bookmark", "what happened"), whole=heads, lines=True)
     for one in found:
@@ -119,102 +231,13 @@ def _print_events(found: tuple[DriveEvent, ...], drive: Drive) -> None:
     )
 
 
-def note(
-    file: RecordingArgument,
-    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What to remember.")] = "",
-    at: Annotated[
-        str | None,
-        typer.Option("--at", metavar="TIME", help="When: 12:34 on the drive's clock, or 08:16:34Z."),
-    ] = None,
-    until: Annotated[
-        str | None, typer.Option("--until", metavar="TIME", help="End, for a note about a while [default: the same].")
-    ] = None,
-    tag: Annotated[
-        list[str] | None, typer.Option("--tag", metavar="WORD", help="A tag; may be given several times.")
-    ] = None,
-    author: Annotated[str, typer.Option("--author", metavar="NAME", help="The author of the note.")] = "",
-    remove: Annotated[
-        int | None, typer.Option("--remove", metavar="NUMBER", help="Take the note of this number away.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Add a note to a recording, or list its notes; they are kept in FILE.notes beside it."""
-    from sim.drive.drive import Drive
-    from sim.drive.events.event import Note, add_note, remove_note
-
-    if (text == "") is not (at is None):
-        example = 'das-sim note drive.mcap --at 12:34 "braked late"'
-        raise DasError(f"a note needs its text and --at, for example: {example}")
-    if not text:
-        refuse_given("needs the text of a note", "--until", "--tag", "--author")
-    if remove is not None and text:
-        raise DasError("--remove: expected no text beside it")
-    drive = Drive.read(file)
-    if remove is not None:
-        remove_note(file, remove)
-    if at is not None:
-        start_ns, end_ns = _times(drive, at, until)
-        add_note(file, Note(time_ns=start_ns, end_ns=end_ns, text=text, tags=tuple(tag or ()), author=author))
-    _list_notes(file, drive, as_json)
-
-
-def _times(drive: Drive, at: str, until: str | None) -> tuple[int, int]:
-    """The first and last moment (ns) of a note; DasError if they are outside the drive."""
-    clock, trip = drive.clock, drive.course
-    start_ns = clock.moment_ns(at)
-    end_ns = start_ns if until is None else clock.moment_ns(until)
-    first_ns, last_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
-    if not first_ns <= start_ns <= last_ns:
-        raise DasError(f"--at {at}: expected a time of the drive, {clock.shown(first_ns)} to {clock.shown(last_ns)}")
-    if end_ns < start_ns:
-        raise DasError(f"--until {until}: expected a time after --at {at}")
-    return start_ns, end_ns
-
-
-def _list_notes(file: Path, drive: Drive, as_json: bool) -> None:
-    from sim.drive.events.event import notes_path, read_notes
-
-    clock, kept = drive.clock, read_notes(file)
-    if as_json:
-        found = [
-            {
-                "number": number,
-                "time_s": clock.since_s(one.time_ns),
-                "end_s": clock.since_s(one.end_ns),
-                "text": one.text,
-                "tags": list(one.tags),
-                "author": one.author,
-            }
-            for number, one in enumerate(kept, start=1)
-        ]
-        print(json.dumps({"recording": str(file), "file": str(notes_path(file)), "notes": found}))
-        return
-    tell(f"{notes_path(file)}:" if kept else f"{file} has no notes yet")
-    for number, one in enumerate(kept, start=1):
-        tags = f" [{', '.join(one.tags)}]" if one.tags else ""
-        tell(f"{number}. {clock.shown(one.time_ns)} {one.text}{tags}")
-
-
-def energy(
-    file: RecordingArgument,
-    as_json: JsonOption = False,
-) -> None:
-    """Say where the energy of a recorded drive went, by cause and by place, against the optimum for the same times."""
-    with loading_solver():
-        from sim.drive.attribution.attribution import as_dict
-        from sim.drive.drive import Drive
-
-    with busy(f"reading {file} and solving its sections …"):
-        drive = Drive.read(file)
-        attribution = drive.known_attribution
-    if as_json:
-        print(json.dumps(as_dict(attribution)))
-        return
+def _print_energy(drive: Drive) -> None:
+    attribution = drive.energy.known_attribution
     _print_causes(attribution)
     _print_places(attribution)
     if not attribution.above.measured:
         tell("The energies are estimates by inverse dynamics from positions: nobody measured them.")
-    tell_energy_range(drive.inputs.route)
+    tell_energy_range(drive.table.inputs.route)
 
 
 def _print_causes(attribution: Attribution) -> None:
@@ -265,58 +288,25 @@ def _print_places(attribution: Attribution) -> None:
         tell(f"most lost above the optimum: {told}{elsewhere(worst, attribution.above.difference_j)}")
 
 
-def compare(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="RECORDING…", help="Two or more recordings (.mcap) of drives on one line.")
-    ],
-    step: Annotated[
-        float, typer.Option("--step", metavar="METRES", help="Distance of the positions that are compared.")
-    ] = 10.0,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Table (.csv) to write: one row a position.")
-    ] = None,
-    plot: PlotOption = None,
-    overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
-) -> None:
-    """Compare recorded drives at the same places: where and by how much their times and energies part."""
-    if len(files) < 2:
-        raise DasError("expected two recordings or more, of which the first is the one to compare with")
-    check_picture(plot)
-    check_outputs(out, plot, inputs=files, overwrite=overwrite)
-    from das.domain.files.writing import write_whole
-    from sim.drive.comparison import AlignedDrives, as_csv, as_dict, drives_on_track
-    from sim.drive.drive import Drive
-
-    with busy("reading the recordings …"):
-        aligned = AlignedDrives.of(drives_on_track([Drive.read(path) for path in files]), step)
-    if out is not None:
-        write_whole(out, as_csv(aligned))
-    if plot is not None:
-        from sim.review.canvas import comparison_figure
-
-        save_figure(plot, comparison_figure(aligned))
-    if as_json:
-        print(json.dumps(as_dict(aligned)))
+def _print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
+    """Print how each drive differs from the first, or why they are not compared; nothing for a single drive."""
+    if aligned is None:
+        if not_compared:
+            tell(f"not compared: {not_compared}")
         return
-    _print_comparison(aligned)
-    tell_energy_range(aligned.drives[0].drive.inputs.route)
-    tell_written(out, plot)
-
-
-def _print_comparison(aligned: AlignedDrives) -> None:
     from sim.drive.comparison import sentences
 
     for index in range(1, len(aligned.drives)):
         for line in sentences(aligned, index):
             paragraph(line)
         _print_stretches(aligned, index)
+    tell_energy_range(aligned.drives[0].drive.table.inputs.route)
 
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     """Print the stretches on which a drive differs most from the first; nothing if it does not differ."""
     from das.domain.units import kwh
-    from sim.drive.events.chronicle import place_text
+    from sim.drive.events import place_text
 
     parted = [
         one for one in aligned.pairs[index].stretches(1) if abs(one.time_s) >= 0.05 or abs(kwh(one.lost_j)) >= 0.005
@@ -332,78 +322,34 @@ def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     print_table(table, {"drawn": "at the current collector", "lost": "without what went into the train's speed"})
 
 
-def report(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RECORDING…", help="Recordings (.mcap); several drives of one line are compared as well."
-        ),
-    ],
-    written: PageFiles,
-    overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
-) -> None:
-    """Write a report about recorded drives: one page for an instructor, then figures, pictures and what happened."""
-    check_packages("view", "jinja2", "matplotlib")
-    written.check(files, overwrite=overwrite)
-    with loading_solver():
-        from sim.review.report.page import as_dict, compared, page, subject_of
-        from sim.review.report.sentences import paragraph as in_words
-
-    with busy("reading the recordings and solving their sections …"):
-        subjects = [subject_of(path) for path in files]
-        aligned, not_compared = compared(subjects)
-    written.write(lambda: page(subjects, aligned, not_compared))
-    if as_json:
-        print(json.dumps(as_dict(subjects, aligned, not_compared)))
-        return
-    for subject in subjects:
-        paragraph(f"{subject.drive.name}: {in_words(subject.drive)}")
-    tell_written(*written.paths)
-
-
 def view(
     file: RecordingArgument,
     beside: BesideOption = None,
     save: SaveOption = None,
-    plot: PictureOption = None,
     overwrite: OverwriteOption = False,
     start: FromTimeOption = None,
     end: ToTimeOption = None,
-    theme: ThemeOption = "light",
-    with_map: MapOption = False,
     language: LanguageOption = Language.EN,
     of_train: OfTrainOption = None,
 ) -> None:
-    """Look at a recording in the rerun viewer, or as a picture: speed, limits, advice, forces, delay, events.
+    """Look at a recording in the rerun viewer: speed, limits, advice, forces, delay, events.
 
-    For example: das-sim view run.mcap --from 10:00 --to 20:00 --plot part.pdf
+    For example: das-sim view run.mcap --from 10:00 --to 20:00 --save part.rrd
     """
-    check_picture(plot)
-    check_outputs(save, plot, inputs=(file, beside), overwrite=overwrite)
-    from das.drawing.meanings import THEMES
+    check_outputs(save, inputs=(file, beside), overwrite=overwrite)
     from sim.drive.comparison import check_one_line
+    from sim.drive.drive import Drive
     from sim.recording.course import part_of
     from sim.recording.opening import open_recording
-    from sim.review.view import ViewerChoice, open_view, save_picture, save_view
+    from sim.review.view import ViewerChoice, open_view, save_view
 
-    if plot is None:
-        refuse_given("needs --plot: the viewer has a theme of its own", "--theme")
-    elif save is None:
-        refuse_given("belongs to the viewer; with --plot it needs --save", "--map", "--language")
-    if theme not in THEMES:
-        raise DasError(f"--theme {theme}: expected one of {', '.join(THEMES)}")
     with busy(f"reading {file} …"):
-        recording = part_of(open_recording(file, of_train), start, end)
-        other = None if beside is None else open_recording(beside)
-        check_one_line([recording] if other is None else [recording, other])
-    if save is None and plot is None:
-        open_view(recording, ViewerChoice(other, with_map, language))
-    if plot is not None:
-        with busy(f"drawing {plot} …"):
-            save_picture(recording, plot, THEMES[theme], beside=other)
-        tell(f"written: {plot}")
-    if save is not None:
-        with busy(f"writing {save} …"):
-            save_view(recording, save, ViewerChoice(other, with_map, language))
-        tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")
+        drive = Drive(recording=part_of(open_recording(file, of_train), start, end))
+        other = None if beside is None else Drive.read(beside)
+        check_one_line([drive] if other is None else [drive, other])
+    if save is None:
+        open_view(drive, ViewerChoice(other, language))
+        return
+    with busy(f"writing {save} …"):
+        save_view(drive, save, ViewerChoice(other, language))
+    tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")

@@ -48,7 +48,7 @@ def trip(
     vehicles: VehiclesOption = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", "--write", metavar="FILE", help="Cleaned trip (.csv) to write: one row a point."),
+        typer.Option("--out", "-o", metavar="FILE", help="Cleaned trip (.csv) to write: one row a point."),
     ] = None,
     plot: PlotOption = None,
     overwrite: OverwriteOption = False,

@@ -18,7 +18,7 @@ from sim.desk.line import hello_of
 from sim.desk.messages import encoded, recorded_settings
 from sim.desk.server import Outbox, cab_of, page_routes, server_of
 from sim.drive.drive import Drive
-from sim.drive.events.event import bookmarks
+from sim.drive.events import bookmarks
 
 
 class Replay:
@@ -33,9 +33,9 @@ class Replay:
         """The messages Cab, in order."""
         if not self.cabs:
             raise DasError(f"{path}: shows no cab: expected a recording of das-sim run, desk or what-if")
-        inputs = drive.inputs
+        inputs = drive.table.inputs
         self._route, first_ns = inputs.route, int(self.cabs[0].time_ns)
-        self._start_s = 0.0 if at is None else (drive.clock.moment_ns(at) - first_ns) * NS
+        self._start_s = 0.0 if at is None else (drive.table.clock.moment_ns(at) - first_ns) * NS
         served = {call.name for call in drive.calls}
         stops = [stop for stop in inputs.route.stops if not served or stop.name in served]
         page = recorded_settings(drive.recording)

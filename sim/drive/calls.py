@@ -9,12 +9,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from das.bus import topics
-from das.bus.recording import Recording
 from das.cab.heard import OrderedStop
 from das.domain.route import Stop
 from das.domain.units import NS
-from sim.recording.course import DrivenCourse, known, own_timetable
+from sim.drive.table import DriveTable
+from sim.recording.course import DrivenCourse, known
 from sim.recording.stands import StandingTime, stood_ns
 
 NEAR_M: Final = 100.0
@@ -106,33 +105,15 @@ class AtStop(NamedTuple):
     end_ns: int
 
 
-def calls_of(recording: Recording, trip: DrivenCourse) -> tuple[KeptCall, ...]:
+def calls(table: DriveTable) -> tuple[KeptCall, ...]:
     """How each stop of the last journey was kept; empty without a journey.
 
     Nothing is due if nobody gave a timetable: the times of the journey are then those of the drive itself.
     """
-    measured, own = reported_course(recording), own_timetable(recording)
-    calls = [
-        call for entry in recording.of(topics.JOURNEY)[-1:] for call in kept_calls(entry.message.stops, trip, measured)
-    ]
-    return tuple(replace(one, due_arrival_ns=0, due_departure_ns=0) if own else one for one in calls)
-
-
-def reported_course(recording: Recording) -> DrivenCourse | None:
-    """The positions that the node received; None if there are none, or if a simulator recorded the true ones.
-
-    The recorded truth of a replay is only a smooth estimate, one state a second: the positions that its node received
-    show better when the train stood.
-    """
-    if knows_truth(recording) or not recording.of(topics.POSITION):
-        return None
-    messages = {topics.POSITION.name: recording.of(topics.POSITION)}
-    return DrivenCourse.of(replace(recording, messages=messages))
-
-
-def knows_truth(recording: Recording) -> bool:
-    """Whether a recording holds the truth of a simulated train; a replay records an estimate, without resistance."""
-    return bool(recording.columns(topics.TRUTH, "resistance_j")["resistance_j"].any())
+    if table.journey is None:
+        return ()
+    kept = kept_calls(table.journey.stops, table.course, table.received)
+    return tuple(replace(one, due_arrival_ns=0, due_departure_ns=0) if table.own_timetable else one for one in kept)
 
 
 def kept_calls(
@@ -168,6 +149,16 @@ def calls_on_the_way(
     """How the train kept stops of the route at which its journey does not call."""
     ordered = (OrderedStop(one.name, one.position_m) for one in stops)
     return kept_calls(ordered, trip, measured, near_m=NEAR_ON_THE_WAY_M)
+
+
+def travelled(made: Sequence[KeptCall], trip: DrivenCourse) -> Travelled:
+    """The first and the last moment and position of a drive, between its stops if it served two or more."""
+    served = [one for one in made if one.served]
+    if len(served) > 1 and served[0].departed_ns and served[-1].arrived_ns:
+        first, last = served[0], served[-1]
+        return Travelled(first.departed_ns, last.arrived_ns, first.s_m, last.s_m, between_stops=True)
+    (start_ns, end_ns), (start_m, end_m) = trip.time_ns[[0, -1]].tolist(), trip.s_m[[0, -1]].tolist()
+    return Travelled(start_ns, end_ns, start_m, end_m, between_stops=False)
 
 
 def at_stops(made: Sequence[KeptCall], trip: DrivenCourse) -> tuple[AtStop, ...]:

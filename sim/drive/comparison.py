@@ -19,15 +19,14 @@ import numpy as np
 
 from das.advice.advice import Source
 from das.advice.regimes import Regime, mode_name
-from das.bus import topics
-from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.summary import Summary
 from das.domain.units import NS, kmh, kwh
 from sim.drive.attribution.driven_legs import DrivenLeg, since_departure_j
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival, SavedByAdvice, same_brakes
-from sim.drive.events.chronicle import place_text
+from sim.drive.events import place_text
+from sim.drive.table import DriveTable
 from sim.recording.course import Floats, Times, known
 
 
@@ -53,7 +52,8 @@ class DriveOnTrack:
     @property
     def train(self) -> str:
         """The vehicle, as the journey names it."""
-        return str(self.drive.recording.of(topics.JOURNEY)[-1].message.vehicle_id)
+        journey = self.drive.table.journey
+        return "" if journey is None else journey.vehicle_id
 
     def at(self, s_m: Floats, values: Floats) -> Floats:
         """Values of the drive at positions; where the train stood, the value when it came to a stand."""
@@ -79,21 +79,21 @@ def drives_on_track(drives: Sequence[Drive]) -> list[DriveOnTrack]:
 
 def on_track(drive: Drive, label: str) -> DriveOnTrack:
     """A recorded drive by position; DasError if line or train is not known, or fewer than two stops were served."""
-    motion, legs = drive.motion, drive.legs
+    motion, legs = drive.energy.motion, drive.energy.legs
     first = int(np.searchsorted(motion.time_ns, legs[0].motion.time_ns[0]))
     last = int(np.searchsorted(motion.time_ns, legs[-1].motion.time_ns[-1]))
     part = slice(max(first - 1, 0), last + 1)
     time_ns = motion.time_ns[part].copy()
     time_ns[0], time_ns[-1] = legs[0].motion.time_ns[0], legs[-1].motion.time_ns[-1]  # from rest to rest
-    mode, advised_mps = _advised(drive.recording, time_ns)
+    mode, advised_mps = _advised(drive.table, time_ns)
     return DriveOnTrack(
         label=label,
         drive=drive,
-        time_s=np.asarray((time_ns - drive.clock.zero_ns) * NS, dtype=np.float64),
+        time_s=np.asarray((time_ns - drive.table.clock.zero_ns) * NS, dtype=np.float64),
         s_m=_on_stops(motion.s_m[part], legs),
         speed_mps=motion.speed_mps[part],
-        energy_j=since_departure_j(legs, drive.energies, time_ns),
-        motors_first_j=since_departure_j(legs, drive.energies, time_ns, "motors_j"),
+        energy_j=since_departure_j(legs, drive.energy.of_legs, time_ns),
+        motors_first_j=since_departure_j(legs, drive.energy.of_legs, time_ns, "motors_j"),
         advised_mode=mode,
         advised_mps=advised_mps,
     )
@@ -109,31 +109,28 @@ def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
     return np.maximum.accumulate(s_m + np.interp(s_m, stood_m, stops_m - stood_m))
 
 
-def _advised(recording: Recording, time_ns: Times) -> tuple[Times, Floats]:
+def _advised(table: DriveTable, time_ns: Times) -> tuple[Times, Floats]:
     """Mode and speed of the last advice at or before times; 0 and NaN where there was none."""
-    advice = recording.columns(topics.ADVICE, "time_ns", "source", "mode", "advised_speed_mps")
-    given = advice["source"] != Source.NONE
-    modes = np.append(np.where(given, advice["mode"], 0), 0)
-    speeds = np.append(np.where(given, advice["advised_speed_mps"], np.nan), np.nan)
-    last = np.searchsorted(advice["time_ns"], time_ns, side="right") - 1  # −1 is the last entry: nothing
+    advised_ns, source, mode, speed_mps = table.of_topic("advice", "source", "mode", "advised_speed_mps")
+    given = source != Source.NONE
+    modes = np.append(np.where(given, mode, 0), 0)
+    speeds = np.append(np.where(given, speed_mps, np.nan), np.nan)
+    last = np.searchsorted(advised_ns, time_ns, side="right") - 1  # −1 is the last entry: nothing
     return modes[last].astype(np.int64), speeds[last]
 
 
-def check_one_line(recordings: Sequence[Recording]) -> None:
+def check_one_line(drives: Sequence[Drive]) -> None:
     """Raise DasError if drives are not of one line and direction, because their positions mean different places."""
-    ways = [_way(one) for one in recordings]
-    for other, way in zip(recordings, ways, strict=True):
+    ways = [_way(one.table) for one in drives]
+    for other, way in zip(drives, ways, strict=True):
         if way != ways[0]:
-            raise DasError(f"{other.path}: drives {way}, {recordings[0].path} drives {ways[0]}")
+            raise DasError(f"{other.recording.path}: drives {way}, {drives[0].recording.path} drives {ways[0]}")
 
 
-def _way(recording: Recording) -> str:
-    """The line and the direction of a recording, in words."""
-    journeys = recording.of(topics.JOURNEY)
-    if not journeys:
-        return "an unknown line"
-    journey = journeys[-1].message
-    return f"{journey.route_id}{' reversed' if journey.reversed else ''}"
+def _way(table: DriveTable) -> str:
+    """The line and the direction of a drive, in words."""
+    journey = table.journey
+    return "an unknown line" if journey is None else f"{journey.route_id}{' reversed' if journey.reversed else ''}"
 
 
 STEP_M = 10.0
@@ -193,7 +190,7 @@ class AlignedDrives(Summary):
         """Align drives over the part of the line that all of them drove; DasError if there is none."""
         if not step_m > 0 or math.isinf(step_m):
             raise DasError(f"--step {step_m:g}: expected metres > 0")
-        check_one_line([one.drive.recording for one in drives])
+        check_one_line([one.drive for one in drives])
         low_m = max(float(drive.s_m[0]) for drive in drives)
         high_m = min(float(drive.s_m[-1]) for drive in drives)
         if high_m - low_m < step_m:
@@ -202,7 +199,7 @@ class AlignedDrives(Summary):
         speed = np.array([drive.at(s_m, drive.speed_mps) for drive in drives])
         own = same_brakes([drive.drive for drive in drives])
         energy = np.array([drive.at(s_m, drive.energy_j if own else drive.motors_first_j) for drive in drives])
-        inertial_kg = np.array([[one.drive.inputs.vehicle.inertial_mass_kg] for one in drives])
+        inertial_kg = np.array([[one.drive.table.inputs.vehicle.inertial_mass_kg] for one in drives])
         lost = energy - 0.5 * inertial_kg * speed**2
         time = np.array([drive.at(s_m, drive.time_s) for drive in drives])
         return cls(
@@ -252,7 +249,7 @@ class AlignedDrives(Summary):
     @property
     def trains_differ(self) -> bool:
         """Whether the drives are of different trains, by name or by mass."""
-        return len({(one.train, one.drive.inputs.vehicle.mass_kg) for one in self.drives}) > 1
+        return len({(one.train, one.drive.table.inputs.vehicle.mass_kg) for one in self.drives}) > 1
 
     def is_same(self, other: int) -> bool:
         """Whether a drive agrees with the first in time, speed, energy and advice at every row."""
@@ -290,7 +287,7 @@ class AlignedDrives(Summary):
 
     def _edges(self) -> list[int]:
         """Rows at which a stretch ends: the ends, the changes of the limit and the stops."""
-        stops_m = [end.s_m for leg in self.drives[0].drive.legs for end in (leg.start, leg.end)]
+        stops_m = [end.s_m for leg in self.drives[0].drive.energy.legs for end in (leg.start, leg.end)]
         rows = {0, len(self.s_m) - 1}
         rows |= {int(row) + 1 for row in np.flatnonzero(np.diff(self.s_m) == 0)}
         rows |= {int(np.searchsorted(self.s_m, stop)) for stop in stops_m if self.s_m[0] < stop < self.s_m[-1]}
@@ -300,7 +297,7 @@ class AlignedDrives(Summary):
 
 def _rows(first: Drive, low_m: float, high_m: float, step_m: float) -> tuple[Floats, Floats]:
     """Positions in constant steps, and every change of the limit twice, with the limit (m/s) before and after it."""
-    limits = first.inputs.route.limits_mps
+    limits = first.table.inputs.route.limits_mps
     even = np.append(np.arange(low_m, high_m, step_m), high_m)
     changes = limits.start_m[(limits.start_m > low_m) & (limits.start_m < high_m)]
     changes = changes[limits.at(changes) != limits.at(changes - 1e-6)]
@@ -349,10 +346,10 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
         "time_s": float(pair.time_s[row, -1]),
         "compared_energy_kwh": kwh(float(pair.energy_j[row, -1])),
         "motors_first": not pair.own_energies,
-        "energy_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
-        "measured": drive.measured,
-        **({} if drive.above is None else drive.above.as_dict()),
-        "arrived_late_s": [known(leg.end.arrived_late_s) for leg in drive.legs],
+        "energy_kwh": None if drive.energy.driven_j is None else kwh(drive.energy.driven_j),
+        "measured": drive.energy.measured,
+        **({} if drive.energy.above is None else drive.energy.above.as_dict()),
+        "arrived_late_s": [known(leg.end.arrived_late_s) for leg in drive.energy.legs],
     }
     if index:
         found |= {
@@ -418,7 +415,7 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
         told = [f"{other.label} took the same time and energy as {first.label}."]
     if other.train != first.train:
         told.append(f"They are different trains: {first.train} and {other.train}.")
-    elif other.drive.inputs.vehicle.mass_kg != first.drive.inputs.vehicle.mass_kg:
+    elif other.drive.table.inputs.vehicle.mass_kg != first.drive.table.inputs.vehicle.mass_kg:
         told.append("They have the same train, but of another mass.")
     told += energy_sentences(aligned, index)
     advised = aligned.first_different_advice(index)

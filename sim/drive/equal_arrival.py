@@ -39,15 +39,15 @@ OTHER_BRAKES: Final = (
 
 def run_of(drive: Drive) -> Mapping[str, str]:
     """The metadata of a simulated run; empty for any other drive."""
-    run = drive.recording.metadata.get("run", {})
+    run = drive.table.run
     return run if run.get("kind") == "run" else {}
 
 
 def brakes_of(drive: Drive) -> str:
     """The brakes that a drive was driven or estimated with, and whether its energy was measured, in words."""
     run = run_of(drive)
-    if not drive.measured:
-        known = any(leg.motion.friction_j is not None for leg in drive.legs)
+    if not drive.energy.measured:
+        known = any(leg.motion.friction_j is not None for leg in drive.energy.legs)
         return f"estimated, {'brake forces as recorded' if known else ELECTRIC_FIRST}"
     driver, policy = run.get("driver", ""), run.get("friction_policy", "")
     if driver != DriverKind.HUMAN:
@@ -80,10 +80,10 @@ class EqualArrival:
     @classmethod
     def of(cls, first: Drive, other: Drive, *, own: bool) -> EqualArrival:
         """Compare two drives by their own energies or, if their brakes differ, by those of motors that brake first."""
-        hangs_on = SAME_BRAKES[first.measured] if own else OTHER_BRAKES
-        before, after = ((one.above if own else one.motors_first) for one in (first, other))
+        hangs_on = SAME_BRAKES[first.energy.measured] if own else OTHER_BRAKES
+        before, after = ((one.energy.above if own else one.energy.motors_first) for one in (first, other))
         if before is None or after is None:
-            why_not = first.not_comparable or other.not_comparable
+            why_not = first.energy.not_comparable or other.energy.not_comparable
         else:
             why_not = (
                 _trains_differ(first, other, own=own) or before.why_not or after.why_not or _stops_differ(before, after)
@@ -121,7 +121,10 @@ def _kwh(energy_j: float | None) -> float | None:
 
 
 def _trains_differ(first: Drive, other: Drive, *, own: bool) -> str:
-    trains = [(one.inputs.vehicle.id, one.inputs.vehicle.mass_kg, one.inputs.level) for one in (first, other)]
+    trains = [
+        (one.table.inputs.vehicle.id, one.table.inputs.vehicle.mass_kg, one.table.inputs.level)
+        for one in (first, other)
+    ]
     same = trains[0] == trains[1] and (not own or _drawn(first).get("truth") == _drawn(other).get("truth"))
     return "" if same else "the trains differ"
 

@@ -17,9 +17,8 @@ from das.advice.advice import Cause
 from das.advice.goal import OVERSPEED_MPS
 from das.advice.regimes import KIND_OF, InstructionKind, Regime
 from das.advice.shown import TARGET_STEP_MPS, step_below
-from das.bus import topics
-from das.bus.recording import Recording
 from das.domain.units import KMH, NS
+from sim.drive.table import HOLDS_S, DriveTable
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 
 ANNOUNCED_S: Final = 8.0
@@ -44,8 +43,6 @@ MOVING_MPS: Final = 0.3
 """A train slower than this stands."""
 REMEMBERED: Final = 60
 """The announcements of this many seconds are remembered."""
-GAP_S: Final = 3.0
-"""Two advices that are further apart than this (s) are not compared."""
 
 
 _Task = tuple[InstructionKind, int]
@@ -98,16 +95,6 @@ class RelianceFigures:
     advised_s: int = 0
     silent_s: int = 0
 
-    def as_dict(self) -> dict[str, Any]:
-        """The measures for JSON and tables; None for a measure without a value."""
-        return {
-            "promises_kept_ratio": _ratio(self.kept, self.promised),
-            "above_limit_obeying_s": self.above_limit_s,
-            "hidden_limits": self.hidden_limits,
-            "last_word_acts": self.replaced,
-            "availability_ratio": _ratio(self.advised_s, self.advised_s + self.silent_s),
-        }
-
 
 @dataclass(frozen=True, kw_only=True)
 class InstructionFigures:
@@ -139,32 +126,6 @@ class InstructionFigures:
     def against_grammar(self) -> int:
         """Instructions that the grammar of the guide excludes."""
         return self.missed_coasts + self.vain_accelerations + self.odd_speeds + self.standing_s
-
-    def rows(self) -> list[tuple[str, str]]:
-        """The measures for tables; nothing if the guide gave no instructions."""
-        if not self.changes:
-            return []
-        return [
-            ("guide's changes announced in time", f"{self.announced} of {self.changes}"),
-            ("  brakes shown 2 s before they were due", f"{self.led} of {self.brakes}"),
-            ("  instructions against the grammar", f"{self.against_grammar} of {self.instructions}"),
-            ("  announced changes that came", f"{self.reliance.kept} of {self.reliance.promised}"),
-        ]
-
-    def as_dict(self) -> dict[str, Any]:
-        """The measures for JSON and tables; None for a measure without a value."""
-        return {
-            "instructions": self.instructions,
-            "shortest_instruction_s": self.shortest_s if math.isfinite(self.shortest_s) else None,
-            "announced_ratio": _ratio(self.announced, self.changes),
-            "brakes_led_ratio": _ratio(self.led, self.brakes),
-            "effort_changes_per_brake": _ratio(self.efforts_in_brakes, self.brakes),
-            "missed_coasts": self.missed_coasts,
-            "vain_accelerations": self.vain_accelerations,
-            "odd_speeds": self.odd_speeds,
-            "standing_acceleration_s": self.standing_s,
-            **self.reliance.as_dict(),
-        }
 
 
 class _ByEye(NamedTuple):
@@ -273,7 +234,7 @@ class InstructionWatch:
         if told is not None and advice.speed_mps < MOVING_MPS:
             self._counts["standing_s"] += told.kind is InstructionKind.TRACTION
             told = None
-        before = self._now if time_s - self._at_s <= GAP_S else None
+        before = self._now if time_s - self._at_s <= HOLDS_S else None
         self._at_s = time_s
         self._reliance.look(told, advice, force_n)
         if told is None:
@@ -322,14 +283,27 @@ class InstructionWatch:
         )
 
 
-def recorded_instructions(recording: Recording) -> InstructionFigures:
-    """The figures of a recorded drive, from its messages `advice`."""
+class _AdviceRow(NamedTuple):
+    """An advice of a table, with what `InstructionWatch` looks at."""
+
+    time_ns: int
+    s_m: float
+    speed_mps: float
+    limit_mps: float
+    mode: int
+    cause: int
+    replaced_parts: int
+    guide: Any
+
+
+def instructions(table: DriveTable) -> InstructionFigures:
+    """The figures of a recorded drive, by the advice of its node and the forces of the true train."""
     watch = InstructionWatch()
-    truth = recording.columns(topics.TRUTH, "time_ns", "force_el_n", "force_friction_n")
-    forces_n = truth["force_el_n"] + truth["force_friction_n"]
-    for entry in recording.of(topics.ADVICE):
-        at = int(np.searchsorted(truth["time_ns"], entry.message.time_ns, side="right")) - 1
-        watch.look(entry.message, float(forces_n[at]) if at >= 0 else math.nan)
+    true_ns, electric_n, friction_n = table.of_topic("truth", "force_el_n", "force_friction_n")
+    forces_n = electric_n + friction_n
+    for row in zip(*(one.tolist() for one in table.of_topic("advice", *_AdviceRow._fields[1:])), strict=True):
+        at = int(np.searchsorted(true_ns, row[0], side="right")) - 1
+        watch.look(_AdviceRow(*row), float(forces_n[at]) if at >= 0 else math.nan)
     return watch.found
 
 
@@ -401,7 +375,3 @@ def _is_vain(accelerated: _Told, told: _Told) -> bool:
     lasted_s = told.time_s - accelerated.time_s
     gained_s = (told.s_m - accelerated.s_m) / max(accelerated.speed_mps, MOVING_MPS) - lasted_s
     return lasted_s < BRIEF_S and gained_s < GAINS_S
-
-
-def _ratio(part: int, whole: int) -> float | None:
-    return part / whole if whole else None

@@ -15,14 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Source
-from das.bus import topics
-from das.bus.recording import Recording
-from das.bus.restrictions import valid_restrictions
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
-from sim.drive.happenings import Signal
+from sim.drive.table import DriveTable
 from sim.recording.course import DrivenCourse, Floats, Times, stretches_of
-from sim.recording.inputs import DriveInputs
 
 OVER_MPS: Final = 1.0 * KMH
 """A speed that is more than this (m/s) above a limit is too fast; less is within the error of a speedometer."""
@@ -64,43 +60,57 @@ class TemporaryLimit(NamedTuple):
         return [(self.told_ns, "received"), *inside, (self.lifted_ns, "lifted")]
 
 
-def temporary_limits(recording: Recording, trip: DrivenCourse) -> tuple[TemporaryLimit, ...]:
+class Signal(NamedTuple):
+    """A signal at danger: its position (m), and from when to when the driver saw it at danger."""
+
+    s_m: float
+    start_ns: int
+    end_ns: int
+
+
+def signals(table: DriveTable) -> tuple[Signal, ...]:
+    """The signals at danger that the driver saw."""
+    found: list[Signal] = []
+    before_m = -1.0
+    for time_ns, signal_m in zip(*(one.tolist() for one in table.of_topic("cab", "signal_m")), strict=True):
+        if signal_m == before_m:
+            found[-1] = found[-1]._replace(end_ns=time_ns)
+        elif signal_m > 0.0:
+            found.append(Signal(signal_m, time_ns, time_ns))
+        before_m = signal_m if signal_m > 0.0 else -1.0
+    return tuple(found)
+
+
+def temporary_limits(table: DriveTable) -> tuple[TemporaryLimit, ...]:
     """The restrictions that the node received, in the order in which they were lifted.
 
     Every message holds all restrictions that are in force.
     """
     since_ns: dict[Restriction, int] = {}
     found = []
-    for time_ns, told in [*told_lists(recording), (int(trip.time_ns[-1]) + 1, ())]:
+    lists = [(one.time_ns, one.valid) for one in table.said.restrictions]
+    for time_ns, told in [*lists, (int(table.course.time_ns[-1]) + 1, ())]:
         found += [TemporaryLimit(one, since_ns[one], time_ns) for one in sorted(since_ns.keys() - set(told))]
         since_ns = {one: since_ns.get(one, time_ns) for one in told}
     return tuple(found)
 
 
-def told_lists(recording: Recording) -> Iterator[tuple[int, tuple[Restriction, ...]]]:
-    """The time (ns) and the restrictions of each message, in order of time."""
-    messages = [entry.message for entry in recording.of(topics.RESTRICTION)]
-    for message in sorted(messages, key=lambda message: message.time_ns):
-        yield int(message.time_ns), valid_restrictions(message.restrictions)
-
-
-def limit_in_force(
-    recording: Recording, trip: DrivenCourse, inputs: DriveInputs | None, told: Iterable[TemporaryLimit]
-) -> Floats:
+def limit_in_force(table: DriveTable, told: Iterable[TemporaryLimit]) -> Floats:
     """The limit of the line (m/s) over the train at every position of its course, with the restrictions known by then.
 
-    It is NaN where it is not known. `inputs` are line and train. If these are not known (None), the line's limit is
-    the one that a simulator recorded, and a restriction holds beyond its end until the node states a higher limit.
+    It is NaN where it is not known. If line and train are not known, the line's limit is the one that a simulator
+    recorded, and a restriction holds beyond its end until the node states a higher limit.
     """
-    truth = recording.columns(topics.TRUTH, "time_ns", "limit_mps")
+    trip, inputs = table.course, table.known_inputs
     at, length_m, said_mps = trip.time_ns, 0.0, np.full(len(trip.time_ns), np.nan)
     if inputs is not None:
         length_m = inputs.vehicle.train_length_m
         limit_mps = inputs.route.limits_over_train(length_m).at(trip.s_m)
     else:
-        advice = recording.columns(topics.ADVICE, "time_ns", "source", "limit_mps")
-        said_mps = np.where(advice["source"] == Source.NONE, np.nan, advice["limit_mps"])
-        said_mps, limit_mps = _held(advice["time_ns"], said_mps, at), _held(truth["time_ns"], truth["limit_mps"], at)
+        advised_ns, source, advised_mps = table.of_topic("advice", "source", "limit_mps")
+        said_mps = _held(advised_ns, np.where(source == Source.NONE, np.nan, advised_mps), at)
+        true_ns, line_mps = table.of_topic("truth", "limit_mps")
+        limit_mps = _held(true_ns, line_mps, at)
     for span in told:
         one = span.restriction
         over = (trip.s_m >= one.start_m) & ((trip.s_m - length_m <= one.end_m) | (said_mps <= one.limit_mps))

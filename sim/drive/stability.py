@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.bus import topics
-from das.bus.recording import Recording
-from sim.drivers.messages import recorded_view
+from sim.drive.table import HOLDS_S, DriveTable
 from sim.drivers.presentations.presenter import Shown
-from sim.recording.course import known
 
 MOST_CHANGES_PER_MIN: Final = 2.0
 """Advice that changes more often than this, on average, is restless."""
@@ -20,8 +17,6 @@ SHORTEST_MODE_S: Final = 8.0
 REVERSAL_S: Final = 10.0
 """Traction and braking, in either order, with less than this (s) between them are a reversal."""
 A_SECOND_NS: Final = 1_000_000_000
-GAP_S: Final = 3.0
-"""Two looks at the display that are further apart than this (s) are not compared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,26 +50,6 @@ class AdviceStability:
             found.append(f"a mode that stood for {self.shortest_mode_s:.0f} s (less than {SHORTEST_MODE_S:g} s)")
         return f"the advice shown was restless: {' and '.join(found)}" if found else None
 
-    def rows(self) -> list[tuple[str, str]]:
-        """The measures for tables; nothing if no advice was shown."""
-        if not self.shown_s:
-            return []
-        shortest = "–" if math.isnan(self.shortest_mode_s) else f"{self.shortest_mode_s:.0f} s"
-        return [
-            ("advice changed, while moving", f"{self.changes_per_min:.1f} times a minute"),
-            ("  from traction to brake or back", f"{self.reversals} times"),
-            ("  shortest mode", shortest),
-        ]
-
-    def as_dict(self) -> dict[str, Any]:
-        """The measures for JSON and tables; None for a measure without a value."""
-        return {
-            "advice_changes_per_min": known(self.changes_per_min),
-            "reversals": self.reversals,
-            "shortest_mode_s": known(self.shortest_mode_s),
-            "advice_restless": self.warning is not None,
-        }
-
 
 class ShownWatch:
     """Looks at the display every second of a run; call `look` in the order of time.
@@ -106,13 +81,13 @@ class ShownWatch:
         shown = shown if under_way else None
         before, span_s = self._before, time_s - self._before_s
         self._before, self._before_s = shown, time_s
-        if before is not None and span_s <= GAP_S:
+        if before is not None and span_s <= HOLDS_S:
             self._shown_s += span_s
         else:
             self._mode_since_s, self._effort_side, self._neither_since_s = time_s, 0, math.inf
         if shown is None:
             return
-        if before is not None and span_s <= GAP_S and shown != before:
+        if before is not None and span_s <= HOLDS_S and shown != before:
             self._changes += 1
             if shown.mode is not before.mode:
                 self._mode_ended(time_s, before.mode, shown.mode)
@@ -135,17 +110,18 @@ class ShownWatch:
         self._effort_side, self._neither_since_s = side, math.inf
 
 
-def recorded_stability(recording: Recording) -> AdviceStability:
-    """The measures of a recorded drive, from the messages `cab` and, for the speed of the train, `truth`.
+def stability(table: DriveTable) -> AdviceStability:
+    """The measures of a recorded drive, by what the cab showed and how fast the true train was.
 
-    Without these messages nothing counts as shown. If the shown speed was not recorded, it is the advised speed,
-    rounded. An external driver may look more often than once a second; one look a second counts, as for every driver.
+    Without these nothing counts as shown. If the shown speed was not recorded, it is the advised speed, rounded. An
+    external driver may look more often than once a second; one look a second counts, as for every driver.
     """
-    truth = recording.columns(topics.TRUTH, "time_ns", "speed_mps")
-    speeds_mps = dict(zip(truth["time_ns"].tolist(), truth["speed_mps"].tolist(), strict=True))
-    watch, messages = ShownWatch(), [entry.message for entry in recording.of(topics.CAB)]
-    for cab in (one for one in messages if not one.look or one.time_ns in speeds_mps):
-        since_s = (cab.time_ns - messages[0].time_ns) / A_SECOND_NS
-        view = recorded_view(cab)
-        watch.look(since_s, speeds_mps.get(cab.time_ns, 0.0), None if view is None else Shown.of(view))
+    true_ns, true_mps = table.of_topic("truth", "speed_mps")
+    speeds_mps = dict(zip(true_ns.tolist(), true_mps.tolist(), strict=True))
+    watch = ShownWatch()
+    times_ns, looks, views = table.of_topic("cab", "look", "view")
+    for time_ns, look, view in zip(times_ns.tolist(), looks.tolist(), views, strict=True):
+        if not look or time_ns in speeds_mps:
+            since_s = (time_ns - int(times_ns[0])) / A_SECOND_NS
+            watch.look(since_s, speeds_mps.get(time_ns, 0.0), None if view is None else Shown.of(view))
     return watch.found

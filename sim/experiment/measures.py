@@ -267,7 +267,7 @@ _LISTED: Final = (
     _measure("over_limit_s", "Time above limits", "s", OWN, "time with a speed more than 1 km/h above what is allowed"),
     _measure("over_limit_mps", "Greatest speed above limits", "m/s", OWN,
              "max (v − limit) over those times; 0 where there are none",
-             lambda driven: driven.outcome.drive.violations.over_limit_mps),
+             lambda driven: driven.outcome.figures.violations.over_limit_mps),
     _measure("signals_passed", "Signals passed at danger", "1", OWN,
              "signals at danger that the train's head is more than 0.5 m beyond"),
     _measure("advice_changes_per_min", "Advice changes", "1/min", OWN,

@@ -26,6 +26,10 @@ NODE_ARGUMENTS: Final = "node_arguments"
 """Key of the arguments with which the node was started (JSON list)."""
 WHAT_IF: Final = "what_if"
 """Key of the kind of a what-if (`sim.options.WhatIfKind`)."""
+OF, OF_SHA256, CHANGED = "what_if_of", "what_if_of_sha256", "what_if_changed"
+"""Keys of a what-if: the recording that it starts from, that file's hash, and the changes in words."""
+NOTHING: Final = "nothing"
+"""What is written of a day on which nothing happens, and of a what-if in which nothing changes."""
 _warned: set[str] = set()
 """Warnings that this process has printed."""
 

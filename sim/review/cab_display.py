@@ -40,7 +40,7 @@ def send_cab(
     out: rr.RecordingStream, timeline: Callable[[Times], list[rr.TimeColumn]], scene: ReviewScene, said: DisplayWords
 ) -> None:
     """Send what the driver saw: the speedometer, and the words of the display; `timeline` puts moments on the time."""
-    found = cards(scene.recording, scene.trip, said)
+    found = cards(scene.drive.table, said)
     if found:
         markdown = [rr.MediaType.MARKDOWN] * len(found)
         columns = rr.TextDocument.columns(text=[card.text for card in found], media_type=markdown)

@@ -1,12 +1,12 @@
-"""How matplotlib draws the parts of a picture: axes in a column, curves, patches, marks, and their numbered list."""
+"""How matplotlib draws the parts of a page's pictures: axes in a column, curves, lanes of states, names of stops."""
 
 from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib
 import numpy as np
@@ -16,35 +16,17 @@ from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
 from das.drawing.colors import look_of
-from das.drawing.meanings import COMPARED, LIGHT, Meaning, Theme
-from sim.drive.happenings import Span
+from das.drawing.meanings import COMPARED, LIGHT
+from sim.drive.series import QUANTITIES, STYLES
 from sim.recording.course import Floats, Times
 from sim.review.lanes import Lane, instructions
-from sim.review.scene import Mark
-from sim.review.series import QUANTITIES, STYLES
 
 if TYPE_CHECKING:
     from sim.drive.comparison import AlignedDrives, DriveOnTrack
 
-WIDTH_IN, DPI = 11.0, 160
-LEFT_IN, RIGHT_IN, SPACE_IN = 0.8, 0.2, 0.14
 LINE_RATIO: Final = 0.8
 """Width of a line in a picture, as a share of its width in rerun."""
-
 SMALL: Final = 8.0
-DIGIT_SHARE: Final = 0.0085
-"""Width of a digit of a mark's number, as a share of the axis."""
-
-FIRST: Final = (Meaning.NOTE, Meaning.WARNING, Meaning.NO_ADVICE, None)
-"""Joined marks have the colour of the mark whose meaning comes first here."""
-
-LISTED: Final = 40
-"""At most this many marks are listed; the viewer lists all of them."""
-
-ROW_IN: Final = 0.185
-LETTERS: Final = 78
-"""Largest number of characters in one line of the list of marks."""
-
 LETTER_SHARE: Final = 0.0085
 """Width of a letter of a stop's name, as a share of the axis of a page or of a wider picture."""
 NAMES_AT_POINTS: Final = (17.0, 29.0)
@@ -55,76 +37,29 @@ Along = Callable[[Times], Floats]
 """Returns where times (ns) lie on an axis."""
 
 
-class Panel(NamedTuple):
-    """Room for an axis: its title, its height (in), and the room above it (in)."""
-
-    title: str
-    height_in: float
-    above_in: float = SPACE_IN
-
-
-def figure_of(panels: Sequence[Panel], below_in: float, theme: Theme) -> tuple[Figure, list[Any]]:
-    """A figure of these panels, one below the other, with room at the bottom."""
-    height_in = sum(panel.height_in + panel.above_in for panel in panels) + below_in
-    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor=theme.background)
-    FigureCanvasAgg(figure)
-    axes, top_in = [], height_in
-    for panel in panels:
-        top_in -= panel.above_in + panel.height_in
-        share = (WIDTH_IN - LEFT_IN - RIGHT_IN) / WIDTH_IN
-        axis = figure.add_axes((LEFT_IN / WIDTH_IN, top_in / height_in, share, panel.height_in / height_in))
-        _plain(axis, panel.title, theme)
-        axes.append(axis)
-    return figure, axes
-
-
-def _plain(axis: Any, title: str, theme: Theme) -> None:
-    axis.set_facecolor(theme.background)
-    axis.set_ylabel(title, color=theme.ink, fontsize=SMALL)
-    axis.yaxis.set_label_coords(-0.5 / (WIDTH_IN - LEFT_IN - RIGHT_IN), 0.5)
-    axis.grid(color=theme.grid, linewidth=0.6)
-    axis.set_axisbelow(True)
-    axis.tick_params(colors=theme.ink, labelsize=SMALL)
-    for spine in axis.spines.values():
-        spine.set_color(theme.grid)
-
-
-def share_x(axes: Sequence[Any], limits: tuple[float, float], title: str, theme: Theme) -> None:
-    """Give axes that lie one below the other the same horizontal axis, named below the last."""
-    for axis in axes:
-        axis.set_xlim(*limits)
-        axis.tick_params(labelbottom=axis is axes[-1])
-    axes[-1].set_xlabel(title, color=theme.ink, fontsize=SMALL)
-
-
-def curve(axis: Any, name: str, x: Floats, values: Floats, theme: Theme) -> None:
+def curve(axis: Any, name: str, x: Floats, values: Floats) -> None:
     """Draw a series in its style, unless it has no value."""
     style = STYLES[name]
     if np.isfinite(values).any():
         axis.plot(
-            x, values, color=theme.of[style.meaning], linewidth=LINE_RATIO * style.width,
+            x, values, color=LIGHT.of[style.meaning], linewidth=LINE_RATIO * style.width,
             drawstyle="steps-post" if style.held else "default", label=style.label,
             zorder=2.5 if name == "speed/limit" else 2.0,
         )  # fmt: skip
 
 
-def rows(axis: Any, names: Sequence[str], theme: Theme) -> None:
-    """Divide an axis into named rows, one below the other."""
-    axis.set_ylim(len(names), 0.0)
-    axis.set_yticks(np.arange(len(names)) + 0.5, names)
-    axis.tick_params(axis="y", length=0.0, labelcolor=theme.ink)
-    axis.grid(visible=False, axis="y")
-
-
-def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along, theme: Theme) -> dict[str, str]:
+def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along) -> dict[str, str]:
     """Draw lanes of states up to a moment (ns), each in a row; return the colours of the states that need a legend."""
     named: dict[str, str] = {}
-    rows(axis, [lane.name for lane in lanes], theme)
+    axis.set_ylim(len(lanes), 0.0)
+    axis.set_yticks(np.arange(len(lanes)) + 0.5, [lane.name for lane in lanes])
+    axis.tick_params(axis="y", length=0.0, labelcolor=INK)
+    axis.grid(visible=False, axis="y")
     for row, lane in enumerate(lanes):
         for change, following in pairwise([*lane.changes, lane.changes[-1]._replace(time_ns=end_ns)]):
             start, end = along(_times(change.time_ns, following.time_ns))
             if change.state:
-                color = lane.color(change.state, theme)
+                color = lane.color(change.state, LIGHT)
                 axis.broken_barh([(start, end - start)], (row + 0.08, 0.84), facecolor=color, edgecolor=color, lw=0.8)
                 if len(lane.colors) > 2 and lane.name != "no advice":
                     named.setdefault(change.state, color)
@@ -134,7 +69,6 @@ def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along, theme
 def name_stops(
     axis: Any,
     stops: Sequence[tuple[str, float]],
-    theme: Theme,
     at_points: tuple[float, float] = NAMES_AT_POINTS,
 ) -> None:
     """Write the names of stops (name, place on the axis) above the axis, as far as they do not cover each other."""
@@ -150,102 +84,8 @@ def name_stops(
         ends[row] = start + width
         axis.annotate(
             name, (start + 0.5 * width, 1.0), (0.0, at_points[row]), xycoords="axes fraction",
-            textcoords="offset points", ha="center", color=theme.ink, fontsize=SMALL + 1.0,
+            textcoords="offset points", ha="center", color=INK, fontsize=SMALL + 1.0,
         )  # fmt: skip
-
-
-def legend(axis: Any, theme: Theme, patches: Mapping[str, str] | None = None) -> None:
-    """Draw the legend above the right end of the axis, because inside the axis it would always cover curves.
-
-    It names the curves, or patches by their colours if there are any.
-    """
-    looks: dict[str, Any] = {"ncols": 8, "handlelength": 1.6, "columnspacing": 1.4}
-    if patches is not None:
-        handles = [Patch(color=color, label=text) for text, color in patches.items()]
-        looks = {"handles": handles, "ncols": 12, "handlelength": 0.9, "handleheight": 0.7, "columnspacing": 1.0}
-    if patches is not None or axis.get_legend_handles_labels()[0]:
-        axis.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, labelcolor=theme.ink, fontsize=SMALL,
-            borderaxespad=0.1, **looks,
-        )  # fmt: skip
-
-
-def bands(axis: Any, along: Along, spans: Iterable[Span], theme: Theme) -> None:
-    """Draw grey bands where there was no advice, and name them in the legend."""
-    for number, span in enumerate(spans):
-        start, end = along(_times(span.start_ns, span.end_ns))
-        label = "no advice" if number == 0 else None
-        color = theme.of[Meaning.NO_ADVICE]
-        axis.axvspan(start, end, color=color, alpha=0.35, linewidth=1.0, zorder=0.5, label=label)
-
-
-def numbered_marks(axis: Any, along: Along, found: Sequence[Mark], theme: Theme) -> None:
-    """Draw a dotted line for each mark, with its number in the list at the top; numbers that overlap are joined."""
-    if not found:
-        return
-    places = along(_times(*(one.time_ns for one in found)))
-    for place, one in zip(places, found, strict=True):
-        axis.axvline(place, color=one.color(theme), linewidth=0.7, linestyle=":", alpha=0.8, zorder=0.6)
-    low, high = axis.get_xlim()
-    transform = axis.get_xaxis_transform()
-    numbered = sorted((float((x - low) / (high - low)), number) for number, x in enumerate(places, start=1))
-    for middle, numbers in joined_labels(numbered):
-        first = min((found[number - 1] for number in numbers), key=lambda one: FIRST.index(one.meaning))
-        axis.text(
-            low + middle * (high - low), 0.955, _numbers(numbers), transform=transform, ha="center", va="center",
-            fontsize=SMALL - 1.0, color=theme.background,
-            bbox={"boxstyle": "round,pad=0.2", "facecolor": first.color(theme), "edgecolor": "none"},
-        )  # fmt: skip
-
-
-def joined_labels(numbered: Sequence[tuple[float, int]]) -> list[tuple[float, list[int]]]:
-    """Labels in order, as (middle, numbers); labels that would cover each other are joined."""
-    found: list[tuple[float, list[int]]] = []
-    for place, number in numbered:
-        found.append((place, [number]))
-        while len(found) > 1:
-            (before, some), (last, more) = found[-2:]
-            if last - before >= half_width_ratio(more) + half_width_ratio(some):
-                break
-            del found[-2:]
-            found.append(((last * len(more) + before * len(some)) / (len(more) + len(some)), sorted([*some, *more])))
-    return found
-
-
-def half_width_ratio(numbers: Sequence[int]) -> float:
-    """Half the width of a label, as a share of the axis."""
-    return 0.5 * DIGIT_SHARE * (len(_numbers(numbers)) + 1)
-
-
-def _numbers(numbers: Sequence[int]) -> str:
-    if len(numbers) > 2 and all(b == a + 1 for a, b in pairwise(numbers)):
-        return f"{numbers[0]}–{numbers[-1]}"
-    return " ".join(map(str, numbers))
-
-
-def listed(figure: Figure, found: Sequence[Mark], theme: Theme) -> None:
-    """Draw the list of the marks in two columns at the bottom of the figure."""
-    height_in = figure.get_figheight()
-    rows = _list_rows(found)
-    for index, one in enumerate(found[:LISTED]):
-        column, row = divmod(index, rows)
-        x, y = (LEFT_IN + column * 0.5 * (WIDTH_IN - LEFT_IN)) / WIDTH_IN, ROW_IN * (rows - row - 0.2) / height_in
-        text = one.text if len(one.text) <= LETTERS else f"{one.text[: LETTERS - 1]}…"
-        figure.text(x - 0.06 / WIDTH_IN, y, str(index + 1), color=one.color(theme), fontsize=SMALL, ha="right")
-        color = one.color(theme) if one.meaning is Meaning.WARNING else theme.ink
-        figure.text(x, y, text, color=color, fontsize=SMALL)
-    if len(found) > LISTED:
-        x, more = 1.0 - RIGHT_IN / WIDTH_IN, f"and {len(found) - LISTED} more"
-        figure.text(x, 0.3 * ROW_IN / height_in, more, color=theme.ink, fontsize=SMALL, ha="right")
-
-
-def list_height_in(found: Sequence[Mark]) -> float:
-    """The room (in) that the list takes."""
-    return ROW_IN * (_list_rows(found) + 0.6)
-
-
-def _list_rows(found: Sequence[Mark]) -> int:
-    return -(-min(len(found), LISTED) // 2)
 
 
 def _times(*time_ns: int) -> Times:
@@ -310,7 +150,7 @@ def stops(
     for _, s_m in places:
         axis.axvline(s_m / KM, color=INK, linewidth=0.6, alpha=0.4)
     if written:
-        name_stops(axis, [(name, s_m / KM) for name, s_m in places], LIGHT, at_points)
+        name_stops(axis, [(name, s_m / KM) for name, s_m in places], at_points)
 
 
 def as_image(figure: Figure) -> str:
@@ -337,7 +177,7 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     figure, axes = light_figure((2.6, *(SAID_IN if _has_words(lane) else STRIP_IN for _, lane in said), 1.3, 1.3))
     (speed, *told), (time, energy) = axes[:-2], axes[-2:]
     at_km = aligned.s_m / KM
-    curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps), LIGHT)
+    curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps))
     for i, drive in enumerate(aligned.drives):
         style = {**look_of(i, COMPARED), "linewidth": 1.4}
         speed.plot(at_km, kmh(aligned.speed_mps[i]), label=drive.label, **style)
@@ -348,7 +188,7 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
         _said(axis, drive, lane)
     for axis in (time, energy):
         axis.axhline(0.0, color=COMPARED[0], linewidth=1.0)
-    legs = aligned.drives[0].drive.legs
+    legs = aligned.drives[0].drive.energy.legs
     places = [(legs[0].start.name, legs[0].start.s_m), *((leg.end.name, leg.end.s_m) for leg in legs)]
     common = [(name, s_m) for name, s_m in places if aligned.s_m[0] - EDGE_M <= s_m <= aligned.s_m[-1] + EDGE_M]
     for axis in (speed, time, energy):
@@ -368,18 +208,18 @@ def _said(axis: Any, on_track: DriveOnTrack, lane: Lane) -> None:
     A display that changes too often for its words has the strip alone.
     """
     drive, written = on_track.drive, -np.inf
-    apart = WORDS_APART * float(np.ptp(drive.course.s_m)) / KM
+    apart = WORDS_APART * float(np.ptp(drive.table.course.s_m)) / KM
     room = _has_words(lane)
     height = SAID_SHARE if room else 1.0
-    end = lane.changes[-1]._replace(time_ns=int(drive.course.time_ns[-1]), state="")
+    end = lane.changes[-1]._replace(time_ns=int(drive.table.course.time_ns[-1]), state="")
     for change, following in pairwise([*lane.changes, end]):
-        start, until = drive.course.at(_times(change.time_ns, following.time_ns), drive.course.s_m) / KM
+        start, until = drive.table.course.at(_times(change.time_ns, following.time_ns), drive.table.course.s_m) / KM
         if not change.state or until <= start:
             continue
         color = lane.color(change.state, LIGHT)
         axis.broken_barh([(start, until - start)], (0.0, height), facecolor=color, edgecolor="none")
         place = max(start, written + apart)
-        if room and place <= start + apart and place < drive.course.s_m[-1] / KM - 0.7 * apart:
+        if room and place <= start + apart and place < drive.table.course.s_m[-1] / KM - 0.7 * apart:
             written = place
             axis.text(place, SAID_SHARE + 0.03, change.state, rotation=90.0, ha="left", va="bottom", color=INK,
                       fontsize=TEXT_POINTS - 1.0)  # fmt: skip

@@ -6,17 +6,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
-from das.bus import das_pb2, topics
+from das.bus import das_pb2
 from das.domain.units import KM, KMH
 from das.drawing.meanings import MODES, Meaning, Theme
-from sim.drive.calls import AtStop
+from sim.drive.calls import AtStop, at_stops
 from sim.drive.drive import Drive
-from sim.drive.happenings import NOT_HEARD, Span
+from sim.drive.events import NOT_HEARD, Span
 from sim.drivers.cab import AdviceView
 from sim.drivers.kinds import Presentation
-from sim.drivers.messages import recorded_view
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation, whole
-from sim.recording.course import DrivenCourse
+from sim.recording.course import DrivenCourse, Times
 
 STATES: Final = {
     "advising": Meaning.ADVISED,
@@ -61,13 +60,16 @@ def lane_entity(name: str) -> str:
 
 def lanes(drive: Drive) -> tuple[Lane, ...]:
     """The lanes that have something to show."""
-    recording, trip, silent = drive.recording, drive.course, drive.silences
+    table, trip, silent = drive.table, drive.table.course, drive.silences
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in drive.signals]
+    modes = _states(_mode, *table.of_topic("advice", "mode"))
+    shown = _states(_shown, *table.of_topic("cab", "presentation", "mode"))
+    states = _states(_state, *table.of_topic("status", "state"))
     found = (
-        lane_of_stops(drive.at_stops),
-        Lane("advised", _changes(trip, recording.of(topics.ADVICE), _mode, silent), MODES),
-        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, **_without_mode()}),
-        Lane("node", _changes(trip, recording.of(topics.STATUS), _state, silent), STATES),
+        lane_of_stops(at_stops(drive.calls, trip)),
+        Lane("advised", _changes(trip, modes, silent), MODES),
+        Lane("shown", _changes(trip, shown, ()), {**MODES, **_without_mode()}),
+        Lane("node", _changes(trip, states, silent), STATES),
         Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), Meaning.NO_ADVICE)),
         Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), Meaning.DANGER)),
     )
@@ -77,13 +79,12 @@ def lanes(drive: Drive) -> tuple[Lane, ...]:
 def instructions(drive: Drive) -> Lane:
     """What the display said to the driver of a moving train, in words ("hold 120"); no changes if it said nothing."""
     changes, colors = [Change(0, "")], dict[str, str | Meaning]()
-    for entry in drive.recording.of(topics.CAB):
-        view = recorded_view(entry.message)
+    for time_ns, view in zip(*(one.tolist() for one in drive.table.of_topic("cab", "view")), strict=True):
         text = "" if view is None or view.mode in STANDING else _instruction(view)
         if text and view is not None:
             colors[text] = MODES[_name(das_pb2.Mode, view.mode)]
         if text != changes[-1].state:
-            changes.append(Change(entry.message.time_ns, text))
+            changes.append(Change(time_ns, text))
     return Lane("shown", tuple(changes[1:]), colors)
 
 
@@ -92,14 +93,17 @@ def _instruction(view: AdviceView) -> str:
     return f"{shows.words_before_speed(view.mode)} {to_kmh}" if shows.says_mode and to_kmh is not None else ""
 
 
-def _changes(
-    trip: DrivenCourse, entries: Iterable[Any], state_of: Callable[[Any], str], silent: Iterable[Span]
-) -> tuple[Change, ...]:
+def _states(state_of: Callable[..., str], time_ns: Times, *columns: Any) -> list[Change]:
+    """The state at each moment at which a topic spoke, from its columns."""
+    rows = zip(*(one.tolist() for one in columns), strict=True)
+    return [Change(at_ns, state_of(*row)) for at_ns, row in zip(time_ns.tolist(), rows, strict=True)]
+
+
+def _changes(trip: DrivenCourse, said: Sequence[Change], silent: Iterable[Span]) -> tuple[Change, ...]:
     """The changes of state during the trip, with an empty state from the moment when the node falls silent.
 
     Messages from before and after the trip are left out, because in a replay their times are of another clock.
     """
-    said = [Change(entry.message.time_ns, state_of(entry.message)) for entry in entries]
     unheard = [Change(span.start_ns, "") for span in silent if span.text == NOT_HEARD and said]
     found: list[Change] = []
     for change in sorted([*said, *unheard], key=lambda change: change.time_ns):
@@ -141,22 +145,22 @@ def _name(kind: Any, number: int) -> str:
     return "" if name == "none" else str(name)
 
 
-def _mode(advice: Any) -> str:
-    return _name(das_pb2.Mode, advice.mode)
+def _mode(number: int) -> str:
+    return _name(das_pb2.Mode, number)
 
 
-def _state(status: Any) -> str:
-    return _name(das_pb2.Status.State, status.state)
+def _state(number: int) -> str:
+    return _name(das_pb2.Status.State, number)
 
 
-def _shown(cab: Any) -> str:
+def _shown(presentation: int, mode: int) -> str:
     """What the display shows: a mode, or the words of a display that shows none."""
-    if cab.presentation == das_pb2.Cab.PRESENTATION_NONE:
+    if presentation == das_pb2.Cab.PRESENTATION_NONE:
         return ""
-    lane = presenter_of(shown_presentation(cab.presentation) or Presentation.NONE).lane
-    if lane is not None and (lane.standing or cab.mode not in STANDING):
+    lane = presenter_of(shown_presentation(presentation) or Presentation.NONE).lane
+    if lane is not None and (lane.standing or mode not in STANDING):
         return lane.text
-    return _name(das_pb2.Mode, cab.mode)
+    return _name(das_pb2.Mode, mode)
 
 
 def _without_mode() -> dict[str, str]:

@@ -9,21 +9,16 @@ from __future__ import annotations
 
 from typing import Any, Final, Literal, NamedTuple
 
-import numpy as np
 import rerun.blueprint as rrb
 
-from das.bus.topics import CAB, EVENT, LOG
-from das.domain.earth import MEAN_RADIUS_M
 from das.domain.units import NS
+from sim.drive.series import BUFFER_PERCENT, QUANTITIES, MapTrack
 from sim.review.cab_display import CAB_CARD, DIAL, EXTENT
 from sim.review.lanes import COST, WAY, lane_entity
 from sim.review.rerun_drawing import BOOKMARKS, BOTTOM, ENERGY, FURNITURE, MARGIN, WIDTH, Timelines
 from sim.review.scene import ReviewScene
-from sim.review.series import BUFFER_PERCENT, QUANTITIES, MapTrack
 
 MARGIN_RATIO: Final = 0.02
-MAP_PX: Final = (380.0, 210.0)
-"""Room (px) for the map in the window for which the layout is made."""
 
 
 class Row(NamedTuple):
@@ -71,12 +66,12 @@ LANE_SHARE: Final = 0.6
 """Each lane adds this much to the share of its view in the height."""
 
 
-def blueprint(scene: ReviewScene, *, with_map: bool) -> rrb.Blueprint:
+def blueprint(scene: ReviewScene) -> rrb.Blueprint:
     """The layout for a window of about 1600 × 1000; views without anything to show are left out."""
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(_over_distance(), _over_time(scene), row_shares=[0.9, 1.0]),
-            rrb.Vertical(*_cab(scene), rrb.Tabs(*_tabs(scene, with_map=with_map)), row_shares=[1.0, 0.8, 1.1]),
+            rrb.Vertical(*_cab(scene), rrb.Tabs(*_tabs(scene)), row_shares=[1.0, 0.8, 1.1]),
             column_shares=[2.05, 1.0],
         ),
         rrb.TimePanel(timeline=Timelines.of_scene(scene).line_clock, state="collapsed", play_state="Paused"),
@@ -100,14 +95,16 @@ def _over_time(scene: ReviewScene) -> rrb.Container:
 
 def _cab(scene: ReviewScene) -> list[rrb.View]:
     """What the driver saw at the moment of the cursor; of a recording without a display, what the node advised."""
-    name = "In the cab, as the driver saw it" if scene.recording.of(CAB) else "Driven (the display was not recorded)"
+    name = (
+        "In the cab, as the driver saw it" if scene.drive.table.has("cab") else "Driven (the display was not recorded)"
+    )
     bounds = rrb.VisualBounds2D(x_range=(-EXTENT, EXTENT), y_range=(-EXTENT, 0.8 * EXTENT))
     quiet: dict[Any, Any] = {f"{DIAL}/{part}": rrb.EntityBehavior(interactive=False) for part in ("scale", "figures")}
     words = rrb.TextDocumentView(origin=CAB_CARD, name="The display's words at the cursor")
     return [rrb.Spatial2DView(origin=DIAL, name=name, visual_bounds=bounds, overrides=quiet), words]
 
 
-def _tabs(scene: ReviewScene, *, with_map: bool) -> list[rrb.View]:
+def _tabs(scene: ReviewScene) -> list[rrb.View]:
     """The lists, in which a click on a time moves the cursor to it, and the views about the whole drive."""
     clock = Timelines.of_scene(scene).line_clock
     columns = rrb.TextLogColumns(timeline_columns=[clock], text_log_columns=["body"])
@@ -116,8 +113,8 @@ def _tabs(scene: ReviewScene, *, with_map: bool) -> list[rrb.View]:
     found.append(rrb.TextDocumentView(origin="summary", name="Summary"))
     way = scene.way
     if way is not None:
-        found += [_track(way), *([rrb.MapView(origin="map", name="Map", zoom=_zoom(way))] if with_map else [])]
-    if scene.recording.of(EVENT) or scene.recording.of(LOG):
+        found.append(_track(way))
+    if scene.drive.table.said.node or scene.drive.table.said.simulator:
         found.append(rrb.TextLogView(origin="events", name="Log", columns=columns))
     return found
 
@@ -162,10 +159,3 @@ def _track(way: MapTrack) -> rrb.View:
     (left, top), (right, bottom) = low - margin, high + margin
     bounds = rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom))
     return rrb.Spatial2DView(origin="track", name="Track", visual_bounds=bounds)
-
-
-def _zoom(way: MapTrack) -> float:
-    """Zoom level (a tile of 256 px shows 1/2^zoom of a parallel) at which the way fits the panel."""
-    extent_m = np.maximum(np.ptp(way.plane_m, axis=0), 100.0)
-    parallel_m = 2.0 * np.pi * MEAN_RADIUS_M * np.cos(np.radians(way.degrees[:, 0].mean()))
-    return float(np.log2(parallel_m / 256.0 * np.min(np.array(MAP_PX) / extent_m)))

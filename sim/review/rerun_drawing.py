@@ -8,7 +8,7 @@ follows the time.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
 from itertools import pairwise
@@ -19,15 +19,14 @@ import rerun as rr
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.advice.wording import Language
-from das.bus import topics
 from das.domain.units import KM, KMH, NS
 from das.drawing.meanings import STANDING_GREY, VIEWER, Meaning, rgba
+from sim.drive.series import QUANTITIES, STYLES, MapTrack, quantity_of
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times, stretches_of
 from sim.recording.stands import STANDING_MPS
 from sim.review.cab_display import send_cab
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
-from sim.review.series import QUANTITIES, STYLES, MapTrack, quantity_of
 from sim.review.words import DisplayWords, summary
 
 DRIVE_CLOCK, POSITION = "drive_clock", "position_m"
@@ -35,7 +34,13 @@ DRIVE_CLOCK, POSITION = "drive_clock", "position_m"
 ENERGY, BOOKMARKS = "account", "bookmarks"
 """Entities of the energy attribution and of the bookmarks."""
 MARKDOWN: Final = rr.MediaType.MARKDOWN
-LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
+LEVELS: Final[Mapping[int, str]] = {
+    Log.DEBUG: "DEBUG",
+    Log.INFO: "INFO",
+    Log.WARNING: "WARN",
+    Log.ERROR: "ERROR",
+    Log.FATAL: "CRITICAL",
+}
 
 INK: Final = rgba(VIEWER.ink)
 GRID: Final = INK & ~0xFF | 0x40
@@ -100,7 +105,7 @@ class Timelines:
         first_ns = min((one.time_ns for one in scene.bookmarks), default=int(trip.time_ns[0]))
         stood = not (trip.speed_mps[trip.time_ns < first_ns] > STANDING_MPS).any()
         opening_ns = max(first_ns, int(trip.time_ns[0])) if stood else int(trip.time_ns[0])
-        return cls(trip=trip, clock=scene.clock, zone=scene.drive.zone, opening_ns=opening_ns)
+        return cls(trip=trip, clock=scene.clock, zone=scene.drive.table.zone, opening_ns=opening_ns)
 
     @property
     def line_clock(self) -> str:
@@ -127,7 +132,7 @@ class Timelines:
         return self.of(np.rint(time_ns * NS).astype(np.int64) * round(1 / NS))
 
 
-def send(out: rr.RecordingStream, scene: ReviewScene, language: Language, *, with_map: bool) -> None:
+def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> None:
     """Send everything to rerun that is to be shown, except the energy attribution; the display is in a language."""
     out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
     lines = Timelines.of_scene(scene)
@@ -138,9 +143,9 @@ def send(out: rr.RecordingStream, scene: ReviewScene, language: Language, *, wit
         _lane(out, lines, lane)
     _bookmarks(out, lines, scene)
     _events(out, lines, scene)
-    send_cab(out, lines.of, scene, DisplayWords(language, scene.drive.zone))
+    send_cab(out, lines.of, scene, DisplayWords(language, scene.drive.table.zone))
     if scene.way is not None:
-        _location(out, lines, scene.way, scene, with_map=with_map)
+        _location(out, lines, scene.way, scene)
     _over_distance(out, lines, scene)
     out.log("summary", rr.TextDocument(summary(scene.drive, scene.filled_from), media_type=MARKDOWN), static=True)
 
@@ -148,7 +153,7 @@ def send(out: rr.RecordingStream, scene: ReviewScene, language: Language, *, wit
 def send_attribution(out: rr.RecordingStream, scene: ReviewScene) -> None:
     """Send where the energy went in a scene with its energy attribution, or why it is not known."""
     lines, shown = Timelines.of_scene(scene), scene.attribution
-    why_not = f"Where the energy went is not known: {scene.drive.why_no_attribution}."
+    why_not = f"Where the energy went is not known: {scene.drive.energy.why_no_attribution}."
     out.log(ENERGY, rr.TextDocument(why_not if shown is None else shown.text, media_type=MARKDOWN), static=True)
     if shown is not None:
         for name in shown.series:
@@ -215,25 +220,21 @@ def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) ->
 
 def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
     """Send the events of the node and the log of the simulator."""
-    said = [entry.message for entry in scene.recording.of(topics.EVENT) + scene.recording.of(topics.LOG)]
-    said.sort(key=lambda event: event.timestamp.ToNanoseconds())
+    said = sorted((*scene.drive.table.said.node, *scene.drive.table.said.simulator), key=lambda one: one.time_ns)
     if said:
-        time_ns = np.array([event.timestamp.ToNanoseconds() for event in said])
-        early_s = (lines.opening_ns - time_ns) * NS
+        time_ns = np.array([one.time_ns for one in said])
+        early_s = ((lines.opening_ns - time_ns) * NS).tolist()
         columns = rr.TextLog.columns(
-            text=[_event_text(event, early) for event, early in zip(said, early_s, strict=True)],
-            level=[LEVELS.get(event.level, "TRACE") for event in said],
+            text=[
+                f"({s:.0f} s before) {one.words}" if s > 0 else one.words for one, s in zip(said, early_s, strict=True)
+            ],
+            level=[LEVELS.get(one.level, "TRACE") for one in said],
         )
         out.send_columns("events", lines.in_seconds(time_ns), columns)
 
 
-def _event_text(event: Log, early_s: float) -> str:
-    when = f"({early_s:.0f} s before) " if early_s > 0 else ""
-    return f"{when}{event.name}: {event.message}" if event.name else f"{when}{event.message}"
-
-
-def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: ReviewScene, *, with_map: bool) -> None:
-    """Send the track in a plane, coloured by speed, with the stops; and on the map if that is wanted."""
+def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: ReviewScene) -> None:
+    """Send the track in a plane, coloured by speed, with the stops."""
     index, trip = lines.of(way.time_ns), lines.trip
     radius, dot = rr.Radius.ui_points(2.5), rr.Radius.ui_points(7.0)
     ends = np.unique(np.linspace(0, len(way.time_ns) - 1, TRACK_PIECES + 1).astype(int))
@@ -245,10 +246,6 @@ def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: R
     _track_stops(out, way, scene)
     out.log("track/train", rr.Points2D.from_fields(colors=TRAIN, radii=dot), static=True)
     out.send_columns("track/train", index, rr.Points2D.columns(positions=way.plane_m))
-    if with_map:
-        out.log("map/way", rr.GeoLineStrings(lat_lon=[way.degrees], colors=TRAIN, radii=radius), static=True)
-        out.log("map/train", rr.GeoPoints.from_fields(colors=TRAIN, radii=dot), static=True)
-        out.send_columns("map/train", index, rr.GeoPoints.columns(positions=way.degrees))
 
 
 def _track_stops(out: rr.RecordingStream, way: MapTrack, scene: ReviewScene) -> None:

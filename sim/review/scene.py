@@ -1,7 +1,7 @@
 """The scene of a review: everything that a review draws of a drive, found once, as plain data.
 
-Three renderers draw it: `rerun_drawing` for the viewer, `picture` for a file, and `report.figures` for a page. Names,
-units and the meaning of colours are defined here and in `series` and `lanes`; a renderer decides where things go.
+Two renderers draw it: `rerun_drawing` for the viewer, and `report.figures` for a page. Names, units and the meaning of
+colours are defined here, in `lanes` and in `sim.drive.series`; a renderer decides where things go.
 """
 
 from __future__ import annotations
@@ -12,38 +12,35 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from das.bus import topics
 from das.bus.recording import Recording
+from das.domain.errors import DasError
 from das.domain.units import KM, KMH, NS, kwh
 from das.drawing.meanings import Meaning, Theme
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
+from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.drive import Drive
-from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import EventKind
-from sim.drive.happenings import NOT_HEARD, Span, happenings, points
-from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
-from sim.review.lanes import COST, Change, Lane, instructions, lanes
-from sim.review.series import (
+from sim.drive.events import NOT_HEARD, EventKind, Span, place_text, points
+from sim.drive.series import (
     STYLES,
     FirstPlans,
     Found,
     MapTrack,
+    driven,
     filled_in,
     on_trip,
-    partings,
     quantity_of,
-    series,
-    series_beside,
 )
+from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
+from sim.review.lanes import COST, Change, Lane, instructions, lanes
 from sim.review.words import attribution_text
 
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
-"""The quantities that viewer and picture draw over distance as well as over time."""
+"""The quantities that the viewer draws over distance as well as over time."""
 DRAWN_OVER_DISTANCE: Final = tuple(
     name for name in STYLES if quantity_of(name) in OVER_DISTANCE and name != "speed/same_times"
 )
-"""The series that viewer and picture draw over distance, in drawing order; of the optima, only that from the start."""
+"""The series that the viewer draws over distance, in drawing order; of the optima, only that from the start."""
 NOTHING: Final = np.empty(0, np.int64), np.empty(0)
 """Times and values of an empty series."""
 GAP: Final = np.array([np.nan])
@@ -54,7 +51,7 @@ USUAL_PERCENT: Final = (2.5, 97.5)
 ROUTINE: Final = (
     EventKind.ADVICE, EventKind.REPLAN, EventKind.DRIVER, EventKind.DELAY, EventKind.JOURNEY, EventKind.LOG,
 )  # fmt: skip
-"""Events that are frequent or repeat another event: they are no bookmarks, but `das-sim events` lists them."""
+"""Events that are frequent or repeat another event: no bookmarks, but `das-sim report --show events` lists them."""
 MEANINGS: Final = {
     EventKind.NOTE: Meaning.NOTE,
     EventKind.WARNING: Meaning.WARNING,
@@ -148,8 +145,6 @@ class ReviewScene:
     stops: tuple[tuple[str, float], ...]
     """The stops of the journey by name, with their positions (m)."""
     places: tuple[LinePlace, ...]
-    marks: tuple[Mark, ...]
-    """What happened on the day besides the driving, in order of time."""
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
     way: MapTrack | None = None
@@ -165,29 +160,22 @@ class ReviewScene:
 
         Raises DasError if the drive has no position at all.
         """
-        recording, trip, clock = drive.recording, drive.course, drive.clock
-        filled = filled_in(drive)
-        marked = [
-            Mark(one.time_ns, f"{clock.shown(one.time_ns)}, km {one.s_m / KM:.1f}: {one.text}", MEANINGS.get(one.kind))
-            for one in happenings(recording, trip, drive.silences)
-        ]
+        table = drive.table
+        trip, filled = table.course, filled_in(drive.energy)
         return cls(
             drive=drive,
             series={
                 "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
-                **_without_silence(series(recording, trip), drive.silences),
+                **_without_silence(drive.series, drive.silences),
                 **filled.series,
                 **series_beside(drive, beside),
             },
             placed=tuple(_placed(drive, beside)),
             lanes=lanes(drive),
-            stops=tuple(
-                (stop.name, stop.s_m) for one in recording.of(topics.JOURNEY)[-1:] for stop in one.message.stops
-            ),
+            stops=() if table.journey is None else tuple((stop.name, stop.s_m) for stop in table.journey.stops),
             places=tuple(_places(drive)),
-            marks=tuple(marked),
             bookmarks=_bookmarks(drive, beside),
-            way=MapTrack.of(recording) or filled.way,
+            way=MapTrack.of(table) or filled.way,
             filled_from=filled.source,
         )
 
@@ -195,9 +183,9 @@ class ReviewScene:
         """The scene with its energy attribution, which takes a while to find; the same scene if the attribution is not
         known.
         """
-        if self.drive.attribution is None:
+        if self.drive.energy.attribution is None:
             return self
-        shown = AttributionView.of(self.drive.attribution)
+        shown = AttributionView.of(self.drive.energy.attribution)
         within = {name: on_trip(self.trip, *one, held=False) for name, one in shown.series.items()}
         placed = (*self.placed, *shown.placed)
         return replace(self, series={**self.series, **within}, placed=placed, attribution=shown)
@@ -210,12 +198,12 @@ class ReviewScene:
     @property
     def trip(self) -> DrivenCourse:
         """Where the train was, and how fast."""
-        return self.drive.course
+        return self.drive.table.course
 
     @property
     def clock(self) -> DriveClock:
         """The clock of the drive."""
-        return self.drive.clock
+        return self.drive.table.clock
 
     @property
     def lanes_in_words(self) -> tuple[Lane, ...]:
@@ -272,12 +260,46 @@ class ReviewScene:
                 yield RestrictedTime(start_ns, end_ns, one.limit_mps)
 
 
+MOST_PARTED: Final = 3
+"""At most this many stretches are bookmarks."""
+LEAST_PARTED_KWH: Final = 0.5
+"""Stretches on which the drives part by less than this (kWh) are no bookmarks."""
+
+
+def series_beside(drive: Drive, other: Drive | None) -> Found:
+    """Speed and energy of another drive, at the times of this drive at which the clocks of both show the same."""
+    if other is None:
+        return {}
+    found = {**driven(other.table), **filled_in(other.energy).series}
+    later_ns = drive.table.clock.zero_ns - other.table.clock.zero_ns
+    moved = {f"{name}/other": found[f"{name}/driven"] for name in ("speed", "energy")}
+    return {
+        name: on_trip(drive.table.course, time_ns + later_ns, one, held=False) for name, (time_ns, one) in moved.items()
+    }
+
+
+def partings(drive: Drive, other: Drive | None) -> Iterator[tuple[int, str]]:
+    """When this drive came to the stretches on which its losses differ most from those of the other one, and by how
+    much; nothing if the energy of either is not known."""
+    try:
+        aligned = None if other is None else AlignedDrives.of(drives_on_track([other, drive]))
+    except DasError:
+        return
+    parted = [] if aligned is None else sorted(aligned.stretches(1), key=lambda one: -abs(one.lost_j))[:MOST_PARTED]
+    for one in parted:
+        if abs(kwh(one.lost_j)) >= LEAST_PARTED_KWH:
+            reached = int(np.argmax(drive.table.course.s_m >= one.start_m))
+            more = f"{abs(kwh(one.lost_j)):.1f} kWh {'less' if one.lost_j < 0 else 'more'} lost"
+            where = f"km {one.start_m / KM:.1f}–{one.end_m / KM:.1f}"
+            yield int(drive.table.course.time_ns[reached]), f"{where}  {more} than the other drive"
+
+
 def _placed(drive: Drive, beside: Drive | None) -> Iterator[Trace]:
     """The first plan, the other drive, and by how much the train was faster than the speed shown to keep."""
-    trip, plan, shown = drive.course, FirstPlans.of(drive.recording), drive.shown
+    trip, plan, shown = drive.table.course, FirstPlans.of(drive.table), drive.energy.shown
     if beside is not None:
-        there = (beside.course.s_m >= trip.s_m.min()) & (beside.course.s_m <= trip.s_m.max())
-        yield Trace("speed/other", beside.course.s_m[there], beside.course.speed_mps[there] / KMH)
+        there = (beside.table.course.s_m >= trip.s_m.min()) & (beside.table.course.s_m <= trip.s_m.max())
+        yield Trace("speed/other", beside.table.course.s_m[there], beside.table.course.speed_mps[there] / KMH)
     if plan is not None:
         within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
         yield Trace("speed/optimum", plan.s_m[within], plan.speed_mps[within] / KMH)
@@ -308,7 +330,7 @@ def _places(drive: Drive) -> Iterator[LinePlace]:
         yield LinePlace(Meaning.LIMIT, one.start_m, one.end_m, speed_text(one.limit_mps), one.limit_mps)
     for signal in drive.signals:
         yield LinePlace(Meaning.DANGER, signal.s_m, signal.s_m, "at danger")
-    for point in points(drive.recording, drive.course):
+    for point in points(drive.table):
         yield LinePlace(Meaning.OPERATOR, point.s_m, point.s_m, point.text)
 
 

@@ -1,6 +1,6 @@
-"""A recording to look at: in the rerun viewer, as a file for it with our own layout, or as a picture.
+"""A recording to look at in the rerun viewer, or as a file for it with our own layout.
 
-Rerun and matplotlib need not be installed: what draws with them is imported when it is needed.
+Rerun need not be installed: what draws with it is imported when it is needed.
 """
 
 from __future__ import annotations
@@ -19,18 +19,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from das.advice.wording import Language
-from das.bus.recording import Recording
-from das.command_line.files import check_picture, save_figure
 from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
-from das.drawing.meanings import LIGHT, Theme
+from sim.drive.drive import Drive
+from sim.review.scene import ReviewScene
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
-
-    from sim.review.scene import ReviewScene
 
 APPLICATION: Final = "das-review"
 CLOSING_S: Final = 5.0
@@ -38,19 +35,18 @@ CLOSING_S: Final = 5.0
 
 
 class ViewerChoice(NamedTuple):
-    """What a user chooses for the viewer: another drive whose curves lie under those of the recording, whether there is
-    a map, and the language of the display."""
+    """What a user chooses for the viewer: another drive whose curves lie under those of the recording, and the language
+    of the display."""
 
-    beside: Recording | None = None
-    with_map: bool = False
+    beside: Drive | None = None
     language: Language = Language.EN
 
 
 PLAIN: Final = ViewerChoice()
-"""One drive, no map, the display in English."""
+"""One drive, the display in English."""
 
 
-def save_view(recording: Recording, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> None:
+def save_view(drive: Drive, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> None:
     """Write a recording as a rerun file, with our layout and the energy attribution.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
@@ -61,28 +57,12 @@ def save_view(recording: Recording, rrd_path: Path, chosen: ViewerChoice = PLAIN
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
-        scene = _scene_of(recording, chosen.beside)
+        scene = ReviewScene.of(drive, chosen.beside)
         _send(scene, chosen, lambda out, layout: out.save(whole, default_blueprint=layout)).disconnect()
         write_whole(rrd_path, whole.read_bytes())
 
 
-def save_picture(
-    recording: Recording, picture_path: Path, theme: Theme = LIGHT, *, beside: Recording | None = None
-) -> None:
-    """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind.
-
-    Raises DasError if the recording has no positions, the place cannot be written to, or matplotlib is not installed.
-    """
-    _check_installed("matplotlib")
-    check_picture(picture_path)
-    check_writable(picture_path, overwrite=True)
-    from sim.review.canvas import DPI
-    from sim.review.picture import picture_of
-
-    save_figure(picture_path, picture_of(recording, theme, beside=beside), dpi=DPI, facecolor=theme.background)
-
-
-def open_view(recording: Recording, chosen: ViewerChoice = PLAIN) -> None:
+def open_view(drive: Drive, chosen: ViewerChoice = PLAIN) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
     The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
@@ -90,7 +70,7 @@ def open_view(recording: Recording, chosen: ViewerChoice = PLAIN) -> None:
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()
-    scene, port = _scene_of(recording, chosen.beside), _free_port()
+    scene, port = ReviewScene.of(drive, chosen.beside), _free_port()
     with interrupted_by_termination():
         run_viewer(port, lambda: _feed_viewer(scene, port, chosen))
 
@@ -116,19 +96,12 @@ def _send(
     from sim.review.rerun_drawing import send, send_attribution
 
     with rr.RecordingStream(APPLICATION, recording_id=scene.drive.name) as out:
-        attach(out, blueprint(scene, with_map=chosen.with_map))
-        send(out, scene, chosen.language, with_map=chosen.with_map)
+        attach(out, blueprint(scene))
+        send(out, scene, chosen.language)
         out.flush()
         send_attribution(out, scene.with_attribution())
         out.flush()
     return out
-
-
-def _scene_of(recording: Recording, beside: Recording | None) -> ReviewScene:
-    from sim.drive.drive import Drive
-    from sim.review.scene import ReviewScene
-
-    return ReviewScene.of(Drive(source=recording), None if beside is None else Drive(source=beside))
 
 
 def _check_installed(*names: str) -> None:

@@ -5,27 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from datetime import UTC, datetime, tzinfo
-from textwrap import wrap
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from das.advice import wording
+from das.advice.reason import Reason
 from das.advice.regimes import Regime
 from das.advice.wording import Language
-from das.bus import topics
-from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.plausibility import energy_range
 from das.domain.units import KM, NS, PERCENT, kwh
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.drive import Drive
-from sim.drive.happenings import withdrawal_words
-from sim.drivers.messages import recorded_view
+from sim.drive.events import withdrawal_words
+from sim.drive.table import DriveTable
+from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import mode_words, presenter_of, speed_words
 from sim.recording.course import DrivenCourse
-from sim.world.disturbances import NOTHING
 
-LETTERS: Final = 150
-"""Largest number of characters in a line under the headline of a picture."""
 NO_ADVICE: Final = "# No advice is shown"
 NODE_ALONE: Final = "*Nobody recorded the display: this is what the node advised.*"
 
@@ -71,60 +67,43 @@ def attribution_text(attribution: Attribution) -> str:
     )
 
 
-def headline(drive: Drive) -> str:
-    """One line: train, scenario and driver, stops, way, time and energy, as far as they are known."""
-    recording = drive.recording
-    run = recording.metadata.get("run", {})
-    told = [f"{key} {run[key]}" for key in ("driver", "advice", "seed") if key in run]
-    parts = [recording.train, *filter(None, [run.get("scenario")]), *told]
-    rows = dict(_trip(drive))
-    parts += [rows[key] for key in ("stops", "driven", "time", "energy at the collector") if key in rows]
-    return " · ".join(parts)
-
-
 def line_rows(drive: Drive) -> list[tuple[str, str]]:
     """Origin of the line's data as its file states it, and how wrong energies may be because of its altitudes."""
     try:
-        route = drive.inputs.route
+        route = drive.table.inputs.route
     except DasError:
         return []
     rows = (("data of the line", route.credit), ("altitudes of the line", energy_range(route)))
     return [(name, text) for name, text in rows if text]
 
 
-def on_this_day(recording: Recording) -> list[str]:
-    """Lines for a picture: what is wrong with the recording, and what the scenario let happen; empty if nothing."""
-    happens = recording.metadata.get("run", {}).get("happens", NOTHING)
-    lines = [f"of the recording: {text}" for text in recording.health.warnings()]
-    if happens != NOTHING:
-        lines.append(f"on this day (times from the timetable's departure): {happens}")
-    return [part for line in lines for part in wrap(line, LETTERS)]
-
-
 def _trip(drive: Drive) -> list[tuple[str, str]]:
     recording, rows = drive.recording, list[tuple[str, str]]()
-    for entry in recording.of(topics.JOURNEY)[-1:]:
-        journey = entry.message
+    journey = drive.table.journey
+    if journey is not None:
         rows += [
             ("route", journey.route_id + (" (reversed)" if journey.reversed else "")),
             ("vehicle", journey.vehicle_id),
             ("stops", " – ".join(stop.name for stop in journey.stops)),
         ]
-    went, driven_j = drive.travelled, drive.driven_j
+    went, driven_j = drive.travelled, drive.energy.driven_j
     rows += [
-        (f"start ({drive.zone})", f"{datetime.fromtimestamp(went.start_ns * NS, drive.zone):%Y-%m-%d %H:%M:%S}"),
+        (
+            f"start ({drive.table.zone})",
+            f"{datetime.fromtimestamp(went.start_ns * NS, drive.table.zone):%Y-%m-%d %H:%M:%S}",
+        ),
         ("driven", f"{went.way_m / KM:.2f} km"),
         ("time", f"{went.time_s:.0f} s"),
     ]
     if driven_j is not None:
-        estimated = "" if drive.measured else " (estimated)"
+        estimated = "" if drive.energy.measured else " (estimated)"
         rows.append(("energy at the collector", f"{kwh(driven_j):.1f} kWh{estimated}"))
     rows += line_rows(drive)
-    rows += [] if drive.said is None else drive.said.rows()
-    rows += [(name.strip(), value) for name, value in drive.stability.rows() + drive.instructions.rows()]
-    rows += [("warning", drive.stability.warning)] if drive.stability.warning is not None else []
-    for status in recording.of(topics.STATUS)[-1:]:
-        rows += [("node", f"version {status.message.version}, {status.message.advices} advices")]
+    rows += [] if drive.table.said.saving is None else drive.table.said.saving.rows()
+    rows += [(name.strip(), value) for name, value in drive.figures.rows()]
+    warning = drive.figures.stability.warning
+    rows += [] if warning is None else [("warning", warning)]
+    rows += [("node", drive.table.said.status)] if drive.table.said.status else []
     rows += [("messages", str(sum(len(entries) for entries in recording.messages.values())))]
     return [*rows, ("attachments", ", ".join(recording.attachments) or "none")]
 
@@ -162,15 +141,15 @@ class DisplayWords(NamedTuple):
 IN_ENGLISH: Final = DisplayWords()
 
 
-def cards(recording: Recording, trip: DrivenCourse, said: DisplayWords = IN_ENGLISH) -> tuple[Card, ...]:
+def cards(table: DriveTable, said: DisplayWords = IN_ENGLISH) -> tuple[Card, ...]:
     """What the driver saw, a card for each change; if no display was recorded, what the node advised.
 
     The words of the display are in its language, those of the review beside them in English.
     """
-    seen = recording.of(topics.CAB)
-    of_message, entries = (_of_cab, seen) if seen else (_of_advice, recording.of(topics.ADVICE))
-    texts = [Card(entry.message.time_ns, of_message(entry.message, said)) for entry in entries]
-    return tuple(_changes(sorted(texts), trip))
+    topic, kind = ("cab", CabRow) if table.has("cab") else ("advice", AdviceRow)
+    rows = (one.tolist() for one in table.of_topic(topic, *kind._fields))
+    texts = [Card(time_ns, kind(*row).text(said)) for time_ns, *row in zip(*rows, strict=True)]
+    return tuple(_changes(texts, table.course))
 
 
 def _changes(texts: list[Card], trip: DrivenCourse) -> Iterator[Card]:
@@ -181,43 +160,67 @@ def _changes(texts: list[Card], trip: DrivenCourse) -> Iterator[Card]:
             before = card.text
 
 
-def _of_cab(cab: Any, said: DisplayWords) -> str:
-    view = recorded_view(cab)
-    head = NO_ADVICE if view is None else f"# {presenter_of(view.presentation).headline(view, said.language)}"
-    rows = [("limit", speed_words(cab.limit_mps)), ("controller", _share(cab.lever_ratio))]
-    if view is not None:
-        shows = presenter_of(view.presentation)
-        to = speed_words(view.next_speed_mps) if view.next_speed_mps > 0 else ""
-        rows[:0] = [
-            ("effort advised", _share(view.lever_ratio)),
-            ("next", _next(shows.instruction(view.next_mode, to, said.language), view.next_change_s)),
-            ("why", wording.words(view.reason, *said)),
+class CabRow(NamedTuple):
+    """What a card tells of the cab at a moment: the advice shown (None: none), limit, controller and signal."""
+
+    view: AdviceView | None
+    limit_mps: float
+    lever_ratio: float
+    signal_m: float
+
+    def text(self, said: DisplayWords) -> str:
+        """The card, with the words of the display in its language."""
+        view = self.view
+        head = NO_ADVICE if view is None else f"# {presenter_of(view.presentation).headline(view, said.language)}"
+        rows = [("limit", speed_words(self.limit_mps)), ("controller", _share(self.lever_ratio))]
+        if view is not None:
+            shows = presenter_of(view.presentation)
+            to = speed_words(view.next_speed_mps) if view.next_speed_mps > 0 else ""
+            rows[:0] = [
+                ("effort advised", _share(view.lever_ratio)),
+                ("next", _next(shows.instruction(view.next_mode, to, said.language), view.next_change_s)),
+                ("why", wording.words(view.reason, *said)),
+            ]
+        if view is not None and view.mode == Regime.DEPART:
+            name = presenter_of(view.presentation).mode_words(view.next_mode, said.language) if view.next_mode else ""
+            how = _departure(name, view.next_speed_mps, view.next_effort_ratio)
+            rows[:2] = [("when cleared", how)]
+            rows.append(("display", view.presentation.value))
+        if math.isfinite(self.signal_m) and self.signal_m > 0:
+            rows.append(("signal at danger", f"km {self.signal_m / KM:.2f}"))
+        return _text(head, rows)
+
+
+class AdviceRow(NamedTuple):
+    """What a card tells of an advice of the node, if no display was recorded."""
+
+    mode: int
+    reason: Reason
+    cause: int
+    advised_force_ratio: float
+    next_mode: int
+    next_change_s: float
+    limit_mps: float
+    display_speed_mps: float
+    departure_speed_mps: float
+    departure_force_ratio: float
+
+    def text(self, said: DisplayWords) -> str:
+        """The card, with the modes in a language."""
+        language = said.language
+        if self.mode == Regime.NONE:
+            return _text(f"# No advice: {withdrawal_words(self.reason, self.cause)}", [], NODE_ALONE)
+        rows = [
+            ("effort advised", _share(self.advised_force_ratio)),
+            ("next", _next(mode_words(self.next_mode, language), self.next_change_s)),
+            ("limit", speed_words(self.limit_mps)),
         ]
-    if view is not None and view.mode == Regime.DEPART:
-        name = presenter_of(view.presentation).mode_words(view.next_mode, said.language) if view.next_mode else ""
-        how = _departure(name, view.next_speed_mps, view.next_effort_ratio)
-        rows[:2] = [("when cleared", how)]
-        rows.append(("display", view.presentation.value))
-    if math.isfinite(cab.signal_m) and cab.signal_m > 0:
-        rows.append(("signal at danger", f"km {cab.signal_m / KM:.2f}"))
-    return _text(head, rows)
-
-
-def _of_advice(advice: Any, said: DisplayWords) -> str:
-    if advice.mode == Regime.NONE:
-        return _text(f"# No advice: {withdrawal_words(advice)}", [], NODE_ALONE)
-    language = said.language
-    rows = [
-        ("effort advised", _share(advice.advised_force_ratio)),
-        ("next", _next(mode_words(advice.next_mode, language), advice.next_change_s)),
-        ("limit", speed_words(advice.limit_mps)),
-    ]
-    if advice.mode == Regime.DEPART:
-        name = mode_words(advice.next_mode, language) if advice.next_mode else ""
-        how = _departure(name, advice.departure_speed_mps, advice.departure_force_ratio)
-        return _text(f"# {mode_words(advice.mode, language)}", [("when cleared", how), *rows[2:]], NODE_ALONE)
-    head = mode_words(advice.mode, language)
-    return _text(f"# {head}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
+        if self.mode == Regime.DEPART:
+            name = mode_words(self.next_mode, language) if self.next_mode else ""
+            how = _departure(name, self.departure_speed_mps, self.departure_force_ratio)
+            return _text(f"# {mode_words(self.mode, language)}", [("when cleared", how), *rows[2:]], NODE_ALONE)
+        head = mode_words(self.mode, language)
+        return _text(f"# {head}, {speed_words(self.display_speed_mps)}", rows, NODE_ALONE)
 
 
 def _share(ratio: float) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 from das.domain.restriction import Restriction
 from das.domain.units import KM, kmh
+from sim.recording.opening import NOTHING
 
 
 class SensorFault(StrEnum):
@@ -174,10 +175,6 @@ KINDS = {
 }
 """The class of each kind of disturbance, by the name that scenario files give it."""
 _KIND_OF = {made: kind for kind, made in KINDS.items()}
-
-
-NOTHING = "nothing"
-"""The description of a day without disturbances."""
 
 
 def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:

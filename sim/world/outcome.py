@@ -22,8 +22,8 @@ from das.solver.section import with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, SectionEnergy
-from sim.drive.calls import as_rows
-from sim.drive.drive import Drive, RunFigures
+from sim.drive.calls import KeptCall, as_rows
+from sim.drive.figures import DriveFigures
 from sim.drive.passings import KeptPassing, keep
 from sim.drive.passings import as_rows as passing_rows
 from sim.drive.passings import table as passing_table
@@ -150,16 +150,17 @@ class RunEnergies:
 class DayOutcome:
     """The result of one day's run.
 
-    `drive` has the figures that a recording of the run also gives: stops, energy above the optimum, violations, and how
-    often the advice on the display changed. `running_time_s` is the time between departures and arrivals, `simulated_s`
-    the whole time of the run. `balance` is where the energy went from the first departure to the last arrival (J),
-    comfort systems included. `counts` has the numbers of ticks at which advice was given, withdrawn or not received.
+    `calls` and `figures` are what a recording of the run also gives: stops, violations, and how the advice fared.
+    `running_time_s` is the time between departures and arrivals, `simulated_s` the whole time of the run. `balance` is
+    where the energy went from the first departure to the last arrival (J), comfort systems included. `counts` has the
+    numbers of ticks at which advice was given, withdrawn or not received.
     """
 
     scenario: str
     seed: int
     level: str
-    drive: Drive
+    calls: tuple[KeptCall, ...]
+    figures: DriveFigures
     running_time_s: float
     energies: RunEnergies
     balance: EnergyBalance
@@ -170,18 +171,17 @@ class DayOutcome:
     @property
     def late_s(self) -> float:
         """How late the train arrived at the last stop (s; early < 0)."""
-        return self.drive.late_s
+        return self.calls[-1].late_s
 
     def as_dict(self) -> dict[str, Any]:
         """The figures for JSON and tables: times in s on the run's clock, energies in kWh, speeds in km/h."""
-        violations = self.drive.violations
         return {
             "scenario": self.scenario,
             "seed": self.seed,
             "level": self.level,
             "late_s": self.late_s,
-            "stops": as_rows(self.drive.calls),
-            "passings": passing_rows(self.passings, self.drive.calls[0].due_departure_ns),
+            "stops": as_rows(self.calls),
+            "passings": passing_rows(self.passings, self.calls[0].due_departure_ns),
             "running_time_s": self.running_time_s,
             **self.energies.as_dict(),
             **_parts(self.balance),
@@ -190,12 +190,7 @@ class DayOutcome:
             "advices_withdrawn": self.counts.withdrawn,
             "advices_unheard": self.counts.unheard,
             "advices_above_limit": self.counts.above_limit,
-            **self.drive.stability.as_dict(),
-            **self.drive.instructions.as_dict(),
-            "signals_passed": violations.signals_passed,
-            "beyond_signal_m": violations.beyond_signal_m,
-            "over_limit_s": violations.over_limit_s,
-            "over_limit_kmh": kmh(violations.over_limit_mps),
+            **self.figures.as_dict(),
             "simulated_s": self.simulated_s,
         }
 
@@ -206,14 +201,12 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
     whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)
     own_braking_j, no_own_braking = _own_braking(day, run, driver)
-    figures = RunFigures(
-        calls=run.calls, above=above, violations=run.violations, stability=run.stability, instructions=run.instructions
-    )
     return DayOutcome(
         scenario=service.scenario.id,
         seed=day.seed,
         level=str(service.level),
-        drive=Drive(run=figures),
+        calls=run.calls,
+        figures=DriveFigures(violations=run.violations, stability=run.stability, instructions=run.instructions),
         running_time_s=sum(arrived.time_s - departed.time_s for departed, arrived in run.legs),
         energies=RunEnergies(
             above=above,
@@ -310,7 +303,7 @@ class DayResult:
     @property
     def warnings(self) -> list[str]:
         """What is wrong with the advice of the run; empty if nothing is wrong."""
-        warning = self.outcome.drive.stability.warning
+        warning = self.outcome.figures.stability.warning
         return [] if warning is None else [warning]
 
     def as_dict(self) -> dict[str, Any]:
@@ -344,7 +337,7 @@ def print_result(result: DayResult) -> None:
     """Print the table of stops, the figures, notes on them, warnings, and where the recording is."""
     print_table(_stops(result), STOP_LEGEND)
     if result.outcome.passings:
-        print_table(passing_table(result.outcome.passings, result.outcome.drive.calls[0].due_departure_ns))
+        print_table(passing_table(result.outcome.passings, result.outcome.calls[0].due_departure_ns))
     table = Table(show_header=False)
     table.add_column()
     table.add_column(justify="right", no_wrap=True)
@@ -367,7 +360,7 @@ def _stops(result: DayResult) -> Table:
     table.add_column("stop")
     for name in (*TIMES, "late", "missed"):
         table.add_column(name, justify="right")
-    for call in as_rows(found.drive.calls):
+    for call in as_rows(found.calls):
         times = ("" if time_s is None else minutes(time_s) for time_s in (call[f"{one}_s"] for one in TIMES))
         late = "" if call["late_s"] is None else f"{call['late_s']:+.0f} s"
         missed = "" if call["arrived_s"] is None else f"{call['missed_m']:+.1f} m"
@@ -391,7 +384,7 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     rows += _balance_rows(found)
     counts, recorded = found.counts, result.recorded
     rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
-    rows += found.drive.stability.rows() + found.drive.instructions.rows()
+    rows += found.figures.rows()
     if recorded is not None:
         rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
     rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))
@@ -411,7 +404,7 @@ def _balance_rows(found: DayOutcome) -> list[tuple[str, str]]:
 
 def _notes(result: DayResult) -> list[str]:
     """Notes that help to read the figures: what happened, who drove, what was violated."""
-    found, violations = result.outcome, result.outcome.drive.violations
+    found, violations = result.outcome, result.outcome.figures.violations
     notes = [f"on this day: {result.happens}"]
     human = result.drawn["human"] if result.driver is DriverKind.HUMAN else {}
     if human:
@@ -419,9 +412,9 @@ def _notes(result: DayResult) -> list[str]:
     truth = {name: value for name, value in result.drawn["truth"].items() if value != UNCHANGED[name]}
     if truth:
         notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
-    beyond = (call for call in found.drive.calls if call.missed_m > AT_STOP_M)
+    beyond = (call for call in found.calls if call.missed_m > AT_STOP_M)
     notes += [f"the train came to stand {call.missed_m:.0f} m beyond {call.name}" for call in beyond]
-    early = ((call.name, (call.due_departure_ns - call.departed_ns) * NS) for call in found.drive.calls[:-1])
+    early = ((call.name, (call.due_departure_ns - call.departed_ns) * NS) for call in found.calls[:-1])
     notes += [f"the train left {name} {early_s:.1f} s before its time" for name, early_s in early if early_s > EARLY_S]
     if violations.signals_passed:
         beyond_m = violations.beyond_signal_m

@@ -25,6 +25,8 @@ from das.bus.recorder import RecordingFile, message_time_ns
 from das.bus.topics import SAVING
 from das.domain.units import KM, KMH, kwh
 from sim.cli.trips import bundled_recording
+from sim.drive.comparison import AlignedDrives, drives_on_track
+from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.check import check_contents
@@ -77,13 +79,15 @@ def outputs_of(recording: Path, drive: Drive, folder: Path) -> Iterator[tuple[st
     """Every output that is made of a recording alone, by its name."""
     subject = ReviewedDrive(drive, check_contents(open_contents(recording), drive.recording))
     yield "page", text_of(page([subject], None, ""))
-    yield "report_json", json.dumps(report_dict([subject], None, "")["drives"][0])
+    (told,) = report_dict([subject], None, "")["drives"]
+    yield "report_json", json.dumps(told)
+    yield "energy_json", json.dumps(told["energy"])
+    aligned = AlignedDrives.of(drives_on_track([drive, drive]))
+    yield "compare_json", json.dumps(comparison_dict(aligned))
     assert das_sim("export", str(recording), "-o", "tables", "--format", "csv", cwd=folder).returncode == 0
     for name, args in {
-        "energy": ("energy",),
-        "energy_json": ("energy", "--json"),
-        "events": ("events",),
-        "compare_json": ("compare", str(recording), "--json"),
+        "energy": ("report", "--show", "energy"),
+        "events": ("report", "--show", "events"),
         "trip": ("trip",),
         "trip_json": ("trip", "--json"),
     }.items():
@@ -91,7 +95,7 @@ def outputs_of(recording: Path, drive: Drive, folder: Path) -> Iterator[tuple[st
         assert done.returncode == 0, done.stderr
         yield name, done.stdout
     yield "facts", " ".join(f"{name}: {value}" for name, value in drive.facts().items())
-    yield "legs", json.dumps(leg_rows(drive.known_attribution))
+    yield "legs", json.dumps(leg_rows(drive.energy.known_attribution))
 
 
 @pytest.fixture(scope="module")
@@ -109,15 +113,15 @@ IMAGES: Final = ("first", "speed", "punctuality", "causes", "places", "efficienc
 
 def check_all(outputs: Outputs, drive: Drive, folder: Path) -> None:
     """The quantities of every drive: its energy and optimum, time, distance, speed, and time above the limit."""
-    above, likely, went = drive.known_attribution.above, drive.likely, drive.travelled
-    assert drive.driven_j is not None
+    above, likely, went = drive.energy.known_attribution.above, drive.energy.likely, drive.travelled
+    assert drive.energy.driven_j is not None
     assert likely is not None
     said = {name: json.loads(outputs[f"{name}_json"]) for name in ("energy", "trip", "compare", "report")}
     page_figures, compared = said["report"]["first_page"], said["compare"]["drives"][0]
     of_json = (page_figures, compared, said["energy"], said["trip"]["energy"], said["report"]["energy"])
-    one_value(kwh(drive.driven_j), *(one["energy_kwh"] for one in of_json))
+    one_value(kwh(drive.energy.driven_j), *(one["energy_kwh"] for one in of_json))
     check_one_number(
-        outputs, kwh(drive.driven_j), page=r"drew about # kWh|Energy driven # kWh|energy as driven # kWh",
+        outputs, kwh(drive.energy.driven_j), page=r"drew about # kWh|Energy driven # kWh|energy as driven # kWh",
         energy=r"as driven.*│ *#│\n", trip=r"net input +│ +#",
     )  # fmt: skip
     check_one_number(
@@ -126,7 +130,7 @@ def check_all(outputs: Outputs, drive: Drive, folder: Path) -> None:
     )  # fmt: skip
     one_value(
         kwh(above.difference_j), page_figures["above_optimum_kwh"], said["energy"]["above_optimum_kwh"],
-        compared["above_optimum_kwh"], math.fsum(kwh(one) for one in drive.known_attribution.by_cause.values()),
+        compared["above_optimum_kwh"], math.fsum(kwh(one) for one in drive.energy.known_attribution.by_cause.values()),
     )  # fmt: skip
     check_one_number(
         outputs, kwh(above.difference_j),
@@ -142,7 +146,7 @@ def check_all(outputs: Outputs, drive: Drive, folder: Path) -> None:
     check_one_number(
         outputs, went.way_m / KM, trip=r"s, # km", facts=r"distance: # km", page=r"ran the # km|covers # km"
     )
-    top_mps = drive.motion.speed_mps.max()
+    top_mps = drive.energy.motion.speed_mps.max()
     check_one_number(outputs, top_mps / KMH, trip=r"highest speed +│ *# km/h")
     one_value(top_mps / KMH, drive.plotted().speed_mps.max() / KMH, said["trip"]["max_speed_kmh"], tolerance=0.5)
     over = drive.violations
@@ -150,11 +154,11 @@ def check_all(outputs: Outputs, drive: Drive, folder: Path) -> None:
     check_one_number(outputs, over.over_limit_s, page=r"Time above the limit # s")
     exported = read_table(folder / "tables" / "by_time.csv")
     base = "truth" if "truth_s_m" in exported else "position"
-    first_s, last_s = (drive.clock.since_s(at_ns) for at_ns in (went.start_ns, went.end_ns))
+    first_s, last_s = (drive.table.clock.since_s(at_ns) for at_ns in (went.start_ns, went.end_ns))
     moving = (exported["time_s"] >= first_s - 1.0) & (exported["time_s"] <= last_s + 1.0)
     way_m = exported[f"{base}_s_m"][moving]
     assert way_m[-1] - way_m[0] == pytest.approx(went.way_m, abs=5.0)  # where it stood, not where the stops are
-    assert exported[f"{base}_speed_mps"].max() == pytest.approx(drive.course.speed_mps.max())
+    assert exported[f"{base}_speed_mps"].max() == pytest.approx(drive.table.course.speed_mps.max())
 
 
 def one_value(value: float, *others: float, tolerance: float = 1e-6) -> None:
@@ -200,14 +204,14 @@ def test_a_trip_with_a_stand_on_the_way_has_one_number_for_each_quantity(tmp_pat
     outputs = dict(outputs_of(tmp_path / "replay.mcap", drive, tmp_path))
     outputs["replay"] = "\n".join(f"{name}: {value}" for name, value in figure_rows(replayed))
     check_all(outputs, drive, tmp_path)
-    likely = drive.likely
+    likely = drive.energy.likely
     assert likely is not None
     for told in (looked_at["energy"], replayed):
-        one_value(kwh(drive.driven_j or 0.0), told["energy_kwh"])
+        one_value(kwh(drive.energy.driven_j or 0.0), told["energy_kwh"])
     for told in (looked_at, replayed):
         one_value(drive.travelled.time_s, told["trip_time_s"], tolerance=1e-3)
     middle = looked_at["stands"][1:]
-    legs = [leg.trip_s for leg in drive.legs]
+    legs = [leg.trip_s for leg in drive.energy.legs]
     assert [one["running_time_s"] for one in middle] == pytest.approx(legs, abs=1e-3)
     assert [one["trip_s"] for one in replayed["sections"]] == pytest.approx(legs, abs=1e-3)
     assert [minutes(leg) for leg in legs] == [row["time"] for row in json.loads(outputs["legs"])]
@@ -215,7 +219,7 @@ def test_a_trip_with_a_stand_on_the_way_has_one_number_for_each_quantity(tmp_pat
     one_value(kwh(likely.by_friction_j), friction["high_kwh"])
     one_value(kwh(likely.low_j), replayed["above_optimum_likely_low_kwh"])
     check_one_number(outputs, drive.travelled.time_s, replay=r"trip time: # s")
-    check_one_number(outputs, kwh(drive.driven_j or 0.0), replay=r"energy as driven \(estimated\): # kWh")
+    check_one_number(outputs, kwh(drive.energy.driven_j or 0.0), replay=r"energy as driven \(estimated\): # kWh")
 
 
 def written(job: ReplayJob, energies: TripEnergies, path: Path) -> Path:

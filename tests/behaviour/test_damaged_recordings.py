@@ -25,7 +25,6 @@ from tests.support.reference_recordings import FOLDER
 FLIPS = 100
 Command = Callable[[Path, Path], object]
 OF_A_TRIP: dict[str, Command] = {
-    "view --plot": lambda file, folder: view(file, plot=folder / "view.png"),
     "view --save": lambda file, folder: view(file, save=folder / "view.rrd"),
     "trip": lambda file, folder: trip(file, ReplayOptions().trip),
     "replay": lambda file, folder: prepare(file, ReplayOptions(), folder / "replay.mcap", "test"),
@@ -63,7 +62,6 @@ def trip_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("view --plot", marks=pytest.mark.nightly),
         pytest.param("view --save", marks=pytest.mark.slow),
         *("trip", "replay", "check", "recover", "export"),
     ],

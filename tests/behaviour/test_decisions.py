@@ -12,7 +12,7 @@ from das.bus.das_pb2 import Decision
 from das.bus.recording import read_recording
 from das.domain.units import NS
 from sim.drive.drive import Drive
-from sim.drive.events.event import EventKind
+from sim.drive.events import EventKind
 from sim.drivers.cab import KINDS
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation

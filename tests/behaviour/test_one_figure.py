@@ -98,19 +98,19 @@ def of_comparison(*drives: Drive) -> Iterator[dict[str, Any]]:
 def of_recording(path: Path) -> dict[str, Figures]:
     """What every command says of a recording that needs nothing else: report, energy, comparison."""
     drive, told = of_report(path)
-    if drive.above is None or drive.not_comparable.startswith((NOT_WHOLE, FASTER)):
-        with pytest.raises(DasError, match=f"{path}: .*{re.escape(drive.not_comparable)}"):
+    if drive.energy.above is None or drive.energy.not_comparable.startswith((NOT_WHOLE, FASTER)):
+        with pytest.raises(DasError, match=f"{path}: .*{re.escape(drive.energy.not_comparable)}"):
             list(of_comparison(drive, drive))
     else:
         told["comparison"], again = of_comparison(drive, drive)
         assert again["more_energy_kwh"] == 0.0
         assert again["more_energy_equal_arrival_kwh"] in (0.0, None)
-        assert (again["equal_arrival_not_comparable"] or "") == drive.not_comparable
-    told["library"] = {"not_comparable": drive.not_comparable or None, "late_s": known(drive.late_s)}
-    told["library"]["instructions"] = drive.instructions.instructions
-    if not drive.not_comparable:
-        assert drive.attribution is not None
-        told["library"] |= figures(drive.above.as_dict() if drive.above else {})
+        assert (again["equal_arrival_not_comparable"] or "") == drive.energy.not_comparable
+    told["library"] = {"not_comparable": drive.energy.not_comparable or None, "late_s": known(drive.late_s)}
+    told["library"]["instructions"] = drive.figures.instructions.instructions
+    if not drive.energy.not_comparable:
+        assert drive.energy.attribution is not None
+        told["library"] |= figures(drive.energy.above.as_dict() if drive.energy.above else {})
         assert told["causes"]["energy_kwh"] is not None
     assert check_same(**told) >= {"measured"} if "comparison" in told else {"not_comparable"}
     return told
@@ -141,7 +141,7 @@ def slow_train(folder: Path, max_speed_kmh: int) -> str:
 def test_a_simulated_day_has_one_set_of_figures(folder: Path) -> None:
     told = json.loads((folder / "none.json").read_text())
     api = sim.run_day(folder / "flat.toml", 1, driver="human", advice="none").outcome
-    energy = run(folder, "energy", "none.mcap")
+    energy = run(folder, "report", "none.mcap")["drives"][0]["energy"]
     compared = check_same(
         run=figures(told), api=figures(api), energy=figures(energy), **of_recording(folder / "none.mcap")
     )
@@ -258,9 +258,9 @@ def test_the_wrong_train_is_refused_by_every_command_in_the_same_words(folder: P
     assert "cannot arrive as early as the trip did" in why
     assert told["above_optimum_kwh"] is told["above_optimum_ratio"] is None
     check_same(replay=figures(told), **of_recording(path))
-    assert refusal("energy", path.name, cwd=folder) == f"error: {path.name}: not comparable: {why}"
+    assert refusal("report", path.name, "--show", "energy", cwd=folder) == f"error: {path.name}: not comparable: {why}"
     drive = Drive.read(path)
-    assert drive.why_no_attribution == f"not comparable: {why}"
+    assert drive.energy.why_no_attribution == f"not comparable: {why}"
     assert drive.limit_known
     kinds = [str(one.kind) for one in drive.events]
     assert "beyond-train" in kinds
@@ -277,10 +277,10 @@ def test_a_cut_recording_is_refused_by_every_command_in_the_same_words(folder: P
     (folder / "cut.mcap").write_bytes(whole[: len(whole) // 2])
     assert not Drive.read(folder / "cut.mcap").recording.complete
     assert of_recording(folder / "cut.mcap")["report"]["not_comparable"] == NOT_WHOLE
-    for command in (("energy", "cut.mcap"), ("compare", "none.mcap", "cut.mcap")):
-        refused = das_sim(*command, cwd=folder)
+    for command in (("cut.mcap", "--show", "energy"), ("none.mcap", "cut.mcap", "--table", "both.csv")):
+        refused = das_sim("report", *command, cwd=folder)
         assert refused.returncode == 2
-        assert refused.stderr.endswith(f"error: cut.mcap: not comparable: {NOT_WHOLE}\n")
+        assert refused.stderr.endswith(f"cut.mcap: not comparable: {NOT_WHOLE}\n")
     told = run(folder, "replay", "cut.mcap", "-o", "cut-replayed.mcap")
     check_same(replay=figures(told), **of_recording(folder / "cut-replayed.mcap"))
     assert (told["compared_part"] is None) == (told["not_comparable"] is not None)
@@ -302,7 +302,7 @@ def test_an_open_trip_is_compared_over_one_part_by_every_command(folder: Path) -
         assert "energy_low_kwh" in check_same(replay=figures(told), trip=figures(looked_at["energy"]), **compared)
         found.append(told)
     told = found[0]
-    assert told["compared_part"] == Drive.read(folder / "open.mcap").above.part  # type: ignore[union-attr]
+    assert told["compared_part"] == Drive.read(folder / "open.mcap").energy.above.part  # type: ignore[union-attr]
     assert told["above_optimum_kwh"] > 0.0
     assert told["energy_low_kwh"] < told["energy_kwh"] < told["energy_high_kwh"]
     smoothing = told["above_optimum_unknowns"][-1]
@@ -316,4 +316,4 @@ def test_a_reference_has_one_set_of_figures_or_one_refusal(path: Path) -> None:
     found = of_recording(path)
     why = found["report"]["not_comparable"]
     if why is not None:
-        assert why in refusal("energy", str(path), cwd=path.parent)
+        assert why in refusal("report", str(path), "--show", "energy", cwd=path.parent)

@@ -93,9 +93,9 @@ def test_the_drive_with_the_guide_is_of_the_same_driver_train_and_brakes(
     assert after.violations.over_limit_s == 0
     assert abs(after.late_s) < 30.0
     equal = EqualArrival.of(before, after, own=False)
-    less_kwh = (before.motors_first.driven_j - after.motors_first.driven_j) / 3.6e6
+    less_kwh = (before.energy.motors_first.driven_j - after.energy.motors_first.driven_j) / 3.6e6
     assert equal.more_j is not None
-    optimum_j = 0.5 * (before.motors_first.optimum_j + after.motors_first.optimum_j)
+    optimum_j = 0.5 * (before.energy.motors_first.optimum_j + after.energy.motors_first.optimum_j)
     said = " ".join(default_run[0].stdout.split())
     printed = [int(one) for one in re.findall(r"(\d+) kWh less", said)]
     assert printed == pytest.approx([less_kwh, -equal.more_j / 3.6e6], abs=0.5)

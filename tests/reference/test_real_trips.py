@@ -107,7 +107,7 @@ def test_a_real_trip_without_its_speeds_is_the_same_trip() -> None:
 def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The report of a real record, its cleaned file read again without findings, and the energy as driven."""
     monkeypatch.setenv("COLUMNS", "140")  # No phrase is broken over lines.
-    files = ("--write", "cleaned.csv", "--plot", "trip.png")
+    files = ("--out", "cleaned.csv", "--plot", "trip.png")
     done = in_a_process("sim.cli", "trip", *kolback("dropouts"), *files, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     told = ("589 of 603 points kept", "speed dropout", "long stand at the end", "median / 95 % / most", "not known")

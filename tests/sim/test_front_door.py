@@ -82,11 +82,11 @@ def test_the_example_is_written_whole(tmp_path: Path) -> None:
 def test_a_recorded_day_is_the_day_of_run_day_and_can_be_reported(tmp_path: Path) -> None:
     drive = sim.record_day("clear-day", tmp_path / "day.mcap", seed=1, driver="perfect", advice="vector")
     day = sim.run_day("clear-day", seed=1, driver="perfect", advice="vector")
-    assert drive.driven_j == pytest.approx(3.6e6 * day.outcome["energy_kwh"], rel=1e-9)
+    assert drive.energy.driven_j == pytest.approx(3.6e6 * day.outcome["energy_kwh"], rel=1e-9)
     plotted = day.plotted(), drive.plotted()
     assert plotted[0].energy_j[-1] == pytest.approx(day.balance.input, rel=1e-4)
     assert plotted[0].time_s[-1] == pytest.approx(plotted[1].time_s[-1], abs=0.2)
-    assert plotted[1].energy_j[-1] == pytest.approx(drive.driven_j, rel=1e-4), "one state a second"
+    assert plotted[1].energy_j[-1] == pytest.approx(drive.energy.driven_j, rel=1e-4), "one state a second"
     assert sim.report(drive, out=tmp_path / "day.html").read_text(encoding="utf-8").startswith("<!")
     with pytest.raises(das.DasError, match=r"day\.txt: expected a file name that ends in \.html or \.htm"):
         sim.report(drive, out=tmp_path / "day.txt")

@@ -20,6 +20,7 @@ from das.domain.errors import DasError
 from das.domain.units import KM, kwh
 from sim.cli.driving import DayAsked
 from sim.drive.above_optimum import AboveOptimum
+from sim.drive.figures import DriveFigures
 from sim.drivers.cab import AT_STOP_M, CabView, Driver
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
@@ -215,7 +216,8 @@ def _of_run(run: Run) -> dict[str, Any]:
 
 def _shown(run: Run) -> dict[str, Any]:
     """How calm the advice of a run was, and how far a driver could rely on it."""
-    told, figures = run.instructions, run.instructions.as_dict()
+    told = run.instructions
+    figures = DriveFigures(violations=run.violations, stability=run.stability, instructions=told).as_dict()
     ratios = ("announced_ratio", "brakes_led_ratio", "promises_kept_ratio")
     return {
         **{name: math.nan if figures[name] is None else figures[name] for name in ratios},

@@ -15,7 +15,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from das.bus.recording import Recording
 from das.domain.units import NS, kwh
 from das.solver.section import Section
 from das.solver.solution import Solution
@@ -23,7 +22,8 @@ from sim.drive.above_optimum import AboveOptimum
 from sim.drive.attribution.causes import EnergyCause, ShownAdvice
 from sim.drive.attribution.committed import Committed, Knowledge, committed, epochs_of, spacing
 from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, LegEnergies
-from sim.drive.happenings import Signal, signals
+from sim.drive.limits import Signal, signals
+from sim.drive.table import DriveTable
 from sim.recording.course import Floats
 from sim.recording.inputs import DriveInputs
 
@@ -252,14 +252,15 @@ def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, f
 
 
 def attribution_of(
-    recording: Recording, inputs: DriveInputs, compared: Sequence[ComparedLeg], above: AboveOptimum, shown: ShownAdvice
+    table: DriveTable, compared: Sequence[ComparedLeg], above: AboveOptimum, shown: ShownAdvice
 ) -> Attribution:
     """The energy attribution of a recorded drive, from its line and train, its legs beside the planned train's optimum,
     its energy above the optimum, and what the driver was shown.
 
     It is made even if drive and optimum are not comparable.
     """
-    epochs, seen, every = epochs_of(recording), signals(recording), spacing([one.leg for one in compared])
+    inputs, epochs, seen = table.inputs, epochs_of(table), signals(table)
+    every = spacing([one.leg for one in compared])
     optima_j = {(one.start, one.end): one.optimum_j for one in above.sections}
     legs = tuple(
         _leg_attribution(

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Source
 from das.advice.regimes import Regime
-from das.bus import topics
-from das.bus.recording import Recording
 from das.domain.trajectory import Trajectory
 from das.domain.vehicle import Vehicle
+from sim.drive.table import HOLDS_NS, DriveTable
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of, shown_presentation
 from sim.options import WhatIfKind
 from sim.recording.course import Floats, Times
@@ -104,10 +103,6 @@ BY_SPEED: Final = frozenset(
 """Causes about the speed at which the train was driven."""
 
 
-VALID_NS = 3_000_000_000
-"""A message about the cab counts for this long (ns)."""
-
-
 class Seen(NamedTuple):
     """Advice that a driver saw: mode, speed (m/s), effort as a share of the largest (NaN: none).
 
@@ -138,45 +133,35 @@ class ShownAdvice:
     speed_now: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, recording: Recording) -> ShownAdvice:
+    def of(cls, table: DriveTable) -> ShownAdvice:
         """What the display showed; if no display was recorded, the node's advice counts as shown.
 
         Nobody saw the advice of a replay or of a what-if in open loop: the train moves as in the original recording.
         """
-        run = recording.metadata.get("run", {})
-        unseen = run.get("kind") == "replay" or run.get(WHAT_IF) == WhatIfKind.OPEN_LOOP
-        fields = ("presentation", "mode", "advised_speed_mps", "advised_lever_ratio", "lever_ratio")
-        cab = recording.columns(topics.CAB, "time_ns", *fields)
-        if len(cab["time_ns"]) and not unseen:
-            speed_is = np.array([_speed_is(*one) for one in zip(cab["presentation"], cab["mode"], strict=True)])
-            return cls(
-                time_ns=cab["time_ns"],
-                shown=cab["presentation"] > 0,
-                mode=cab["mode"],
-                speed_mps=cab["advised_speed_mps"],
-                advised_ratio=cab["advised_lever_ratio"],
-                lever_ratio=cab["lever_ratio"],
-                top_only=speed_is == SpeedIs.HIGHEST,
-                speed_now=speed_is == SpeedIs.TO_HAVE,
+        unseen = table.run.get("kind") == "replay" or table.run.get(WHAT_IF) == WhatIfKind.OPEN_LOOP
+        names = "mode", "advised_speed_mps"
+        if table.has("cab") and not unseen:
+            time_ns, presentation, mode, speed_mps, advised_ratio, lever_ratio = table.of_topic(
+                "cab", "presentation", *names, "advised_lever_ratio", "lever_ratio"
             )
-        said = ("source", "mode", "advised_speed_mps", "advised_force_ratio")
-        advice = recording.columns(topics.ADVICE, "time_ns", *said)
-        nothing = np.full(len(advice["time_ns"]), math.nan)
+            speed_is = np.array([_speed_is(*one) for one in zip(presentation, mode, strict=True)])
+            shown, top_only, speed_now = presentation > 0, speed_is == SpeedIs.HIGHEST, speed_is == SpeedIs.TO_HAVE
+        else:
+            time_ns, source, mode, speed_mps, advised_ratio = table.of_topic(
+                "advice", "source", *names, "advised_force_ratio"
+            )
+            lever_ratio = np.full(len(time_ns), math.nan)
+            shown = (source != Source.NONE) & (not unseen)
+            top_only, speed_now = np.zeros(len(time_ns), dtype=bool), np.ones(len(time_ns), dtype=bool)
         return cls(
-            time_ns=advice["time_ns"],
-            shown=(advice["source"] != Source.NONE) & (not unseen),
-            mode=advice["mode"],
-            speed_mps=advice["advised_speed_mps"],
-            advised_ratio=advice["advised_force_ratio"],
-            lever_ratio=nothing,
-            top_only=np.zeros(len(nothing), dtype=bool),
-            speed_now=np.ones(len(nothing), dtype=bool),
-        )
+            time_ns=time_ns, shown=shown, mode=mode, speed_mps=speed_mps, advised_ratio=advised_ratio,
+            lever_ratio=lever_ratio, top_only=top_only, speed_now=speed_now,
+        )  # fmt: skip
 
     def at(self, time_ns: int) -> Seen | None:
         """What the driver saw at a time; None for nothing."""
         last = int(np.searchsorted(self.time_ns, time_ns, side="right")) - 1
-        if last < 0 or not self.shown[last] or time_ns - int(self.time_ns[last]) > VALID_NS:
+        if last < 0 or not self.shown[last] or time_ns - int(self.time_ns[last]) > HOLDS_NS:
             return None
         number = int(self.mode[last])
         return Seen(
@@ -206,7 +191,7 @@ def _speed_is(number: int, mode: int) -> SpeedIs:
     return presenter_of(presentation).speed_is(mode)
 
 
-OVER_MPS: Final = 2.0 / 3.6
+APART_MPS: Final = 2.0 / 3.6
 """A speed this far (m/s) from the advised one is against the advice: displays show whole km/h, drivers keep within one
 or two."""
 SAME_MPS: Final = 1.0 / 3.6
@@ -273,7 +258,7 @@ class Judge:
         return _by_best(now)
 
     def _by_advice(self, now: Moment, seen: Seen) -> EnergyCause:
-        over = now.speed_mps > seen.speed_mps + OVER_MPS and seen.speed_mps > 0
+        over = now.speed_mps > seen.speed_mps + APART_MPS and seen.speed_mps > 0
         slowing = seen.mode in (Regime.COAST, *BRAKING) and not seen.top_only
         if slowing and not self._coasting_due:
             self._was_over = self._over_moments >= LASTS
@@ -311,7 +296,7 @@ def _other_effort(now: Moment, seen: Seen) -> bool:
         return seen.mode in PULLING and now.brakes
     more = max(seen.lever_ratio - seen.advised_ratio, now.driven_ratio - max(seen.advised_ratio, 0.0))
     less = seen.advised_ratio - seen.lever_ratio
-    faster, slower = now.speed_mps > seen.speed_mps - SAME_MPS, now.speed_mps < seen.speed_mps - OVER_MPS
+    faster, slower = now.speed_mps > seen.speed_mps - SAME_MPS, now.speed_mps < seen.speed_mps - APART_MPS
     return (more > EFFORT_RATIO and faster) or (less > EFFORT_RATIO and slower)
 
 

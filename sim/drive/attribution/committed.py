@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.bus.recording import Recording
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.restriction import LATEST_NS, Restriction
 from das.domain.vehicle import Vehicle
@@ -27,8 +26,8 @@ from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.attribution.causes import EnergyCause, Judge, Moment, ShownAdvice, coasts_to_brake, effort_ratio
 from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, LegEnergies, section_of_leg
-from sim.drive.happenings import Signal
-from sim.drive.limits import told_lists
+from sim.drive.limits import Signal
+from sim.drive.table import DriveTable
 from sim.recording.course import Floats
 from sim.recording.inputs import DriveInputs
 
@@ -56,13 +55,13 @@ class Remaining:
 NOTHING = Remaining(energy_j=math.nan, run=None)
 
 
-def epochs_of(recording: Recording) -> tuple[Epoch, ...]:
+def epochs_of(table: DriveTable) -> tuple[Epoch, ...]:
     """An epoch for each moment at which the known restrictions in force change; the first epoch has none.
 
     They change when the node receives a list, and when a restriction of the list begins or ceases to be in force.
     """
     found = [Epoch(-(2**63), frozenset())]
-    lists = [*told_lists(recording)]
+    lists = [(one.time_ns, one.valid) for one in table.said.restrictions]
     for (since_ns, told), (until_ns, _) in pairwise([*lists, (LATEST_NS, ())]):
         edges = {edge_ns for one in told if one.has_window for edge_ns in one.counting_ns}
         for at_ns in sorted({since_ns, *(edge_ns for edge_ns in edges if since_ns < edge_ns < until_ns)}):

@@ -13,23 +13,23 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from das.bus import topics
-from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.losses import LossMap
 from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.trajectory import Trajectory
-from das.domain.units import NS
+from das.domain.units import KMH, NS
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section, rebuilt
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy
-from sim.drive.calls import KeptCall, knows_truth
+from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy, passing_name
+from sim.drive.calls import KeptCall, calls_on_the_way
+from sim.drive.table import DriveTable
 from sim.recording.course import DrivenCourse, Floats, Times
 from sim.recording.inputs import DriveInputs
+from sim.recording.stands import STANDING_MPS
 from sim.trips.estimate import (
     BRAKING,
     DrivenCase,
@@ -44,6 +44,10 @@ from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.settings import CHOICE, SMOOTHING
 from sim.trips.trip import recorded_trip
 
+EQUAL_MPS: Final = 0.5
+"""Two speeds count as equal if each is within this (m/s) of the same speed."""
+LEAST_PART_M: Final = 1000.0
+"""A part between equal speeds that is shorter than this (m) says nothing about the drive."""
 LEAST_WAY_M = 100.0
 """Two stands that are closer together than this (m) do not bound a leg: the train only moved up."""
 
@@ -107,50 +111,46 @@ class DrivenLeg:
         return (due_ns - int(self.motion.time_ns[0])) * NS if due_ns else None
 
 
-def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
+def motion_of(table: DriveTable) -> DrivenMotion:
     """The motion of a recorded drive: the truth of a simulation, else smoothed positions and measured brake forces.
 
-    `line` returns the line as driven, on which positions are smoothed; it is called only without a simulator's truth.
     Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
     DasError if the recording has no usable positions.
     """
-    fields = ("time_ns", "s_m", "speed_mps", "energy_input_j", "friction_brake_j")
-    truth = recording.columns(topics.TRUTH, *fields)
-    if len(truth["time_ns"]) > 1:
-        measured = knows_truth(recording)
+    time_ns, s_m, speed_mps, input_j, friction_j = table.of_topic(
+        "truth", "s_m", "speed_mps", "energy_input_j", "friction_brake_j"
+    )
+    if len(time_ns) > 1:
+        measured = table.knows_truth
         return DrivenMotion(
-            time_ns=truth["time_ns"],
-            s_m=truth["s_m"],
-            speed_mps=truth["speed_mps"],
-            input_j=truth["energy_input_j"] if measured else None,
-            friction_j=truth["friction_brake_j"] if measured else None,
-        )
-    return smoothed_motions(recording, line())(SMOOTHING.jerk_psd_m2ps5)
+            time_ns=time_ns, s_m=s_m, speed_mps=speed_mps, input_j=input_j if measured else None,
+            friction_j=friction_j if measured else None,
+        )  # fmt: skip
+    return smoothed_motions(table)(SMOOTHING.jerk_psd_m2ps5)
 
 
-def smoothed_motions(recording: Recording, route: Route) -> Callable[[float], DrivenMotion]:
-    """A function that smooths the positions of a recording with a density of the jerk (m²/s⁵), on the line as driven.
+def smoothed_motions(table: DriveTable) -> Callable[[float], DrivenMotion]:
+    """A function that smooths the positions of a drive with a density of the jerk (m²/s⁵), on the line as driven.
 
     The motion has the energy of the friction brake if the recording has brake forces. DasError for positions that
     cannot be used.
     """
-    trip = recorded_trip(recording, route)
+    trip = recorded_trip(table.recording, table.inputs.route)
 
     def smoothed(jerk_psd_m2ps5: float) -> DrivenMotion:
         run = trip.run if jerk_psd_m2ps5 == SMOOTHING.jerk_psd_m2ps5 else to_profile(trip.matched, 1.0, jerk_psd_m2ps5)
         motion = DrivenMotion.of_run(run)
-        return replace(motion, friction_j=_friction_j(recording, motion.time_ns, motion.speed_mps))
+        return replace(motion, friction_j=_friction_j(table, motion.time_ns, motion.speed_mps))
 
     return smoothed
 
 
-def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floats | None:
+def _friction_j(table: DriveTable, time_ns: Times, speed_mps: Floats) -> Floats | None:
     """Energy of the friction brake since the start (J), from the forces that the train measured; None without them."""
-    effort = recording.columns(topics.EFFORT, "time_ns", "force_friction_n")
-    if len(effort["time_ns"]) < 2:
+    measured_ns, force_n = table.of_topic("effort", "force_friction_n")
+    if len(measured_ns) < 2:
         return None
-    force_n = np.minimum(effort["force_friction_n"], 0.0)
-    power_w = -np.interp(time_ns, effort["time_ns"], force_n, left=0.0, right=0.0) * speed_mps
+    power_w = -np.interp(time_ns, measured_ns, np.minimum(force_n, 0.0), left=0.0, right=0.0) * speed_mps
     step_j = 0.5 * (power_w[:-1] + power_w[1:]) * np.diff(time_ns) * NS
     return np.concatenate(([0.0], np.cumsum(step_j)))
 
@@ -179,6 +179,68 @@ def _legs(motion: DrivenMotion, served: list[KeptCall]) -> Iterator[DrivenLeg]:
         speed_mps[0], speed_mps[-1] = start.passed_mps, end.passed_mps
         s_m = np.clip(np.maximum.accumulate(cut.s_m), cut.s_m[0], cut.s_m[-1])
         yield DrivenLeg(start=start, end=end, motion=replace(cut, time_ns=time_ns, speed_mps=speed_mps, s_m=s_m))
+
+
+def open_calls(
+    path: Path, motion: DrivenMotion, route: Route, vehicle: Vehicle, stood: Iterable[KeptCall] = ()
+) -> tuple[KeptCall, ...]:
+    """The ends of the longest part of a drive between equal speeds, and the stops in it.
+
+    It is for a drive that does not stand at both its stops; `stood` are the stops on the way. As much kinetic energy
+    enters the part as leaves it. Both ends are within the limits of line and vehicle. `legs_of` cuts the motion there,
+    also one that is smoothed otherwise: the ends keep their times and speeds. DasError if the part is shorter than
+    1 km, or if the drive is faster than the vehicle.
+    """
+    vehicle = fast_enough(vehicle, motion)
+    v, s_m = motion.speed_mps, motion.s_m
+    limit_mps = np.minimum(route.limits_over_train(vehicle.train_length_m).at(s_m), vehicle.max_speed_mps)
+    allowed = (v <= limit_mps) & (s_m >= 0.0) & (s_m <= route.length_m)
+    longest = (0, 0)
+    for level in np.arange(0.0, v.max() + EQUAL_MPS, EQUAL_MPS):
+        there = np.flatnonzero(allowed & (np.abs(v - level) <= EQUAL_MPS))
+        if len(there) and s_m[there[-1]] - s_m[there[0]] > s_m[longest[1]] - s_m[longest[0]]:
+            longest = (int(there[0]), int(there[-1]))
+    first, last = longest
+    if s_m[last] - s_m[first] < LEAST_PART_M:
+        top_kmh, own_kmh = v.max() / KMH, vehicle.max_speed_mps / KMH
+        faster = f"the trip runs {top_kmh:.0f} km/h, which is faster than this train, {own_kmh:.0f} km/h"
+        raise DasError(f"{path}: {NOT_COMPARABLE}: {faster if top_kmh > own_kmh else NO_PART}")
+    if v[first] < STANDING_MPS:  # the part begins when the train leaves
+        first = int(np.flatnonzero(s_m <= s_m[first])[-1])
+    if v[last] < STANDING_MPS:
+        last = int(np.flatnonzero(s_m >= s_m[last])[0])
+    start, end = (_passing(motion, sample) for sample in (first, last))
+    inside = [one for one in stood if start.s_m + LEAST_WAY_M < one.stood_m < end.s_m - LEAST_WAY_M]
+    return (start, *inside, end)
+
+
+def _passing(motion: DrivenMotion, sample: int) -> KeptCall:
+    """A sample of a motion as an end of a leg."""
+    s_m, time_ns = float(motion.s_m[sample]), int(motion.time_ns[sample])
+    speed_mps = float(motion.speed_mps[sample]) * bool(motion.speed_mps[sample] >= STANDING_MPS)
+    return KeptCall(
+        name=passing_name(s_m, speed_mps), s_m=s_m, due_arrival_ns=0, due_departure_ns=0,
+        arrived_ns=time_ns, departed_ns=time_ns, stood_m=s_m, passed_mps=speed_mps,
+    )  # fmt: skip
+
+
+def legs_of_drive(table: DriveTable, made: Sequence[KeptCall], motion: DrivenMotion) -> tuple[DrivenLeg, ...]:
+    """The legs of a motion of a recorded drive, between its stops or in the part that a replay compared.
+
+    `made` says how the drive kept the stops of its journey. DasError if there are no legs, in the words of the
+    recording if it says why.
+    """
+    said, path = table.said.saving, table.recording.path
+    if said is None:
+        return legs_of(path, motion, made)
+    on_the_way = {one.start for one in said.sections[1:]} - {one.name for one in made}
+    if on_the_way:
+        stops = [one for one in table.inputs.route.stops if one.name in on_the_way]
+        more = calls_on_the_way(stops, table.course, table.received)
+        made = sorted((*made, *more), key=lambda one: one.s_m)
+    if said.part:
+        made = open_calls(path, motion_of(table), table.inputs.route, table.inputs.vehicle, made)
+    return legs_of(path, motion, made, said.why_not or NOT_WHOLE)
 
 
 def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restriction] = ()) -> Section:

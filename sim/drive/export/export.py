@@ -31,6 +31,7 @@ from sim.drive.export.tables import (
     require_parquet,
     tables_of,
 )
+from sim.drive.table import HOLDS_S
 from sim.recording.course import DriveClock
 from sim.recording.opening import open_recording
 
@@ -42,9 +43,7 @@ messages; numbers of other topics hold until the next message."""
 JOINED: Final = ("truth", "position", "advice", "cab", "effort", "delay", "estimate", "status")
 """Topics whose columns are in the tables by time and by position."""
 LASTING: Final = ("delay", "estimate")
-"""Topics whose messages hold until the next one, however long that takes."""
-LONGEST_S: Final = 3.0
-"""A message of a topic not in `LASTING` holds for at most this long (s); after that the columns are empty."""
+"""Topics whose messages hold until the next one, however long that takes; those of others hold for `HOLDS_S`."""
 KINDS: Final = ("float", "int", "bool", "choice")
 
 
@@ -61,7 +60,7 @@ def by_position(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | No
     """One row every `STEP_M` along the route as driven; None if the train did not move.
 
     A row has the time at which the train first reached its position. There are no rows where the position was not
-    recorded for longer than `LONGEST_S`.
+    recorded for longer than `HOLDS_S`.
     """
     base = _base(tables)
     if base is None:
@@ -126,7 +125,7 @@ def _at(table: DataTable, at_ns: NDArray[np.int64]) -> list[Column]:
     time_ns = _times(table)[order]
     last = np.searchsorted(time_ns, at_ns, side="right") - 1
     age_s = (at_ns - time_ns[np.maximum(last, 0)]) * NS
-    known = (last >= 0) & ((age_s <= LONGEST_S) | (table.name in LASTING))
+    known = (last >= 0) & ((age_s <= HOLDS_S) | (table.name in LASTING))
     near = known & _between_neighbours(time_ns, at_ns)
     columns = []
     for one in table.columns[3:]:  # behind the times
@@ -144,7 +143,7 @@ def _between_neighbours(time_ns: NDArray[np.int64], at_ns: NDArray[np.int64]) ->
     """Whether moments lie on a message or between two that are close together; elsewhere messages are missing."""
     last = np.maximum(np.searchsorted(time_ns, at_ns, side="right") - 1, 0)
     following = np.minimum(last + 1, len(time_ns) - 1)
-    near: NDArray[np.bool_] = (time_ns[last] == at_ns) | ((time_ns[following] - time_ns[last]) * NS <= LONGEST_S)
+    near: NDArray[np.bool_] = (time_ns[last] == at_ns) | ((time_ns[following] - time_ns[last]) * NS <= HOLDS_S)
     return near
 
 

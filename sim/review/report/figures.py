@@ -9,14 +9,14 @@ import numpy as np
 
 from das.domain.units import KM, KMH, KN, kmh, kwh
 from das.drawing.meanings import EFFICIENCY_GREYS, LIGHT, Meaning
-from sim.drive.attribution.causes import OVER_MPS
-from sim.drive.events.event import bookmarks
+from sim.drive.attribution.causes import APART_MPS
+from sim.drive.events import bookmarks
+from sim.drive.series import QUANTITIES, STYLES
 from sim.review.canvas import INK, TEXT_POINTS, curve, lane_rows, light_figure, named, page_legend, stops
 from sim.review.lanes import MODE_LANES
 from sim.review.report.findings import DriveFinding
 from sim.review.report.sentences import told_causes
 from sim.review.scene import ReviewScene, Trace, meaning_of
-from sim.review.series import QUANTITIES, STYLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +52,7 @@ def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
     The places of each finding are grey stretches with its number; temporary restrictions are dashed. Below is where
     more energy was lost than by the optimum, if that is known.
     """
-    lost = [trace for trace in scene.over_distance(("place/lost",)) if not scene.drive.not_comparable]
+    lost = [trace for trace in scene.over_distance(("place/lost",)) if not scene.drive.energy.not_comparable]
     figure, axes = light_figure(FIRST_IN[1 : 2 + len(lost)])
     figure.set_figwidth(FIRST_IN[0])
     axis = axes[0]
@@ -115,7 +115,7 @@ def drive_figure(scene: ReviewScene) -> Figure:
     figure, axes = light_figure([*heights_in, *(HEIGHTS_IN[trace.quantity] for trace in below)])
     _speeds(axes[0], scene)
     if lanes:
-        modes = lane_rows(axes[1], lanes, int(scene.trip.time_ns[-1]), scene.km_at, LIGHT)
+        modes = lane_rows(axes[1], lanes, int(scene.trip.time_ns[-1]), scene.km_at)
         page_legend(axes[1], modes)
     for axis, trace in zip(axes[len(heights_in) :], below, strict=True):
         _below(axis, trace)
@@ -127,7 +127,7 @@ def drive_figure(scene: ReviewScene) -> Figure:
 
 def _draw(axis: Any, trace: Trace) -> None:
     """Draw a series over distance in its style, and name the axis."""
-    curve(axis, trace.name, trace.s_m / KM, trace.values, LIGHT)
+    curve(axis, trace.name, trace.s_m / KM, trace.values)
     named(axis, y=QUANTITIES[trace.quantity].title)
 
 
@@ -148,7 +148,7 @@ def _below(axis: Any, trace: Trace) -> None:
         _draw(axis, trace)
         axis.axhline(0.0, color=INK, linewidth=0.7)
         return
-    over_kmh, values = OVER_MPS / KMH, np.clip(trace.values, -MOST_APART_KMH, MOST_APART_KMH)
+    over_kmh, values = APART_MPS / KMH, np.clip(trace.values, -MOST_APART_KMH, MOST_APART_KMH)
     axis.axhspan(-over_kmh, over_kmh, color=LIGHT.grid, alpha=0.6, linewidth=0.0)
     _draw(axis, trace._replace(values=values))
     reach = 1.1 * max(float(np.nanmax(np.abs(values))), 2.0 * over_kmh)
@@ -157,8 +157,8 @@ def _below(axis: Any, trace: Trace) -> None:
 
 def cause_figure(scene: ReviewScene) -> Figure:
     """The energy above the optimum by cause, as bars in the colours of the causes."""
-    assert scene.drive.attribution is not None
-    parts = told_causes(scene.drive.attribution)[::-1]
+    assert scene.drive.energy.attribution is not None
+    parts = told_causes(scene.drive.energy.attribution)[::-1]
     figure, (axis,) = light_figure((max(BAR_IN * len(parts), 0.8),))
     values = np.array([kwh(energy_j) for _, energy_j in parts])
     colors = [LIGHT.of[meaning_of(cause)] for cause, _ in parts]
@@ -187,7 +187,7 @@ def place_figure(scene: ReviewScene) -> Figure:
 
 def efficiency_figure(scene: ReviewScene) -> Figure:
     """Wheel force of the motors over speed, on the efficiency of the train's traction chain."""
-    attribution = scene.drive.attribution
+    attribution = scene.drive.energy.attribution
     assert attribution is not None
     assert scene.attribution is not None
     section, vehicle = attribution.legs[0].optimum.section, attribution.inputs.vehicle

@@ -12,7 +12,7 @@ from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
 from sim.drive.attribution.worst import ActionSpan, CauseStretch, slowest_stretch, worst_stretches
 from sim.drive.drive import Drive
-from sim.drive.events.event import DriveEvent, EventKind, lateness_text
+from sim.drive.events import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
 from sim.recording.course import DriveClock
 from sim.review.report.sentences import NAMED_KWH, TOLD_S, friction_chosen_by, told_causes
@@ -132,7 +132,7 @@ def findings(drive: Drive) -> tuple[DriveFinding, ...]:
 
 def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
     """Signals passed at danger, speeds above the limit and missed stops: one finding for each, about the worst."""
-    passed = sorted(signals_passed(drive.course, drive.signals), key=lambda one: -one.beyond_m)
+    passed = sorted(signals_passed(drive.table.course, drive.signals), key=lambda one: -one.beyond_m)
     if passed:
         yield _at_signal(drive, passed[0], len(passed))
     for kind in SAFETY_LABELS:
@@ -149,11 +149,11 @@ def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> DriveFinding:
 
 
 def _of_event(drive: Drive, event: DriveEvent, count: int) -> DriveFinding:
-    ends = drive.course.time_ns.searchsorted((event.time_ns, event.last_ns))
-    start_m, end_m = drive.course.s_m[ends].tolist()
+    ends = drive.table.course.time_ns.searchsorted((event.time_ns, event.last_ns))
+    start_m, end_m = drive.table.course.s_m[ends].tolist()
     place = FoundPlace(_between(drive, start_m), start_m, end_m, event.time_ns, event.last_ns)
     text = f"{event.text[0].upper()}{event.text[1:]}.{_worst_of(count)}"
-    speeds_mps = drive.course.speed_mps[ends[0] : ends[1] + 1]
+    speeds_mps = drive.table.course.speed_mps[ends[0] : ends[1] + 1]
     gained = event.kind is EventKind.OVERSPEED and speeds_mps.max() > speeds_mps[0] + GAINED_MPS
     return DriveFinding(
         code=str(event.kind), label=SAFETY_LABELS[event.kind], text=text, places=(place,),
@@ -174,7 +174,7 @@ def _between(drive: Drive, s_m: float) -> tuple[str, ...]:
 
 def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
     """The causes that took most energy, the largest first; what cannot be told apart is no finding."""
-    attribution = drive.attribution
+    attribution = drive.energy.attribution
     for cause, energy_j in () if attribution is None else told_causes(attribution):
         assert attribution is not None
         worst = worst_stretches(attribution, cause, MOST_PLACES)
@@ -202,7 +202,7 @@ def best_forbidden(drive: Drive, start_m: float, end_m: float, start_ns: int, en
     The best run knows of no signal at danger and of no temporary restriction.
     """
     red = any(one.start_ns <= end_ns and one.end_ns >= start_ns for one in drive.signals)
-    length_m = drive.inputs.vehicle.train_length_m
+    length_m = drive.table.inputs.vehicle.train_length_m
     slow = (one for one in drive.temporary_limits if one.told_ns <= end_ns and one.lifted_ns >= start_ns)
     return red or any(one.restriction.start_m <= end_m and one.restriction.end_m + length_m >= start_m for one in slow)
 
@@ -214,7 +214,7 @@ def _given_away(drive: Drive, attribution: Attribution) -> str:
         return ""
     place, way_m = f"km\u00a0{slow.start_m / KM:.1f} to {slow.end_m / KM:.1f}", slow.end_m - slow.start_m
     speeds = way_m / slow.driven_s, way_m / (slow.driven_s - slow.lost_s)
-    course = drive.course
+    course = drive.table.course
     last = len(course.s_m) - 1
     start_ns, end_ns = course.time_ns[course.s_m.searchsorted((slow.start_m, slow.end_m)).clip(max=last)].tolist()
     forbidden = best_forbidden(drive, slow.start_m, slow.end_m, start_ns, end_ns)
@@ -252,6 +252,6 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
         return place
     facts = min(told, key=lambda one: abs(one.time_ns - place.start_ns)).facts
     start_m, end_m = float(facts["start_m"]), float(facts["end_m"])
-    ends = drive.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.course.s_m) - 1)
-    start_ns, end_ns = drive.course.time_ns[ends].tolist()
+    ends = drive.table.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.table.course.s_m) - 1)
+    start_ns, end_ns = drive.table.course.time_ns[ends].tolist()
     return place._replace(start_m=start_m, end_m=end_m, start_ns=start_ns, end_ns=end_ns)

@@ -7,7 +7,7 @@ them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from das.domain.errors import DasError
@@ -15,8 +15,7 @@ from das.domain.units import kmh, kwh
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words, percent_of_optimum
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
-from sim.drive.events.event import EventKind, lateness_text
-from sim.recording.course import own_timetable
+from sim.drive.events import EventKind, lateness_text
 from sim.review.report.findings import DriveFinding, findings
 from sim.review.report.sentences import (
     LIMIT_UNKNOWN,
@@ -38,11 +37,15 @@ MOST_CHANGES: Final = 2
 
 
 class PageFigure(NamedTuple):
-    """One of the four figures: its name, its value in words, and what must be known beside it."""
+    """One of the four figures: its name, its value in words, what must be known beside it, and it for programs.
+
+    `told` has names with units (s, m/s, kWh); None stands for what is not known.
+    """
 
     name: str
     value: str
     beside: str
+    told: Mapping[str, Any]
 
 
 def last_arrival(drive: Drive) -> KeptCall | None:
@@ -62,23 +65,27 @@ def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
 
 
 def _arrival(drive: Drive) -> PageFigure:
-    name, call, clock = "Arrival against the timetable", last_arrival(drive), drive.clock
-    if own_timetable(drive.recording):
+    name, call, clock = "Arrival against the timetable", last_arrival(drive), drive.table.clock
+    told = {
+        "arrived_at": None if call is None else call.name,
+        "arrived_late_s": None if call is None else call.arrived_late_s,
+    }
+    if drive.table.own_timetable:
         arrived = [
             f"at {one.name}: there {clock.of_day(one.arrived_ns)}; " for one in drive.served[1:] if one.arrived_ns
         ]
-        return PageFigure(name, NOT_KNOWN, f"{''.join(arrived[-1:])}no timetable was given")
+        return PageFigure(name, NOT_KNOWN, f"{''.join(arrived[-1:])}no timetable was given", told)
     if call is None:
-        return PageFigure(name, NOT_KNOWN, "no arrival with a time in the timetable was recorded")
+        return PageFigure(name, NOT_KNOWN, "no arrival with a time in the timetable was recorded", told)
     there = f"there {clock.of_day(call.arrived_ns)}"
     early_end = "" if call is drive.calls[-1] else ", the last stop with a known arrival"
     beside = f"at {call.name}{early_end}: due {clock.of_day(call.due_arrival_ns)}, {there}{_price(drive, call)}"
-    return PageFigure(name, lateness_text(call.arrived_late_s), beside)
+    return PageFigure(name, lateness_text(call.arrived_late_s), beside, told)
 
 
 def _price(drive: Drive, call: KeptCall) -> str:
     """What an arrival off the timetable takes or saves at best, in words; empty if that is little or not known."""
-    legs = () if drive.attribution is None or drive.not_comparable else drive.attribution.legs
+    legs = () if drive.energy.attribution is None or drive.energy.not_comparable else drive.energy.attribution.legs
     early_j = next((leg.early_j for leg in legs if leg.leg.end.name == call.name), None)
     if early_j is None or abs(kwh(early_j)) < NAMED_KWH:
         return ""
@@ -88,33 +95,45 @@ def _price(drive: Drive, call: KeptCall) -> str:
 
 
 def _driven(drive: Drive) -> PageFigure:
-    name, driven_j = "Energy driven", drive.driven_j
+    name, driven_j = "Energy driven", drive.energy.driven_j
+    told = {
+        "energy_kwh": None if driven_j is None else kwh(driven_j),
+        "measured": drive.energy.measured,
+        "train_known": train_known(drive),
+    }
     if driven_j is None:
-        beside = "for the reason beside it" if drive.not_comparable else drive.why_no_attribution
-        return PageFigure(name, NOT_KNOWN, beside)
-    how = "as simulated" if drive.measured else "computed from positions"
+        beside = "for the reason beside it" if drive.energy.not_comparable else drive.energy.why_no_attribution
+        return PageFigure(name, NOT_KNOWN, beside, told)
+    how = "as simulated" if drive.energy.measured else "computed from positions"
     doubt = ", if it was this train" if _right_train(drive) else ""
-    return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}{doubt}")
+    return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}{doubt}", told)
 
 
 def _above(drive: Drive) -> PageFigure:
-    name, above = "Energy above the optimum", drive.above
-    if above is None or drive.not_comparable:
-        return PageFigure(name, NOT_COMPARABLE, drive.not_comparable)
+    name, above = "Energy above the optimum", drive.energy.above
+    if above is None or drive.energy.not_comparable:
+        nothing = dict.fromkeys(("above_optimum_kwh", "above_optimum_ratio"))
+        return PageFigure(name, NOT_COMPARABLE, drive.energy.not_comparable, nothing)
     share = [] if above.ratio is None else [percent_of_optimum(above.ratio)]
     doubt = ["if it was this train"] if _right_train(drive) else []
     beside = "; ".join([*share, *doubt, *_likely(drive)])
-    return PageFigure(name, energy_words(above.above_j or 0.0, None), beside)
+    told = {
+        "above_optimum_kwh": None if above.above_j is None else kwh(above.above_j),
+        "above_optimum_ratio": above.ratio,
+    }
+    return PageFigure(name, energy_words(above.above_j or 0.0, None), beside, told)
 
 
 def _likely(drive: Drive) -> list[str]:
     """The likely range of an estimate, and what it is if the friction brake did all braking."""
-    if drive.likely is None:
+    if drive.energy.likely is None:
         return []
-    band = f"likely {kwh(drive.likely.low_j):z.1f} to {kwh(drive.likely.high_j):z.1f} kWh"
-    if math.isnan(drive.likely.by_friction_j):
+    band = f"likely {kwh(drive.energy.likely.low_j):z.1f} to {kwh(drive.energy.likely.high_j):z.1f} kWh"
+    if math.isnan(drive.energy.likely.by_friction_j):
         return [band]
-    return [f"{band} if the motors braked first, {kwh(drive.likely.by_friction_j):.0f} kWh if friction alone did"]
+    return [
+        f"{band} if the motors braked first, {kwh(drive.energy.likely.by_friction_j):.0f} kWh if friction alone did"
+    ]
 
 
 def _right_train(drive: Drive) -> str:
@@ -127,30 +146,31 @@ def _right_train(drive: Drive) -> str:
     if not told:
         return ""
     doubt = f"The trip {told}. {RIGHT_TRAIN}"
-    if drive.not_comparable:
+    if drive.energy.not_comparable:
         return doubt
     doubt += " If not, energies and findings do not hold."
-    if drive.likely is None or short <= ESTIMATE.foreign_ratio:
+    if drive.energy.likely is None or short <= ESTIMATE.foreign_ratio:
         return doubt
-    off = [f"a {one.name} {one.assumed}" for one in drive.likely.unknowns if one.name in (MASS, RESISTANCE)]
+    off = [f"a {one.name} {one.assumed}" for one in drive.energy.likely.unknowns if one.name in (MASS, RESISTANCE)]
     return f"{doubt} The likely range is for {' and '.join(off)}, because the train lacks force."
 
 
 def beyond_ratio(drive: Drive) -> float:
     """The share of the time in which an estimated drive needed more force than the assumed train has; 0: not known."""
     try:
-        return 0.0 if drive.measured else drive.any_attribution.beyond_train_ratio
+        return 0.0 if drive.energy.measured else drive.energy.any_attribution.beyond_train_ratio
     except DasError:
         return 0.0
 
 
 def _over_limit(drive: Drive) -> PageFigure:
     name, found = "Time above the limit", drive.violations
+    told = {"over_limit_s": found.over_limit_s, "over_limit_mps": found.over_limit_mps}
     if found.over_limit_s:
-        return PageFigure(name, f"{found.over_limit_s:.0f} s", f"by up to {kmh(found.over_limit_mps):.0f} km/h")
+        return PageFigure(name, f"{found.over_limit_s:.0f} s", f"by up to {kmh(found.over_limit_mps):.0f} km/h", told)
     if not drive.limit_known:
-        return PageFigure(name, NOT_KNOWN, "the recording does not bring its line along")
-    return PageFigure(name, "0 s", "no limit was exceeded by more than 1 km/h")
+        return PageFigure(name, NOT_KNOWN, "the recording does not bring its line along", dict.fromkeys(told))
+    return PageFigure(name, "0 s", "no limit was exceeded by more than 1 km/h", told)
 
 
 def how_sure(drive: Drive) -> list[str]:
@@ -166,15 +186,15 @@ def how_sure(drive: Drive) -> list[str]:
 
 def train_known(drive: Drive) -> bool:
     """Whether the optimum is that of the true train, which a simulator stated; otherwise its train is assumed."""
-    return drive.said is not None and drive.said.measured
+    return drive.table.said.saving is not None and drive.table.said.saving.measured
 
 
 def _energy_sure(drive: Drive) -> list[str]:
-    if drive.driven_j is None:
+    if drive.energy.driven_j is None:
         return []
     told = [
         "The energy is that of the simulated train."
-        if drive.measured
+        if drive.energy.measured
         else "Nobody measured the energy; it is computed from positions."
     ]
     if train_known(drive):
@@ -184,51 +204,39 @@ def _energy_sure(drive: Drive) -> list[str]:
 
 def _train_words(drive: Drive) -> str:
     """The assumed train in words."""
-    if drive.attribution is None:
+    if drive.energy.attribution is None:
         return "it is that of the vehicle file"
-    vehicle = drive.attribution.inputs.vehicle
+    vehicle = drive.energy.attribution.inputs.vehicle
     length = f", {vehicle.train_length_m:.0f} m" if vehicle.train_length_m else ""
     return f"{vehicle.name}, {vehicle.mass_kg / 1000:.0f} t{length}"
 
 
 def _range_sure(drive: Drive) -> list[str]:
     """How far the energy above the optimum may be off, and which unknown moves it most."""
-    if drive.above is None or drive.not_comparable:
+    if drive.energy.above is None or drive.energy.not_comparable:
         return []
-    if drive.above.measured and train_known(drive):
+    if drive.energy.above.measured and train_known(drive):
         return [
             "The energy above the optimum has no range; its division into causes is computed with the train as planned."
         ]
-    if drive.measured:
+    if drive.energy.measured:
         return ["How far the energy above the optimum depends on that train is not known."]
-    if drive.likely is None:
+    if drive.energy.likely is None:
         return ["The likely range of the energy above the optimum is not known."]
     told = ["The energy of a single finding is less certain than the likely range of the total."]
-    unknowns = [one for one in drive.likely.unknowns if one.name != BRAKING]
+    unknowns = [one for one in drive.energy.likely.unknowns if one.name != BRAKING]
     largest = max(unknowns, key=lambda one: one.high_j - one.low_j, default=None)
     if largest is not None:
         told.append(f"That range hangs most on the {largest.name}.")
-    if not math.isnan(drive.likely.by_friction_j):
+    if not math.isnan(drive.energy.likely.by_friction_j):
         told.append("Far more hangs on which brakes were used, which was not recorded: the findings assume the motors.")
     return told
 
 
 def first_page_dict(drive: Drive) -> dict[str, Any]:
     """The first page for programs: s, m/s, m and kWh; None stands for what is not known."""
-    call, above = last_arrival(drive), None if drive.not_comparable else drive.above
-    over_known = drive.limit_known or drive.violations.over_limit_s > 0.0
-    return {
-        "arrived_at": None if call is None else call.name,
-        "arrived_late_s": None if call is None else call.arrived_late_s,
-        "energy_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
-        "measured": drive.measured,
-        "train_known": train_known(drive),
-        "above_optimum_kwh": None if above is None or above.above_j is None else kwh(above.above_j),
-        "above_optimum_ratio": None if above is None else above.ratio,
-        "over_limit_s": drive.violations.over_limit_s if over_known else None,
-        "over_limit_mps": drive.violations.over_limit_mps if over_known else None,
-        "findings": [one.as_dict(drive.clock) for one in findings(drive)],
-    }
+    figures = {name: value for one in page_figures(drive) for name, value in one.told.items()}
+    return {**figures, "findings": [one.as_dict(drive.table.clock) for one in findings(drive)]}
 
 
 def page_dict(drive: Drive) -> dict[str, Any]:
@@ -248,7 +256,7 @@ def page_dict(drive: Drive) -> dict[str, Any]:
 
 def _caption(drive: Drive, found: Sequence[DriveFinding]) -> str:
     """What the picture shows."""
-    compared = [] if drive.attribution is None else [LOST, OPTIMUM]
+    compared = [] if drive.energy.attribution is None else [LOST, OPTIMUM]
     return " ".join(["Speed over distance.", *([NUMBERS] if found else []), *compared])
 
 
@@ -257,7 +265,7 @@ def _row(one: DriveFinding, drive: Drive) -> dict[str, Any]:
         "cause": f"{one.label[0].upper()}{one.label[1:]}",
         "text": one.text,
         "next_time": one.next_time,
-        "where": one.where(drive.clock),
+        "where": one.where(drive.table.clock),
         "energy": "safety" if one.energy_j is None else f"{kwh(one.energy_j):.1f} kWh",
     }
 
@@ -265,14 +273,14 @@ def _row(one: DriveFinding, drive: Drive) -> dict[str, Any]:
 def _rest(drive: Drive, found: Sequence[DriveFinding]) -> str:
     """What the findings leave of the energy above the optimum, in a sentence; empty if there is none to speak of."""
     told_j = [one.energy_j for one in found if one.energy_j is not None]
-    if not told_j or drive.above is None or drive.not_comparable:
+    if not told_j or drive.energy.above is None or drive.energy.not_comparable:
         return ""
-    rest_kwh = kwh((drive.above.above_j or 0.0) - sum(told_j))
+    rest_kwh = kwh((drive.energy.above.above_j or 0.0) - sum(told_j))
     return "" if abs(rest_kwh) < NAMED_KWH else f"All other causes, and what cannot be told apart: {rest_kwh:+.1f} kWh."
 
 
 def _why_none(drive: Drive, found: Sequence[DriveFinding]) -> str:
     """Why the page has no finding about energy; empty if that needs no word."""
-    if drive.attribution is None:
-        return f"Where the energy went cannot be said: {drive.why_no_attribution}."
+    if drive.energy.attribution is None:
+        return f"Where the energy went cannot be said: {drive.energy.why_no_attribution}."
     return "" if found else f"No cause took {NAMED_KWH} kWh or more above the optimum."

@@ -10,7 +10,6 @@ from typing import Any, Final, NamedTuple
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from das import __version__
-from das.bus import topics
 from das.bus.recording import recording_of
 from das.domain.errors import DasError
 from das.domain.units import kwh
@@ -20,7 +19,7 @@ from sim.drive.attribution.worst import elsewhere, worst_places
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
-from sim.drive.events.chronicle import as_rows, place_text
+from sim.drive.events import as_rows, place_text
 from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
 from sim.review.canvas import as_image, comparison_figure
@@ -43,7 +42,7 @@ class ReviewedDrive(NamedTuple):
 def subject_of(path: Path) -> ReviewedDrive:
     """Read a recording; DasError if it cannot be used."""
     contents = open_contents(path)
-    drive = Drive(source=recording_of(contents))
+    drive = Drive(recording=recording_of(contents))
     return ReviewedDrive(drive, check_contents(contents, drive.recording))
 
 
@@ -67,7 +66,7 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
         title=f"Report: {names}",
         version=__version__,
         theme=LIGHT,
-        zones=", ".join(dict.fromkeys(str(subject.drive.zone) for subject in subjects)),
+        zones=", ".join(dict.fromkeys(str(subject.drive.table.zone) for subject in subjects)),
         drives=[_drive(subject) for subject in subjects],
         comparison=None if aligned is None else _comparison(aligned),
         not_compared=not_compared,
@@ -76,7 +75,7 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
 
 
 def _drive(subject: ReviewedDrive) -> dict[str, Any]:
-    drive, attribution = subject.drive, subject.drive.attribution
+    drive, attribution = subject.drive, subject.drive.energy.attribution
     worst = [] if attribution is None else worst_places(attribution)
     return {
         "name": drive.name,
@@ -95,14 +94,14 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
             (one.where, f"{kwh(one.more_j):.1f}", " and ".join(cause.label for cause in one.causes)) for one in worst
         ],
         "elsewhere": "" if attribution is None else elsewhere(worst, attribution.above.difference_j),
-        "why_not": drive.why_no_attribution,
+        "why_not": drive.energy.why_no_attribution,
         "events": tables.event_rows(drive),
         "left_out": tables.left_out(drive),
         "advice": tables.advice_rows(drive),
         "bookmarks": tables.bookmark_rows(drive),
         "timed": any(one.timed for one in drive.calls),
-        "zero_is": drive.clock.zero_is,
-        "at_desk": f"das-sim desk {quote(drive.recording.path.name)}" if drive.recording.of(topics.CAB) else "",
+        "zero_is": drive.table.clock.zero_is,
+        "at_desk": f"das-sim desk {quote(drive.recording.path.name)}" if drive.table.has("cab") else "",
         "health": subject.checked,
         "inputs": tables.input_rows(drive),
         "images": _images(drive),
@@ -164,17 +163,17 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "recording": str(drive.recording.path),
         "complete": drive.recording.complete,
         "in_words": paragraph(drive),
-        "zero_ns": drive.clock.zero_ns,
+        "zero_ns": drive.table.clock.zero_ns,
         "first_page": first_page_dict(drive),
         "within_shown_speed_ratio": compliance(drive),
         "stops": tables.stop_dicts(drive),
         "passings": tables.passing_dicts(drive),
-        "above_optimum_likely_low_kwh": None if drive.likely is None else kwh(drive.likely.low_j),
-        "above_optimum_likely_high_kwh": None if drive.likely is None else kwh(drive.likely.high_j),
-        "energy": None if drive.attribution is None else energy_dict(drive.attribution),
-        "not_comparable": drive.not_comparable or None,
-        "no_energy_because": drive.why_no_attribution or None,
-        "events": as_rows(drive.events, drive.clock),
+        "above_optimum_likely_low_kwh": None if drive.energy.likely is None else kwh(drive.energy.likely.low_j),
+        "above_optimum_likely_high_kwh": None if drive.energy.likely is None else kwh(drive.energy.likely.high_j),
+        "energy": None if drive.energy.attribution is None else energy_dict(drive.energy.attribution),
+        "not_comparable": drive.energy.not_comparable or None,
+        "no_energy_because": drive.energy.why_no_attribution or None,
+        "events": as_rows(drive.events, drive.table.clock),
         "health": subject.checked.as_dict(),
         "inputs": tables.input_dict(drive),
     }

@@ -10,29 +10,24 @@ from typing import Final
 
 import numpy as np
 
-from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
 from sim.drive.above_optimum import EnergyBand, percent_of_optimum
 from sim.drive.attribution.attribution import Attribution
-from sim.drive.attribution.causes import OVER_MPS, EnergyCause
+from sim.drive.attribution.causes import APART_MPS, EnergyCause
 from sim.drive.attribution.worst import elsewhere, worst_places
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
-from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import DriveEvent, EventKind, lateness_text, times_text
+from sim.drive.events import DriveEvent, EventKind, lateness_text, place_text, times_text
+from sim.drive.table import HOLDS_S
 from sim.drivers.kinds import DriverKind, External, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
-from sim.recording.opening import WHAT_IF
-from sim.runs.what_if.origin import CHANGED, OF
-from sim.world.disturbances import NOTHING
+from sim.recording.opening import CHANGED, NOTHING, OF, WHAT_IF
 
 MAIN_CAUSES: Final = 3
 """The paragraph names at most this many causes."""
 NAMED_KWH: Final = 0.1
 """The paragraph does not name a cause of less than this (kWh)."""
-LASTS_S: Final = 3.0
-"""A display message counts as shown for at most this long (s) if no other follows."""
 RIGHT_TRAIN: Final = "Is it the right train?"
 LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not bring its line along."
 DRIVERS: Final[Mapping[str, str]] = {
@@ -67,7 +62,7 @@ def title(drive: Drive) -> str:
 
 def _day(drive: Drive) -> str:
     """The date of a drive in words."""
-    return f"{datetime.fromtimestamp(drive.clock.zero_ns * NS, drive.zone):%d %B %Y}".lstrip("0")
+    return f"{datetime.fromtimestamp(drive.table.clock.zero_ns * NS, drive.table.zone):%d %B %Y}".lstrip("0")
 
 
 def paragraph(drive: Drive) -> str:
@@ -78,7 +73,7 @@ def paragraph(drive: Drive) -> str:
 
 def ran(drive: Drive) -> list[str]:
     """When the train ran from where to where, and how late it was."""
-    clock, served, day, went = drive.clock, drive.served, _day(drive), drive.travelled
+    clock, served, day, went = drive.table.clock, drive.served, _day(drive), drive.travelled
     km, lasted = f"{went.way_m / KM:.1f} km", spell(went.time_s)
     if not went.between_stops:
         return [f"The recording of {drive.recording.train} on {day} covers {km} in {lasted}."]
@@ -98,7 +93,7 @@ def _late(late_s: float) -> str:
 
 def came_about(drive: Drive, *, short: bool = False) -> list[str]:
     """Sentences about how the drive came about, in full or short; none if the recording does not say."""
-    run = drive.recording.metadata.get("run", {})
+    run = drive.table.run
     told = []
     if run.get("kind") == "run":
         driver, shown = DRIVERS.get(run.get("driver", ""), run.get("driver", "")), run.get("advice", "")
@@ -131,9 +126,9 @@ def _presentation(name: str) -> str:
 
 def _took(drive: Drive) -> list[str]:
     """How much energy the drive took, how much more than the optimum, and why."""
-    attribution = drive.attribution
+    attribution = drive.energy.attribution
     if attribution is None:
-        return [f"Where its energy went cannot be said: {drive.why_no_attribution}."]
+        return [f"Where its energy went cannot be said: {drive.energy.why_no_attribution}."]
     driven, more, best = (
         kwh(attribution.above.driven_j),
         kwh(attribution.above.difference_j),
@@ -150,12 +145,14 @@ def _took(drive: Drive) -> list[str]:
     ]
     if more < 0 and not attribution.above.measured:
         told.append("Less than the best possible is an error of positions and assumptions, not a saving.")
-    if drive.likely is not None:
-        band = EnergyBand(drive.likely.low_j, drive.likely.high_j).words
+    if drive.energy.likely is not None:
+        band = EnergyBand(drive.energy.likely.low_j, drive.energy.likely.high_j).words
         unknown = "mass, resistance, wind and the motion between positions"
         told.append(f"It is likely {band}, as {unknown} are not known exactly.")
-        if not math.isnan(drive.likely.by_friction_j):
-            told.append(f"If the train braked by friction alone, it is {kwh(drive.likely.by_friction_j):.0f} kWh.")
+        if not math.isnan(drive.energy.likely.by_friction_j):
+            told.append(
+                f"If the train braked by friction alone, it is {kwh(drive.energy.likely.by_friction_j):.0f} kWh."
+            )
     named = told_causes(attribution)[:MAIN_CAUSES]
     words = [f"{cause.label} {kwh(energy_j):.1f} kWh" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
     if words:
@@ -170,7 +167,7 @@ def _took(drive: Drive) -> list[str]:
 
 def friction_chosen_by(drive: Drive) -> str:
     """What the choice of the friction brake goes back to on a simulated drive; empty for any other drive."""
-    run = drive.recording.metadata.get("run", {})
+    run = drive.table.run
     return FRICTION.get(run.get("friction_policy", ""), "") if run.get("driver") == DriverKind.HUMAN else ""
 
 
@@ -191,14 +188,14 @@ def _kept(drive: Drive) -> list[str]:
     if followed is not None:
         lasted = spell(shown_s(drive))
         told.append(
-            f"While a speed to keep was shown (for {lasted}), it drove within {kmh(OVER_MPS):.0f} km/h of it "
+            f"While a speed to keep was shown (for {lasted}), it drove within {kmh(APART_MPS):.0f} km/h of it "
             f"{followed:.0%} of the time."
         )
     gone = [one for one in events if one.kind is EventKind.WITHDRAWAL]
     if gone:
         lasted = sum(one.facts["lasted_s"] for one in gone)
         told.append(f"Advice was withdrawn {times_text(len(gone))}, for {lasted:.0f} s in all.")
-    elif drive.recording.of(topics.ADVICE):
+    elif drive.table.has("advice"):
         told.append("Advice was never withdrawn.")
     told += at_signals(drive)
     return told
@@ -217,7 +214,7 @@ def _fast(events: Sequence[DriveEvent], kind: EventKind, words: str) -> list[str
 def at_signals(drive: Drive) -> list[str]:
     """What to expect of advice at a signal at danger; nothing if the driver saw no such signal, or no advice."""
     seen = [one for one in drive.events if one.kind is EventKind.SIGNAL]
-    if not seen or not drive.shown.any_shown:
+    if not seen or not drive.energy.shown.any_shown:
         return []
     return ["The advice knows of no signals: while one was at danger, the driver had to go by the signal alone."]
 
@@ -227,23 +224,23 @@ def compliance(drive: Drive) -> float | None:
 
     A speed shown as the highest is also kept at any lower speed.
     """
-    shown, trip = drive.shown, drive.course
+    shown, trip = drive.energy.shown, drive.table.course
     speed_mps = trip.at(shown.time_ns, trip.speed_mps)
     given = shown.comparable & (speed_mps > 1.0)
     if not given.any():
         return None
     apart_mps = (speed_mps - shown.speed_mps)[given]
     apart_mps = np.where(shown.top_only[given], np.maximum(apart_mps, 0.0), apart_mps)
-    return float((np.abs(apart_mps) <= OVER_MPS).mean())
+    return float((np.abs(apart_mps) <= APART_MPS).mean())
 
 
 def shown_s(drive: Drive) -> float:
     """For how long (s) a speed to keep was shown while the train moved."""
-    shown, trip = drive.shown, drive.course
+    shown, trip = drive.energy.shown, drive.table.course
     if len(shown.time_ns) < 2:
         return 0.0
     given = shown.comparable & (trip.at(shown.time_ns, trip.speed_mps) > 1.0)
-    lasts_s = np.minimum(np.diff(shown.time_ns, append=shown.time_ns[-1]) * NS, LASTS_S)
+    lasts_s = np.minimum(np.diff(shown.time_ns, append=shown.time_ns[-1]) * NS, HOLDS_S)
     return float(lasts_s[given].sum())
 
 

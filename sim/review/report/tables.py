@@ -9,15 +9,12 @@ from typing import Any, Final
 import numpy as np
 
 from das.advice.regimes import mode_name
-from das.bus import topics
-from das.bus.restrictions import valid_restrictions
 from das.domain.levels import Level
 from das.domain.units import NS, kmh, kwh
 from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
-from sim.drive.attribution.causes import OVER_MPS, EnergyCause
+from sim.drive.attribution.causes import APART_MPS, EnergyCause
 from sim.drive.drive import Drive
-from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
+from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_text
 from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
 from sim.recording.course import known, minutes, spell
 from sim.review.report.sentences import compliance, friction_chosen_by, shown_s, told_causes
@@ -49,11 +46,11 @@ Row = dict[str, Any]
 
 def figures(drive: Drive) -> list[tuple[str, str]]:
     """The figures of a drive, by name."""
-    attribution, events = drive.attribution, drive.events
+    attribution, events = drive.energy.attribution, drive.events
     rows: list[tuple[str, str]] = []
     if attribution is not None:
         rows += _energy_rows(attribution)
-    for one in () if drive.likely is None else drive.likely.unknowns:
+    for one in () if drive.energy.likely is None else drive.energy.likely.unknowns:
         spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
     told = restrictions_told(drive)
@@ -61,7 +58,7 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     followed = compliance(drive)
     if followed is not None:
         share = f"{followed:.0%} of {spell(shown_s(drive))}"
-        rows.append((f"within {kmh(OVER_MPS):.0f} km/h of a speed shown to keep", share))
+        rows.append((f"within {kmh(APART_MPS):.0f} km/h of a speed shown to keep", share))
     answers = [one.facts for one in events if "followed" in one.facts]
     if answers:
         seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]
@@ -94,17 +91,17 @@ def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
 
 def restrictions_told(drive: Drive) -> str:
     """The temporary restrictions that the node received, in words; empty if it received no list."""
-    lists = drive.recording.of(topics.RESTRICTION)
+    lists = drive.table.said.restrictions
     if not lists:
         return ""
-    told = dict.fromkeys(one for entry in lists for one in valid_restrictions(entry.message.restrictions))
-    nothing = "none that is valid" if any(x.message.restrictions for x in lists) else NONE_TOLD
-    return "; ".join(one.words_in(drive.zone) for one in told) or nothing
+    told = dict.fromkeys(one for entry in lists for one in entry.valid)
+    nothing = "none that is valid" if any(one.all for one in lists) else NONE_TOLD
+    return "; ".join(one.words_in(drive.table.zone) for one in told) or nothing
 
 
 def rests_on(drive: Drive) -> list[tuple[str, str]]:
     """What the figures of the page rest on: names and texts."""
-    run, attribution = drive.recording.metadata.get("run", {}), drive.attribution
+    run, attribution = drive.table.run, drive.energy.attribution
     simulated = run.get("kind") == "run"
     rows = [("the day", "simulated: train, driver, sensors and what went wrong")] if simulated else []
     rows += [(name, run[key]) for name, key in (("line", "route"), ("train", "vehicle")) if key in run]
@@ -124,12 +121,12 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
     chosen = friction_chosen_by(drive)
     rows += [("who chose the friction brake", chosen)] if chosen else []
     known = "as the scenario says" if simulated else "not known"
-    return [*rows, ("wind, adhesion, passengers", known), ("times of day", str(drive.zone))]
+    return [*rows, ("wind, adhesion, passengers", known), ("times of day", str(drive.table.zone))]
 
 
 def stop_rows(drive: Drive) -> list[Row]:
     """How well the times at every stop were kept."""
-    clock = drive.clock
+    clock = drive.table.clock
 
     def at(time_ns: int) -> str:
         return clock.of_day(time_ns) if time_ns else ""
@@ -155,7 +152,7 @@ def stop_rows(drive: Drive) -> list[Row]:
 
 def stop_dicts(drive: Drive) -> list[Row]:
     """How well the times at every stop were kept, for programs: m, and s on the drive's clock; None: not known."""
-    clock = drive.clock
+    clock = drive.table.clock
 
     def at_s(time_ns: int) -> float | None:
         return clock.since_s(time_ns) if time_ns else None
@@ -179,13 +176,13 @@ def stop_dicts(drive: Drive) -> list[Row]:
 
 
 def _passings(drive: Drive) -> tuple[KeptPassing, ...]:
-    due = recorded_passings(drive.recording.metadata.get("run", {}))
-    return keep(due, drive.course.time_ns, drive.course.s_m)
+    due = recorded_passings(drive.table.run)
+    return keep(due, drive.table.course.time_ns, drive.table.course.s_m)
 
 
 def passing_rows(drive: Drive) -> list[Row]:
     """When the train was at each passing of its journey, and whether its time there was kept."""
-    clock = drive.clock
+    clock = drive.table.clock
     return [
         {
             "name": one.due.name,
@@ -202,7 +199,7 @@ def passing_rows(drive: Drive) -> list[Row]:
 
 def passing_dicts(drive: Drive) -> list[Row]:
     """The passings for programs; times (s) are those of the drive's clock."""
-    return as_rows(_passings(drive), drive.clock.zero_ns)
+    return as_rows(_passings(drive), drive.table.clock.zero_ns)
 
 
 def cause_rows(attribution: Attribution) -> list[Row]:
@@ -274,7 +271,7 @@ def bookmark_rows(drive: Drive) -> list[Row]:
 
 def _rows(drive: Drive, events: Iterable[DriveEvent]) -> list[Row]:
     """Events with their times and places as all tables show them."""
-    clock = drive.clock
+    clock = drive.table.clock
     return [
         {
             "time": clock.shown(one.time_ns),
@@ -309,9 +306,9 @@ def left_out(drive: Drive) -> str:
 
 def _moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
     """How fast the train was at a moment, and what the driver was shown then."""
-    trip = drive.course
+    trip = drive.table.course
     driven = f"{kmh(float(trip.at(np.array([time_ns]), trip.speed_mps)[0])):.0f} km/h"
-    seen = drive.shown.at(time_ns)
+    seen = drive.energy.shown.at(time_ns)
     if seen is None:
         return driven, "nothing"
     if seen.top_only:
@@ -328,10 +325,12 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
         for key, value in entries.items()
         if key not in TOLD_ELSEWHERE
     ]
-    if drive.attribution is not None:
-        rows.append(("line and train of this page", drive.attribution.inputs.source))
-        rows.append(("energies", "simulated" if drive.attribution.above.measured else "estimated from positions"))
-    said = [] if drive.said is None else drive.said.rows()
+    if drive.energy.attribution is not None:
+        rows.append(("line and train of this page", drive.energy.attribution.inputs.source))
+        rows.append(
+            ("energies", "simulated" if drive.energy.attribution.above.measured else "estimated from positions")
+        )
+    said = [] if drive.table.said.saving is None else drive.table.said.saving.rows()
     rows += [(f"said by the recording: {name}", text) for name, text in said]
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]
 
@@ -344,9 +343,9 @@ def input_dict(drive: Drive) -> Row:
         for key, value in entries.items()
         if key not in TOLD_ELSEWHERE
     }
-    if drive.attribution is not None:
-        found["line_and_train"] = drive.attribution.inputs.source
-    said = None if drive.said is None else drive.said.as_dict()
+    if drive.energy.attribution is not None:
+        found["line_and_train"] = drive.energy.attribution.inputs.source
+    said = None if drive.table.said.saving is None else drive.table.said.saving.as_dict()
     return {**found, "said_by_the_recording": said, "attached_files": list(drive.recording.attachments)}
 
 

@@ -32,8 +32,7 @@ from das.solver.section import Section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import part_between
-from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, Smoothed, legs_of
-from sim.drive.attribution.open_part import open_calls
+from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, Smoothed, legs_of, open_calls
 from sim.drive.calls import KeptCall, calls_on_the_way, kept_calls
 from sim.options import ReplayOptions, TripOptions, speed_factor
 from sim.recording.inputs import input_files, sha256

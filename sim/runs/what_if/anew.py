@@ -9,8 +9,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
@@ -19,14 +17,14 @@ from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
 from das.node.options import NodeOptions
-from sim.drive.calls import KeptCall, calls_of
-from sim.drive.limits import told_lists
+from sim.drive.calls import KeptCall, calls
+from sim.drive.events import place_m
+from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind, DriverName, External, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.drivers.own_class import driver_versions
 from sim.drivers.parameters import DEFAULT, Participant, load_population, participant_of
 from sim.drivers.screen import recorded_screen
 from sim.options import WhatIfKind, typed_command
-from sim.recording.course import DrivenCourse
 from sim.recording.inputs import put, sha256, vehicle_files
 from sim.runs.reproduce.hearing import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
@@ -139,11 +137,11 @@ def _lines(origin: Origin, options: NodeOptions) -> Iterator[str]:
     yield "[timetable]"
     yield f"departure = {toml_string(departure.isoformat())}"
     yield f"dwell_s = {_dwell_s(stops):g}"
-    trip = DrivenCourse.of(origin.recording)
-    made, dwell_s = calls_of(origin.recording, trip), _dwell_s(stops)
+    table = DriveTable.of(origin.recording)
+    made, dwell_s = calls(table), _dwell_s(stops)
     for index, call in enumerate(made[:-1]):
         yield from _delay(call, dwell_s if index else 0.0)
-    yield from _restrictions(origin, trip)
+    yield from _restrictions(origin, table)
 
 
 def _bare(name: str) -> str:
@@ -167,14 +165,14 @@ def _delay(call: KeptCall, dwell_s: float) -> Iterator[str]:
         yield from lines(DepartureDelay(stop=call.name, delay_s=round(delay_s, 1)))
 
 
-def _restrictions(origin: Origin, trip: DrivenCourse) -> Iterator[str]:
+def _restrictions(origin: Origin, table: DriveTable) -> Iterator[str]:
     """Each restriction that the node received, announced where the train was when the node first received it."""
     first_m, last_m = origin.journey.stops[0].s_m, origin.journey.stops[-1].s_m
     known: set[Restriction] = set()
     departure_ns = origin.journey.stops[0].departure_ns
-    for time_ns, told in told_lists(origin.recording):
-        told_m = float(trip.at(np.array([time_ns]), trip.s_m)[0])
-        for whole in told:
+    for told in table.said.restrictions:
+        told_m = place_m(table.course, told.time_ns)
+        for whole in told.valid:
             start_m = max(whole.start_m, first_m)
             if not start_m < min(whole.end_m, last_m) or whole.limit_mps < 1.0:
                 continue

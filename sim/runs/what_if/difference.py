@@ -10,8 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from das.advice.regimes import Regime
-from das.bus import topics
-from das.bus.recording import Recording, recording_of
+from das.bus.recording import recording_of
 from das.domain.errors import DasError
 from das.domain.units import kmh, kwh
 from sim.drive.comparison import (
@@ -24,7 +23,8 @@ from sim.drive.comparison import (
     told_apart,
 )
 from sim.drive.drive import Drive
-from sim.drive.events.chronicle import place_text
+from sim.drive.events import place_text
+from sim.drive.table import DriveTable
 from sim.options import WhatIfKind
 from sim.recording.course import minutes
 from sim.recording.opening import open_contents
@@ -134,16 +134,16 @@ class Changed:
 
 def changed(kind: WhatIfKind, old: Path, new: Path, train: str) -> Changed:
     """What a what-if changed; `old` and `new` are the recordings."""
-    before, after = (recording_of(open_contents(path), train) for path in (old, new))
+    drives = [Drive(recording=recording_of(open_contents(path), train)) for path in (old, new)]
     try:
-        labels = zip((before, after), NAMES, strict=True)
-        aligned, why_not = AlignedDrives.of([on_track(Drive(source=one), label) for one, label in labels]), ""
+        on_tracks = [on_track(one, label) for one, label in zip(drives, NAMES, strict=True)]
+        aligned, why_not = AlignedDrives.of(on_tracks), ""
     except DasError as error:
         aligned, why_not = None, str(error)
-    return Changed(kind=kind, aligned=aligned, why_not=why_not, advice=_advice(before, after))
+    return Changed(kind=kind, aligned=aligned, why_not=why_not, advice=_advice(*(one.table for one in drives)))
 
 
-def _advice(before: Recording, after: Recording) -> SaidAdvice:
+def _advice(before: DriveTable, after: DriveTable) -> SaidAdvice:
     old, new = (_by_time(one) for one in (before, after))
     both = [(old[time_ns], new[time_ns]) for time_ns in sorted(old) if time_ns in new]
     apart = [abs(a.speed_mps - b.speed_mps) for a, b in both if Regime.NONE not in (a.mode, b.mode)]
@@ -155,24 +155,25 @@ def _advice(before: Recording, after: Recording) -> SaidAdvice:
         apart_mps=float(np.mean(apart)) if apart else math.nan,
         withdrawn=(_withdrawn(old), _withdrawn(new)),
         guided=(_guided(old), _guided(new)),
-        plans=(len(before.of(topics.PLAN)), len(after.of(topics.PLAN))),
+        plans=(len(before.said.plans), len(after.said.plans)),
     )
 
 
-def _by_time(recording: Recording) -> dict[int, AdviceThen]:
+def _by_time(table: DriveTable) -> dict[int, AdviceThen]:
     """Every advice by its time (ns)."""
-    found = {}
-    for one in recording.of(topics.ADVICE):
-        advice = one.message
-        guide = advice.guide.now if advice.HasField("guide") else None
-        found[int(advice.time_ns)] = AdviceThen(
-            s_m=advice.s_m,
-            mode=advice.mode,
-            speed_mps=advice.advised_speed_mps if advice.mode != Regime.NONE else 0.0,
-            guide_mode=Regime.NONE if guide is None else guide.mode,
-            guide_mps=0.0 if guide is None else guide.speed_mps,
+    rows = zip(
+        *(one.tolist() for one in table.of_topic("advice", "s_m", "mode", "advised_speed_mps", "guide")), strict=True
+    )
+    return {
+        time_ns: AdviceThen(
+            s_m=s_m,
+            mode=mode,
+            speed_mps=speed_mps if mode != Regime.NONE else 0.0,
+            guide_mode=Regime.NONE if guide is None else guide.now.mode,
+            guide_mps=0.0 if guide is None else guide.now.speed_mps,
         )
-    return found
+        for time_ns, s_m, mode, speed_mps, guide in rows
+    }
 
 
 def _advised(old: AdviceThen, new: AdviceThen) -> Advised:
@@ -196,7 +197,7 @@ def _drive_rows(aligned: AlignedDrives) -> list[tuple[str, str, str]]:
     time = [minutes(float(one[-1])) for one in aligned.time_s]
     energy, times_j = [kwh(float(one[-1])) for one in aligned.energy_j], aligned.equal_arrival(1).times_j
     equal = [] if times_j is None else [("energy at equal arrival", *_in_kwh(energy[0], energy[1] - kwh(times_j)))]
-    late = [f"{one.drive.legs[-1].end.arrived_late_s:+.0f} s" for one in aligned.drives]
+    late = [f"{one.drive.energy.legs[-1].end.arrived_late_s:+.0f} s" for one in aligned.drives]
     return [
         ("driven, min", time[0], time[1]),
         ("energy, motors brake first" if not aligned.own_energies else "energy", *_in_kwh(*energy)),

@@ -15,12 +15,8 @@ from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
 from sim.options import WhatIfKind
 from sim.recording.inputs import AttachedFiles, sha256
-from sim.recording.opening import WHAT_IF, open_contents
+from sim.recording.opening import CHANGED, NOTHING, OF, OF_SHA256, WHAT_IF, open_contents
 from sim.runs.what_if.otherwise import KEPT, Otherwise
-
-OF, OF_SHA256, CHANGED = "what_if_of", "what_if_of_sha256", "what_if_changed"
-"""Keys of a what-if's metadata: the recording that it starts from, that file's hash, and the changes in words."""
-NOTHING = "nothing"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

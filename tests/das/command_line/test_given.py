@@ -107,11 +107,6 @@ OF_SIM = [
     (("trip", "trip.csv", "--overwrite"), "--overwrite: no file to write is named"),
     (("replay", "trip.csv", "--overwrite"), "--overwrite: no file to write is named"),
     (("replay", "run.mcap", "--vehicle", "", "-o", "a.mcap"), "not a bundled vehicle"),
-    (("view", "run.mcap", "--theme", "light"), "--theme light: needs --plot"),
-    (("view", "run.mcap", "--plot", "a.png", "--map"), "--map: belongs to the viewer; with --plot it needs --save"),
-    (("view", "run.mcap", "--plot", "a.png", "--language", "en"), "--language en: belongs to the viewer"),
-    *((("note", "run.mcap", *word), "needs the text of a note") for word in (("--tag", "a"), ("--author", "A"))),
-    (("note", "run.mcap", "--remove", "1", "--until", "2:00"), "--until 2:00: needs the text of a note"),
     (("what-if", "replay.mcap", "--driven-anew", "--tables", "t"), "--tables t: a day driven anew solves its sections"),
     (("what-if", "run.mcap", "--driven-anew", "--node", "--guide"), "--node --guide: the day of a simulation"),
     (
@@ -124,7 +119,6 @@ OF_SIM = [
         (("what-if", "replay.mcap", "--open-loop", *word), "in an open loop")
         for word in (("--driver", "human"), ("--participant", "1"), ("--population", "usual"), ("--advice", "rms"))
     ),
-    (("compare", "run.mcap", "replay.mcap", "--overwrite"), "--overwrite: no file to write is named"),
     (("report", "run.mcap", "--overwrite"), "--overwrite: no file to write is named"),
 ]
 OF_PRECOMPUTE = [

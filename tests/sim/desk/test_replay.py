@@ -20,7 +20,7 @@ from sim.desk.messages import SETTINGS_KEY, PageSettings, encoded, recorded_sett
 from sim.desk.replay import Replay
 from sim.desk.server import server_of
 from sim.drive.drive import Drive
-from sim.drive.events.event import bookmarks
+from sim.drive.events import bookmarks
 from sim.drivers.kinds import DriverKind
 from tests.support.desk_page import DeskPage, chromium, picture
 from tests.support.desk_server import TOKEN, Visitor
@@ -34,7 +34,7 @@ from tests.support.recorded_days import inputs_of_day, recorded_day
 def drive() -> Drive:
     """A drive with a signal at danger on the way, and no late driver."""
     day = flat_day(signal_at(3000.0, 900.0))
-    return Drive(source=recorded_day(day, day.driver(DriverKind.HUMAN)), given=inputs_of_day(day))
+    return Drive(recording=recorded_day(day, day.driver(DriverKind.HUMAN)), given=inputs_of_day(day))
 
 
 @contextmanager
@@ -67,7 +67,7 @@ def test_every_cab_is_played_as_it_was_recorded_with_the_bookmarks_of_the_review
 
 def test_a_recording_without_a_cab_is_refused() -> None:
     with pytest.raises(DasError, match="shows no cab"):
-        Replay(Drive(source=in_memory(truth(0.0, 0.0, 0.0))), "en")
+        Replay(Drive(recording=in_memory(truth(0.0, 0.0, 0.0))), "en")
 
 
 def said(text: str) -> Recording:
@@ -77,7 +77,7 @@ def said(text: str) -> Recording:
 
 def test_the_page_is_set_as_its_driver_had_it() -> None:
     at_desk = said(encoded(PageSettings(notches=5, punctuality=False)))
-    hello = Replay(Drive(source=at_desk, given=drive().given), "en").hello
+    hello = Replay(Drive(recording=at_desk, given=drive().given), "en").hello
     assert (hello["notches"], hello["punctuality"]) == (5, False)
     simulated = Replay(drive(), "en").hello
     assert (simulated["notches"], simulated["punctuality"]) == (10, True)

@@ -19,7 +19,7 @@ from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_da
 
 
 def drive(driver: Driver, label: str) -> DriveOnTrack:
-    return on_track(Drive(source=recorded_day(flat_day(), driver), given=inputs_of_day(flat_day())), label)
+    return on_track(Drive(recording=recorded_day(flat_day(), driver), given=inputs_of_day(flat_day())), label)
 
 
 @cache
@@ -69,7 +69,7 @@ def test_more_energy_is_told_where_the_faster_drive_took_it() -> None:
 
 def limited(one: DriveOnTrack) -> DriveOnTrack:
     """The drive on the same line with a lower limit from 2003 m to 4001 m."""
-    line = one.drive.inputs
+    line = one.drive.table.inputs
     limits = line.route.limits_mps
     start_m, value = np.array([0.0, 2003.0, 4001.0]), np.array([limits.value[0], 20.0, limits.value[0]])
     route = replace(line.route, limits_mps=replace(limits, start_m=start_m, value=value))
@@ -98,21 +98,22 @@ def test_drives_of_another_line_are_refused_and_other_trains_are_said_to_be() ->
     journey.vehicle_id = "other-train"
     renamed = replace(recording, messages={**messages, "journey": (messages["journey"][0]._replace(message=journey),)})
     other = replace(
-        calm(), drive=replace(calm().drive, source=renamed), label="other", speed_mps=calm().speed_mps + 0.1
+        calm(), drive=replace(calm().drive, recording=renamed), label="other", speed_mps=calm().speed_mps + 0.1
     )
     aligned = AlignedDrives.of([calm(), other])
     assert aligned.trains_differ
     assert "They are different trains: re460-ic and other-train." in sentences(aligned, 1)
     journey.route_id = "elsewhere"
-    assert other.drive.recording.of(topics.JOURNEY)[-1].message.route_id == "elsewhere"
+    elsewhere = replace(other, drive=replace(other.drive))  # read anew
+    assert elsewhere.drive.recording.of(topics.JOURNEY)[-1].message.route_id == "elsewhere"
     with pytest.raises(DasError, match="drives elsewhere"):
-        AlignedDrives.of([calm(), other])
+        AlignedDrives.of([calm(), elsewhere])
 
 
 def test_what_is_said_of_two_drives_does_not_depend_on_a_third() -> None:
     run = {**calm().drive.recording.metadata.get("run", {}), "kind": "run", "driver": "human"}
     otherwise = replace(calm().drive.recording, metadata={"run": {**run, "friction_policy": "as-measured"}})
-    third = replace(calm(), label="third", drive=replace(calm().drive, source=otherwise), s_m=calm().s_m[:-200])
+    third = replace(calm(), label="third", drive=replace(calm().drive, recording=otherwise), s_m=calm().s_m[:-200])
     names = ("time_s", "speed_mps", "energy_j", "motors_first_j", "advised_mode", "advised_mps")
     third = replace(third, **{name: getattr(calm(), name)[:-200] for name in names})
     two, three = (AlignedDrives.of(some) for some in ([calm(), fast()], [calm(), fast(), third]))

@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 from das.bus.recording import Stamped
-from das.domain.errors import DasError
 from sim.drive.drive import Drive
-from sim.drive.happenings import Signal
-from sim.drive.limits import Violations, violations_of
+from sim.drive.limits import Signal, Violations, violations_of
 from sim.drivers.kinds import DriverKind
 from sim.recording.course import DrivenCourse
 from sim.world.outcome import DayOutcome, outcome
@@ -32,11 +30,11 @@ def driven() -> tuple[DayOutcome, Drive]:
     found = outcome(day, run, DriverKind.HUMAN)
     said = found.energies.above.message(recording.of("truth")[-1].message.time_ns)
     messages = {**recording.messages, "saving": (Stamped(0, said),)}
-    return found, Drive(source=replace(recording, messages=messages), given=inputs_of_day(day))
+    return found, Drive(recording=replace(recording, messages=messages), given=inputs_of_day(day))
 
 
 def test_a_run_and_its_recording_keep_the_same_stops() -> None:
-    run, recorded = driven()[0].drive, driven()[1]
+    run, recorded = driven()
     assert [one.name for one in run.calls] == [one.name for one in recorded.calls]
     for ours, theirs in zip(run.calls, recorded.calls, strict=True):
         assert (ours.due_arrival_ns, ours.due_departure_ns) == (theirs.due_arrival_ns, theirs.due_departure_ns)
@@ -46,20 +44,20 @@ def test_a_run_and_its_recording_keep_the_same_stops() -> None:
 
 
 def test_a_run_and_its_recording_are_equally_far_above_the_optimum_of_the_true_train() -> None:
-    run, recorded = driven()[0].drive.above, driven()[1].above
+    run, recorded = driven()[0].energies.above, driven()[1].energy.above
     assert run is not None
     assert recorded is not None
     assert recorded.optimum_j == pytest.approx(run.optimum_j)
     assert recorded.driven_j == pytest.approx(run.driven_j, rel=2e-3)
     assert run.ratio is not None
     assert recorded.ratio == pytest.approx(run.ratio, abs=2e-3)
-    attribution = driven()[1].known_attribution
+    attribution = driven()[1].energy.known_attribution
     assert attribution.other_train_j > 0.03 * run.optimum_j  # a heavier train needs more than the plan's
-    assert driven()[1].driven_j == pytest.approx(attribution.above.driven_j)
+    assert driven()[1].energy.driven_j == pytest.approx(attribution.above.driven_j)
 
 
 def test_a_run_and_its_recording_have_the_same_limits_and_advice() -> None:
-    run, recorded = driven()[0].drive, driven()[1]
+    run, recorded = driven()[0].figures, driven()[1].figures
     assert asdict(recorded.stability) == pytest.approx(asdict(run.stability), nan_ok=True)
     assert run.stability.changes > 0
     assert recorded.violations.over_limit_s == pytest.approx(run.violations.over_limit_s, abs=2.0)
@@ -68,30 +66,27 @@ def test_a_run_and_its_recording_have_the_same_limits_and_advice() -> None:
 
 def test_every_figure_is_found_once() -> None:
     drive = driven()[1]
-    for name in ("course", "clock", "calls", "limit_mps", "events", "motion", "legs", "stability", "known_attribution"):
-        assert getattr(drive, name) is getattr(drive, name), name
+    for where, names in (
+        (drive, ("table", "calls", "limit_mps", "events", "energy", "figures", "series")),
+        (drive.table, ("course", "clock")),
+        (drive.energy, ("motion", "legs", "known_attribution")),
+    ):
+        for name in names:
+            assert getattr(where, name) is getattr(where, name), name
 
 
 def test_a_record_without_truth_is_used_as_it_is_in_memory() -> None:
     """Its file is not opened again: of a part of a drive, or of one of several trains, that would be another record."""
     simulated = driven()[1]
     messages = {name: one for name, one in simulated.recording.messages.items() if name not in ("truth", "saving")}
-    alone = Drive(source=replace(simulated.recording, messages=messages), given=simulated.given)
-    (leg,) = alone.legs
+    alone = Drive(recording=replace(simulated.recording, messages=messages), given=simulated.given)
+    (leg,) = alone.energy.legs
     first, last = alone.calls
     assert (leg.motion.time_ns[0], leg.motion.time_ns[-1]) == (first.departed_ns, last.arrived_ns)
-    assert not alone.known_attribution.above.measured
+    assert not alone.energy.known_attribution.above.measured
     # Of a lighter train that brakes with its motors first, as far as anybody knows.
-    assert 0.4 < alone.known_attribution.above.driven_j / simulated.known_attribution.above.driven_j < 1.0
+    assert 0.4 < alone.energy.known_attribution.above.driven_j / simulated.energy.known_attribution.above.driven_j < 1.0
     assert alone.late_s == pytest.approx(simulated.late_s, abs=3.0)
-
-
-def test_a_run_that_nobody_recorded_has_its_figures_and_says_why_it_has_no_others() -> None:
-    drive = driven()[0].drive
-    assert (drive.attribution, drive.likely) == (None, None)
-    assert drive.why_no_attribution.startswith("this run was not recorded")
-    with pytest.raises(DasError, match="was not recorded"):
-        _ = drive.events
 
 
 def test_speeds_above_the_limit_and_signals_passed_are_found_in_positions() -> None:
@@ -107,7 +102,8 @@ def test_speeds_above_the_limit_and_signals_passed_are_found_in_positions() -> N
 def test_events_and_notes_do_without_the_solver() -> None:
     code = (
         "import sys\nfrom pathlib import Path\nfrom sim.cli.trips import bundled_recording\n"
-        "from sim.cli.review import events\nevents(bundled_recording(), as_json=True)\n"
+        "from sim.cli.review import ListedEvents, NewNote, ReportPart, report\nfrom sim.options import PageFiles\n"
+        "report([bundled_recording()], PageFiles(), ListedEvents(), NewNote(), [ReportPart.EVENTS])\n"
         "print([name for name in sys.modules if name.startswith('das.solver')])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -118,6 +114,6 @@ def test_without_a_journey_nobody_knows_how_late_the_train_is() -> None:
     _, drive = driven()
     recording = drive.recording
     messages = {name: entries for name, entries in recording.messages.items() if name != "journey"}
-    bare = Drive(source=replace(recording, messages=messages), given=drive.given)
+    bare = Drive(recording=replace(recording, messages=messages), given=drive.given)
     assert bare.calls == ()
     assert np.isnan(bare.late_s)

@@ -20,19 +20,19 @@ DAY = {"scenario_sha256": "s", "seed": "1", "driver": "human", "friction_policy"
 @cache
 def driven(driver: DriverKind = DriverKind.PERFECT) -> Drive:
     recording = recorded_day(flat_day(), flat_day().driver(driver))
-    return Drive(source=recording, given=inputs_of_day(flat_day()))
+    return Drive(recording=recording, given=inputs_of_day(flat_day()))
 
 
 def told(drive: Drive, **metadata: str) -> Drive:
     """The drive with other metadata of its run."""
     run = {**drive.recording.metadata["run"], **DAY, **metadata}
-    return Drive(source=replace(drive.recording, metadata={"run": run}), given=drive.given)
+    return Drive(recording=replace(drive.recording, metadata={"run": run}), given=drive.given)
 
 
 def test_the_time_difference_is_worth_what_the_optimum_needs_for_it() -> None:
     calm, fast = told(driven(), advice="guide"), told(driven(DriverKind.FAST), advice="none")
     found = EqualArrival.of(fast, calm, own=True)
-    (before,), (after,) = (drive.compared for drive in (fast, calm))
+    (before,), (after,) = (drive.energy.compared for drive in (fast, calm))
     later_s = after.leg.trip_s - before.leg.trip_s
     assert later_s > 0.5
     assert found.times_j is not None
@@ -40,14 +40,16 @@ def test_the_time_difference_is_worth_what_the_optimum_needs_for_it() -> None:
     # At a price between those of both optima.
     assert after.optimum.lambda_w * later_s <= -found.times_j * 1.02
     assert -found.times_j <= before.optimum.lambda_w * later_s * 1.02
-    assert fast.above is not None
-    assert calm.above is not None
-    assert found.more_j == pytest.approx((calm.above.above_j or 0.0) - (fast.above.above_j or 0.0))
+    assert fast.energy.above is not None
+    assert calm.energy.above is not None
+    assert found.more_j == pytest.approx((calm.energy.above.above_j or 0.0) - (fast.energy.above.above_j or 0.0))
     for pair in ((fast, calm), (calm, fast)):
         saved = SavedByAdvice.of(*pair)
         assert saved.saved_j == pytest.approx(-found.more_j)
         # In % of the optimum, and the same figure whichever drive is named first.
-        assert saved.ratio == pytest.approx(-2.0 * found.more_j / (fast.above.optimum_j + calm.above.optimum_j))
+        assert saved.ratio == pytest.approx(
+            -2.0 * found.more_j / (fast.energy.above.optimum_j + calm.energy.above.optimum_j)
+        )
         words = f"{abs(100.0 * (saved.ratio or 0.0)):.1f} % of the optimum)"
         assert words in saved.sentence
         assert words in EqualArrival.of(*pair, own=True).sentence("first")

@@ -12,7 +12,11 @@ import pytest
 from das.advice.regimes import Regime
 from das.bus import das_pb2
 from sim.drive.drive import Drive
-from sim.drive.stability import AdviceStability, ShownWatch, recorded_stability
+from sim.drive.figures import DriveFigures
+from sim.drive.instructions import InstructionFigures
+from sim.drive.limits import Violations
+from sim.drive.stability import AdviceStability, ShownWatch, stability
+from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown
 from sim.review.words import summary
@@ -127,10 +131,17 @@ def test_it_agrees_with_a_count_by_lists() -> None:
         assert measured.shown_s == seconds
 
 
+def told(measured: AdviceStability) -> dict[str, float | bool | None]:
+    """The figures of the display for programs."""
+    figures = DriveFigures(violations=Violations(), stability=measured, instructions=InstructionFigures()).as_dict()
+    names = ("advice_changes_per_min", "reversals", "shortest_mode_s", "advice_restless")
+    return {name: figures[name] for name in names}
+
+
 def test_restless_advice_is_told_and_calm_advice_is_not() -> None:
     calm = found(modes((T, 60), (C, 8), (H, 60), (C, 60)))
     assert calm.warning is None
-    assert calm.as_dict() == {
+    assert told(calm) == {
         "advice_changes_per_min": pytest.approx(3 * 60 / 187),
         "reversals": 0,
         "shortest_mode_s": 8.0,
@@ -138,10 +149,10 @@ def test_restless_advice_is_told_and_calm_advice_is_not() -> None:
     }
     short = found(modes((T, 60), (C, 7), (H, 120)))
     assert short.warning == "the advice shown was restless: a mode that stood for 7 s (less than 8 s)"
-    assert short.as_dict()["advice_restless"] is True
+    assert told(short)["advice_restless"] is True
     often = found([Shown(H, speed) for speed in (50, 51, 52, 53) for _ in range(20)])
     assert often.warning == "the advice shown was restless: 2.3 changes a minute (more than 2)"
-    nothing = found([None] * 5).as_dict()
+    nothing = told(found([None] * 5))
     assert (nothing["advice_changes_per_min"], nothing["shortest_mode_s"]) == (None, None)
     json.dumps(nothing, allow_nan=False)
 
@@ -150,20 +161,20 @@ def test_restless_advice_is_told_and_calm_advice_is_not() -> None:
 def test_a_recording_gives_the_measures_of_its_run(presentation: Presentation) -> None:
     day = flat_day('[[disturbances]]\nkind = "bus-outage"\nfrom_s = 60\nfor_s = 9\n')
     run, recording = run_and_recording(day, day.driver(DriverKind.HUMAN), presentation)
-    measured, again = run.stability, recorded_stability(recording)
+    measured, again = run.stability, stability(DriveTable.of(recording))
     assert dataclasses.asdict(again) == pytest.approx(dataclasses.asdict(measured), nan_ok=True)
-    told = summary(Drive(source=recording))
+    words = summary(Drive(recording=recording))
     if presentation is Presentation.NONE:
         assert measured.shown_s == 0
-        assert "shortest mode" not in told
+        assert "shortest mode" not in words
     else:
         assert measured.changes > 0
-        assert f"| {measured.changes_per_min:.1f} times a minute |" in told
-        assert ("| warning |" in told) == (measured.warning is not None)
+        assert f"| {measured.changes_per_min:.1f} times a minute |" in words
+        assert ("| warning |" in words) == (measured.warning is not None)
 
 
 def test_a_recording_older_than_the_shown_speed_is_measured_by_the_advised_one() -> None:
     vector = das_pb2.Cab.PRESENTATION_VECTOR
     shown = (cab(t, presentation=vector, mode=3, advised_speed_mps=20.0 + (t >= 30)) for t in range(61))
-    measured = recorded_stability(recorded(*shown))
+    measured = stability(DriveTable.of(recorded(*shown)))
     assert (measured.changes, measured.shown_s) == (1, 60.0)

@@ -47,8 +47,8 @@ def cab(mode: int, *, time_s: float = 0.0, lever_ratio: float = 0.4) -> CabView:
 def test_each_of_them_arrives_and_keeps_the_limit(own: OwnClass, shown: Presentation) -> None:
     day = flat_day()
     found = outcome(day, driven(day, own, shown), own)
-    assert found.drive.violations.over_limit_s == 0
-    assert abs(found.drive.calls[-1].missed_m) < 10
+    assert found.figures.violations.over_limit_s == 0
+    assert abs(found.calls[-1].missed_m) < 10
     assert -15 < found.late_s < 60
 
 

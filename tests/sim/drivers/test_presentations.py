@@ -62,7 +62,7 @@ def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentat
     assert any(event.what == "followed" and event.value == Regime.COAST for event in driver.events)
 
     trip = DrivenCourse.of(recording)
-    lane = next(one for one in lanes(Drive(source=recording)) if one.name == "shown")
+    lane = next(one for one in lanes(Drive(recording=recording)) if one.name == "shown")
     assert {change.state for change in lane.changes} == {"", "a light", "depart", "stop"}
     assert lane.color("a light", DARK) == "#123456"
     assert {"green", "amber", "red"} <= {

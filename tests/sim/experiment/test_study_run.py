@@ -252,7 +252,6 @@ def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: P
     [
         (("run", "nonsense", "-o", "x"), "nonsense: not a bundled study (level-through-a-driver, pacing"),
         (("run", "smoke", "-o", "small.toml"), "small.toml: is a file, expected a folder"),
-        (("run", "smoke", "-o", "x", "--recordings", "--measures-only"), "either --recordings or --measures-only"),
         (("run", "smoke", "-o", "x", "--workers", "2", "--scheduler", "tcp://a:1"), "either --workers or --scheduler"),
         (("run", "smoke", "-o", "x", "--recordings", "--scheduler", "tcp://a:1"), "not together with --scheduler"),
         (("check", "nonsense.toml"), "nonsense.toml: no such file"),

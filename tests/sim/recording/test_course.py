@@ -30,11 +30,11 @@ def test_what_is_in_the_part(whole: Recording) -> None:
     assert since_s(part, topics.DELAY) == [60, 120, 180]  # the one that still holds, and those that came
     assert since_s(part, topics.PLAN) == list(range(0, 181, 10))  # the first plan is the optimum from the start
     assert part.of(topics.JOURNEY) == whole.of(topics.JOURNEY)
-    scene = ReviewScene.of(Drive(source=part))
+    scene = ReviewScene.of(Drive(recording=part))
     assert scene.trip.time_ns[0] == START_NS + 90 * 10**9
     assert np.ptp(scene.trip.time_ns) == 90 * 10**9
     speeds = scene.series["speed/driven"][1]
-    assert speeds == pytest.approx(ReviewScene.of(Drive(source=whole)).series["speed/driven"][1][90:181])
+    assert speeds == pytest.approx(ReviewScene.of(Drive(recording=whole)).series["speed/driven"][1][90:181])
 
 
 def test_either_end_may_be_left_out(whole: Recording) -> None:

@@ -14,11 +14,11 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from das.bus import topics
 from das.bus.recording import read_recording
 from sim.drive.drive import Drive
-from sim.recording.course import DrivenCourse
+from sim.drive.series import series
+from sim.drive.table import DriveTable
 from sim.recording.opening import open_recording
 from sim.review import view
 from sim.review.scene import ROUTINE, ReviewScene
-from sim.review.series import series
 from tests.support.hand_recorded import day, in_memory, logged, truth
 from tests.support.recordings import SECONDS, at_ns, publish_before, write_recording
 
@@ -28,7 +28,7 @@ from sim.review.rerun_drawing import WIDTH, Plane, Timelines, fitting, stepped, 
 
 
 def test_the_plane_keeps_the_shape_of_the_trip() -> None:
-    plane = Plane.of(ReviewScene.of(Drive(source=day())))  # 0 to 2 km at 72 km/h
+    plane = Plane.of(ReviewScene.of(Drive(recording=day())))  # 0 to 2 km at 72 km/h
     x = plane.x(np.array([0.0, 1000.0, 2000.0]))
     assert x.tolist() == [0.0, WIDTH / 2, WIDTH]
     rows = plane.y("speed", np.array([0.0, 72.0, 144.0, 1e6]))
@@ -65,7 +65,7 @@ def labels(rrd: Path, entity: str) -> list[str]:
 
 def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     rrd = tmp_path / "view.rrd"
-    view.save_view(open_recording(whole), rrd)
+    view.save_view(Drive.read(whole), rrd)
     found = rows_by_entity(rrd)
     every_second = (
         "speed/limit", "speed/advised", "speed/driven", "force/advised", "force/driven", "gradient/permille",
@@ -77,7 +77,7 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     assert found["/Advised"] == 4  # full traction, none, full traction, coast
     assert found["/Node"] == 3
     assert found["/No_advice"] == 2  # withdrawn, and back
-    chronicle = Drive(source=open_recording(whole))
+    chronicle = Drive(recording=open_recording(whole))
     worth = [one for one in chronicle.events if one.kind not in ROUTINE]
     assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
     assert found["/events"] == 3  # the node's and the simulator's
@@ -91,22 +91,22 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("seconds", [1, 20])
 def test_view_of_little(tmp_path: Path, only: tuple[topics.Topic, ...], seconds: int) -> None:
     path = write_recording(tmp_path / "little.mcap", only=only, seconds=seconds)
-    view.save_view(open_recording(path), tmp_path / "view.rrd")
+    view.save_view(Drive.read(path), tmp_path / "view.rrd")
     assert rows_by_entity(tmp_path / "view.rrd")["/speed/driven"] == seconds
 
 
 def test_view_of_a_cut_recording(cut: Path, tmp_path: Path) -> None:
-    view.save_view(open_recording(cut), tmp_path / "view.rrd")
+    view.save_view(Drive.read(cut), tmp_path / "view.rrd")
     assert 0 < rows_by_entity(tmp_path / "view.rrd")["/speed/driven"] < SECONDS
 
 
 def test_what_was_sent_before_the_trip(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "early.mcap", seconds=30, before=publish_before)
     recording = read_recording(path)
-    data = series(recording, DrivenCourse.of(recording))
+    data = series(DriveTable.of(recording))
     assert data["deviation/operator"][1].tolist() == [20.0, 30.0, 30.0]
     assert len(data["speed/advised"][0]) == 30
-    view.save_view(open_recording(path), tmp_path / "view.rrd")
+    view.save_view(Drive.read(path), tmp_path / "view.rrd")
     found = rows_by_entity(tmp_path / "view.rrd")
     assert found["/Node"] == 1
     assert found["/Advised"] == 1
@@ -116,7 +116,7 @@ def test_the_viewer_opens_at_the_first_bookmark_of_a_train_that_stood_until_then
     def opening(*sent: tuple[topics.Topic, Any], stood_s: float) -> Timelines:
         seconds = range(SECONDS + 1)
         course = [truth(t, 20.0 * max(t - stood_s, 0.0), 20.0 * (t >= stood_s)) for t in seconds]
-        return Timelines.of_scene(ReviewScene.of(Drive(source=in_memory(*course, *sent))))
+        return Timelines.of_scene(ReviewScene.of(Drive(recording=in_memory(*course, *sent))))
 
     warned = logged(20, "a warning", topics.EVENT, Log.WARNING)
     assert opening(warned, stood_s=30.0).opening_ns == at_ns(20)
@@ -125,7 +125,7 @@ def test_the_viewer_opens_at_the_first_bookmark_of_a_train_that_stood_until_then
 
 
 def test_the_timeline_shows_the_clock_of_the_line() -> None:
-    scene = ReviewScene.of(Drive(source=day()))
+    scene = ReviewScene.of(Drive(recording=day()))
     lines = replace(Timelines.of_scene(scene), zone=ZoneInfo("Europe/Zurich"), opening_ns=at_ns(10))
     ahead_ns = lines.local_ns(np.array([at_ns(5), at_ns(20)])) - np.array([at_ns(10), at_ns(20)])
     assert set((ahead_ns / 3.6e12).tolist()) <= {1.0, 2.0}  # in winter and in summer

@@ -1,4 +1,4 @@
-"""What the scene of a review holds: limits in force, silences, signals, targets, lanes, marks, and the energy
+"""What the scene of a review holds: limits in force, silences, signals, targets, lanes, bookmarks, and the energy
 attribution."""
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.advice.regimes import Regime
 from das.bus import das_pb2, topics
@@ -18,10 +17,11 @@ from das.domain.units import KMH, kwh
 from das.drawing.meanings import MODES, Meaning
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
-from sim.drive.events.event import Note, add_note
-from sim.drive.happenings import NOT_HEARD, happenings, points, signals
+from sim.drive.events import NOT_HEARD, points
+from sim.drive.limits import signals
+from sim.drive.notes import Note, add_note
+from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind
-from sim.recording.course import DrivenCourse
 from sim.recording.opening import open_recording
 from sim.review.lanes import instructions, lanes
 from sim.review.scene import OTHER_THAN_ADVISED, ROUTINE, ReviewScene
@@ -33,7 +33,6 @@ from tests.support.hand_recorded import (
     advice,
     cab,
     in_memory,
-    logged,
     recorded,
     told,
     truth,
@@ -46,8 +45,8 @@ from tests.support.recordings import START_NS, at_ns, write_recording
 def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
     one, other, late = (400.0, 600.0, 10.0), (500.0, 800.0, 15.0), (1000.0, 1400.0, 12.0)
     recording = recorded(told(5, one, other), told(60, one, other, late), told(65))
-    drive = Drive(source=recording)
-    for t, limit in zip((drive.course.time_ns - START_NS) / 1e9, drive.limit_mps, strict=True):
+    drive = Drive(recording=recording)
+    for t, limit in zip((drive.table.course.time_ns - START_NS) / 1e9, drive.limit_mps, strict=True):
         s_m = SPEED_MPS * t
         in_force = [v for since, (a, b, v) in ((5, one), (5, other), (60, late)) if since <= t < 65 and a <= s_m <= b]
         assert limit == min([LINE_MPS, *in_force]), t
@@ -58,8 +57,8 @@ def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
 
 def slow_s(recording: Recording) -> tuple[float, float]:
     """The first and the last second (s) with a limit of 10 m/s."""
-    drive = Drive(source=recording)
-    seconds = (drive.course.time_ns[drive.limit_mps == 10.0] - START_NS) / 1e9
+    drive = Drive(recording=recording)
+    seconds = (drive.table.course.time_ns[drive.limit_mps == 10.0] - START_NS) / 1e9
     return float(seconds.min()), float(seconds.max())
 
 
@@ -69,7 +68,7 @@ def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open(
     list_of_one = topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(5), restrictions=[one])
     recording = recorded(list_of_one, told(90))
     assert slow_s(recording) == (30.0, 39.0)
-    (span,) = Drive(source=recording).temporary_limits
+    (span,) = Drive(recording=recording).temporary_limits
     assert [(round((at_ns - START_NS) / 1e9), word) for at_ns, word in span.changes()] == [
         (5, "received"), (30, "begins"), (40, "ends"), (90, "lifted"),
     ]  # fmt: skip
@@ -80,11 +79,11 @@ def test_behind_a_restriction_the_tail_counts_as_long_as_the_node_says() -> None
     assert slow_s(recorded(told(5, (400.0, 600.0, 10.0)), *tail)) == (20.0, 38.0)
     lower = [advice(t, limit_mps=1.0) for t in range(SECONDS)]  # a node's own limit is not the line's
     recording = recorded(told(5, (400.0, 600.0, 10.0)), *lower)
-    assert Drive(source=recording).limit_mps.min() == 10.0
+    assert Drive(recording=recording).limit_mps.min() == 10.0
 
 
 def test_a_restriction_that_is_none_is_left_out() -> None:
-    drive = Drive(source=recorded(told(5, (600.0, 400.0, 10.0), (0.0, math.nan, 10.0), (0.0, 900.0, 0.0))))
+    drive = Drive(recording=recorded(told(5, (600.0, 400.0, 10.0), (0.0, math.nan, 10.0), (0.0, 900.0, 0.0))))
     assert drive.temporary_limits == ()
     assert set(drive.limit_mps) == {LINE_MPS}
 
@@ -96,18 +95,18 @@ def test_silences_have_their_reasons() -> None:
     recording = recorded(*said, *reasons)
     found = [
         (round((x.start_ns - START_NS) / 1e9), round((x.end_ns - START_NS) / 1e9), x.text)
-        for x in Drive(source=recording).silences
+        for x in Drive(recording=recording).silences
     ]
     assert found == [
         (0, 5, NOT_HEARD), (22, 30, NOT_HEARD), (50, 55, "the position is 4.0 s old"),
         (55, 60, "outside the section"), (93, 100, NOT_HEARD),
     ]  # fmt: skip
-    assert Drive(source=recorded()).silences == ()
+    assert Drive(recording=recorded()).silences == ()
 
 
 def test_what_is_advised_has_a_gap_where_the_node_is_not_heard() -> None:
     said = [advice(t, advised_speed_mps=10.0, mode=3, s_m=20.0 * t, position_sd_m=1.0) for t in (*range(20), 40, 41)]
-    scene = ReviewScene.of(Drive(source=recorded(*said)))
+    scene = ReviewScene.of(Drive(recording=recorded(*said)))
     for name in ("speed/advised", "estimate/error"):
         at, values = scene.series[name]
         assert np.all(np.diff(at) > 0)
@@ -119,7 +118,10 @@ def test_what_is_advised_has_a_gap_where_the_node_is_not_heard() -> None:
 def test_signals_are_seen_once_each() -> None:
     seen = {10: 700.0, 11: 700.0, 12: math.nan, 13: 900.0, 14: 1100.0, 15: 1100.0, 16: math.nan, 17: 1100.0}
     recording = recorded(cab(9, signal_m=0.0), *(cab(t, signal_m=s_m) for t, s_m in seen.items()))
-    found = [(x.s_m, (x.start_ns - START_NS) // 10**9, (x.end_ns - START_NS) // 10**9) for x in signals(recording)]
+    found = [
+        (x.s_m, (x.start_ns - START_NS) // 10**9, (x.end_ns - START_NS) // 10**9)
+        for x in signals(DriveTable.of(recording))
+    ]
     assert found == [(700.0, 10, 11), (900.0, 13, 13), (1100.0, 14, 15), (1100.0, 17, 17)]
 
 
@@ -132,23 +134,8 @@ def test_targets_say_what_they_ask() -> None:
         (topics.TARGET, das_pb2.Targets(time_ns=at_ns(20), targets=[window])),
         (topics.TARGET, das_pb2.Targets(time_ns=at_ns(30), targets=[window, later])),
     )
-    found = [(x.s_m, x.text) for x in points(recording, DrivenCourse.of(recording))]
+    found = [(x.s_m, x.text) for x in points(DriveTable.of(recording))]
     assert found == [(800.0, "not before 0:50, not after 1:10"), (1900.0, "arrival 2:00")]
-
-
-def test_what_happened_is_told_once_and_in_order() -> None:
-    recording = recorded(
-        *(advice(t) for t in range(40)), *(withdrawn(t, "the clock was set") for t in range(40, 101)),
-        logged(70, "signal clear"), logged(-7, "departed"), logged(50, "mode", topics.EVENT),
-        logged(40, "no advice: the clock was set", topics.EVENT, Log.WARNING),
-        logged(30, "position rejected", topics.EVENT, Log.WARNING),
-    )  # fmt: skip
-    drive = Drive(source=recording)
-    found = [(x.kind, x.text) for x in happenings(recording, drive.course, drive.silences)]
-    assert found == [
-        ("log", "(7 s before) departed"), ("warning", "position rejected"),
-        ("lapse", "no advice for 60 s: the clock was set"), ("log", "signal clear"),
-    ]  # fmt: skip
 
 
 def test_lanes() -> None:
@@ -157,32 +144,28 @@ def test_lanes() -> None:
         cab(10, presentation=3, mode=4), cab(20, presentation=0, mode=4), cab(30, presentation=1, mode=8),
         cab(40, presentation=3, mode=99), cab(50, signal_m=1500.0), cab(60),
     )  # fmt: skip
-    found = {lane.name: [change.state for change in lane.changes] for lane in lanes(Drive(source=recording))}
+    found = {lane.name: [change.state for change in lane.changes] for lane in lanes(Drive(recording=recording))}
     assert found == {
         "advised": ["cruise", "coast", ""], "shown": ["a top speed", "coast", "", "stop", "99", ""],
         "no advice": [NOT_HEARD, ""], "signal": ["at danger, km 1.5", ""],
     }  # fmt: skip
 
 
-def test_notes_are_marks_and_bookmarks(tmp_path: Path) -> None:
+def test_notes_are_bookmarks(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "r.mcap", seconds=300)
     add_note(path, Note(time_ns=at_ns(100), end_ns=at_ns(100), text="braked late", tags=("braking",)))
-    scene = ReviewScene.of(Drive(source=open_recording(path)))
+    scene = ReviewScene.of(Drive(recording=open_recording(path)))
     found = scene.bookmarks
     (note,) = (one for one in found if one.meaning is Meaning.NOTE)
     assert note.text.endswith("  note: braked late [braking]")
-    (mark,) = (one for one in scene.marks if one.meaning is Meaning.NOTE)
-    assert (mark.time_ns, mark.text.endswith("note: braked late")) == (at_ns(100), True)
     assert [one.time_ns for one in found] == sorted(one.time_ns for one in found)
     assert len(found) == sum(one.kind not in ROUTINE for one in scene.drive.events)
 
 
 def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -> None:
-    from sim.review.picture import panels
-
     day = flat_day()
-    drive = Drive(source=recorded_day(day, day.driver(DriverKind.HUMAN)), given=inputs_of_day(day))
-    scene, attribution = ReviewScene.of(drive).with_attribution(), drive.known_attribution
+    drive = Drive(recording=recorded_day(day, day.driver(DriverKind.HUMAN)), given=inputs_of_day(day))
+    scene, attribution = ReviewScene.of(drive).with_attribution(), drive.energy.known_attribution
     shown = scene.attribution
     assert shown is not None
     beside = (EnergyCause.FRICTION, EnergyCause.TRAIN)
@@ -201,9 +184,6 @@ def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -
     in_lane = [change.state for change in shown.lane.changes if change.state]
     assert in_lane == [f"{kwh(one.energy_j):+.1f} kWh {one.cause.label}" for one in shown.spans if one.worth]
     assert f"Above the optimum for the same times: {kwh(attribution.above.difference_j):+.1f} kWh" in shown.text
-    names = list(panels(scene))
-    assert "lost" in names
-    assert names.index("cost") == names.index("lever") + 1  # under the effort shown and set
 
 
 def standing_until(t_s: float, *sent: tuple[topics.Topic, Any]) -> Recording:
@@ -225,18 +205,18 @@ def test_the_display_of_a_moving_train_is_in_words_without_changes_that_nobody_r
         cab(t, presentation=shown, mode=mode, advised_speed_mps=kmh * KMH, display_speed_mps=kmh * KMH, stop_m=9.0)
         for t, mode, kmh in told_modes
     ]
-    lane = instructions(Drive(source=recorded(*said)))
+    lane = instructions(Drive(recording=recorded(*said)))
     assert [(one.time_ns, one.state) for one in lane.changes] == [
         (at_ns(10), "accelerate 80"),
         (at_ns(40), "hold 80"),
         (at_ns(90), ""),
     ]
     assert lane.colors["hold 80"] == MODES["cruise"]
-    assert instructions(Drive(source=recorded())).changes == ()
+    assert instructions(Drive(recording=recorded())).changes == ()
 
 
 def test_another_drive_lies_beside_this_one_by_place_and_by_the_clocks_of_both() -> None:
-    drive, other = Drive(source=standing_until(10.0)), Drive(source=standing_until(30.0))
+    drive, other = Drive(recording=standing_until(10.0)), Drive(recording=standing_until(30.0))
     scene = ReviewScene.of(drive, other)
     time_ns, kmh = scene.series["speed/other"]
     assert (time_ns[0], time_ns[-1]) == (at_ns(0), at_ns(SECONDS))

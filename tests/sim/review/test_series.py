@@ -12,12 +12,12 @@ from das.bus import das_pb2, topics
 from das.bus.recording import Recording, read_recording
 from das.domain.units import KM, KMH, KN, PERMILLE, kwh
 from sim.drive.drive import Drive
-from sim.recording.course import DrivenCourse, part_of
+from sim.drive.series import QUANTITIES, series
+from sim.drive.table import DriveTable
+from sim.recording.course import part_of
 from sim.recording.inputs import inputs_of
 from sim.review.layout import TABS
-from sim.review.picture import OVER_TIME
-from sim.review.scene import OVER_DISTANCE, ReviewScene
-from sim.review.series import QUANTITIES, series
+from sim.review.scene import ReviewScene
 from tests.support.hand_recorded import advice, cab, recorded
 from tests.support.recordings import at_ns
 
@@ -31,7 +31,7 @@ def test_cab_and_estimates_are_series() -> None:
         cab(0, **shows), cab(1, **{**shows, "presentation": 0}), (topics.ESTIMATE, estimate),
         advice(2, s_m=43.0, position_sd_m=1.5), advice(3, s_m=59.0, position_sd_m=0.0),
     )  # fmt: skip
-    data = series(recording, DrivenCourse.of(recording))
+    data = series(DriveTable.of(recording))
     assert data["speed/shown"][1][0] == pytest.approx(68.4)
     assert np.isnan(data["speed/shown"][1][1])
     assert data["lever/shown"][1][0] == pytest.approx(25.0)
@@ -51,7 +51,7 @@ def alone() -> Recording:
 
 
 def test_line_and_forces_are_filled_in(alone: Recording) -> None:
-    scene, inputs = ReviewScene.of(Drive(source=alone)), inputs_of(alone)
+    scene, inputs = ReviewScene.of(Drive(recording=alone)), inputs_of(alone)
     assert "estimated from positions" in scene.filled_from
     at, gradient = scene.series["gradient/permille"]
     here_m = scene.trip.at(at, scene.trip.s_m)
@@ -74,7 +74,7 @@ def test_line_and_forces_are_filled_in(alone: Recording) -> None:
 
 @pytest.mark.slow
 def test_a_part_is_filled_in_for_itself(alone: Recording) -> None:
-    scene = ReviewScene.of(Drive(source=part_of(alone, "5:00", "10:00")))
+    scene = ReviewScene.of(Drive(recording=part_of(alone, "5:00", "10:00")))
     for name in ("force/driven", "energy/driven", "gradient/permille"):
         at = scene.series[name][0]
         assert len(at) > 100
@@ -87,7 +87,7 @@ def test_without_line_and_train_the_reason_is_told(alone: Recording) -> None:
     other.CopyFrom(journey.message)
     other.route_id = "nowhere"
     messages = {**alone.messages, "journey": (journey._replace(message=other),)}
-    scene = ReviewScene.of(Drive(source=replace(alone, messages=messages)))
+    scene = ReviewScene.of(Drive(recording=replace(alone, messages=messages)))
     assert "not known" in scene.filled_from
     assert not len(scene.series["force/driven"][0])
 
@@ -97,7 +97,7 @@ def test_values_of_the_view(whole: Path) -> None:
 
     from sim.review.scene import ReviewScene
 
-    scene = ReviewScene.of(Drive(source=read_recording(whole)))
+    scene = ReviewScene.of(Drive(recording=read_recording(whole)))
     data = scene.series
     assert data["speed/driven"][1].max() == pytest.approx(144.0)
     assert data["speed/advised"][1][0] == pytest.approx(1.8)
@@ -107,8 +107,7 @@ def test_values_of_the_view(whole: Path) -> None:
     assert data["buffer/percent"][1][0] == pytest.approx(7.0)
 
 
-def test_no_quantity_is_left_out_of_viewer_or_picture_unseen() -> None:
+def test_no_quantity_is_left_out_of_the_viewer_unseen() -> None:
     of_reports = {"apart", "place", "sum", "cause", "motors"}
     in_viewer = {row.origin for rows in TABS.values() for row in rows}
     assert QUANTITIES.keys() - in_viewer == of_reports
-    assert QUANTITIES.keys() - {*OVER_TIME, *OVER_DISTANCE} == of_reports

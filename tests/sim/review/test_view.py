@@ -12,7 +12,7 @@ import pytest
 from das.bus import topics
 from das.command_line.process import STOP_SIGNALS
 from das.domain.errors import DasError
-from sim.recording.opening import open_recording
+from sim.drive.drive import Drive
 from sim.review import view
 from tests.support.recordings import write_recording
 
@@ -28,17 +28,17 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(view, "_send", fail)
     with pytest.raises(KeyboardInterrupt):
-        view.save_view(open_recording(whole), rrd)
+        view.save_view(Drive.read(whole), rrd)
     assert rrd.read_bytes() == b"before"
     assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
     with pytest.raises(DasError, match="no such folder"):
-        view.save_view(open_recording(whole), tmp_path / "nowhere" / "view.rrd")
+        view.save_view(Drive.read(whole), tmp_path / "nowhere" / "view.rrd")
     with pytest.raises(DasError, match=r"view\.png: expected a file name that ends in \.rrd"):
-        view.save_view(open_recording(whole), tmp_path / "view.png")
+        view.save_view(Drive.read(whole), tmp_path / "view.png")
     only_events = write_recording(tmp_path / "events.mcap", only=(topics.EVENT,))
     monkeypatch.undo()
     with pytest.raises(DasError, match="no positions"):
-        view.save_view(open_recording(only_events), rrd)
+        view.save_view(Drive.read(only_events), rrd)
 
 
 def test_without_rerun_or_display(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -47,21 +47,21 @@ def test_without_rerun_or_display(whole: Path, tmp_path: Path, monkeypatch: pyte
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr(view.importlib.util, "find_spec", lambda name: object())
     with pytest.raises(DasError, match="no display"):
-        view.open_view(open_recording(whole))
+        view.open_view(Drive.read(whole))
     monkeypatch.setattr(view.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(DasError, match=r"rerun is not installed.*\[view\]"):
-        view.save_view(open_recording(whole), tmp_path / "view.rrd")
+        view.save_view(Drive.read(whole), tmp_path / "view.rrd")
 
 
 def test_the_viewer_leaves_the_handlers_of_signals_as_they_were(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before, during = [signal.getsignal(number) for number in STOP_SIGNALS], []
     monkeypatch.setattr(view, "_check_installed", lambda *_: None)
     monkeypatch.setattr(view, "_check_display", lambda: None)
-    monkeypatch.setattr(view, "_scene_of", lambda *_: None)
+    monkeypatch.setattr(view.ReviewScene, "of", lambda *_: None)
     monkeypatch.setattr(
         view, "run_viewer", lambda *_: during.extend(signal.getsignal(number) for number in STOP_SIGNALS)
     )
-    view.open_view(open_recording(whole))
+    view.open_view(Drive.read(whole))
     assert len(during) == len(before)
     assert not set(during) & set(before)
     assert [signal.getsignal(number) for number in STOP_SIGNALS] == before

@@ -1,4 +1,4 @@
-"""What a review says in words: the summary, the headline, and what the driver saw."""
+"""What a review says in words: the summary, and what the driver saw."""
 
 from __future__ import annotations
 
@@ -17,48 +17,26 @@ from das.bus.recording import read_recording
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.route import Altitudes
-from das.domain.units import KM, NS
+from das.domain.units import NS
 from sim.drive.drive import Drive
-from sim.recording.course import DrivenCourse
+from sim.drive.table import DriveTable
 from sim.recording.inputs import DriveInputs
 from sim.review.report.tables import rests_on
 from sim.review.scene import ReviewScene
-from sim.review.words import LETTERS, NODE_ALONE, DisplayWords, cards, headline, line_rows, on_this_day, summary
-from tests.support.hand_recorded import SECONDS, SPEED_MPS, cab, day, recorded
+from sim.review.words import NODE_ALONE, DisplayWords, cards, line_rows, summary
+from tests.support.hand_recorded import cab, day, recorded
 from tests.support.recordings import at_ns, write_recording
-
-
-def test_headline() -> None:
-    run = {"scenario": "signal-stop", "driver": "human", "advice": "vector", "seed": "3"}
-    recording = recorded()
-    recording.metadata["run"] = run
-    line = headline(Drive(source=recording))
-    assert line.startswith("t1 · signal-stop · driver human · advice vector · seed 3 · ")
-    assert f"{SPEED_MPS * SECONDS / KM:.2f} km · 100 s" in line
 
 
 def test_a_summary_says_where_the_line_comes_from_and_what_its_altitudes_mean() -> None:
     flat = {"data_source": "© somebody", "licence": "CC0", "altitudes": Altitudes.NONE}
     line = replace(load_route("flat-6km"), **flat)
     inputs = DriveInputs(route=line, vehicle=load_vehicle("re460-ic"), level=Level.L2, source="given")
-    drive = Drive(source=recorded(), given=inputs)
+    drive = Drive(recording=recorded(), given=inputs)
     assert [name for name, _ in line_rows(drive)] == ["data of the line", "altitudes of the line"]
     assert "| data of the line | © somebody, CC0 |" in summary(drive)
     assert set(line_rows(drive)) < set(rests_on(drive))
-    assert line_rows(Drive(source=recorded())) == []
-
-
-def test_a_picture_says_what_the_scenario_let_happen() -> None:
-    recording = recorded()
-    assert on_this_day(recording) == []
-    recording.metadata["run"] = {"happens": "nothing"}
-    assert on_this_day(recording) == []
-    happens = "; ".join(["slippery rail from km 0.0 to 6.0, adhesion × 0.33"] * 4)
-    recording.metadata["run"] = {"happens": happens}
-    lines = on_this_day(recording)
-    assert " ".join(lines).endswith(happens)
-    assert len(lines) == 2
-    assert max(map(len, lines)) <= LETTERS
+    assert line_rows(Drive(recording=recorded())) == []
 
 
 def test_what_is_lost_is_not_drawn_and_is_said(tmp_path: Path) -> None:
@@ -69,9 +47,9 @@ def test_what_is_lost_is_not_drawn_and_is_said(tmp_path: Path) -> None:
         content[place + 40] ^= 0x10
     (tmp_path / "damaged.mcap").write_bytes(content)
     recording = read_recording(tmp_path / "damaged.mcap", skip_damage=True)
-    _, driven = ReviewScene.of(Drive(source=recording)).series["speed/driven"]
+    _, driven = ReviewScene.of(Drive(recording=recording)).series["speed/driven"]
     assert np.isnan(driven).sum() == 1
-    assert any("damaged: " in line for line in on_this_day(recording))
+    assert any("damaged: " in text for text in recording.health.warnings())
 
 
 def test_what_the_driver_saw() -> None:
@@ -79,7 +57,7 @@ def test_what_the_driver_saw() -> None:
     held |= {"next_mode": 4, "next_change_s": 12.0}
     top_speed: dict[str, Any] = {"presentation": 1, "mode": 3, "advised_speed_mps": 20.0, "limit_mps": 40.0}
     recording = recorded(cab(0, **held), cab(1, **held), cab(2, signal_m=1500.0, **top_speed), cab(3))
-    seen = cards(recording, DrivenCourse.of(recording))
+    seen = cards(DriveTable.of(recording))
     assert [card.time_ns for card in seen] == [at_ns(0), at_ns(2), at_ns(3)]  # each text once
     first, top, nothing = (card.text for card in seen)
     assert first.startswith("# cruise, 72 km/h")
@@ -91,7 +69,7 @@ def test_what_the_driver_saw() -> None:
     assert nothing.startswith("# No advice")
     alone = day()
     alone.messages.pop("cab")
-    assert all(NODE_ALONE in card.text for card in cards(alone, DrivenCourse.of(alone)))
+    assert all(NODE_ALONE in card.text for card in cards(DriveTable.of(alone)))
 
 
 def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
@@ -100,7 +78,7 @@ def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
     reason = das_pb2.Reason(code=das_pb2.REASON_POINT_EARLIEST, at_m=1500.0, time_ns=at_ns(0), late_s=math.nan)
     recording = recorded(cab(0, reason=reason, **held), cab(1, presentation=1, mode=3, display_speed_mps=20.0))
     said = DisplayWords(Language.DE, ZoneInfo("Europe/Zurich"))
-    guide, top = (card.text for card in cards(recording, DrivenCourse.of(recording), said))
+    guide, top = (card.text for card in cards(DriveTable.of(recording), said))
     assert guide.startswith("# rollen lassen bis 72 km/h")
     assert "| next | bremsen 36 km/h in 8 s |" in guide
     assert f"| why | km 1.5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in guide
@@ -109,14 +87,14 @@ def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
 
 def test_a_recording_made_before_the_codes_of_reasons_names_the_cause() -> None:
     recording = recorded((topics.ADVICE, das_pb2.Advice(time_ns=at_ns(0), cause=11)))
-    assert cards(recording, DrivenCourse.of(recording))[0].text.startswith("# No advice: position stale")
+    assert cards(DriveTable.of(recording))[0].text.startswith("# No advice: position stale")
 
 
 def test_what_the_driver_saw_of_how_to_depart() -> None:
     to_depart: dict[str, Any] = {"mode": 9, "next_mode": 1, "next_speed_mps": 25.0, "next_effort_ratio": 1.0}
     top_speed: dict[str, Any] = {"presentation": 1, "mode": 9, "display_speed_mps": 25.0}
     recording = recorded(cab(0, presentation=4, display_speed_mps=25.0, **to_depart), cab(1, **top_speed))
-    guide, top = (card.text for card in cards(recording, DrivenCourse.of(recording)))
+    guide, top = (card.text for card in cards(DriveTable.of(recording)))
     assert guide.startswith("# depart when cleared\n")
     assert "| when cleared | accelerate, 90 km/h, +100 % |" in guide
     assert "effort advised" not in guide
@@ -124,7 +102,7 @@ def test_what_the_driver_saw_of_how_to_depart() -> None:
 
 
 def test_summary(whole: Path, cut: Path) -> None:
-    text = summary(Drive(source=read_recording(whole)))
+    text = summary(Drive(recording=read_recording(whole)))
     for part in ("Train t1", "| route | route |", "A – B", "1.0 kWh", "0123456789ab… |", "das-sim run", "route.toml"):
         assert part in text
-    assert "cut off" in summary(Drive(source=read_recording(cut)))
+    assert "cut off" in summary(Drive(recording=read_recording(cut)))

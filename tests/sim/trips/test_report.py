@@ -114,7 +114,7 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
     trip = write(tmp_path, late_end(dropouts(spikes(clean(6000.0)))))
     posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
     where = ("--route", "flat-6km", "--vehicle", "re460-ic", "--no-reverse")
-    files = ("--write", "cleaned.csv", "--plot", "trip.png")
+    files = ("--out", "cleaned.csv", "--plot", "trip.png")
     done = in_a_process("sim.cli", "trip", str(trip), *where, "--line", str(posts), *files, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for told in (

@@ -13,7 +13,6 @@ from das.domain.errors import InfeasibleError
 from das.domain.levels import Level
 from das.domain.units import KMH, KWH
 from sim.drive.above_optimum import AboveOptimum
-from sim.drive.drive import Drive
 from sim.drive.limits import Violations
 from sim.drive.stability import AdviceStability
 from sim.drivers.kinds import DriverKind, Presentation
@@ -100,13 +99,11 @@ def test_every_figure_has_its_column_in_the_table(plain: tuple[Day, Run]) -> Non
 def test_violations_and_a_drive_without_an_optimum_are_told(plain: tuple[Day, Run]) -> None:
     found = outcome(*plain)
     bad = Violations(signals_passed=2, beyond_signal_m=30.0, over_limit_s=4.0, over_limit_mps=10 * KMH)
-    assert found.drive.run is not None
-    assert found.drive.above is found.energies.above
     (section,) = found.energies.above.sections
     fast = AboveOptimum.measured_on([dataclasses.replace(section, late_s=2.5)])
     figures = dataclasses.replace(
         found,
-        drive=Drive(run=dataclasses.replace(found.drive.run, violations=bad)),
+        figures=dataclasses.replace(found.figures, violations=bad),
         energies=dataclasses.replace(found.energies, above=fast),
     ).as_dict()
     assert (figures["signals_passed"], figures["beyond_signal_m"], figures["over_limit_s"]) == (2, 30.0, 4.0)
@@ -124,9 +121,8 @@ def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
     restless = dataclasses.replace(calm, changes=123, shortest_mode_s=2.0)
     for measured, warns in ((calm, False), (restless, True)):
         found = outcome(day, run)
-        assert found.drive.run is not None
-        known = dataclasses.replace(found.drive.run, stability=measured)
-        result = result_of(day, dataclasses.replace(found, drive=Drive(run=known)))
+        known = dataclasses.replace(found.figures, stability=measured)
+        result = result_of(day, dataclasses.replace(found, figures=known))
         told = result.as_dict()
         assert (told["advice_restless"], len(told["warnings"])) == (warns, int(warns))
         assert (told["reversals"], told["advice_changes_per_min"]) == (3, measured.changes / 10)

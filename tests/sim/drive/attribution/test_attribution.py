@@ -54,11 +54,11 @@ def on_time() -> Attribution:
 def heavier() -> Drive:
     """A train that is a fifth heavier than planned, as a perfect follower drives it."""
     day = flat_day("[truth]\nmass_ratio = 1.2\n")
-    return Drive(source=recorded_day(day, PerfectDriver(day.service.line)), given=inputs_of_day(day))
+    return Drive(recording=recorded_day(day, PerfectDriver(day.service.line)), given=inputs_of_day(day))
 
 
 def attribution(day: Day, driver: Driver) -> Attribution:
-    return Drive(source=recorded_day(day, driver), given=inputs_of_day(day)).known_attribution
+    return Drive(recording=recorded_day(day, driver), given=inputs_of_day(day)).energy.known_attribution
 
 
 def check_sums(found: Attribution) -> None:
@@ -116,11 +116,11 @@ def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_energy_attribut
     slow = replace(inputs, vehicle=replace(inputs.vehicle, max_speed_mps=20.0))
     why = "this train cannot arrive as early as the trip did: the optimum is its fastest"
     with pytest.raises(DasError, match=f"day.mcap: not comparable: {why}"):
-        _ = Drive(source=recording, given=slow).known_attribution
+        _ = Drive(recording=recording, given=slow).energy.known_attribution
     said = {**recording.messages, "saving": (Stamped(0, das_pb2.Saving(comparable=False)),)}
     why = "the recording says that its trip and the optimum cannot be compared"
     with pytest.raises(DasError, match=f"day.mcap: not comparable: {why}"):
-        _ = Drive(source=replace(recording, messages=said), given=inputs).known_attribution
+        _ = Drive(recording=replace(recording, messages=said), given=inputs).energy.known_attribution
 
 
 def test_why_a_drive_cannot_be_compared() -> None:
@@ -133,14 +133,14 @@ def test_why_a_drive_cannot_be_compared() -> None:
 
 def test_a_simulated_drive_is_compared_with_the_optimum_of_its_true_train() -> None:
     """The simulator recorded what its true train needs: the report then says the same as the run did."""
-    recording, plain = heavier().recording, heavier().known_attribution
+    recording, plain = heavier().recording, heavier().energy.known_attribution
     (leg,) = plain.above.sections
     true_j = leg.optimum_j + 3.6e6
     said = AboveOptimum.measured_on([replace(leg, optimum_j=true_j)]).message(0)
     known = Drive(
-        source=replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}),
+        recording=replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}),
         given=inputs_of_day(flat_day("[truth]\nmass_ratio = 1.2\n")),
-    ).known_attribution
+    ).energy.known_attribution
     assert (known.above.optimum_j, known.other_train_j) == pytest.approx((true_j, 3.6e6))
     assert known.above.ratio == pytest.approx((known.above.driven_j - true_j) / true_j)
     check_sums(known)
@@ -159,7 +159,7 @@ def test_the_energy_that_a_signal_costs_is_the_signals() -> None:
 
 
 def test_a_train_that_is_heavier_than_planned_is_told_apart() -> None:
-    found = heavier().known_attribution
+    found = heavier().energy.known_attribution
     check_sums(found)
     assert found.by_cause[EnergyCause.TRAIN] > 0.4 * found.above.difference_j
 
@@ -236,7 +236,7 @@ def test_every_cause_has_its_words() -> None:
 
 def test_a_recording_without_a_journey_is_refused() -> None:
     with pytest.raises(DasError, match="holds no journey"):
-        _ = Drive(source=in_memory()).known_attribution
+        _ = Drive(recording=in_memory()).energy.known_attribution
 
 
 def test_places_that_lost_more_than_the_whole_drive_are_said_to_be_made_up_elsewhere() -> None:

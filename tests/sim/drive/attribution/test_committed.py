@@ -8,6 +8,7 @@ from das.bus.restrictions import encode_restriction
 from das.cab.heard import ToldRestriction
 from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, Restriction
 from sim.drive.attribution.committed import Epoch, epochs_of
+from sim.drive.table import DriveTable
 from tests.support.hand_recorded import in_memory
 from tests.support.recordings import at_ns
 
@@ -28,7 +29,7 @@ def told(*lists: tuple[float, tuple[Restriction, ...]]) -> Recording:
 def test_every_list_that_says_something_new_is_an_epoch() -> None:
     nonsense = ToldRestriction(5.0, 1.0, -3.0)
     recording = told((9, (HERE, THERE)), (5, ()), (7, (HERE,)), (8, (HERE, nonsense)), (12, ()))
-    assert epochs_of(recording) == (
+    assert epochs_of(DriveTable.of(recording)) == (
         NOTHING,
         Epoch(at_ns(7), frozenset({HERE})),
         Epoch(at_ns(9), frozenset({HERE, THERE})),
@@ -39,10 +40,10 @@ def test_every_list_that_says_something_new_is_an_epoch() -> None:
 def test_a_window_begins_and_ends_an_epoch_while_its_list_stands() -> None:
     begins_s, ends_s = 1000.0, 1100.0
     windowed = Restriction(*THERE.figures[:3], at_ns(begins_s), at_ns(ends_s))
-    assert epochs_of(told((5, (HERE, windowed)))) == (
+    assert epochs_of(DriveTable.of(told((5, (HERE, windowed))))) == (
         NOTHING,
         Epoch(at_ns(5), frozenset({HERE})),
         Epoch(at_ns(begins_s - COUNTS_BEFORE_S), frozenset({HERE, THERE})),
         Epoch(at_ns(ends_s + COUNTS_AFTER_S), frozenset({HERE})),
     )
-    assert epochs_of(told((5, (windowed,)), (50, ()))) == (NOTHING,)  # lifted before it counted
+    assert epochs_of(DriveTable.of(told((5, (windowed,)), (50, ())))) == (NOTHING,)  # lifted before it counted

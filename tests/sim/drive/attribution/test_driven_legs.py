@@ -10,9 +10,9 @@ from das.bus.recording import Recording
 from das.bus.topics import EFFORT, POSITION
 from sim.drive.attribution.driven_legs import _friction_j
 from sim.drive.drive import Drive
+from sim.drive.series import series
+from sim.drive.table import DriveTable
 from sim.drivers.drivers import PerfectDriver
-from sim.recording.course import DrivenCourse
-from sim.review.series import series
 from tests.support.flat_days import flat_day
 from tests.support.hand_recorded import in_memory
 from tests.support.recorded_days import recorded_day
@@ -30,19 +30,19 @@ def measured(*forces: tuple[float, float, float]) -> Recording:
 def test_the_friction_brakes_energy_is_its_force_times_the_way() -> None:
     recording = measured((0, 0.0, 0.0), (4, 0.0, 0.0), (5, -1e4, -5e4), (10, -1e4, -5e4))
     times, speeds = np.array([at_ns(t) for t in range(11)]), np.full(11, 20.0)
-    found = _friction_j(recording, times, speeds)
+    found = _friction_j(DriveTable.of(recording), times, speeds)
     assert found is not None
     assert found[4] == 0.0
     assert found[-1] == pytest.approx(5e4 * 20.0 * 5.5)  # half of the second in which it builds up
 
 
 def test_without_measured_forces_nothing_is_known_of_the_friction_brake() -> None:
-    assert _friction_j(measured(), np.array([at_ns(0)]), np.zeros(1)) is None
+    assert _friction_j(DriveTable.of(measured()), np.array([at_ns(0)]), np.zeros(1)) is None
 
 
 def test_pictures_show_measured_forces_where_no_simulator_tells_the_truth() -> None:
     recording = measured((0, 0.0, 0.0), (5, -1e4, -5e4), (10, 2e4, 0.0))
-    at, force_kn = series(recording, DrivenCourse.of(recording))["force/driven"]
+    at, force_kn = series(DriveTable.of(recording))["force/driven"]
     assert at.tolist() == [at_ns(t) for t in (0, 5, 10)]
     assert force_kn.tolist() == [0.0, -60.0, 20.0]
 
@@ -50,7 +50,7 @@ def test_pictures_show_measured_forces_where_no_simulator_tells_the_truth() -> N
 def test_a_leg_goes_from_stand_to_stand_and_its_times_are_those_of_the_run() -> None:
     day = flat_day()
     recording = recorded_day(day, PerfectDriver(day.service.line))
-    (leg,) = Drive(source=recording).legs
+    (leg,) = Drive(recording=recording).energy.legs
     assert (leg.start.name, leg.end.name) == ("A", "B")
     assert leg.motion.speed_mps[0] == leg.motion.speed_mps[-1] == 0.0
     assert leg.timetable_s == pytest.approx(

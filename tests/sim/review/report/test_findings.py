@@ -8,8 +8,7 @@ import pytest
 
 from das.domain.restriction import Restriction
 from sim.drive.drive import Drive
-from sim.drive.happenings import Signal
-from sim.drive.limits import TemporaryLimit
+from sim.drive.limits import Signal, TemporaryLimit
 from sim.drivers.drivers import PerfectDriver
 from sim.review.report.findings import findings
 from tests.support.flat_days import flat_day
@@ -19,8 +18,8 @@ from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_da
 @pytest.mark.parametrize("hindrance", ["none", "signal", "restriction"])
 def test_no_best_speed_past_a_signal_at_danger_or_through_a_restriction(hindrance: str) -> None:
     driver = DrivesFaster(PerfectDriver(flat_day().service.line), 3.0)
-    drive = Drive(source=recorded_day(flat_day(), driver), given=inputs_of_day(flat_day()))
-    start_ns, end_ns = drive.course.time_ns[[0, -1]].tolist()
+    drive = Drive(recording=recorded_day(flat_day(), driver), given=inputs_of_day(flat_day()))
+    start_ns, end_ns = drive.table.course.time_ns[[0, -1]].tolist()
     drive = replace(drive)
     assert findings(drive)
     if hindrance == "signal":

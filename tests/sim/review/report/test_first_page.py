@@ -22,9 +22,8 @@ from sim.drive.above_optimum import energy_words
 from sim.drive.attribution.causes import BY_SPEED, EnergyCause
 from sim.drive.attribution.worst import worst_stretches
 from sim.drive.drive import Drive
-from sim.drive.events.event import DriveEvent, EventKind, lateness_text
-from sim.drive.happenings import Signal
-from sim.drive.limits import signals_passed
+from sim.drive.events import DriveEvent, EventKind, lateness_text
+from sim.drive.limits import Signal, signals_passed
 from sim.drivers.drivers import PerfectDriver
 from sim.recording.course import OWN_TIMETABLE
 from sim.review.report.figures import first_figure
@@ -105,21 +104,21 @@ def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: S
 @pytest.mark.parametrize("subject", [fast, bundled], ids=["measured", "computed"])
 def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Subject) -> None:
     drive, html, told = subject().drive, first_in_html(subject), in_json(subject)
-    zone = "UTC" if str(drive.zone) == "UTC" else f"those of the line ({drive.zone})"
+    zone = "UTC" if str(drive.table.zone) == "UTC" else f"those of the line ({drive.table.zone})"
     assert f"Times of day are {zone}." in html
     listed = told["first_page"]["findings"]
     assert 1 <= len(listed) <= 3
     causes, went = told["energy"]["by_cause_kwh"], drive.travelled
     for one, shown in zip(listed, findings(drive), strict=True):
         assert f"<p>{escape(one['text'])} <em>{one['next_time']}</em></p>" in html
-        words = shown.where(drive.clock)
+        words = shown.where(drive.table.clock)
         assert all(f'<p class="place">{escape(place)}</p>' in html for place in words)
         assert 1 <= len(one["places"]) <= 3
         for place, line in zip(one["places"], words, strict=True):
             assert went.start_m <= place["start_m"] <= place["end_m"] <= went.end_m
             assert went.start_ns <= place["time_ns"] <= went.end_ns
             assert set(place["between"]) <= {call.name for call in drive.calls}
-            assert f", {drive.clock.of_day(place['time_ns'])}" in line
+            assert f", {drive.table.clock.of_day(place['time_ns'])}" in line
             assert (place["mean_speed_mps"] is not None) == (one["cause"] in {*BY_SPEED, EnergyCause.FRICTION})
         if one["above_optimum_kwh"] is None:
             assert one["cause"] == EventKind.OVERSPEED
@@ -147,16 +146,16 @@ def test_page_one_says_what_happened_in_the_times_of_the_line() -> None:
 
 def test_an_early_arrival_has_its_price_and_a_replay_without_timetable_no_lateness() -> None:
     early = bundled().drive
-    assert early.attribution is not None
-    (leg,) = early.attribution.legs
+    assert early.energy.attribution is not None
+    (leg,) = early.energy.attribution.legs
     assert leg.early_j is not None
     assert (
         f"being 24 s early took {leg.early_j / 3.6e6:.1f} kWh, not counted above the optimum"
         in page_figures(early)[0].beside
     )
     run = {**early.recording.metadata["run"], OWN_TIMETABLE: "yes"}
-    own = Drive(source=replace(early.recording, metadata={**early.recording.metadata, "run": run}))
-    vars(own).update(_any_attribution=early.any_attribution)
+    own = Drive(recording=replace(early.recording, metadata={**early.recording.metadata, "run": run}))
+    vars(own.energy).update(_any_attribution=early.energy.any_attribution)
     assert page_figures(own)[0].value == "not known"
     assert first_page_dict(own)["arrived_late_s"] is None
     assert page_figures(own)[0].beside.endswith("no timetable was given")
@@ -166,7 +165,7 @@ def test_an_early_arrival_has_its_price_and_a_replay_without_timetable_no_latene
 
 def test_a_restriction_is_found_where_it_holds_not_where_it_was_told() -> None:
     made = flat_day(RESTRICTION)
-    drive = Drive(source=recorded_day(made, PerfectDriver(made.service.line)), given=inputs_of_day(made))
+    drive = Drive(recording=recorded_day(made, PerfectDriver(made.service.line)), given=inputs_of_day(made))
     (told,) = [one for one in drive.events if one.text.startswith("restriction received")]
     (found,) = [one for one in findings(drive) if one.code == EnergyCause.RESTRICTION]
     assert [(one.start_m, one.end_m) for one in found.places] == [(3000.0, 3500.0)]
@@ -178,7 +177,7 @@ def test_a_restriction_is_found_where_it_holds_not_where_it_was_told() -> None:
 
 
 def test_the_places_of_a_cause_sum_to_its_energy_and_the_worst_stretches_are_among_them() -> None:
-    attribution = fast().drive.attribution
+    attribution = fast().drive.energy.attribution
     assert attribution is not None
     for cause in EnergyCause:
         if cause in (EnergyCause.TRAIN, EnergyCause.REST):  # these have a part that belongs to no place
@@ -197,7 +196,7 @@ def test_what_is_about_safety_comes_first_and_has_no_energy() -> None:
     before = findings(fast().drive)
     assert before
     assert all(one.energy_j is not None for one in before)
-    times = fast().drive.course.time_ns
+    times = fast().drive.table.course.time_ns
     facts = [{"over_kmh": 4.0, "lasted_s": 3.0}, {"over_kmh": 12.0, "lasted_s": 9.0}]
     events = tuple(
         DriveEvent(
@@ -212,7 +211,7 @@ def test_what_is_about_safety_comes_first_and_has_no_energy() -> None:
     assert place.start_ns == times[200]
     assert first.text == "Up to x km/h above the limit. This is the worst of 2 times."
     assert place.between == ("A", "B")
-    course = fast().drive.course
+    course = fast().drive.table.course
     gains, slows = (
         int(np.flatnonzero(one)[0]) for one in (np.diff(course.speed_mps) > 0.1, np.diff(course.speed_mps) < -0.1)
     )
@@ -223,20 +222,20 @@ def test_what_is_about_safety_comes_first_and_has_no_energy() -> None:
 
 
 def test_a_signal_that_was_passed_at_danger_is_the_first_finding() -> None:
-    trip = fast().drive.course
+    trip = fast().drive.table.course
     signal = Signal(3000.0, int(trip.time_ns[0]), int(trip.time_ns[np.searchsorted(trip.s_m, 3050.0)]))
     (passed,) = signals_passed(trip, [signal])
     assert 50.0 <= passed.beyond_m < 100.0
     assert trip.s_m[trip.time_ns < passed.time_ns].max() <= 3000.0
     found = findings(other(signals=(signal,)))[0]
     assert (found.code, found.energy_j, found.places[0].start_m) == ("signal-passed", None, 3000.0)
-    assert found.where(fast().drive.clock)[0].startswith("Km\u00a03.0, ")
-    assert not list(signals_passed(at_danger().course, at_danger().signals))
+    assert found.where(fast().drive.table.clock)[0].startswith("Km\u00a03.0, ")
+    assert not list(signals_passed(at_danger().table.course, at_danger().signals))
 
 
 def test_a_drive_that_is_not_comparable_says_so_with_its_reason() -> None:
     drive = not_compared().drive
-    reason = drive.not_comparable
+    reason = drive.energy.not_comparable
     arrival, driven, above, over = page_figures(drive)
     assert (above.value, above.beside) == ("not comparable", reason)
     assert (arrival.value, driven.value, over.value) == ("not known", "not known", "0 s")
@@ -248,7 +247,7 @@ def test_a_drive_that_is_not_comparable_says_so_with_its_reason() -> None:
 
 
 def test_without_the_line_it_is_not_known_whether_limits_were_kept() -> None:
-    found = other(limit_mps=np.full(len(fast().drive.course.time_ns), np.nan))
+    found = other(limit_mps=np.full(len(fast().drive.table.course.time_ns), np.nan))
     assert page_figures(found)[3].value == "not known"
     assert first_page_dict(found)["over_limit_s"] is None
     assert "Whether it kept the line's limits is not known" in " ".join(how_sure(found))
@@ -275,11 +274,13 @@ def test_the_picture_has_limit_drive_optimum_stops_and_the_places_of_the_finding
     axis, below = figure.axes
     (bars,) = below.patches
     lost_kwh = float(np.nansum(bars.get_data().values * np.diff(bars.get_data().edges)))
-    assert drive.above is not None
-    assert lost_kwh * 3.6e6 == pytest.approx(drive.above.above_j, rel=1e-3)
+    assert drive.energy.above is not None
+    assert lost_kwh * 3.6e6 == pytest.approx(drive.energy.above.above_j, rel=1e-3)
     curves = {line.get_label(): line for line in axis.get_lines()}
     assert {"limit", "driven", "optimum for the same times"} <= curves.keys()
-    assert float(np.nanmax(curves["driven"].get_ydata())) == pytest.approx(float(drive.course.speed_mps.max()) / KMH)
+    assert float(np.nanmax(curves["driven"].get_ydata())) == pytest.approx(
+        float(drive.table.course.speed_mps.max()) / KMH
+    )
     written = [text.get_text() for text in axis.texts]
     assert {"A", "B"} <= set(written)
     places = [(number, place) for number, one in enumerate(found, start=1) for place in one.places]

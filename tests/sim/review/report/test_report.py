@@ -22,26 +22,26 @@ from das.domain.units import KM
 from sim.drive.attribution.attribution import OTHER_TRAIN
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
-from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.energy import DriveEnergy
+from sim.drive.events import DriveEvent, EventKind
+from sim.drive.notes import Note, add_note
+from sim.drive.series import STYLES
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
 from sim.options import ReplayOptions
 from sim.recording.check import check_contents, check_file
-from sim.review.picture import picture_of
 from sim.review.report import tables
 from sim.review.report.figures import SPEEDS, drive_figure
 from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of
 from sim.review.report.sentences import paragraph, title, where_time_went
 from sim.review.scene import ReviewScene
-from sim.review.series import STYLES
-from sim.review.words import headline
 from sim.runs.replay.replay import ReplayOutcome, prepare
 from sim.runs.replay.report import figure_rows, result, trip_energies
 from sim.world.lockstep import Traffic
 from tests.support.flat_days import flat_day, signal_at
 from tests.support.making import das_sim, refusal
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
-from tests.support.recordings import write_recording
+from tests.support.recordings import at_ns, write_recording
 
 RECORDINGS = Path(__file__).parents[4] / "recordings"
 BUNDLED = RECORDINGS / "zurich-zug-late.mcap"
@@ -51,13 +51,13 @@ BUNDLED = RECORDINGS / "zurich-zug-late.mcap"
 def at_danger() -> Drive:
     """The drive of a day with a signal at danger on the way."""
     made = flat_day(signal_at(3000.0, 900.0))
-    return Drive(source=recorded_day(made, PerfectDriver(made.service.line)), given=inputs_of_day(made))
+    return Drive(recording=recorded_day(made, PerfectDriver(made.service.line)), given=inputs_of_day(made))
 
 
 def subject(driver: Driver, name: str) -> ReviewedDrive:
     recording = replace(recorded_day(flat_day(), driver), path=Path(f"{name}.mcap"))
     checked = check_contents(Contents(path=recording.path), recording)
-    return ReviewedDrive(Drive(source=recording, given=inputs_of_day(flat_day())), checked)
+    return ReviewedDrive(Drive(recording=recording, given=inputs_of_day(flat_day())), checked)
 
 
 @cache
@@ -72,8 +72,9 @@ def fast_page() -> str:
 
 def other(recording: Recording | None = None, **known: object) -> Drive:
     """The fast drive with figures that are found already, or with something else in its recording."""
-    found = Drive(source=recording or fast().drive.recording, given=inputs_of_day(flat_day()))
-    vars(found).update({"_any_attribution": fast().drive.any_attribution, **known})
+    found = Drive(recording=recording or fast().drive.recording, given=inputs_of_day(flat_day()))
+    for name, value in {"_any_attribution": fast().drive.energy.any_attribution, **known}.items():
+        vars(found.energy if hasattr(DriveEnergy, name) else found)[name] = value
     return found
 
 
@@ -96,17 +97,17 @@ def assert_they_sum(parts: list[str], whole: str) -> None:
 def test_the_parts_that_report_and_view_print_sum_to_the_energy_that_they_print() -> None:
     """Of every reference that holds a drive from stop to stop, and of the bundled replay."""
     drives = [Drive.read(path) for path in (*sorted(RECORDINGS.glob("references/*.mcap")), BUNDLED)]
-    known = [drive for drive in drives if drive.attribution is not None]
+    known = [drive for drive in drives if drive.energy.attribution is not None]
     assert len(known) >= 8
     for drive in known:
-        assert drive.attribution is not None
+        assert drive.energy.attribution is not None
         figures = dict(tables.figures(drive))
         driven, optimum, above = (
             figures[name].removesuffix(" (estimated)")
             for name in ("energy as driven", "optimum for the same times", "above that optimum")
         )
         assert_they_sum([optimum, above], driven)
-        assert_they_sum([row["kwh"] for row in tables.cause_rows(drive.attribution)], above)
+        assert_they_sum([row["kwh"] for row in tables.cause_rows(drive.energy.attribution)], above)
         steps = [figures[name] for name in STEPS if name in figures]
         assert_they_sum([figures["optimum for the timetable"], *steps], optimum)
         scene = ReviewScene.of(drive).with_attribution()
@@ -114,12 +115,11 @@ def test_the_parts_that_report_and_view_print_sum_to_the_energy_that_they_print(
         viewed = dict(re.findall(r"^\| (.+) \| (.+) \|$", scene.attribution.text, re.MULTILINE))
         assert_they_sum(list(viewed.values())[:-1], viewed["**as driven**"])
         assert in_kwh(viewed["**as driven**"]) == in_kwh(driven)
-        assert f" · {in_kwh(driven):.1f} kWh" in headline(drive)
 
 
 def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
     text = paragraph(fast().drive)
-    attribution = fast().drive.attribution
+    attribution = fast().drive.energy.attribution
     assert attribution is not None
     assert "ran the 6.0 km from" in text
     assert f"It drew {attribution.above.driven_j / 3.6e6:.1f} kWh" in text
@@ -175,7 +175,7 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
     assert figures["temporary restrictions told"] == "none (an empty list was told)"
     assert "Advice was never withdrawn." in text
     assert re.search(r"The most was lost from km [\d.]+ to [\d.]+: [\d.]+ kWh \(against the advice", text)
-    attribution = fast().drive.attribution
+    attribution = fast().drive.energy.attribution
     assert attribution is not None
     above = re.search(
         r"drew ([\d.]+) kWh at .*: ([\d.]+) kWh \(([\d.]+) % of the optimum\) above the ([\d.]+) kWh of the best", text
@@ -205,7 +205,7 @@ def test_the_page_says_where_time_was_lost_and_by_what() -> None:
 def test_attention_that_was_away_is_listed_and_is_no_answer() -> None:
     """A simulated driver's lapses are events of the driver like his answers, and used to end the command."""
     away = DriveEvent(
-        time_ns=fast().drive.clock.zero_ns, kind=EventKind.DRIVER, text="attention is away for 12 s", s_m=0.0,
+        time_ns=fast().drive.table.clock.zero_ns, kind=EventKind.DRIVER, text="attention is away for 12 s", s_m=0.0,
         facts={"away_s": 12.0},
     )  # fmt: skip
     found = other(events=(*fast().drive.events, away))
@@ -250,28 +250,24 @@ def test_the_page_needs_nothing_besides_itself() -> None:
         assert part in html
 
 
-def test_the_report_draws_the_curves_of_the_scene_as_the_picture_does() -> None:
+def test_the_report_draws_the_curves_of_the_scene() -> None:
     scene = ReviewScene.of(fast().drive).with_attribution()
     traces = {STYLES[one.name].label: one for one in scene.over_distance(SPEEDS)}
     drawn = {line.get_label(): line for line in drive_figure(scene).axes[0].get_lines()}
-    in_picture = {line.get_label(): line for line in picture_of(fast().drive.recording).axes[0].get_lines()}
     assert {"limit", "driven", "optimum for the same times", "shown to the driver"} <= traces.keys() <= drawn.keys()
     for label, trace in traces.items():
         x, y = drawn[label].get_data()
         np.testing.assert_array_equal((x, y), (trace.s_m / KM, trace.values))
-        if label in in_picture:
-            assert drawn[label].get_color() == in_picture[label].get_color()
-            np.testing.assert_array_equal((x, y), in_picture[label].get_data())
 
 
 def test_what_people_wrote_cannot_become_markup_and_without_line_there_is_no_energy(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "drive.mcap", seconds=120)
-    das_sim("note", path.name, "--at", "0:20", "<script>alert(1)</script>", cwd=tmp_path)
+    add_note(path, Note(time_ns=at_ns(20), end_ns=at_ns(20), text="<script>alert(1)</script>"))
     found = subject_of(path)
     html = page([found], None, "")
     assert "<script>" not in html
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
-    assert found.drive.attribution is None
+    assert found.drive.energy.attribution is None
     assert "Where the energy went cannot be said: its route" in html
 
 
@@ -317,7 +313,6 @@ def test_the_command_reports_on_a_trip_that_was_recorded_by_positions_alone(tmp_
     by_place_kwh = sum(one["energy_kwh"] for one in leg["per_100_m"])
     assert driven == f"{energy['energy_kwh']:.1f} kWh" == f"{by_place_kwh:.1f} kWh"
     assert f"By its positions it drew about {driven} at" in drive["in_words"]
-    assert headline(Drive.read(BUNDLED)).endswith(f" · {table['trip time']} · {driven} (estimated)")
 
 
 @pytest.mark.parametrize(

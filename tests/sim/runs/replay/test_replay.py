@@ -22,17 +22,16 @@ from das.domain.vehicle import Resistance, Vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.cli.trips import bundled_recording
-from sim.drive.attribution.driven_legs import fast_enough
-from sim.drive.attribution.open_part import EQUAL_MPS
+from sim.drive.attribution.driven_legs import EQUAL_MPS, fast_enough
 from sim.drive.drive import Drive
-from sim.drive.events.event import EventKind
+from sim.drive.events import EventKind
+from sim.drive.series import driven as series
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.course import OWN_TIMETABLE
 from sim.recording.inputs import DriveInputs
 from sim.review.report.first_page import page_dict
 from sim.review.report.sentences import paragraph
 from sim.review.report.tables import stop_rows
-from sim.review.series import driven as series
 from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, prepare
 from sim.runs.replay.report import TripEnergies, trip_energies
 from sim.runs.replay.timing import check_timing, plan_timing
@@ -110,7 +109,7 @@ def given_inputs(job: ReplayJob, vehicle: Vehicle | None = None) -> DriveInputs:
 def replayed(driven: Driven) -> Drive:
     """The drive of a replay's recording."""
     job, found, _ = driven
-    return Drive(source=recorded(job, found), given=given_inputs(job))
+    return Drive(recording=recorded(job, found), given=given_inputs(job))
 
 
 def test_who_drove_both_sections_as_well_as_possible_is_not_above_the_optimum(driven: Driven) -> None:
@@ -202,13 +201,13 @@ def test_nothing_is_late_or_early_without_a_timetable(driven: Driven) -> None:
     assert log.endswith("no timetable was given")
     own = replace(found, metadata={"run": {"kind": "replay", **job.timing.metadata}})
     late = Stamped(0, das_pb2.Delay(time_ns=job.departed_ns + 10**9, delay_s=95.0))  # older replays made delays up
-    drive = Drive(source=replace(own, messages={**own.messages, "delay": (late,)}), given=given_inputs(job))
+    drive = Drive(recording=replace(own, messages={**own.messages, "delay": (late,)}), given=given_inputs(job))
     assert [one.timed for one in drive.calls] == [False, False]
     assert math.isnan(drive.late_s)
     assert {EventKind.DELAY, EventKind.DEVIATION}.isdisjoint(one.kind for one in drive.events)
     assert not any("on time" in one.text or "late" in one.text for one in drive.events)
-    assert "deviation/operator" not in series(drive.recording, drive.course)
-    assert drive.clock.zero_is == "the departure of the trip"
+    assert "deviation/operator" not in series(drive.table)
+    assert drive.table.clock.zero_is == "the departure of the trip"
     assert all(row["due"] == row["leaves"] == "" for row in stop_rows(drive))
     arrival = page_dict(drive)["figures"][0]
     assert (arrival[1], arrival[2].endswith("no timetable was given")) == ("not known", True)
@@ -267,12 +266,12 @@ def test_a_journey_that_is_not_of_the_trip_is_refused(driven: Driven, tmp_path: 
 def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(driven: Driven, replayed: Drive) -> None:
     """Its journey does not name the stop on the way, at which the trip stood; the energies are those that it said."""
     (job, found, _), drive = driven, replayed
-    for ours, theirs in zip(job.legs, drive.legs, strict=True):
+    for ours, theirs in zip(job.legs, drive.energy.legs, strict=True):
         assert (ours.start.name, ours.end.name, ours.trip_s) == (theirs.start.name, theirs.end.name, theirs.trip_s)
         np.testing.assert_array_equal(ours.motion.time_ns, theirs.motion.time_ns)
         np.testing.assert_array_equal(ours.motion.s_m, theirs.motion.s_m)
     assert drive.late_s == pytest.approx((job.arrived_ns - job.timing.arrival_ns) * 1e-9)
-    attribution, likely = drive.known_attribution, drive.likely
+    attribution, likely = drive.energy.known_attribution, drive.energy.likely
     assert attribution.above.difference_j == pytest.approx(found.above.above_j)
     assert likely is not None
     assert (likely.low_j, likely.high_j) == found.above.likely
@@ -283,7 +282,7 @@ def test_less_than_the_best_possible_is_told_to_be_an_error(driven: Driven, repl
     job, found, _ = driven
     resistance = Resistance(c0_n=5000.0, c1_n_per_mps=0.0, c2_n_per_mps2=12.0)
     given = given_inputs(job, replace(job.front.section.vehicle, resistance=resistance))
-    held_back = Drive(source=recorded(job, found), given=given)
+    held_back = Drive(recording=recorded(job, found), given=given)
     assert ["is an error of positions" in paragraph(drive) for drive in (replayed, held_back)] == [False, True]
 
 
@@ -293,7 +292,7 @@ def test_a_trip_that_needs_more_force_than_its_train_has_is_doubted_on_page_one(
     job, found, _ = driven
     vehicle = job.front.section.vehicle
     weak = replace(vehicle, traction=replace(vehicle.traction, max_force_n=0.6 * vehicle.traction.max_force_n))
-    too_weak = Drive(source=recorded(job, found), given=given_inputs(job, weak))
+    too_weak = Drive(recording=recorded(job, found), given=given_inputs(job, weak))
     said = [page_dict(drive)["right_train"] for drive in (replayed, too_weak)]
     assert said[0] == ""
     assert re.match(r"The trip needs more force than the assumed train has for \d+ % of the time\.", said[1])
@@ -302,13 +301,13 @@ def test_a_trip_that_needs_more_force_than_its_train_has_is_doubted_on_page_one(
 def test_a_recorded_trip_and_its_replay_are_one_drive(tmp_path: Path) -> None:
     """The bundled recording: it left 90 s late and drove for 1133 s, and its receiver tells so once a second."""
     job = prepare(bundled_recording(), ReplayOptions(), tmp_path / "out.mcap", "test")
-    source, again = Drive.read(bundled_recording()), Drive(source=recorded(job))
+    source, again = Drive.read(bundled_recording()), Drive(recording=recorded(job))
     for drive in (source, again):
         assert drive.calls[0].departed_late_s == pytest.approx(90.0, abs=0.6)
         assert drive.late_s == pytest.approx(-25.0, abs=0.6)
-    for leg in (*source.legs, *job.legs):
+    for leg in (*source.energy.legs, *job.legs):
         assert leg.trip_s == pytest.approx(1133.0, abs=0.6)
-    np.testing.assert_allclose(source.legs[0].motion.s_m, job.legs[0].motion.s_m)
+    np.testing.assert_allclose(source.energy.legs[0].motion.s_m, job.legs[0].motion.s_m)
 
 
 def test_a_trip_without_stops_on_the_way_is_one_leg(driven: Driven) -> None:

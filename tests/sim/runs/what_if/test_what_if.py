@@ -178,7 +178,7 @@ def test_a_what_if_of_a_what_if_keeps_what_was_otherwise(recorded: Path, tmp_pat
     assert again.how.metadata["what_if_true_level"] == "l3"
     assert again.day.service.level is Level.L1
     drives = AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(once)]))
-    before_j, after_j = (one.drive.driven_j or 0.0 for one in drives.drives)
+    before_j, after_j = (one.drive.energy.driven_j or 0.0 for one in drives.drives)
     assert after_j < 0.8 * before_j  # nobody brakes with friction for nothing
     assert not drives.own_energies  # the drives are compared without that
     assert drives.energy_j[1, -1] > 0.8 * drives.energy_j[0, -1]

@@ -11,8 +11,7 @@ from das.bus import das_pb2
 from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
 from sim.drive.drive import Drive
-from sim.drive.events.chronicle import as_rows
-from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks, with_marks
+from sim.drive.events import DriveEvent, EventKind, Filter, as_rows, bookmarks, with_marks
 from tests.support.recordings import Publish, at_ns, write_recording
 
 S = 1_000_000_000
@@ -67,9 +66,9 @@ def test_bookmarks_of_a_recording_are_chosen(tmp_path: Path) -> None:
         publish(ADVICE, message, -2)
 
     path = write_recording(tmp_path / "drive.mcap", before=late)
-    found_in = Drive(source=read_recording(path))
+    found_in = Drive(recording=read_recording(path))
     chosen = Filter(bookmarks=True).choose(found_in.events)
     assert {"advice withdrawn", "a minute off the timetable"} <= {one.mark for one in chosen}
     withdrawn = next(one for one in chosen if one.mark == "advice withdrawn")
     assert (withdrawn.last_ns - withdrawn.time_ns) / S == pytest.approx(20.0, abs=1.0)
-    assert [row["bookmark"] for row in as_rows(chosen, found_in.clock)] == [one.mark for one in chosen]
+    assert [row["bookmark"] for row in as_rows(chosen, found_in.table.clock)] == [one.mark for one in chosen]

@@ -9,7 +9,7 @@ from foxglove_schemas_protobuf.Event_pb2 import Event as FoxgloveEvent
 from mcap.reader import make_reader
 
 from das.domain.errors import DasError
-from sim.drive.events.event import Note, add_note, notes_path, read_notes, remove_note
+from sim.drive.notes import Note, add_note, notes_path, read_notes
 from tests.support.recordings import at_ns
 
 
@@ -24,8 +24,6 @@ def test_notes_are_read_as_they_were_written_in_order_of_time(tmp_path: Path) ->
     assert add_note(path, sooner) == tmp_path / "drive.notes"
     assert list(tmp_path.glob("*.mcap")) == []
     assert read_notes(path) == (sooner, later)
-    assert remove_note(path, 1) == sooner
-    assert read_notes(path) == (later,)
 
 
 def test_notes_under_the_former_name_are_read_and_moved(tmp_path: Path) -> None:
@@ -54,10 +52,6 @@ def test_bad_notes_and_damaged_files_are_refused(tmp_path: Path) -> None:
     for text in (" ", "x" * 2001):
         with pytest.raises(DasError, match="expected 1 to 2000"):
             add_note(path, a_note(0.0, text))
-    with pytest.raises(DasError, match="without commas"):
-        add_note(path, a_note(0.0, tags=("a,b",)))
-    with pytest.raises(DasError, match="has 0 notes"):
-        remove_note(path, 1)
     add_note(path, a_note(1.0))
     file = notes_path(path)
     file.write_bytes(file.read_bytes()[:200])

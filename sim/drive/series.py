@@ -1,28 +1,28 @@
 """What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's track.
 
 If only the node was recorded, some series are missing. They are derived from the attached files and the positions: the
-gradient from the line, forces and energy by inverse dynamics as in `das-sim energy` (docs/explanation/trip-energy.md).
+gradient from the line, forces and energy by inverse dynamics (docs/explanation/trip-energy.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from das.advice.advice import Source
-from das.bus import das_pb2, topics
-from das.bus.recording import Recording
 from das.domain.earth import MEAN_RADIUS_M
 from das.domain.errors import DasError
 from das.domain.route import Route
-from das.domain.units import KM, KMH, KN, NS, PERCENT, PERMILLE, kwh
+from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
 from das.drawing.meanings import Meaning
-from sim.drive.comparison import AlignedDrives, drives_on_track
-from sim.drive.drive import Drive
-from sim.recording.course import DrivenCourse, Floats, Times, own_timetable
+from sim.drive.table import DriveTable, PlanMade
+from sim.recording.course import DrivenCourse, Floats, Times
+
+if TYPE_CHECKING:
+    from sim.drive.attribution.driven_legs import DrivenMotion
+    from sim.drive.energy import DriveEnergy
 
 UNKNOWN_S: Final = 10.0
 """The curves of what was driven have a gap where nothing was recorded for longer than this (s)."""
@@ -142,18 +142,16 @@ class FirstPlans:
     speed_mps: Floats
 
     @classmethod
-    def of(cls, recording: Recording) -> FirstPlans | None:
+    def of(cls, table: DriveTable) -> FirstPlans | None:
         """The plans, None if none was recorded."""
-        firsts: list[Any] = []
-        for entry in recording.of(topics.PLAN):
-            plan = entry.message
-            if plan.s_m and (not firsts or plan.s_m[-1] > firsts[-1].s_m[-1] + SAME_STOP_M):
+        firsts: list[PlanMade] = []
+        for plan in table.said.plans:
+            if len(plan.s_m) and (not firsts or plan.s_m[-1] > firsts[-1].s_m[-1] + SAME_STOP_M):
                 firsts.append(plan)
         if not firsts:
             return None
-        since_ns = [plan.time_ns + np.rint(np.array(plan.t_s) / NS).astype(np.int64) for plan in firsts]
         return cls(
-            time_ns=np.concatenate(since_ns),
+            time_ns=np.concatenate([plan.time_ns + np.rint(plan.t_s / NS).astype(np.int64) for plan in firsts]),
             s_m=np.concatenate([plan.s_m for plan in firsts]),
             speed_mps=np.concatenate([plan.speed_mps for plan in firsts]),
         )
@@ -161,20 +159,16 @@ class FirstPlans:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapTrack:
-    """The positions of the trip on the map: WGS 84, and in a plane (m east and m south of their middle)."""
+    """The positions of the trip in a plane (m east and m south of their middle)."""
 
     time_ns: Times
-    degrees: Floats
     plane_m: Floats
 
     @classmethod
-    def of(cls, recording: Recording) -> MapTrack | None:
-        """The track of a recording on the map; None if no locations were recorded."""
-        fixes = [entry.message for entry in recording.of(topics.LOCATION)]
-        if not fixes:
-            return None
-        degrees = np.array([(fix.latitude, fix.longitude) for fix in fixes])
-        return cls.through(np.array([fix.timestamp.ToNanoseconds() for fix in fixes]), degrees)
+    def of(cls, table: DriveTable) -> MapTrack | None:
+        """The track of a drive on the map; None if no locations were recorded."""
+        time_ns, degrees = table.said.places
+        return cls.through(time_ns, degrees) if len(time_ns) else None
 
     @classmethod
     def through(cls, time_ns: Times, degrees: Floats) -> MapTrack:
@@ -183,7 +177,6 @@ class MapTrack:
         north, east = (np.radians(degrees - middle) * MEAN_RADIUS_M).T
         return cls(
             time_ns=time_ns,
-            degrees=degrees,
             plane_m=np.column_stack((east * np.cos(np.radians(middle[0])), -north)),
         )
 
@@ -192,57 +185,55 @@ Found = dict[str, tuple[Times, Floats]]
 """Times and values of each series, by its name."""
 
 
-def series(recording: Recording, trip: DrivenCourse) -> Found:
+def series(table: DriveTable) -> Found:
     """Times and values of all series but the limit, by the names of `STYLES`, from the first position on.
 
     A series has a gap (NaN) while its advice was withdrawn, or while nothing was shown.
     """
-    found = {
-        **_plan(recording),
-        **_advised(recording),
-        **driven(recording, trip),
-        **_in_the_cab(recording),
-        **_estimated(recording, trip),
+    found = {**_plan(table), **_advised(table), **driven(table), **_in_the_cab(table), **_estimated(table)}
+    return {
+        name: on_trip(table.course, *found[name], held=style.held) for name, style in STYLES.items() if name in found
     }
-    return {name: on_trip(trip, *found[name], held=style.held) for name, style in STYLES.items() if name in found}
 
 
-def _plan(recording: Recording) -> Found:
-    plan = FirstPlans.of(recording)
+def _plan(table: DriveTable) -> Found:
+    plan = FirstPlans.of(table)
     nothing = np.empty(0, np.int64), np.empty(0)
     return {"speed/optimum": (plan.time_ns, plan.speed_mps / KMH) if plan else nothing}
 
 
-def _advised(recording: Recording) -> Found:
-    advice = recording.columns(
-        topics.ADVICE, "time_ns", "source", "advised_speed_mps", "advised_force_n", "predicted_deviation_s",
-        "buffer_ratio",
-    )  # fmt: skip
-    at, gap = advice["time_ns"], np.where(advice["source"] == Source.NONE, np.nan, 1.0)
+def _advised(table: DriveTable) -> Found:
+    at, source, speed_mps, force_n, deviation_s, buffer_ratio = table.of_topic(
+        "advice", "source", "advised_speed_mps", "advised_force_n", "predicted_deviation_s", "buffer_ratio"
+    )
+    gap = np.where(source == Source.NONE, np.nan, 1.0)
     return {
-        "speed/advised": (at, advice["advised_speed_mps"] / KMH * gap),
-        "force/advised": (at, advice["advised_force_n"] / KN * gap),
-        **({} if own_timetable(recording) else {"deviation/predicted": (at, advice["predicted_deviation_s"] * gap)}),
-        "buffer/percent": (at, advice["buffer_ratio"] / PERCENT * gap),
+        "speed/advised": (at, speed_mps / KMH * gap),
+        "force/advised": (at, force_n / KN * gap),
+        **({} if table.own_timetable else {"deviation/predicted": (at, deviation_s * gap)}),
+        "buffer/percent": (at, buffer_ratio / PERCENT * gap),
     }
 
 
-def driven(recording: Recording, trip: DrivenCourse) -> Found:
+def driven(table: DriveTable) -> Found:
     """What the train did, as far as it was recorded; no series but the speed is within the time of the trip yet."""
-    fields = ("force_el_n", "force_friction_n", "gradient_ratio", "energy_input_j")
-    truth = recording.columns(topics.TRUTH, "time_ns", *fields)
-    delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
+    true_ns, gradient_ratio, input_j = table.of_topic("truth", "gradient_ratio", "energy_input_j")
     # Without a simulator, the train's own control may have measured its forces.
-    effort = recording.columns(topics.EFFORT, "time_ns", "force_el_n", "force_friction_n")
-    forces = truth if len(truth["time_ns"]) else effort
-    measured = slice(None if truth["energy_input_j"].any() else 0)
+    source = "truth" if len(true_ns) else "effort"
+    forces_ns, electric_n, friction_n = table.of_topic(source, "force_el_n", "force_friction_n")
+    measured = slice(None if input_j.any() else 0)
     return {
-        "speed/driven": _broken(trip.time_ns, trip.speed_mps / KMH),
-        "force/driven": _broken(forces["time_ns"], (forces["force_el_n"] + forces["force_friction_n"]) / KN),
-        "energy/driven": _broken(truth["time_ns"][measured], kwh(truth["energy_input_j"][measured])),
-        "gradient/permille": _broken(truth["time_ns"], truth["gradient_ratio"] / PERMILLE),
-        **({} if own_timetable(recording) else {"deviation/operator": (delay["time_ns"], delay["delay_s"])}),
+        "speed/driven": _broken(table.course.time_ns, table.course.speed_mps / KMH),
+        "force/driven": _broken(forces_ns, (electric_n + friction_n) / KN),
+        "energy/driven": _broken(true_ns[measured], kwh(input_j[measured])),
+        "gradient/permille": _broken(true_ns, gradient_ratio / PERMILLE),
+        **({} if table.own_timetable else {"deviation/operator": _pair(table.of_topic("delay", "delay_s"))}),
     }
+
+
+def _pair(columns: tuple[Any, ...]) -> tuple[Times, Floats]:
+    time_ns, values = columns
+    return time_ns, values
 
 
 def _broken(time_ns: Times, values: Floats) -> tuple[Times, Floats]:
@@ -251,35 +242,36 @@ def _broken(time_ns: Times, values: Floats) -> tuple[Times, Floats]:
     return np.insert(time_ns, behind, time_ns[behind - 1] + 1), np.insert(values, behind, np.nan)
 
 
-def _in_the_cab(recording: Recording) -> Found:
+def _in_the_cab(table: DriveTable) -> Found:
     """What the display showed and what the controller was set to, as shares of the largest effort in that direction."""
-    fields = ("time_ns", "presentation", "advised_speed_mps", "advised_lever_ratio", "lever_ratio")
-    cab = recording.columns(topics.CAB, *fields)
-    at, gap = cab["time_ns"], np.where(cab["presentation"] == das_pb2.Cab.PRESENTATION_NONE, np.nan, 1.0)
+    at, presentation, speed_mps, advised_ratio, lever_ratio = table.of_topic(
+        "cab", "presentation", "advised_speed_mps", "advised_lever_ratio", "lever_ratio"
+    )
+    gap = np.where(presentation == 0, np.nan, 1.0)
     return {
-        "speed/shown": (at, cab["advised_speed_mps"] / KMH * gap),
-        "lever/shown": (at, cab["advised_lever_ratio"] / PERCENT * gap),
-        "lever/set": (at, cab["lever_ratio"] / PERCENT),
+        "speed/shown": (at, speed_mps / KMH * gap),
+        "lever/shown": (at, advised_ratio / PERCENT * gap),
+        "lever/set": (at, lever_ratio / PERCENT),
     }
 
 
-def _estimated(recording: Recording, trip: DrivenCourse) -> Found:
+def _estimated(table: DriveTable) -> Found:
     """What the node estimates: its position beside the true one, and the train beside the planned one."""
-    advice = recording.columns(topics.ADVICE, "time_ns", "s_m", "position_sd_m")
-    known = advice["position_sd_m"] > 0.0
-    at = advice["time_ns"][known]
-    error_m = advice["s_m"][known] - trip.at(at, trip.s_m)
-    compared = slice(None if recording.of(topics.TRUTH) else 0)
-    ratios = ("mass_ratio", "mass_sd_ratio", "resistance_ratio", "resistance_sd_ratio")
-    estimate = recording.columns(topics.ESTIMATE, "time_ns", *ratios)
-    since = estimate["time_ns"]
+    advised_ns, s_m, sd_m = table.of_topic("advice", "s_m", "position_sd_m")
+    known = sd_m > 0.0
+    at, trip = advised_ns[known], table.course
+    error_m = s_m[known] - trip.at(at, trip.s_m)
+    compared = slice(None if table.has("truth") else 0)
+    since, mass, mass_sd, resistance, resistance_sd = table.of_topic(
+        "estimate", "mass_ratio", "mass_sd_ratio", "resistance_ratio", "resistance_sd_ratio"
+    )
     return {
-        "estimate/sd": (at, advice["position_sd_m"][known]),
+        "estimate/sd": (at, sd_m[known]),
         "estimate/error": (at[compared], error_m[compared]),
-        "calibration/mass": (since, (estimate["mass_ratio"] - 1.0) / PERCENT),
-        "calibration/mass_sd": (since, estimate["mass_sd_ratio"] / PERCENT),
-        "calibration/resistance": (since, (estimate["resistance_ratio"] - 1.0) / PERCENT),
-        "calibration/resistance_sd": (since, estimate["resistance_sd_ratio"] / PERCENT),
+        "calibration/mass": (since, (mass - 1.0) / PERCENT),
+        "calibration/mass_sd": (since, mass_sd / PERCENT),
+        "calibration/resistance": (since, (resistance - 1.0) / PERCENT),
+        "calibration/resistance_sd": (since, resistance_sd / PERCENT),
     }
 
 
@@ -309,23 +301,23 @@ class FilledIn:
     way: MapTrack | None = None
 
 
-def filled_in(drive: Drive) -> FilledIn:
+def filled_in(energy: DriveEnergy) -> FilledIn:
     """The series that a recording without a simulator lacks; none if a simulator was recorded."""
-    recording = drive.recording
-    if recording.of(topics.TRUTH) or not recording.of(topics.JOURNEY):
+    table = energy.table
+    if table.has("truth") or table.journey is None:
         return FilledIn(series={}, source="")
     try:
-        return _estimate(drive)
+        return _estimate(table, energy.motion)
     except DasError as error:
-        why = str(error).removeprefix(f"{recording.path}: ")
+        why = str(error).removeprefix(f"{table.recording.path}: ")
         return FilledIn(series={}, source=f"force, energy and gradient are not known: {why}")
 
 
-def _estimate(drive: Drive) -> FilledIn:
+def _estimate(table: DriveTable, motion: DrivenMotion) -> FilledIn:
     from das.solver.section import build_section
     from sim.trips.estimate import estimate_run
 
-    trip, inputs, motion = drive.course, drive.inputs, drive.motion
+    trip, inputs = table.course, table.inputs
     section = build_section(
         inputs.route,
         inputs.vehicle,
@@ -342,7 +334,7 @@ def _estimate(drive: Drive) -> FilledIn:
         "energy/driven": (at[within], kwh(driven.energy_input_j[within])),
         "gradient/permille": (at[:-1][within[:-1]], run.grade_ratio[within[:-1]] / PERMILLE),
     }
-    if not drive.recording.of(topics.EFFORT):
+    if not table.has("effort"):
         force_n = (run.force_el_n + run.force_friction_n)[within[:-1]]
         found["force/driven"] = (at[:-1][within[:-1]], force_n / KN)
     return FilledIn(
@@ -359,35 +351,3 @@ def _way(route: Route, trip: DrivenCourse) -> MapTrack | None:
     places = (route.geometry_latitude_deg, route.geometry_longitude_deg)
     degrees = np.column_stack([np.interp(trip.s_m, route.geometry_position_m, one) for one in places])
     return MapTrack.through(trip.time_ns, degrees)
-
-
-MOST_PARTED: Final = 3
-"""At most this many stretches are bookmarks."""
-LEAST_PARTED_KWH: Final = 0.5
-"""Stretches on which the drives part by less than this (kWh) are no bookmarks."""
-
-
-def series_beside(drive: Drive, other: Drive | None) -> Found:
-    """Speed and energy of another drive, at the times of this drive at which the clocks of both show the same."""
-    if other is None:
-        return {}
-    found = {**driven(other.recording, other.course), **filled_in(other).series}
-    later_ns = drive.clock.zero_ns - other.clock.zero_ns
-    moved = {f"{name}/other": found[f"{name}/driven"] for name in ("speed", "energy")}
-    return {name: on_trip(drive.course, time_ns + later_ns, one, held=False) for name, (time_ns, one) in moved.items()}
-
-
-def partings(drive: Drive, other: Drive | None) -> Iterator[tuple[int, str]]:
-    """When this drive came to the stretches on which its losses differ most from those of the other one, and by how
-    much; nothing if the energy of either is not known."""
-    try:
-        aligned = None if other is None else AlignedDrives.of(drives_on_track([other, drive]))
-    except DasError:
-        return
-    parted = [] if aligned is None else sorted(aligned.stretches(1), key=lambda one: -abs(one.lost_j))[:MOST_PARTED]
-    for one in parted:
-        if abs(kwh(one.lost_j)) >= LEAST_PARTED_KWH:
-            reached = int(np.argmax(drive.course.s_m >= one.start_m))
-            more = f"{abs(kwh(one.lost_j)):.1f} kWh {'less' if one.lost_j < 0 else 'more'} lost"
-            where = f"km {one.start_m / KM:.1f}–{one.end_m / KM:.1f}"
-            yield int(drive.course.time_ns[reached]), f"{where}  {more} than the other drive"

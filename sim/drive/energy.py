@@ -1,0 +1,246 @@
+"""The energy of a drive: how much it took, how far that is above the optimum, and where and why it went."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar
+
+from das.domain.errors import DasError
+from das.solver.solve import solve_front
+from sim.drive.above_optimum import (
+    NOT_COMPARABLE,
+    SAID_BY_THE_RECORDING,
+    AboveOptimum,
+    SectionEnergy,
+    why_not_comparable,
+)
+from sim.drive.attribution.attribution import Attribution, attribution_of
+from sim.drive.attribution.causes import ShownAdvice
+from sim.drive.attribution.driven_legs import (
+    ComparedLeg,
+    DrivenLeg,
+    DrivenMotion,
+    LegEnergies,
+    LikelyRange,
+    Smoothed,
+    leg_energies,
+    legs_of_drive,
+    likely_range,
+    motion_of,
+    section_of_leg,
+    smoothed_motions,
+)
+from sim.drive.calls import KeptCall
+from sim.drive.table import DriveTable
+
+_Found = TypeVar("_Found")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DriveEnergy:
+    """The energy of a drive, leg by leg; `made` says how it kept the stops of its journey.
+
+    Each figure is computed when it is first asked for, because most of them solve the sections of the drive.
+    """
+
+    table: DriveTable
+    made: tuple[KeptCall, ...]
+
+    @cached_property
+    def motion(self) -> DrivenMotion:
+        """The motion, with its energy if that was measured; DasError if the motion is not known."""
+        return motion_of(self.table)
+
+    @cached_property
+    def legs(self) -> tuple[DrivenLeg, ...]:
+        """The motion between the stops that were served; DasError if the train served fewer than two.
+
+        Stops of a replayed trip count even if its journey does not name them. If the replay compared a part between
+        equal speeds, the legs are those of that part.
+        """
+        return legs_of_drive(self.table, self.made, self.motion)
+
+    @property
+    def smoothed(self) -> Smoothed | None:
+        """How the legs change if the recorded positions are smoothed otherwise; None without usable positions."""
+        motions = or_error(lambda: smoothed_motions(self.table))
+        if isinstance(motions, DasError):
+            return None
+        return lambda jerk: legs_of_drive(self.table, self.made, motions(jerk))
+
+    @cached_property
+    def of_legs(self) -> tuple[LegEnergies, ...]:
+        """The energies of each leg; DasError if fewer than two stops were served, or line or train are not known."""
+        return tuple(leg_energies(section_of_leg(self.table.inputs, leg), leg) for leg in self.legs)
+
+    @cached_property
+    def compared(self) -> tuple[ComparedLeg, ...]:
+        """The legs beside the planned train's optimum; DasError as for `of_legs`."""
+        pairs = zip(self.legs, self.of_legs, strict=True)
+        return tuple(
+            ComparedLeg.of(leg, solve_front(section_of_leg(self.table.inputs, leg)), one) for leg, one in pairs
+        )
+
+    @cached_property
+    def driven_j(self) -> float | None:
+        """Energy at the current collector (J), from each departure to the next arrival; None if not known.
+
+        It is an estimate unless `measured`. If fewer than two stops were served, it is all the energy measured, or that
+        of the part that a replay estimated.
+        """
+        if self._of_true_train is not None:
+            return self._of_true_train.driven_j
+        found = or_error(lambda: self.legs)
+        if self.measured:
+            motions = [self.motion] if isinstance(found, DasError) else [leg.motion for leg in found]
+            return math.fsum(one.drawn_j for one in motions)
+        energies = found if isinstance(found, DasError) else or_error(lambda: self.of_legs)
+        if isinstance(energies, DasError):
+            return None if self.table.said.saving is None else self.table.said.saving.driven_j
+        return math.fsum(one.driven_j for one in energies)
+
+    @property
+    def measured(self) -> bool:
+        """Whether a simulator measured the energy; otherwise it is estimated from positions."""
+        motion = or_error(lambda: self.motion)
+        return not isinstance(motion, DasError) and motion.input_j is not None
+
+    @cached_property
+    def _of_true_train(self) -> AboveOptimum | None:
+        """The energy above the optimum of the true train, which the simulator alone knows; None if it stated none.
+
+        A part of a recording has the sections that it still holds.
+        """
+        said = self.table.said.saving
+        if said is None or not said.measured:
+            return None
+        legs = or_error(lambda: self.legs)
+        held = () if isinstance(legs, DasError) else [(one.start.name, one.end.name) for one in legs]
+        sections = tuple(one for one in said.sections if (one.start, one.end) in held)
+        return replace(said, sections=sections) if sections else said
+
+    @cached_property
+    def _above(self) -> AboveOptimum | DasError:
+        if self._of_true_train is not None:
+            return self._of_true_train
+        found = or_error(lambda: self._beside_planned([one.section_energy for one in self.compared]))
+        said = self.table.said.saving
+        return found if said is None or not isinstance(found, DasError) else said
+
+    def _beside_planned(self, sections: list[SectionEnergy]) -> AboveOptimum:
+        """The energy above the planned train's optimum; a replay knows more of its certainty, and of the trip."""
+        why_not, said = why_not_comparable(sections), self.table.said.saving
+        above = AboveOptimum(sections=tuple(sections), measured=self.measured, why_not=why_not)
+        if said is None or said.measured:
+            return above
+        known = said.why_not if said.why_not != SAID_BY_THE_RECORDING else why_not or said.why_not
+        return replace(above, why_not=known or why_not, likely=said.likely, worst=said.worst)
+
+    @property
+    def above(self) -> AboveOptimum | None:
+        """The energy above the optimum: of the true train for a simulated run, else of the planned train; None if it is
+        not known, for the reason `not_comparable`."""
+        return None if isinstance(self._above, DasError) else self._above
+
+    @property
+    def not_comparable(self) -> str:
+        """Why the drive cannot be compared with its optimum; empty if it can."""
+        if not isinstance(self._above, DasError):
+            return self._above.why_not
+        return self._told(self._above).removeprefix(f"{NOT_COMPARABLE}: ")
+
+    def _told(self, error: DasError) -> str:
+        """An error without the name of the recording, which the reader knows."""
+        return str(error).removeprefix(f"{self.table.recording.path}: ")
+
+    @cached_property
+    def motors_first(self) -> AboveOptimum:
+        """The energy above the optimum if the planned train had driven this motion, and its motors had braked first.
+
+        Drives with other brakes can be compared by it. Raises DasError as `of_legs` does.
+        """
+        return replace(self._beside_planned([one.motors_first for one in self.compared]), likely=None, worst=None)
+
+    @cached_property
+    def shown(self) -> ShownAdvice:
+        """What the driver was shown."""
+        return ShownAdvice.of(self.table)
+
+    @cached_property
+    def _any_attribution(self) -> Attribution | DasError:
+        def found() -> Attribution:
+            _ = self.table.inputs  # of a drive without line or train, that is the reason
+            return attribution_of(self.table, self.compared, _raised(self._above), self.shown)
+
+        return or_error(found)
+
+    @property
+    def any_attribution(self) -> Attribution:
+        """Where the energy went, by cause and place, even if drive and optimum cannot be compared.
+
+        Raises DasError for a recording without journey or positions, or whose line or train is not known.
+        """
+        return _raised(self._any_attribution)
+
+    @property
+    def known_attribution(self) -> Attribution:
+        """Where the energy went, by cause and by place.
+
+        Raises DasError as `any_attribution` does, and if drive and optimum cannot be compared. The optimum is then that
+        of the true train, or of the planned train, by which the causes are told.
+        """
+        path = self.table.recording.path
+        if not isinstance(self._above, DasError) and self._above.why_not:
+            raise DasError(f"{path}: {NOT_COMPARABLE}: {self._above.why_not}")
+        found = self.any_attribution
+        why_not = why_not_comparable(leg.section_energy for leg in found.legs)
+        if why_not:
+            raise DasError(f"{path}: {NOT_COMPARABLE}: {why_not}")
+        return found
+
+    @property
+    def attribution(self) -> Attribution | None:
+        """Where the energy went; None if that is not known (see `why_no_attribution`)."""
+        found = or_error(lambda: self.known_attribution)
+        return None if isinstance(found, DasError) else found
+
+    @property
+    def why_no_attribution(self) -> str:
+        """Why it is not known where the energy went; empty if it is known."""
+        found = or_error(lambda: self.known_attribution)
+        return self._told(found) if isinstance(found, DasError) else ""
+
+    @cached_property
+    def likely(self) -> LikelyRange | None:
+        """The likely range of an estimated energy above the optimum; None if the energy is measured or not known.
+
+        The bounds that a replay recorded are kept.
+        """
+        if self.above is None or self.above.measured or self.not_comparable:
+            return None
+        found = likely_range(self.compared, self.smoothed)
+        if found is None or self.above.likely is None:
+            return found
+        return replace(found, low_j=self.above.likely.low_j, high_j=self.above.likely.high_j)
+
+
+def energy(table: DriveTable, made: tuple[KeptCall, ...]) -> DriveEnergy:
+    """The energy of a drive that kept its stops so."""
+    return DriveEnergy(table=table, made=made)
+
+
+def or_error(find: Callable[[], _Found]) -> _Found | DasError:
+    """What `find` returns, or the DasError that it raises, so that a cached property keeps either."""
+    try:
+        return find()
+    except DasError as error:
+        return error
+
+
+def _raised(found: _Found | DasError) -> _Found:
+    if isinstance(found, DasError):
+        raise found
+    return found

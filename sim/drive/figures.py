@@ -1,0 +1,106 @@
+"""The figures of a drive that are no times at stops and no energies, each with its name, value, unit and words once.
+
+A run that was just driven counts them as it goes; of a recording they are counted from its table. JSON has the names
+and values, tables have the labels and words.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from das.domain.units import kmh
+from sim.drive.instructions import InstructionFigures, instructions
+from sim.drive.limits import Violations
+from sim.drive.stability import AdviceStability, stability
+from sim.drive.table import DriveTable
+from sim.recording.course import known
+
+
+class DriveFigure(NamedTuple):
+    """A figure: its name for programs, its value (None: there is none) and unit, and its label and words for people.
+
+    A figure without a label is for programs alone, one without a name for people.
+    """
+
+    name: str
+    value: float | bool | None
+    unit: str = ""
+    label: str = ""
+    words: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveFigures:
+    """How signals and limits were kept, how stable the advice shown was, and how the guide kept to its grammar."""
+
+    violations: Violations
+    stability: AdviceStability
+    instructions: InstructionFigures
+
+    @property
+    def listed(self) -> tuple[DriveFigure, ...]:
+        """All figures, in the order of tables and JSON."""
+        return (*_of_display(self.stability), *_of_guide(self.instructions), *_of_limits(self.violations))
+
+    def as_dict(self) -> dict[str, float | bool | None]:
+        """The figures for programs, by their names."""
+        return {one.name: one.value for one in self.listed if one.name}
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Labels and words for tables; nothing of a display or a guide that said nothing."""
+        return [(one.label, one.words) for one in self.listed if one.label]
+
+
+def figures(table: DriveTable, violations: Violations) -> DriveFigures:
+    """The figures of a recorded drive with these violations."""
+    return DriveFigures(violations=violations, stability=stability(table), instructions=instructions(table))
+
+
+def _of_display(found: AdviceStability) -> Iterator[DriveFigure]:
+    shown = bool(found.shown_s)
+    shortest = "–" if math.isnan(found.shortest_mode_s) else f"{found.shortest_mode_s:.0f} s"
+    for name, value, unit, label, words in (
+        ("advice_changes_per_min", known(found.changes_per_min), "1/min", "advice changed, while moving",
+         f"{found.changes_per_min:.1f} times a minute"),
+        ("reversals", found.reversals, "", "  from traction to brake or back", f"{found.reversals} times"),
+        ("shortest_mode_s", known(found.shortest_mode_s), "s", "  shortest mode", shortest),
+    ):  # fmt: skip
+        yield DriveFigure(name, value, unit, label if shown else "", words)
+    yield DriveFigure("advice_restless", found.warning is not None)
+
+
+def _of_guide(found: InstructionFigures) -> Iterator[DriveFigure]:
+    relied, said = found.reliance, found.changes > 0
+
+    def part(name: str, label: str, share: int, whole: int) -> DriveFigure:
+        return DriveFigure(name, _ratio(share, whole), "", label if said else "", f"{share} of {whole}")
+
+    yield DriveFigure("instructions", found.instructions)
+    yield DriveFigure("shortest_instruction_s", found.shortest_s if math.isfinite(found.shortest_s) else None, "s")
+    yield part("announced_ratio", "guide's changes announced in time", found.announced, found.changes)
+    yield part("brakes_led_ratio", "  brakes shown 2 s before they were due", found.led, found.brakes)
+    yield DriveFigure("effort_changes_per_brake", _ratio(found.efforts_in_brakes, found.brakes))
+    yield DriveFigure("missed_coasts", found.missed_coasts)
+    yield DriveFigure("vain_accelerations", found.vain_accelerations)
+    yield DriveFigure("odd_speeds", found.odd_speeds)
+    yield DriveFigure("standing_acceleration_s", found.standing_s, "s")
+    yield part("", "  instructions against the grammar", found.against_grammar, found.instructions)
+    yield part("promises_kept_ratio", "  announced changes that came", relied.kept, relied.promised)
+    yield DriveFigure("above_limit_obeying_s", relied.above_limit_s, "s")
+    yield DriveFigure("hidden_limits", relied.hidden_limits)
+    yield DriveFigure("last_word_acts", relied.replaced)
+    yield DriveFigure("availability_ratio", _ratio(relied.advised_s, relied.advised_s + relied.silent_s))
+
+
+def _of_limits(found: Violations) -> Iterator[DriveFigure]:
+    yield DriveFigure("signals_passed", found.signals_passed)
+    yield DriveFigure("beyond_signal_m", found.beyond_signal_m, "m")
+    yield DriveFigure("over_limit_s", found.over_limit_s, "s")
+    yield DriveFigure("over_limit_kmh", kmh(found.over_limit_mps), "km/h")
+
+
+def _ratio(part: int, whole: int) -> float | None:
+    return part / whole if whole else None

@@ -1,0 +1,110 @@
+"""Notes that people make on a recording, kept in an MCAP file beside it."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from foxglove_schemas_protobuf.Event_pb2 import Event as FoxgloveEvent
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
+
+from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
+
+SUFFIX: Final = ".notes"
+"""The end of the name of a file of notes. It is an MCAP file, but must not be taken for a drive, as by `run*.mcap`."""
+FORMER_SUFFIX: Final = ".notes.mcap"
+"""The end of the name until version 0.2. Such notes are read, and moved when they change."""
+TOPIC: Final = "notes"
+LONGEST_NOTE: Final = 2000
+"""The greatest number of characters in a note."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Note:
+    """A note: the span of time that it is about (ns since 1970), its text, its tags, and its author if one is given."""
+
+    time_ns: int
+    end_ns: int
+    text: str
+    tags: tuple[str, ...] = ()
+    author: str = ""
+
+
+def notes_path(recording: Path) -> Path:
+    """The file of the notes of a recording."""
+    return recording.with_name(f"{recording.stem}{SUFFIX}")
+
+
+def _write_notes(recording: Path, notes: list[Note]) -> Path:
+    path = notes_path(recording)
+    write_whole(path, _as_mcap(recording, notes))
+    recording.with_name(f"{recording.stem}{FORMER_SUFFIX}").unlink(missing_ok=True)
+    return path
+
+
+def read_notes(recording: Path) -> tuple[Note, ...]:
+    """The notes of a recording in order of time; empty if there are none. DasError for a file that is damaged."""
+    path, former = notes_path(recording), recording.with_name(f"{recording.stem}{FORMER_SUFFIX}")
+    path = path if path.exists() else former
+    if not path.exists():
+        return ()
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            found = [_note(FoxgloveEvent.FromString(message.data)) for _, _, message in reader.iter_messages([TOPIC])]
+    except OSError as error:
+        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
+    except Exception as error:  # Damaged bytes surface as errors of the decompressor, of struct, of protobuf, …
+        raise DasError(f"{path}: damaged notes: {' '.join(str(error).split()) or type(error).__name__}") from error
+    return tuple(sorted(found, key=lambda note: note.time_ns))
+
+
+def add_note(recording: Path, note: Note) -> Path:
+    """Add a note to those of a recording; rewrite the file of the notes as a whole and return its path.
+
+    Raises DasError if the text is empty or too long, or the file cannot be read or written.
+    """
+    if not note.text.strip() or len(note.text) > LONGEST_NOTE:
+        raise DasError(f"note of {len(note.text)} characters: expected 1 to {LONGEST_NOTE}")
+    return _write_notes(recording, [*read_notes(recording), note])
+
+
+def _as_mcap(recording: Path, notes: list[Note]) -> bytes:
+    """The notes as an MCAP file, in order of time."""
+    content = io.BytesIO()
+    writer = Writer(content)
+    writer.start(library="das-sim")
+    writer.add_metadata("notes", {"recording": recording.name})
+    channel = writer.register_channel(TOPIC, "protobuf", register_schema(writer, FoxgloveEvent))
+    for note in sorted(notes, key=lambda one: one.time_ns):
+        writer.add_message(channel, note.time_ns, _event(note).SerializeToString(), note.time_ns)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return content.getvalue()
+
+
+def _event(note: Note) -> Any:
+    event = FoxgloveEvent()
+    event.start_time.FromNanoseconds(note.time_ns)
+    event.end_time.FromNanoseconds(max(note.end_ns, note.time_ns))
+    for key, value in (("text", note.text), ("tags", ",".join(note.tags)), ("author", note.author)):
+        if value:
+            event.metadata.add(key=key, value=value)
+    return event
+
+
+def _note(event: Any) -> Note:
+    said = {pair.key: pair.value for pair in event.metadata}
+    # Other programs may use another key for the text; then all their keys and values are shown.
+    text = said.get("text") or "; ".join(f"{key}: {value}" for key, value in said.items()) or "(no text)"
+    return Note(
+        time_ns=event.start_time.ToNanoseconds(),
+        end_ns=event.end_time.ToNanoseconds(),
+        text=text,
+        tags=tuple(filter(None, said.get("tags", "").split(","))),
+        author=said.get("author", ""),
+    )
