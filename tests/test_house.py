@@ -31,7 +31,7 @@ class Budget(NamedTuple):
 BUDGETS = {
     "das": Budget(33_500, 188),
     "precompute": Budget(13_200, 72),
-    "sim": Budget(36_900, 174),
+    "sim": Budget(36_850, 174),
     "docs/studies": Budget(4_500, 29),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

@@ -9,7 +9,7 @@ from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,7 +18,44 @@ from das.domain.route import Floats
 from das.domain.units import NS
 from sim.recording.course import stretches_of, utc
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.settings import GAPS, POSITIONS, SPEEDS
+from sim.trips.settings import LEAST_KEPT_RATIO, MAX_BACKWARD_M, STALL_HALF_WINDOW_S, STRAY_WEIGHT, WRONG_SPEED_MPS
+
+JUMP_M: Final = 50.0
+"""A position further (m) than this from where its neighbours put it is a jump if no change of speed explains it."""
+CHANGE_MPS2: Final = 1.0
+"""The speed of an unseen train may change by this (m/s²): no train brakes harder in service."""
+STEPS_AROUND: Final = 5
+"""The speed of the positions around a point is the median of this many steps on either side."""
+FROZEN_RATIO: Final = 0.5
+"""A repeated position was wrong if the next position is further on by at least this share of the distance that the
+reported speeds give."""
+LATE_S: Final = 5.0
+"""Reported speeds may be this late (s), which makes their integral uncertain."""
+SCALE_RATIO: Final = 0.02
+"""The integral of reported speeds may be wrong by this share of itself."""
+POINTS_BACK: Final = 120
+"""Wrong positions are found if fewer than this many follow in a row: points further apart are not compared."""
+LONGEST_JUMP_S: Final = 120.0
+"""Wrong positions are found if they last at most this long (s): points further apart are not compared."""
+TOP_SPEED_PERCENTILE: Final = 99.0
+"""The top speed of a trip is this percentile of the speeds around its points, because a few may be wrong."""
+DERIVED_HALF_WINDOW_S: Final = 5.0
+"""The speed from positions is their mean slope over this time (s) on either side."""
+WRONG_SPEED_RATIO: Final = 0.2
+"""A reported speed is wrong only if it also differs by more than this share of the speed that positions give."""
+EDGE_MPS: Final = 1.0
+"""Beside a wrong speed, one that still differs by this (m/s) is wrong as well if it jumps (`EDGE_MPS2`) or repeats
+(`SAME_MPS`)."""
+EDGE_MPS2: Final = 1.5
+"""A speed jumps if it changes faster than this (m/s²)."""
+SAME_MPS: Final = 0.05
+"""A speed repeats if it differs by less than this (m/s) from the one before."""
+GAP_S: Final = 5.0
+"""A time without points is a gap if it is longer than this (s) and than `GAP_STEPS` usual steps."""
+GAP_STEPS: Final = 3.0
+"""A time without points is a gap only if it is longer than this many usual steps between points."""
+SPARSE_S: Final = 30.0
+"""A time without points that is longer than this (s) is a gap in any record, however sparse."""
 
 _Strays = Callable[[Ints, Any], Floats]
 """How badly later points j (one, or one for each i) fit earlier points i; two points fit if the value is at most 1."""
@@ -165,7 +202,7 @@ def in_order(record: Record, log: FindingLog) -> Record:
     record = record.take(~again)
     back = np.ones(len(record), dtype=bool)
     back[longest_rise(record.time_ns)] = False
-    if np.count_nonzero(~back) < POSITIONS.least_kept_ratio * len(back):
+    if np.count_nonzero(~back) < LEAST_KEPT_RATIO * len(back):
         raise DasError(
             f"{record.source}: the times are in disorder: only {np.count_nonzero(~back)} of {len(back)} points are in "
             "order, sort the file by time if it was shuffled"
@@ -229,7 +266,7 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
     stops within one step.
     """
     frozen = np.zeros(len(time_s), dtype=bool)
-    moving = speed_mps > SPEEDS.wrong_speed_mps
+    moving = speed_mps > WRONG_SPEED_MPS
     repeats = np.append(False, (np.diff(along_m) == 0) & moving[1:])
     for last_good, last in ((first - 1, end - 1) for first, end in stretches_of(repeats)):
         if np.all(along_m[last:] == along_m[last]):
@@ -237,38 +274,36 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
             break
         run = slice(last_good, last + 2)
         told_m = np.trapezoid(np.nan_to_num(speed_mps[run]), time_s[run])
-        if along_m[last + 1] - along_m[last] >= max(POSITIONS.frozen_ratio * told_m, POSITIONS.jump_m):
+        if along_m[last + 1] - along_m[last] >= max(FROZEN_RATIO * told_m, JUMP_M):
             frozen[last_good + 1 : last + 1] = True
     return frozen
 
 
 def _led_on(time_s: Floats, along_m: Floats, speed_mps: Floats, last_good: int) -> bool:
     """Whether reported speeds lead 50 m past the last position, and the positions came there at half that or more."""
-    before = max(last_good - POSITIONS.steps_around, 0)
+    before = max(last_good - STEPS_AROUND, 0)
     if before == last_good:
         return False
     led_mps = (along_m[last_good] - along_m[before]) / (time_s[last_good] - time_s[before])
     told_m = np.trapezoid(np.nan_to_num(speed_mps[last_good:]), time_s[last_good:])
-    fast = led_mps >= max(POSITIONS.frozen_ratio * speed_mps[last_good + 1], SPEEDS.wrong_speed_mps)
-    return bool(fast and told_m >= POSITIONS.jump_m)
+    fast = led_mps >= max(FROZEN_RATIO * speed_mps[last_good + 1], WRONG_SPEED_MPS)
+    return bool(fast and told_m >= JUMP_M)
 
 
 def _strays_of_positions(time_s: Floats, along_m: Floats, reported_mps: Floats) -> _Strays:
     speed = _speed_around(time_s, along_m)
-    around_s = POSITIONS.steps_around * float(np.median(np.diff(time_s)))
-    top = float(np.percentile(speed, POSITIONS.top_speed_percentile)) + POSITIONS.change_mps2 * around_s
+    around_s = STEPS_AROUND * float(np.median(np.diff(time_s)))
+    top = float(np.percentile(speed, TOP_SPEED_PERCENTILE)) + CHANGE_MPS2 * around_s
     told_m, untold_s = _told_by_speeds(time_s, speed, reported_mps)
 
     def strays(i: Ints, j: Any) -> Floats:
         dt, way_m = time_s[j] - time_s[i], along_m[j] - along_m[i]
         told, untold = told_m[j] - told_m[i], untold_s[j] - untold_s[i]
         off_m = np.abs(way_m - told - 0.5 * (speed[i] + speed[j]) * untold)
-        unsure_m = np.where(
-            untold < dt, POSITIONS.late_s * np.abs(speed[j] - speed[i]) + POSITIONS.scale_ratio * told, 0.0
-        )
-        by_change = off_m / (POSITIONS.jump_m + unsure_m + POSITIONS.change_mps2 * untold * (0.5 * untold + around_s))
-        by_top_speed = (np.abs(way_m) - top * dt) / POSITIONS.jump_m
-        by_going_back = np.where(np.minimum(speed[i], speed[j]) > 0, -way_m / POSITIONS.max_backward_m, 0.0)
+        unsure_m = np.where(untold < dt, LATE_S * np.abs(speed[j] - speed[i]) + SCALE_RATIO * told, 0.0)
+        by_change = off_m / (JUMP_M + unsure_m + CHANGE_MPS2 * untold * (0.5 * untold + around_s))
+        by_top_speed = (np.abs(way_m) - top * dt) / JUMP_M
+        by_going_back = np.where(np.minimum(speed[i], speed[j]) > 0, -way_m / MAX_BACKWARD_M, 0.0)
         return np.asarray(np.maximum(np.maximum(by_change, by_top_speed), by_going_back))
 
     return strays
@@ -280,7 +315,7 @@ def _told_by_speeds(time_s: Floats, around_mps: Floats, reported_mps: Floats) ->
     The speeds of a step are trusted if both agree with the positions around them; speeds in gaps are not trusted.
     """
     off = np.abs(reported_mps - around_mps)  # NaN is not below anything
-    told = off < np.maximum(SPEEDS.wrong_speed_mps, SPEEDS.wrong_speed_ratio * around_mps)
+    told = off < np.maximum(WRONG_SPEED_MPS, WRONG_SPEED_RATIO * around_mps)
     both, steps = told[1:] & told[:-1], np.diff(time_s)
     both[find_gaps(time_s)] = False
     mean = np.where(both, 0.5 * (reported_mps[1:] + reported_mps[:-1]), 0.0)
@@ -297,13 +332,11 @@ def longest_chain(strays: _Strays, time_s: Floats) -> list[int]:
     if np.all(strays(np.arange(count - 1), np.arange(1, count)) <= 1.0):
         return list(range(count))
     score, before = np.ones(count), np.full(count, -1)
-    earliest = np.minimum(
-        np.arange(count) - POSITIONS.points_back, np.searchsorted(time_s, time_s - POSITIONS.longest_jump_s)
-    )
+    earliest = np.minimum(np.arange(count) - POINTS_BACK, np.searchsorted(time_s, time_s - LONGEST_JUMP_S))
     for j in range(1, count):
         i = np.arange(max(earliest[j], 0), j)
         off = strays(i, j)
-        strayed = POSITIONS.stray_weight * off**2 * (j - i - 1)
+        strayed = STRAY_WEIGHT * off**2 * (j - i - 1)
         value = np.where(off <= 1.0, score[i] + 1.0 - strayed - 0.5 / count * off, 0.0)
         best = int(value.argmax())
         if value[best] > score[j]:
@@ -317,14 +350,12 @@ def longest_chain(strays: _Strays, time_s: Floats) -> list[int]:
 def _speed_around(time_s: Floats, along_m: Floats) -> Floats:
     """Speed (m/s) at each point: the median of the steps around it."""
     steps = np.diff(along_m) / np.diff(time_s)
-    padded = np.concatenate((np.full(POSITIONS.steps_around, np.nan), steps, np.full(POSITIONS.steps_around, np.nan)))
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * POSITIONS.steps_around)
+    padded = np.concatenate((np.full(STEPS_AROUND, np.nan), steps, np.full(STEPS_AROUND, np.nan)))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * STEPS_AROUND)
     return np.asarray(np.nanmedian(windows, axis=1), dtype=np.float64)
 
 
-def derived_speed_mps(
-    time_s: Floats, position_m: Floats, half_window_s: float = SPEEDS.derived_half_window_s
-) -> Floats:
+def derived_speed_mps(time_s: Floats, position_m: Floats, half_window_s: float = DERIVED_HALF_WINDOW_S) -> Floats:
     """Speed (m/s) from positions: their mean slope over 5 s (at least one point) on either side."""
     before = np.minimum(time_s - half_window_s, np.append(time_s[0], time_s[:-1]))
     after = np.maximum(time_s + half_window_s, np.append(time_s[1:], time_s[-1]))
@@ -339,9 +370,9 @@ def find_wrong_speeds(time_s: Floats, position_m: Floats, speed_mps: Floats) -> 
     Positions stall at times while the speed is right, so a spike must also be above their mean slope over 15 s.
     """
     derived = derived_speed_mps(time_s, position_m)
-    higher = np.maximum(derived, derived_speed_mps(time_s, position_m, SPEEDS.stall_half_window_s))
+    higher = np.maximum(derived, derived_speed_mps(time_s, position_m, STALL_HALF_WINDOW_S))
     step = np.abs(np.diff(speed_mps))
-    jump = (step > SPEEDS.edge_mps2 * np.diff(time_s)) | (step < SPEEDS.same_mps)
+    jump = (step > EDGE_MPS2 * np.diff(time_s)) | (step < SAME_MPS)
     unsure = _unsure_mps(time_s)
     dropouts = _with_edges(derived - speed_mps, derived, jump, unsure)
     spikes = _with_edges(speed_mps - higher, higher, jump, unsure)
@@ -351,10 +382,8 @@ def find_wrong_speeds(time_s: Floats, position_m: Floats, speed_mps: Floats) -> 
 def speeds_unusable(time_s: Floats, position_m: Floats, speed_mps: Floats) -> bool:
     """Whether most reported speeds of a moving train contradict its positions: in another unit, or no speeds at all."""
     derived = derived_speed_mps(time_s, position_m)
-    moving = (derived > SPEEDS.wrong_speed_mps) & np.isfinite(speed_mps)
-    off = np.abs(derived - speed_mps) > np.maximum(
-        SPEEDS.wrong_speed_mps + _unsure_mps(time_s), SPEEDS.wrong_speed_ratio * derived
-    )
+    moving = (derived > WRONG_SPEED_MPS) & np.isfinite(speed_mps)
+    off = np.abs(derived - speed_mps) > np.maximum(WRONG_SPEED_MPS + _unsure_mps(time_s), WRONG_SPEED_RATIO * derived)
     return bool(2 * np.count_nonzero(off & moving) > np.count_nonzero(moving))
 
 
@@ -364,19 +393,19 @@ def find_halts(time_s: Floats, position_m: Floats, speed_mps: Floats) -> Bools:
     No point counts if the reported speed is 0 at most of the points at which the positions move.
     """
     derived = derived_speed_mps(time_s, position_m)
-    moving, zero = derived > SPEEDS.wrong_speed_mps, speed_mps == 0
+    moving, zero = derived > WRONG_SPEED_MPS, speed_mps == 0
     if 2 * np.count_nonzero(moving & zero) > np.count_nonzero(moving):
         return np.zeros(len(time_s), dtype=bool)
     return np.asarray(zero & ~moving, dtype=np.bool_)
 
 
 def _with_edges(off_mps: Floats, derived_mps: Floats, jump: Bools, unsure_mps: Floats) -> Bools:
-    found = (off_mps > SPEEDS.wrong_speed_mps + unsure_mps) & (off_mps > SPEEDS.wrong_speed_ratio * derived_mps)
+    found = (off_mps > WRONG_SPEED_MPS + unsure_mps) & (off_mps > WRONG_SPEED_RATIO * derived_mps)
     while True:
         edge = np.zeros_like(found)
         edge[1:] |= found[:-1] & jump
         edge[:-1] |= found[1:] & jump
-        edge &= ~found & (off_mps > SPEEDS.edge_mps)
+        edge &= ~found & (off_mps > EDGE_MPS)
         if not edge.any():
             return found
         found |= edge
@@ -389,10 +418,10 @@ def _unsure_mps(time_s: Floats) -> Floats:
     """
     steps = np.diff(time_s)
     longest = np.maximum(np.append(0.0, steps), np.append(steps, 0.0))
-    return np.asarray(POSITIONS.change_mps2 * np.maximum(longest - SPEEDS.derived_half_window_s, 0.0) / 4.0)
+    return np.asarray(CHANGE_MPS2 * np.maximum(longest - DERIVED_HALF_WINDOW_S, 0.0) / 4.0)
 
 
 def find_gaps(time_s: Floats) -> Ints:
     """Indices of the points after which a gap begins."""
     steps = np.diff(time_s)
-    return np.flatnonzero(steps > min(max(GAPS.gap_s, GAPS.gap_steps * float(np.median(steps))), GAPS.sparse_s))
+    return np.flatnonzero(steps > min(max(GAP_S, GAP_STEPS * float(np.median(steps))), SPARSE_S))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,22 @@ from das.domain.trajectory import EnergyBalance, Trajectory, mean_resistance_n
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
-from sim.trips.settings import ESTIMATE, SMOOTHING
+from sim.trips.settings import (
+    ESTIMATE_BEYOND_RATIO,
+    ESTIMATE_FOREIGN_RATIO,
+    ESTIMATE_HELD_S,
+    ESTIMATE_MASS_RATIO,
+    ESTIMATE_RESISTANCE_RATIO,
+    ESTIMATE_WIND_MPS,
+    SMOOTHING_JERK_PSD_M2PS5,
+)
+
+ESTIMATE_MIN_STEP_M: Final = 0.05
+"""Points nearer to each other (m) than this count as one, at which the train stands."""
+ESTIMATE_MOST_DOUBT_RATIO: Final = 0.25
+"""For want of force, mass and resistance may be off by at most this share more: an empty or an overloaded train."""
+ESTIMATE_SMOOTHING_RATIO: Final = 10.0
+"""The density of jerk may be this many times higher or lower: the window shrinks or grows by a factor of 1.8."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,10 +151,10 @@ def _beyond(t: Floats, force_n: Floats, largest_n: Floats) -> tuple[NDArray[np.b
     """
     seconds = np.arange(t[0] + 0.5, t[-1], 1.0)
     here = np.searchsorted(t, seconds) - 1
-    length = min(ESTIMATE.held_s, len(seconds))
+    length = min(ESTIMATE_HELD_S, len(seconds))
     around = np.lib.stride_tricks.sliding_window_view
     needed_n, had_n = (around(one[here], length).mean(axis=1) for one in (force_n, largest_n))
-    over = needed_n > ESTIMATE.beyond_ratio * had_n
+    over = needed_n > ESTIMATE_BEYOND_RATIO * had_n
     found = np.zeros(len(force_n), dtype=bool)
     for first in np.flatnonzero(over):
         found[here[first] : here[first + length - 1] + 1] = True
@@ -156,7 +171,7 @@ def strongest_held_n(driven: DrivenEstimate, inferred: NDArray[np.bool_]) -> tup
     unseen = inferred[driven.index]
     force = np.where(unseen[:-1] | unseen[1:], 0.0, force)  # 0: a force that spans a gap is not held
     here = force[np.searchsorted(t, seconds) - 1]
-    held = np.lib.stride_tricks.sliding_window_view(here, min(ESTIMATE.held_s, len(here)))
+    held = np.lib.stride_tricks.sliding_window_view(here, min(ESTIMATE_HELD_S, len(here)))
     return max(float(held.min(axis=1).max()), 0.0), max(-float(held.max(axis=1).min()), 0.0)
 
 
@@ -168,7 +183,7 @@ class DrivenCase:
     resistance_ratio: float = 1.0
     head_wind_mps: float = 0.0
     all_friction: bool = False
-    jerk_psd_m2ps5: float = SMOOTHING.jerk_psd_m2ps5
+    jerk_psd_m2ps5: float = SMOOTHING_JERK_PSD_M2PS5
 
     def train(self, vehicle: Vehicle) -> Vehicle:
         """The train in this case."""
@@ -195,16 +210,16 @@ _UnknownEnds = tuple[str, str, tuple[dict[str, Any], dict[str, Any]]]
 _OTHER_UNKNOWNS: tuple[_UnknownEnds, ...] = (
     (
         "wind along the line",
-        f"± {ESTIMATE.wind_mps:g} m/s",
-        ({"head_wind_mps": -ESTIMATE.wind_mps}, {"head_wind_mps": ESTIMATE.wind_mps}),
+        f"± {ESTIMATE_WIND_MPS:g} m/s",
+        ({"head_wind_mps": -ESTIMATE_WIND_MPS}, {"head_wind_mps": ESTIMATE_WIND_MPS}),
     ),
     (BRAKING, "electric first … friction alone", ({"all_friction": False}, {"all_friction": True})),
     (
         "smoothing of the record",
-        f"1/{ESTIMATE.smoothing_ratio:g} to {ESTIMATE.smoothing_ratio:g} times as strong",
+        f"1/{ESTIMATE_SMOOTHING_RATIO:g} to {ESTIMATE_SMOOTHING_RATIO:g} times as strong",
         (
-            {"jerk_psd_m2ps5": SMOOTHING.jerk_psd_m2ps5 / ESTIMATE.smoothing_ratio},
-            {"jerk_psd_m2ps5": SMOOTHING.jerk_psd_m2ps5 * ESTIMATE.smoothing_ratio},
+            {"jerk_psd_m2ps5": SMOOTHING_JERK_PSD_M2PS5 / ESTIMATE_SMOOTHING_RATIO},
+            {"jerk_psd_m2ps5": SMOOTHING_JERK_PSD_M2PS5 * ESTIMATE_SMOOTHING_RATIO},
         ),
     ),
 )
@@ -218,14 +233,14 @@ def doubt(beyond_ratio: float, lacking_ratio: float) -> float:
     If the trip needs more force than the train has in too much of the time (`beyond_ratio`), it was perhaps another
     train: one that is lighter or runs more easily by the share of the force that is lacking could have driven it.
     """
-    return min(lacking_ratio, ESTIMATE.most_doubt_ratio) if beyond_ratio > ESTIMATE.foreign_ratio else 0.0
+    return min(lacking_ratio, ESTIMATE_MOST_DOUBT_RATIO) if beyond_ratio > ESTIMATE_FOREIGN_RATIO else 0.0
 
 
 def _all_unknowns(doubt_ratio: float) -> tuple[_UnknownEnds, ...]:
     found: list[_UnknownEnds] = []
     for name, key, known in (
-        (MASS, "mass_ratio", ESTIMATE.mass_ratio),
-        (RESISTANCE, "resistance_ratio", ESTIMATE.resistance_ratio),
+        (MASS, "mass_ratio", ESTIMATE_MASS_RATIO),
+        (RESISTANCE, "resistance_ratio", ESTIMATE_RESISTANCE_RATIO),
     ):
         off = known + doubt_ratio
         found.append((name, f"± {100 * off:.0f} %", ({key: round(1 - off, _DIGITS)}, {key: round(1 + off, _DIGITS)})))
@@ -342,7 +357,7 @@ def _moving_points(s_m: Floats) -> NDArray[np.intp]:
     """Indices of the first point and of each that lies at least `min_step_m` beyond the last one taken."""
     keep = [0]
     for i in range(1, len(s_m)):
-        if s_m[i] - s_m[keep[-1]] >= ESTIMATE.min_step_m:
+        if s_m[i] - s_m[keep[-1]] >= ESTIMATE_MIN_STEP_M:
             keep.append(i)
     return np.array(keep, dtype=np.intp)
 

@@ -25,8 +25,65 @@ from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration import SLOWEST_MPS
 from das.estimate.window import NORMAL_MAD, SPEED_SD_MPS, LineIntegral, MeasuredWindow, Sample
-from sim.trips.settings import CHOICE, ESTIMATE, RATIO_SEARCH, SHARES, WINDOWS
+from sim.trips.settings import CHOICE_OVERSPEED_RATIO, ESTIMATE_BEYOND_RATIO, ESTIMATE_HELD_S
 from sim.trips.trip import Trip
+
+WINDOW_SAMPLES: Final = 12
+"""Samples of a window, one a second: less shows no acceleration beside the noise, more mixes what a driver does."""
+WINDOW_WEIGHT: Final = 0.5
+"""Weight of a window, because each overlaps half of the one before."""
+WINDOW_LEAST: Final = 8
+"""A trip with fewer windows is too short to find its train."""
+WINDOW_UNMEASURED_SPEED_SD_MPS: Final = 0.3
+"""Noise (m/s) of the speeds of a record that reports none."""
+WINDOW_LINE_SD_RATIO: Final = 5e-4
+"""How well gradients and curves are known, as a share of the weight (one standard deviation)."""
+WINDOW_FULL_SD_RATIO: Final = 0.02
+"""How exactly the full effort of the train is known (one standard deviation)."""
+WINDOW_HELD_SD_MPS2: Final = 0.02
+"""A driver who holds a speed accelerates by this (m/s², one standard deviation)."""
+WINDOW_HARDEST_BRAKING_MPS2: Final = 1.0
+"""No driver brakes harder than this (m/s²) in service, however strong the brakes are."""
+SHARE_COASTING: Final = 0.08
+SHARE_FULL: Final = 0.12
+"""Full traction."""
+SHARE_HELD: Final = 0.4
+"""A speed is held."""
+SHARE_TRACTION: Final = 0.45
+"""Any other traction: its density is the same for all trains that have the effort."""
+SHARE_BRAKING: Final = 0.3
+"""Any braking: its density is the same for all trains that have the brakes."""
+SHARE_UNEXPLAINED: Final = 2.5e-4
+"""Everything else: a force that the train does not have, or a wrong record."""
+RATIO_MASS_BOUNDS: Final = (0.7, 1.4)
+"""Bounds of the mass: an empty train, and an overloaded train."""
+RATIO_RESISTANCE_BOUNDS: Final = (0.5, 2.0)
+"""Bounds of the resistance: a long tail wind, and a storm from ahead."""
+RATIO_STEPS: Final = 36
+"""Values of either ratio that are tried."""
+RATIO_MASS_SD: Final = 0.1
+"""Standard deviation of the mass ratio before the motion is looked at."""
+RATIO_RESISTANCE_LOG_SD: Final = 0.15
+"""Standard deviation of the logarithm of the resistance ratio before the motion is looked at."""
+RATIO_MODEL_SD: Final = 0.015
+"""The uncertainty of either ratio that no motion removes (one standard deviation)."""
+RATIO_KNOWN_SD_RATIO: Final = 0.6
+"""A record shows the mass if it reduces the standard deviation to this share of that beforehand."""
+RATIO_EVIDENCE_WEIGHT: Final = 0.5
+"""Weight of the evidence between trains, because windows of one driver are alike: the likeliest train is right
+about as often as its probability says on simulated drives."""
+CHOICE_CERTAIN_SDS: Final = 2.0
+"""A window needs more effort than the train has only if noise of this many standard deviations is no reason."""
+CHOICE_BEYOND_RATIO: Final = 0.02
+"""A train cannot have driven a trip that needs more effort in more than this share of the time …"""
+CHOICE_BEYOND_WINDOWS: Final = 3
+"""… and in at least this many windows."""
+CHOICE_HIGH_PERCENTILE: Final = 90.0
+"""The high speed of a trip is this percentile over its way, and the speed allowed likewise."""
+CHOICE_SLOWER_RATIO: Final = 0.1
+"""By this share (the mean of an exponential distribution) drivers stay below what line and train allow."""
+CHOICE_PLACES: Final = 500
+"""Places along the way at which speeds are compared."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +119,7 @@ class FoundTrain:
     @property
     def mass_known(self) -> bool:
         """Whether the record shows the mass better than it is known of any train."""
-        return self.mass_sd <= RATIO_SEARCH.known_sd_ratio * RATIO_SEARCH.mass_sd
+        return self.mass_sd <= RATIO_KNOWN_SD_RATIO * RATIO_MASS_SD
 
 
 class TrainWindow(NamedTuple):
@@ -115,7 +172,7 @@ def shares(found: Iterable[FoundTrain]) -> dict[str, float]:
     if not possible:
         return {}
     off = np.array([one.evidence for one in possible]) - max(one.evidence for one in possible)
-    weights = np.exp(RATIO_SEARCH.evidence_weight * off)
+    weights = np.exp(RATIO_EVIDENCE_WEIGHT * off)
     return {one.names[0]: float(weight) for one, weight in zip(possible, weights / weights.sum(), strict=True)}
 
 
@@ -146,13 +203,13 @@ def _motion_key(vehicle: Vehicle) -> tuple[Any, ...]:
 
 def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: float) -> FoundTrain:
     windows = windows_of(trip, vehicle, noise_mps)
-    if len(windows) < WINDOWS.least:
+    if len(windows) < WINDOW_LEAST:
         raise DasError(
-            f"{trip.path}: too short to find its train: {len(windows)} stretches of {WINDOWS.samples} s above "
-            f"{SLOWEST_MPS / KMH:.0f} km/h, expected at least {WINDOWS.least}"
+            f"{trip.path}: too short to find its train: {len(windows)} stretches of {WINDOW_SAMPLES} s above "
+            f"{SLOWEST_MPS / KMH:.0f} km/h, expected at least {WINDOW_LEAST}"
         )
     fits = [_WindowFit.of(window, vehicle) for window in windows]
-    posterior = RATIOS.log_prior + WINDOWS.weight * sum(one.log_density for one in fits)
+    posterior = RATIOS.log_prior + WINDOW_WEIGHT * sum(one.log_density for one in fits)
     evidence = _log_sum(posterior)
     weight = np.exp(posterior - evidence)
     (mass, mass_sd), (resistance, resistance_sd) = (_moments(one, weight) for one in (RATIOS.mass, RATIOS.resistance))
@@ -162,9 +219,9 @@ def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: floa
         names=names,
         vehicle=vehicle,
         mass_ratio=mass,
-        mass_sd=math.hypot(mass_sd, RATIO_SEARCH.model_sd),
+        mass_sd=math.hypot(mass_sd, RATIO_MODEL_SD),
         resistance_ratio=resistance,
-        resistance_sd=math.hypot(resistance_sd, RATIO_SEARCH.model_sd),
+        resistance_sd=math.hypot(resistance_sd, RATIO_MODEL_SD),
         beyond_ratio=float(beyond.mean()),
         evidence=evidence + _speed_evidence(trip, vehicle),
     )
@@ -174,9 +231,9 @@ def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: floa
 def _why_not(trip: Trip, found: FoundTrain, beyond: int) -> str:
     """Why a train cannot have driven the trip; empty if it can. `beyond` windows need more effort than it has."""
     top_mps, own_mps = held_speed_mps(trip), found.vehicle.max_speed_mps
-    if top_mps > CHOICE.overspeed_ratio * own_mps:
+    if top_mps > CHOICE_OVERSPEED_RATIO * own_mps:
         return f"the trip held {top_mps / KMH:.0f} km/h, this train runs {own_mps / KMH:.0f} km/h"
-    if beyond >= CHOICE.beyond_windows and found.beyond_ratio > CHOICE.beyond_ratio:
+    if beyond >= CHOICE_BEYOND_WINDOWS and found.beyond_ratio > CHOICE_BEYOND_RATIO:
         return f"in {100 * found.beyond_ratio:.0f} % of the time the trip needs more effort than this train has"
     return ""
 
@@ -184,7 +241,7 @@ def _why_not(trip: Trip, found: FoundTrain, beyond: int) -> str:
 def held_speed_mps(trip: Trip) -> float:
     """The highest speed (m/s) that the trip held for the time over which the record is smoothed."""
     speed = np.where(trip.run.inferred, 0.0, trip.run.speed_mps)  # a speed in a gap was not seen
-    held = np.lib.stride_tricks.sliding_window_view(speed, min(ESTIMATE.held_s, len(speed)))
+    held = np.lib.stride_tricks.sliding_window_view(speed, min(ESTIMATE_HELD_S, len(speed)))
     return float(held.min(axis=1).max())
 
 
@@ -192,8 +249,8 @@ def speed_noise_mps(trip: Trip) -> float:
     """The noise of the reported speeds (m/s, one standard deviation), by their median distance from the smooth run."""
     matched, run = trip.matched, trip.run
     seen = ~(matched.invalid | matched.dropout | matched.standing)
-    if np.count_nonzero(seen) < WINDOWS.samples:
-        return WINDOWS.unmeasured_speed_sd_mps
+    if np.count_nonzero(seen) < WINDOW_SAMPLES:
+        return WINDOW_UNMEASURED_SPEED_SD_MPS
     since_s = (matched.time_ns[seen] - run.start_time_ns) * NS - run.speed_lag_s
     off = matched.speed_mps[seen] - np.interp(since_s, run.time_s, run.speed_mps)
     return max(float(np.median(np.abs(off - np.median(off)))) / NORMAL_MAD, SPEED_SD_MPS)
@@ -201,7 +258,7 @@ def speed_noise_mps(trip: Trip) -> float:
 
 def windows_of(trip: Trip, vehicle: Vehicle, noise_mps: float) -> list[TrainWindow]:
     """The windows of the smooth run above a slow speed, each half over the one before."""
-    run, samples = trip.run, WINDOWS.samples
+    run, samples = trip.run, WINDOW_SAMPLES
     line = LineIntegral(trip.route, vehicle, vehicle.train_length_m, speed_sd_mps=noise_mps)
     effort_n = vehicle.traction_effort_n(np.maximum(run.speed_mps, SLOWEST_MPS))
     found = []
@@ -222,12 +279,9 @@ class Ratios:
     """The pairs of a mass and a resistance ratio that are tried, (pairs,), and how likely each is beforehand."""
 
     def __init__(self) -> None:
-        axes = (
-            np.linspace(low, high, RATIO_SEARCH.steps)
-            for low, high in (RATIO_SEARCH.mass_bounds, RATIO_SEARCH.resistance_bounds)
-        )
+        axes = (np.linspace(low, high, RATIO_STEPS) for low, high in (RATIO_MASS_BOUNDS, RATIO_RESISTANCE_BOUNDS))
         self.mass, self.resistance = (grid.ravel() for grid in np.meshgrid(*axes))
-        off = (self.mass - 1.0) / RATIO_SEARCH.mass_sd, np.log(self.resistance) / RATIO_SEARCH.resistance_log_sd
+        off = (self.mass - 1.0) / RATIO_MASS_SD, np.log(self.resistance) / RATIO_RESISTANCE_LOG_SD
         log_prior = -0.5 * (off[0] ** 2 + off[1] ** 2)
         self.log_prior = log_prior - _log_sum(log_prior)
 
@@ -252,21 +306,21 @@ class _WindowFit(NamedTuple):
         held_n = carried_kg * means.line_mps2 + RATIOS.resistance * (c0_n + means.moving_n) + means.tunnel_n
         force_n = moved_kg * a + held_n
         full_n = np.maximum(np.minimum(means.force_n, moved_kg * train.max_acceleration_mps2 + held_n), 1.0)
-        brakes_n = np.minimum(window.brakes_n, moved_kg * WINDOWS.hardest_braking_mps2)
-        line_n = WINDOWS.line_sd_ratio * carried_kg * STANDARD_GRAVITY_MPS2
+        brakes_n = np.minimum(window.brakes_n, moved_kg * WINDOW_HARDEST_BRAKING_MPS2)
+        line_n = WINDOW_LINE_SD_RATIO * carried_kg * STANDARD_GRAVITY_MPS2
         sd_n = np.sqrt(moved_kg**2 * means.acceleration_variance + line_n**2)
-        full_sd_n = np.sqrt(sd_n**2 + means.force_variance + (WINDOWS.full_sd_ratio * full_n) ** 2)
-        held_sd = math.hypot(math.sqrt(means.acceleration_variance), WINDOWS.held_sd_mps2)
+        full_sd_n = np.sqrt(sd_n**2 + means.force_variance + (WINDOW_FULL_SD_RATIO * full_n) ** 2)
+        held_sd = math.hypot(math.sqrt(means.acceleration_variance), WINDOW_HELD_SD_MPS2)
         below = _step((full_n - force_n) / full_sd_n)
         density = moved_kg * (
-            SHARES.coasting * _normal(force_n / sd_n) / sd_n
-            + SHARES.full * _normal((force_n - full_n) / full_sd_n) / full_sd_n
+            SHARE_COASTING * _normal(force_n / sd_n) / sd_n
+            + SHARE_FULL * _normal((force_n - full_n) / full_sd_n) / full_sd_n
         )
-        density += SHARES.held * float(_normal(a / held_sd)) / held_sd * below
-        density += SHARES.traction * np.minimum(_step(force_n / sd_n), below)
-        density += SHARES.braking * np.minimum(_step(-force_n / sd_n), _step((force_n + brakes_n) / sd_n))
-        beyond = force_n - CHOICE.certain_sds * sd_n > ESTIMATE.beyond_ratio * full_n
-        return cls(np.log(density + SHARES.unexplained), beyond.astype(float))
+        density += SHARE_HELD * float(_normal(a / held_sd)) / held_sd * below
+        density += SHARE_TRACTION * np.minimum(_step(force_n / sd_n), below)
+        density += SHARE_BRAKING * np.minimum(_step(-force_n / sd_n), _step((force_n + brakes_n) / sd_n))
+        beyond = force_n - CHOICE_CERTAIN_SDS * sd_n > ESTIMATE_BEYOND_RATIO * full_n
+        return cls(np.log(density + SHARE_UNEXPLAINED), beyond.astype(float))
 
 
 def _normal(off: Any) -> Any:
@@ -291,13 +345,13 @@ def _moments(values: Floats, weight: Floats) -> tuple[float, float]:
 def _speed_evidence(trip: Trip, vehicle: Vehicle) -> float:
     """The logarithm of the density of the trip's high speed, as drivers come near what line and train allow."""
     run = trip.run
-    place_m = np.linspace(run.s_m[0], run.s_m[-1], CHOICE.places)
+    place_m = np.linspace(run.s_m[0], run.s_m[-1], CHOICE_PLACES)
     limit = np.minimum(trip.route.limits_over_train(vehicle.train_length_m).at(place_m), vehicle.max_speed_mps)
     allowed, driven = (
-        float(np.percentile(speed, CHOICE.high_percentile))
+        float(np.percentile(speed, CHOICE_HIGH_PERCENTILE))
         for speed in (limit, np.interp(place_m, run.s_m, run.speed_mps))
     )
-    slower_ratio = CHOICE.slower_ratio
+    slower_ratio = CHOICE_SLOWER_RATIO
     return -max(1.0 - driven / allowed, 0.0) / slower_ratio - math.log(slower_ratio * allowed)
 
 

@@ -13,7 +13,7 @@ from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
 from sim.trips.cells import LATITUDE_NAMES, LONGITUDE_NAMES, CellTable, check_column, check_location, number
-from sim.trips.settings import PLACING
+from sim.trips.settings import MAX_CROSS_TRACK_M, SCALE_TOLERANCE_RATIO
 
 COLUMNS: Final = {
     "latitude": LATITUDE_NAMES,
@@ -81,12 +81,12 @@ class Line:
             return self
         places = np.array([(s.position_m, s.latitude_deg, s.longitude_deg) for s in stops], dtype=float)
         chainage, aside = self.match(places[:, 1], places[:, 2])
-        near = np.flatnonzero(aside <= PLACING.max_cross_track_m)
+        near = np.flatnonzero(aside <= MAX_CROSS_TRACK_M)
         if len(near) < 2 or chainage[near[0]] == chainage[near[-1]]:
             return self
         first, last = near[0], near[-1]
         scale = (places[last, 0] - places[first, 0]) / (chainage[last] - chainage[first])
-        if abs(abs(scale) - 1.0) > PLACING.scale_tolerance_ratio:
+        if abs(abs(scale) - 1.0) > SCALE_TOLERANCE_RATIO:
             return self
         order = slice(None, None, 1 if scale > 0 else -1)
         return replace(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,12 @@ from sim.trips.cleaning import CleaningReport, FindingKind, FindingLog
 from sim.trips.line import Line
 from sim.trips.points import Points, Stand, fitting_points, left_over, measured_mps, stands, visits
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.settings import PLACING, POSITIONS, STANDS
+from sim.trips.settings import AT_PLATFORM_M, LEAST_MOVED_M, MAX_BACKWARD_M, RECORD_STANDS_MPS, SCALE_TOLERANCE_RATIO
+
+STAND_KEPT_S: Final = 30.0
+"""This much (s) of a stand at the start or the end is kept."""
+TOLD_M: Final = 0.01
+"""Positions that were moved by less than this (m) are not reported."""
 
 SAME_TIME_S = 1e-6
 """Times closer together than this (s) count as equal."""
@@ -112,7 +117,7 @@ def match_trip(
     offset_m, scale, _ = anchored
     placed = replace(points, along_m=offset_m + scale * pinned)
     kept = section_of(record, placed, found, stops, log, whole_stands=whole_stands)
-    drifted = np.abs(scale * (pinned - points.along_m))[kept] > PLACING.told_m
+    drifted = np.abs(scale * (pinned - points.along_m))[kept] > TOLD_M
     points = placed.take(kept)
     log.add(FindingKind.STANDING_DRIFT, record, points.point[drifted])
     points = _mended(record, points, log)
@@ -191,7 +196,7 @@ def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tu
     places = pinned_m[[stand.first for stand in found]]
     off = np.abs(np.subtract.outer(places, places).T - distance_m)
     off[np.tril_indices(len(places))] = np.inf  # keep pairs in driving order
-    if not np.any(off <= PLACING.scale_tolerance_ratio * distance_m):
+    if not np.any(off <= SCALE_TOLERANCE_RATIO * distance_m):
         return None
     i, j = np.unravel_index(int(off.argmin()), off.shape)
     return float(places[i]), float(places[j])
@@ -200,13 +205,13 @@ def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tu
 def _mended(record: Record, points: Points, log: FindingLog) -> Points:
     """The points with positions that never decrease, and with speeds from positions where none were measured."""
     s_m = _flattened(record, points)
-    back = np.abs(s_m - points.along_m) > PLACING.told_m
-    log.add(FindingKind.STEP_BACK, record, points.point[back], f"less than {POSITIONS.max_backward_m:.0f} m")
+    back = np.abs(s_m - points.along_m) > TOLD_M
+    log.add(FindingKind.STEP_BACK, record, points.point[back], f"less than {MAX_BACKWARD_M:.0f} m")
     # Wrong speeds are sought again on the final positions, so that a cleaned trip has nothing left to mend.
     dropout, spike = cleaning.find_wrong_speeds(points.time_s, s_m, measured_mps(record, points))
     points = replace(points, dropout=points.dropout | dropout, spike=points.spike | spike)
     # A standing train has speed 0; a moving train has at least the speed below which trains count as standing.
-    derived = np.maximum(cleaning.derived_speed_mps(points.time_s, s_m), STANDS.standing_mps)
+    derived = np.maximum(cleaning.derived_speed_mps(points.time_s, s_m), RECORD_STANDS_MPS)
     derived = np.where(points.standing, 0.0, derived)
     return replace(points, along_m=s_m, speed_mps=np.where(points.speed_derived, derived, points.speed_mps))
 
@@ -215,8 +220,8 @@ def _flattened(record: Record, points: Points) -> Floats:
     """Positions (m) that never decrease nor pass the stand at the end; raises DasError for steps back beyond noise."""
     highest = np.maximum.accumulate(points.along_m)
     back = highest - points.along_m
-    if back.max() > POSITIONS.max_backward_m:
-        i = int((back > POSITIONS.max_backward_m).argmax())
+    if back.max() > MAX_BACKWARD_M:
+        i = int((back > MAX_BACKWARD_M).argmax())
         raise DasError(
             f"{record.source}: position decreases by {back[i]:.0f} m at {record.where(int(points.point[i]))} "
             "(wrong direction? see --reverse)"
@@ -320,7 +325,7 @@ def section_of(
     last = end.last if end else _passing_end(points, start, stops[1])
     first = start.first if start else _passing_start(points, last, stops[0])
     s_m = points.along_m[first : last + 1]
-    if last - first < 1 or np.ptp(s_m) <= PLACING.least_moved_m:
+    if last - first < 1 or np.ptp(s_m) <= LEAST_MOVED_M:
         raise DasError(
             f"{record.source}: the trip does not run from {stops[0].name} towards {stops[1].name}: it covers "
             f"{np.ptp(s_m) if len(s_m) else 0.0:.0f} m between them"
@@ -350,7 +355,7 @@ def _stands_of_section(
 def _passing_start(points: Points, last: int, stop: Stop) -> int:
     """Index of the first point after the train passed a stop; 0 if it was never well before the stop."""
     before = np.flatnonzero(points.along_m[: last + 1] < stop.position_m)
-    if not len(before) or points.along_m[before].min() >= stop.position_m - STANDS.at_stop_m:
+    if not len(before) or points.along_m[before].min() >= stop.position_m - AT_PLATFORM_M:
         return 0
     return int(before[-1]) + 1
 
@@ -359,7 +364,7 @@ def _passing_end(points: Points, start: Stand | None, stop: Stop) -> int:
     """Index of the last point before the train passed a stop without standing; the last if it was never well beyond."""
     first = start.last if start else 0
     beyond = first + np.flatnonzero(points.along_m[first:] > stop.position_m)
-    if not len(beyond) or points.along_m[beyond].max() <= stop.position_m + STANDS.at_stop_m:
+    if not len(beyond) or points.along_m[beyond].max() <= stop.position_m + AT_PLATFORM_M:
         return len(points) - 1
     return int(beyond[0]) - 1
 
@@ -372,7 +377,7 @@ def _without_long_stands(
     record: Record, points: Points, found: list[Stand], ends: tuple[int, int], log: FindingLog
 ) -> slice:
     """The points between the ends; of a stand at the start only the last 30 s, at the end only the first 30 s."""
-    (first, last), time_s, kept_s = ends, points.time_s, STANDS.stand_kept_s
+    (first, last), time_s, kept_s = ends, points.time_s, STAND_KEPT_S
 
     def cut(kind: FindingKind, which: slice, stood_s: float) -> None:
         log.add(kind, record, points.point[which], f"{stood_s:.0f} s, {kept_s:.0f} s kept")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Any, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -16,7 +16,34 @@ from sim.trips import cleaning
 from sim.trips.cleaning import FindingKind, FindingLog
 from sim.trips.line import Line
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.settings import GAPS, PLACING, POSITIONS, SPEEDS, STANDS
+from sim.trips.settings import (
+    AT_PLATFORM_M,
+    LEAST_KEPT_RATIO,
+    LEAST_MOVED_M,
+    MAX_CROSS_TRACK_M,
+    RECORD_STANDS_MPS,
+    STALL_HALF_WINDOW_S,
+    WANDER_M,
+    WRONG_SPEED_MPS,
+)
+
+LONGEST_GAP_S: Final = 300.0
+"""A gap longer than this (s) splits the record if the train moved in it or beside it; the largest part is kept."""
+STANDING_BY_POSITIONS_MPS: Final = 0.5
+"""Where no speed is reported, a train stands if its positions are slower than this (m/s): they wander by some
+metres in 10 s."""
+LED_WINDOW_S: Final = 12.0
+"""Positions at an end of a record show a stand if they slow down to it over this time (s)."""
+LED_POINTS: Final = 4
+"""Positions at an end of a record show a stand only if there are at least this many within `LED_WINDOW_S`."""
+LED_SPEED_MPS: Final = 2.0
+"""Positions at an end of a record show a stand only if their speed there is no more than this (m/s)."""
+LED_CHANGE_MPS2: Final = 0.1
+"""Positions at an end of a record show a stand only if they slow down by at least this (m/s²): noise gives less."""
+GENTLE_MPS2: Final = 0.3
+"""No train stops or starts more gently than this (m/s²), so v²/2a and v/a bound what may be left of its motion."""
+ONE_WAY_RATIO: Final = 0.5
+"""The ends of a trip in one direction are at least this share of its whole extent apart."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,12 +97,12 @@ def runs_back(record: Record, line: Line | None) -> bool:
     trip there and back has no direction.
     """
     along, aside = _place(record, line)
-    along = along[aside <= PLACING.max_cross_track_m]
+    along = along[aside <= MAX_CROSS_TRACK_M]
     if not len(along):
         return False
     tenth = max(len(along) // 10, 1)
     back = float(np.median(along[:tenth]) - np.median(along[-tenth:]))
-    return back > max(PLACING.least_moved_m, PLACING.one_way_ratio * float(np.ptp(along)))
+    return back > max(LEAST_MOVED_M, ONE_WAY_RATIO * float(np.ptp(along)))
 
 
 def fitting_points(record: Record, line: Line | None, section_m: float, log: FindingLog) -> Points:
@@ -117,13 +144,13 @@ def _all_points(record: Record, along_m: Floats, aside_m: Floats) -> Points:
 
 def _on_line(record: Record, line: Line | None, points: Points, section_m: float, log: FindingLog) -> Points:
     """The points from the first to the last on the line; a point off the line between them is kept, as a jump."""
-    off = points.aside_m > PLACING.max_cross_track_m
+    off = points.aside_m > MAX_CROSS_TRACK_M
     if line is not None and not _enough(points.take(~off), len(points), section_m):
         i = int(off.argmax())
         raise DasError(
             f"{record.source}: trip not on the line {line.source}: {record.where(int(points.point[i]))} is "
             f"{points.aside_m[i]:.0f} m away and {np.count_nonzero(off)} of {len(off)} points more than "
-            f"{PLACING.max_cross_track_m:.0f} m"
+            f"{MAX_CROSS_TRACK_M:.0f} m"
         )
     on = np.flatnonzero(~off)
     outside = np.ones(len(points), dtype=bool)
@@ -134,7 +161,7 @@ def _on_line(record: Record, line: Line | None, points: Points, section_m: float
 
 
 def _without_frozen(record: Record, points: Points, log: FindingLog) -> Points:
-    on = np.flatnonzero(points.aside_m <= PLACING.max_cross_track_m)
+    on = np.flatnonzero(points.aside_m <= MAX_CROSS_TRACK_M)
     frozen = np.zeros(len(points), dtype=bool)
     frozen[on] = cleaning.find_frozen(points.time_s[on], points.along_m[on], measured_mps(record, points)[on])
     log.add(FindingKind.POSITION_FROZEN, record, points.point[frozen], "same position to the digit")
@@ -142,7 +169,7 @@ def _without_frozen(record: Record, points: Points, log: FindingLog) -> Points:
 
 
 def _without_jumps(record: Record, points: Points, section_m: float, log: FindingLog) -> Points:
-    off = points.aside_m > PLACING.max_cross_track_m
+    off = points.aside_m > MAX_CROSS_TRACK_M
     on = np.flatnonzero(~off)
     jump = off.copy()
     jump[on] = cleaning.find_jumps(points.time_s[on], points.along_m[on], measured_mps(record, points)[on])
@@ -164,18 +191,15 @@ def _enough(kept: Points, count: int, section_m: float) -> bool:
     """Whether the points that are left are most of the record, or lead over most of the section."""
     if len(kept) < 2:
         return False
-    return (
-        len(kept) >= POSITIONS.least_kept_ratio * count
-        or float(np.ptp(kept.along_m)) >= POSITIONS.least_kept_ratio * section_m
-    )
+    return len(kept) >= LEAST_KEPT_RATIO * count or float(np.ptp(kept.along_m)) >= LEAST_KEPT_RATIO * section_m
 
 
 def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
     """The largest part of the record without a long gap in which, or beside which, the train moved."""
     steps_s, steps_m = np.diff(points.time_s), np.abs(np.diff(points.along_m))
-    moving = steps_m > SPEEDS.wrong_speed_mps * steps_s
+    moving = steps_m > WRONG_SPEED_MPS * steps_s
     beside = np.append(False, moving[:-1]) | np.append(moving[1:], False)
-    breaks = np.flatnonzero((steps_s > GAPS.longest_gap_s) & (beside | (steps_m > STANDS.at_stop_m))) + 1
+    breaks = np.flatnonzero((steps_s > LONGEST_GAP_S) & (beside | (steps_m > AT_PLATFORM_M))) + 1
     largest = max(np.split(np.arange(len(points)), breaks), key=len)
     other = np.ones(len(points), dtype=bool)
     other[largest] = False
@@ -183,7 +207,7 @@ def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
         FindingKind.FAR_APART,
         record,
         points.point[other],
-        f"the train moved unseen for more than {GAPS.longest_gap_s:.0f} s",
+        f"the train moved unseen for more than {LONGEST_GAP_S:.0f} s",
     )
     return points.take(largest)
 
@@ -203,9 +227,7 @@ def _with_speeds(record: Record, points: Points) -> Points:
     slowed = np.where(still, np.nan, slowed_to(points.time_s, points.along_m, untold))
     still |= np.isfinite(slowed)
     if still.all():
-        raise DasError(
-            f"{record.source}: the train never moves, every speed is below {STANDS.standing_mps / KMH:g} km/h"
-        )
+        raise DasError(f"{record.source}: the train never moves, every speed is below {RECORD_STANDS_MPS / KMH:g} km/h")
     return replace(points, speed_mps=speed, dropout=dropout, spike=spike, standing=still, slowed_to_mps=slowed)
 
 
@@ -223,7 +245,7 @@ class Stand(NamedTuple):
 
 def standing(speed_mps: Floats, from_positions: Bools) -> Bools:
     """Which points belong to a stand; `from_positions` marks speeds that were not reported."""
-    return speed_mps < np.where(from_positions, STANDS.standing_by_positions_mps, STANDS.standing_mps)
+    return speed_mps < np.where(from_positions, STANDING_BY_POSITIONS_MPS, RECORD_STANDS_MPS)
 
 
 def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) -> Bools:
@@ -232,11 +254,11 @@ def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) 
     `still` are points at which the train stands. It also stands at points without a usable speed (`untold`) whose
     positions over 15 s on either side show no motion, and at all points between two stands if they are within 30 m.
     """
-    slow_mps = cleaning.derived_speed_mps(time_s, along_m, SPEEDS.stall_half_window_s)
-    found = still | (untold & (np.abs(slow_mps) < STANDS.standing_by_positions_mps))
+    slow_mps = cleaning.derived_speed_mps(time_s, along_m, STALL_HALF_WINDOW_S)
+    found = still | (untold & (np.abs(slow_mps) < STANDING_BY_POSITIONS_MPS))
     for before, after in pairwise(stands(found)):
         between = slice(before.last, after.first + 1)
-        if np.abs(along_m[between] - along_m[before.last]).max() <= STANDS.wander_m:
+        if np.abs(along_m[between] - along_m[before.last]).max() <= WANDER_M:
             found[between] = True
     return found
 
@@ -250,19 +272,19 @@ def slowed_to(time_s: Floats, along_m: Floats, untold: Bools) -> Floats:
     found = np.full(len(time_s), np.nan)
     for end in (0, -1):
         inwards_s = np.abs(time_s - time_s[end])
-        near = inwards_s <= STANDS.led_window_s
-        if not untold[end] or np.count_nonzero(near) < STANDS.led_points:
+        near = inwards_s <= LED_WINDOW_S
+        if not untold[end] or np.count_nonzero(near) < LED_POINTS:
             continue
         way_m = (along_m[near] - along_m[end]) * (1.0 if end == 0 else -1.0)
         half_change, speed, _ = np.polyfit(inwards_s[near], way_m, 2)
-        if abs(speed) <= STANDS.led_speed_mps and 2.0 * half_change >= STANDS.led_change_mps2:
+        if abs(speed) <= LED_SPEED_MPS and 2.0 * half_change >= LED_CHANGE_MPS2:
             found[end] = max(speed, 0.0)
     return found
 
 
 def left_over(speed_mps: float) -> tuple[float, float]:
     """Distance (m) and time (s) that a train at this speed needs at most to stop, or has needed since it started."""
-    return speed_mps**2 / (2.0 * STANDS.gentle_mps2), speed_mps / STANDS.gentle_mps2
+    return speed_mps**2 / (2.0 * GENTLE_MPS2), speed_mps / GENTLE_MPS2
 
 
 def stands(standing_points: Bools) -> list[Stand]:
@@ -280,9 +302,9 @@ def visits(found: list[Stand], s_m: Floats, stop_m: float, *, last: bool) -> lis
     for stand in found:
         off = abs(s_m[stand.last] - stop_m)
         best_m = abs(s_m[nearest[-1].last] - stop_m) if nearest else np.inf
-        if off > STANDS.at_stop_m:
+        if off > AT_PLATFORM_M:
             continue
-        stayed = bool(nearest) and bool(np.all(np.abs(s_m[seen_to : stand.first] - stop_m) <= STANDS.at_stop_m))
+        stayed = bool(nearest) and bool(np.all(np.abs(s_m[seen_to : stand.first] - stop_m) <= AT_PLATFORM_M))
         if not stayed:
             nearest.append(stand)
         elif (off <= best_m) if last else (off < best_m):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -12,7 +13,22 @@ from das.domain.units import NS
 from sim.recording.course import DrivenCourse
 from sim.trips.matching import MatchedTrip
 from sim.trips.record import Bools
-from sim.trips.settings import SMOOTHING
+from sim.trips.settings import SMOOTHING_JERK_PSD_M2PS5, SMOOTHING_MAX_POSITION_GAP_S
+
+SMOOTHING_POSITION_SIGMA_M: Final = 25.0
+"""Weight of a position per second, as a standard deviation (m): errors of some 6 m last about 15 s, hence 6·√15."""
+SMOOTHING_SPEED_SIGMA_MPS: Final = 0.5
+"""Weight of a reported speed per second, as a standard deviation (m/s)."""
+SMOOTHING_EXACT: Final = 1e-3
+"""Standard deviation of what is known exactly: the position of a stop (m), and the speed 0 there (m/s)."""
+SMOOTHING_MAX_SPEED_GAP_S: Final = 3.0
+"""Reported speeds further apart (s) than this are not joined; inertia leads through the gap."""
+SMOOTHING_USUAL_STEPS_JOINED: Final = 2.0
+"""In a sparse record, points up to this many usual steps apart are joined nevertheless."""
+SMOOTHING_MIN_LAG_GAIN_RATIO: Final = 0.2
+"""A lag of the speed must explain this share of the spread between integrated speed and position, else it is 0."""
+SMOOTHING_MIN_LAG_GAIN_M: Final = 1.0
+"""A lag must also explain this much (m) of the spread."""
 
 LAGS_S = np.arange(-2.0, 5.01, 0.25)
 """Lags (s) of the reported speed that are tried."""
@@ -51,7 +67,7 @@ class DrivenRun:
 
 
 def to_profile(
-    matched: MatchedTrip, step_s: float = 1.0, jerk_psd_m2ps5: float = SMOOTHING.jerk_psd_m2ps5
+    matched: MatchedTrip, step_s: float = 1.0, jerk_psd_m2ps5: float = SMOOTHING_JERK_PSD_M2PS5
 ) -> DrivenRun:
     """Resample a trip from departure to arrival in steps of `step_s`, smooth and consistent.
 
@@ -72,10 +88,10 @@ def to_profile(
     if steps < 3:
         raise DasError(f"{matched.source}: a run of {end - begin:g} s is too short, expected at least {3 * step_s:g} s")
     grid = np.arange(steps + 1, dtype=np.float64) * step_s
-    position, nowhere = _joined(begin + grid, time_s, place_m, SMOOTHING.max_position_gap_s)
+    position, nowhere = _joined(begin + grid, time_s, place_m, SMOOTHING_MAX_POSITION_GAP_S)
     seen = ~dropout
-    speed, unseen = _joined(begin + grid, time_s[seen] - lag, matched.speed_mps[valid][seen], SMOOTHING.max_speed_gap_s)
-    variance = np.full((2, steps + 1), [[SMOOTHING.position_sigma_m**2], [SMOOTHING.speed_sigma_mps**2]]) / step_s
+    speed, unseen = _joined(begin + grid, time_s[seen] - lag, matched.speed_mps[valid][seen], SMOOTHING_MAX_SPEED_GAP_S)
+    variance = np.full((2, steps + 1), [[SMOOTHING_POSITION_SIGMA_M**2], [SMOOTHING_SPEED_SIGMA_MPS**2]]) / step_s
     variance[0, nowhere], variance[1, unseen] = np.inf, np.inf
     ends = (
         (0, matched.ends.departure, matched.ends.starts_standing),
@@ -83,7 +99,7 @@ def to_profile(
     )
     for k, point, standing in ends:
         if standing:
-            position[k], speed[k], variance[:, k] = matched.s_m[point], 0.0, SMOOTHING.exact**2
+            position[k], speed[k], variance[:, k] = matched.s_m[point], 0.0, SMOOTHING_EXACT**2
     inferred = np.isinf(variance[0]) & np.isinf(variance[1])
     smooth = _smoothed(step_s, position, speed, variance, jerk_psd_m2ps5)
     s, v = _integrated(matched, position, np.maximum(smooth, 0.0), step_s)
@@ -124,7 +140,7 @@ def speed_lag_s(time_s: Floats, position_m: Floats, speed_mps: Floats) -> float:
     best = int(np.argmin(spread))
     none = spread[int(np.argmin(np.abs(LAGS_S)))]
     gain = none - spread[best]
-    return float(LAGS_S[best]) if gain > max(SMOOTHING.min_lag_gain_ratio * none, SMOOTHING.min_lag_gain_m) else 0.0
+    return float(LAGS_S[best]) if gain > max(SMOOTHING_MIN_LAG_GAIN_RATIO * none, SMOOTHING_MIN_LAG_GAIN_M) else 0.0
 
 
 def _joined(grid: Floats, time_s: Floats, values: Floats, longest_gap_s: float) -> tuple[Floats, Bools]:
@@ -135,7 +151,7 @@ def _joined(grid: Floats, time_s: Floats, values: Floats, longest_gap_s: float) 
     inside = ((after > 0) & (after < len(time_s))) | (grid == time_s[0])
     steps = np.append(0.0, np.diff(time_s))
     wide = (
-        steps > max(longest_gap_s, SMOOTHING.usual_steps_joined * float(np.median(steps[1:])))
+        steps > max(longest_gap_s, SMOOTHING_USUAL_STEPS_JOINED * float(np.median(steps[1:])))
         if len(steps) > 1
         else steps > 0
     )

@@ -32,7 +32,12 @@ from sim.trips.estimate import (
     strongest_held_n,
 )
 from sim.trips.record import Bools
-from sim.trips.settings import ESTIMATE, SMOOTHING
+from sim.trips.settings import (
+    ESTIMATE_FOREIGN_RATIO,
+    ESTIMATE_HELD_S,
+    SMOOTHING_JERK_PSD_M2PS5,
+    SMOOTHING_MAX_POSITION_GAP_S,
+)
 from sim.trips.trip import Trip
 
 BEST: Final = {"color": LIGHT.of[Meaning.NO_ADVICE], "linewidth": 1, "linestyle": "--"}
@@ -116,7 +121,7 @@ def _energy(trip: Trip, section: Section, parts: SmoothedParts) -> dict[str, Any
     driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
     spread = energy_range(section, parts, doubt(driven.beyond_ratio, driven.lacking_ratio))
     traction_n, braking_n = strongest_held_n(driven, run.inferred)
-    terms = [estimate_run(section, *part).balance.as_kwh() for part in parts(SMOOTHING.jerk_psd_m2ps5)]
+    terms = [estimate_run(section, *part).balance.as_kwh() for part in parts(SMOOTHING_JERK_PSD_M2PS5)]
     return {
         "vehicle": section.vehicle.name,
         "level": str(section.level),
@@ -161,7 +166,7 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
         )
     steps_s = _steps_s(trip)
     for step_s, what in ((steps_s[0], "departed"), (steps_s[-1], "arrived")):
-        if step_s > SMOOTHING.max_position_gap_s:
+        if step_s > SMOOTHING_MAX_POSITION_GAP_S:
             notes.append(f"when the train {what}: there is a gap beside that end of the run")
     if not trip.whole:
         better = f" (try {trip.better_stops})" if trip.better_stops else ""
@@ -210,7 +215,7 @@ def _steps_s(trip: Trip) -> Floats:
 def _unseen_s(trip: Trip) -> float:
     """Time between points of the run that are far apart."""
     steps = _steps_s(trip)
-    return float(steps[steps > SMOOTHING.max_position_gap_s].sum())
+    return float(steps[steps > SMOOTHING_MAX_POSITION_GAP_S].sum())
 
 
 def _iso(time_ns: int) -> str:
@@ -230,7 +235,7 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
         tell(f"note: {part_words(found['compared_part'])}")
     for note in found["not_known"]:
         tell(f"not known: {note}")
-    if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
+    if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO:
         share = 100 * found["energy"]["beyond_vehicle_ratio"]
         tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has (marked by --plot)")
         tell(f"note: {doubt_words(found['energy']['unknowns'])}")
@@ -306,7 +311,7 @@ def _energy_table(energy: dict[str, Any]) -> Table:
         if float(share):  # A part that rounds to 0 is not shown.
             table.add_row(f"  of it {words}", share, "", "")
     table.add_row(
-        f"strongest traction / braking held for {ESTIMATE.held_s} s, kN",
+        f"strongest traction / braking held for {ESTIMATE_HELD_S} s, kN",
         f"{energy['strongest_traction_kn']:.0f}",
         "",
         f"{energy['strongest_braking_kn']:.0f}",
@@ -388,7 +393,7 @@ def draw_forces(axis: Any, driven: DrivenEstimate, inferred: Bools) -> None:
             baseline=0,
             fill=True,
             color=LIGHT.of[Meaning.AGAINST],
-            label=f"more than it has, for {ESTIMATE.held_s} s",
+            label=f"more than it has, for {ESTIMATE_HELD_S} s",
         )
     axis.axhline(0, color="0.3", linewidth=0.5)
     axis.set_ylabel("wheel force, kN")
@@ -397,7 +402,7 @@ def draw_forces(axis: Any, driven: DrivenEstimate, inferred: Bools) -> None:
     cut = [f"{peak:.0f} kN" for peak in (force_kn.min(), force_kn.max()) if abs(peak) > shown_kn > 0]
     axis.set_ylim(*(shown_kn * np.array([-1.0, 1.0]) if shown_kn > 0 else (None, None)))
     if cut:
-        axis.set_title(f"cut, as shorter than {ESTIMATE.held_s} s: {', '.join(cut)}", fontsize="small")
+        axis.set_title(f"cut, as shorter than {ESTIMATE_HELD_S} s: {', '.join(cut)}", fontsize="small")
     axis.legend(loc="upper right")
 
 

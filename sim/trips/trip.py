@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -29,7 +29,14 @@ from sim.trips.matching import MatchedTrip, match_trip
 from sim.trips.points import runs_back, stands
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.record import Reading, Record, read_trip, reading_of
-from sim.trips.settings import PLACING, POSITIONS, STANDS
+from sim.trips.settings import AT_PLATFORM_M, LEAST_KEPT_RATIO, WANDER_M
+
+SHORTEST_STAND_S: Final = 5.0
+"""A stand on the way that is shorter than this (s) is not reported: at 1 Hz it may be a single slow point."""
+WHOLE_TRIP_M: Final = 100.0
+"""A trip is the whole section if it starts and ends this near (m) to the stops."""
+FASTEST_MPS: Final = 400.0 * KMH
+"""A record that leads to a higher speed (m/s) is no train's trip."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +66,7 @@ class Trip:
         off = (self.run.s_m[0] - self.start.position_m, self.run.s_m[-1] - self.end.position_m)
         ends = self.matched.ends
         standing = ends.starts_standing and ends.ends_standing
-        return standing and bool(max(abs(x) for x in off) <= PLACING.whole_trip_m)
+        return standing and bool(max(abs(x) for x in off) <= WHOLE_TRIP_M)
 
     @property
     def stands(self) -> tuple[StandFound, ...]:
@@ -107,7 +114,7 @@ def load_trip(path: Path, reading: Reading, route: Route, said: TripOptions) -> 
     record = record.driven(reverse, route.length_m)
     matched = match_trip(record, line, driven, (start, end), log, whole_stands=recorded)
     run = to_profile(matched)
-    if run.speed_mps.max() > PLACING.fastest_mps:
+    if run.speed_mps.max() > FASTEST_MPS:
         top_kmh = run.speed_mps.max() / KMH
         raise DasError(f"{path}: the positions lead to {top_kmh:.0f} km/h, faster than trains run: times are wrong")
     _check_seen(path, matched)
@@ -130,7 +137,7 @@ def _check_seen(path: Path, matched: MatchedTrip) -> None:
     """Raise DasError for a trip that is mostly gaps: the rest would be invented."""
     time_s = matched.elapsed_s()[~matched.invalid]
     unseen_s = float(np.diff(time_s)[find_gaps(time_s)].sum())
-    if unseen_s > POSITIONS.least_kept_ratio * time_s[-1]:
+    if unseen_s > LEAST_KEPT_RATIO * time_s[-1]:
         raise DasError(
             f"{path}: no points in {unseen_s:.0f} s of the trip's {time_s[-1]:.0f} s, expected less than half"
         )
@@ -146,8 +153,8 @@ def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
         (before, f"starts {before:.0f} m before {start.name}"),
         (after, f"ends {after:.0f} m beyond {end.name}"),
     ):
-        if beyond > STANDS.at_stop_m:
-            raise DasError(f"{record.source}: the trip {what}, more than {STANDS.at_stop_m:.0f} m outside the section")
+        if beyond > AT_PLATFORM_M:
+            raise DasError(f"{record.source}: the trip {what}, more than {AT_PLATFORM_M:.0f} m outside the section")
 
 
 def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog) -> tuple[Route, bool, Line | None]:
@@ -216,12 +223,12 @@ def stands_found(matched: MatchedTrip, route: Route, course: DrivenCourse) -> tu
     last, time_ns = len(matched.time_ns) - 1, matched.time_ns
     for stand in stands(matched.standing):
         inside = stand.first > 0 and stand.last < last
-        if inside and (time_ns[stand.last] - time_ns[stand.first]) * NS < STANDS.shortest_stand_s:
+        if inside and (time_ns[stand.last] - time_ns[stand.first]) * NS < SHORTEST_STAND_S:
             continue
         s_m = float(matched.s_m[stand.last])
         stop = min(route.stops, key=lambda stop: abs(stop.position_m - s_m))
-        there = abs(stop.position_m - s_m) <= STANDS.at_stop_m
-        _, came_ns, left_ns = stood_ns(s_m, STANDS.wander_m, course, matched)
+        there = abs(stop.position_m - s_m) <= AT_PLATFORM_M
+        _, came_ns, left_ns = stood_ns(s_m, WANDER_M, course, matched)
         found.append(
             StandFound(
                 s_m=s_m,

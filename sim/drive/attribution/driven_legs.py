@@ -41,7 +41,7 @@ from sim.trips.estimate import (
     over_unknowns,
 )
 from sim.trips.profile import DrivenRun, to_profile
-from sim.trips.settings import CHOICE, SMOOTHING
+from sim.trips.settings import CHOICE_OVERSPEED_RATIO, SMOOTHING_JERK_PSD_M2PS5
 from sim.trips.trip import recorded_trip
 
 EQUAL_MPS: Final = 0.5
@@ -126,7 +126,7 @@ def motion_of(table: DriveTable) -> DrivenMotion:
             time_ns=time_ns, s_m=s_m, speed_mps=speed_mps, input_j=input_j if measured else None,
             friction_j=friction_j if measured else None,
         )  # fmt: skip
-    return smoothed_motions(table)(SMOOTHING.jerk_psd_m2ps5)
+    return smoothed_motions(table)(SMOOTHING_JERK_PSD_M2PS5)
 
 
 def smoothed_motions(table: DriveTable) -> Callable[[float], DrivenMotion]:
@@ -138,7 +138,7 @@ def smoothed_motions(table: DriveTable) -> Callable[[float], DrivenMotion]:
     trip = recorded_trip(table.recording, table.inputs.route)
 
     def smoothed(jerk_psd_m2ps5: float) -> DrivenMotion:
-        run = trip.run if jerk_psd_m2ps5 == SMOOTHING.jerk_psd_m2ps5 else to_profile(trip.matched, 1.0, jerk_psd_m2ps5)
+        run = trip.run if jerk_psd_m2ps5 == SMOOTHING_JERK_PSD_M2PS5 else to_profile(trip.matched, 1.0, jerk_psd_m2ps5)
         motion = DrivenMotion.of_run(run)
         return replace(motion, friction_j=_friction_j(table, motion.time_ns, motion.speed_mps))
 
@@ -264,7 +264,7 @@ def fast_enough(vehicle: Vehicle, motion: DrivenMotion) -> Vehicle:
     """
     top_mps, own_mps = float(motion.speed_mps.max()), vehicle.max_speed_mps
     losses = (one for one in vehicle.losses.values() if isinstance(one, LossMap))
-    known_mps = min([CHOICE.overspeed_ratio * own_mps, *(float(one.speed_mps[-1]) for one in losses)])
+    known_mps = min([CHOICE_OVERSPEED_RATIO * own_mps, *(float(one.speed_mps[-1]) for one in losses)])
     return replace(vehicle, max_speed_mps=top_mps) if own_mps < top_mps <= known_mps else vehicle
 
 

@@ -26,7 +26,7 @@ from sim.review.report.sentences import (
     where_time_went,
 )
 from sim.trips.estimate import BRAKING, MASS, RESISTANCE
-from sim.trips.settings import ESTIMATE
+from sim.trips.settings import ESTIMATE_FOREIGN_RATIO
 
 NOT_KNOWN: Final = "not known"
 NUMBERS: Final = "The numbers are those of the findings: where each happened, or where its cause took most."
@@ -141,7 +141,7 @@ def _right_train(drive: Drive) -> str:
     over_kmh = [one.facts["over_kmh"] for one in drive.events if one.kind is EventKind.BEYOND_TRAIN]
     told = f"was up to {max(over_kmh):.0f} km/h faster than the assumed train can go" if over_kmh else ""
     short = beyond_ratio(drive)
-    if not told and short > ESTIMATE.foreign_ratio:
+    if not told and short > ESTIMATE_FOREIGN_RATIO:
         told = f"needs more force than the assumed train has for {100.0 * short:.0f} % of the time"
     if not told:
         return ""
@@ -149,7 +149,7 @@ def _right_train(drive: Drive) -> str:
     if drive.energy.not_comparable:
         return doubt
     doubt += " If not, energies and findings do not hold."
-    if drive.energy.likely is None or short <= ESTIMATE.foreign_ratio:
+    if drive.energy.likely is None or short <= ESTIMATE_FOREIGN_RATIO:
         return doubt
     off = [f"a {one.name} {one.assumed}" for one in drive.energy.likely.unknowns if one.name in (MASS, RESISTANCE)]
     return f"{doubt} The likely range is for {' and '.join(off)}, because the train lacks force."

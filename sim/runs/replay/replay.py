@@ -39,7 +39,7 @@ from sim.recording.inputs import input_files, sha256
 from sim.runs.replay.timing import ReplayTiming, check_timing, plan_timing
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
 from sim.trips.profile import DrivenRun, to_profile
-from sim.trips.settings import SMOOTHING
+from sim.trips.settings import SMOOTHING_JERK_PSD_M2PS5
 from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location, sleep_until
 
@@ -174,7 +174,7 @@ def stated_parts(trip: Trip, section: Section) -> tuple[SmoothedParts, str]:
         legs = compared_legs(trip, section)
     except DasError:  # no part of an open trip can be compared with this train
         return parts_of(smoothed_legs(trip)), ""
-    made = legs(SMOOTHING.jerk_psd_m2ps5)
+    made = legs(SMOOTHING_JERK_PSD_M2PS5)
     return parts_of(legs), part_between(made[0].start.name, made[-1].end.name)
 
 

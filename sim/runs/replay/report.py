@@ -35,7 +35,7 @@ from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, compared_le
 from sim.trips.cleaning import FindingKind
 from sim.trips.estimate import EnergyRange, doubt, energy_range
 from sim.trips.report import direction_by_posts, doubt_words, part_words, unknowns
-from sim.trips.settings import ESTIMATE, SMOOTHING
+from sim.trips.settings import ESTIMATE_FOREIGN_RATIO, SMOOTHING_JERK_PSD_M2PS5
 from sim.trips.trip import Trip
 
 LEAST_CERTAIN_RATIO = 0.01
@@ -91,7 +91,7 @@ def beside_optimum(trip: Trip, section: Section, smoothed: Smoothed) -> tuple[tu
     """
     vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
     inputs = DriveInputs(route=trip.route, vehicle=vehicle, level=section.level, source=str(trip.path))
-    driven = smoothed(SMOOTHING.jerk_psd_m2ps5)
+    driven = smoothed(SMOOTHING_JERK_PSD_M2PS5)
     fronts = [solve_front(section_of_leg(inputs, leg)) for leg in driven]
     legs = tuple(
         ComparedLeg.of(leg, front, leg_energies(front.section, leg)) for leg, front in zip(driven, fronts, strict=True)
@@ -280,7 +280,7 @@ def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     """The rows about the energy above the optimum, with a figure only if it is above 0 whatever the unknowns are."""
-    doubted = found["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio
+    doubted = found["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO
     what = "above the optimum, if it was this train" if doubted else "above the optimum"
     if found["above_optimum_kwh"] is None:
         return [(what, NOT_COMPARABLE)]
@@ -314,7 +314,7 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     if found["stops_on_the_way"]:
         names = ", ".join(found["stops_on_the_way"])
         notes.append(f"the train stood at {names} on the way: it is compared section by section with the same stands")
-    if found["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
+    if found["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(
             f"in {share:.0f} % of the time the trip asks more force than this vehicle has: das-sim trip marks where "

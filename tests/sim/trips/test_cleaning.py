@@ -20,7 +20,7 @@ from sim.options import TripOptions
 from sim.trips import cleaning
 from sim.trips.cleaning import FindingKind
 from sim.trips.record import read_trip
-from sim.trips.settings import POSITIONS
+from sim.trips.settings import STRAY_WEIGHT
 from sim.trips.trip import load_trip
 from tests.support import dirt
 from tests.support.dirt import EPOCH_S, STOOD_S, Points, changed, check_truth, clean, counts, load, truth_of_run
@@ -156,7 +156,7 @@ def test_the_longest_chain_is_the_longest(strays: list[float], count: int) -> No
     table[np.triu_indices(8, 1)] = strays
 
     def worth(some: Sequence[int]) -> float:
-        return len(some) - sum(POSITIONS.stray_weight * table[a, b] ** 2 * (b - a - 1) for a, b in pairwise(some))
+        return len(some) - sum(STRAY_WEIGHT * table[a, b] ** 2 * (b - a - 1) for a, b in pairwise(some))
 
     chain = cleaning.longest_chain(lambda i, j: table[i, j], np.arange(float(count)))
     assert all(table[a, b] < 1 for a, b in pairwise(chain))

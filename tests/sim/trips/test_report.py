@@ -31,7 +31,13 @@ from sim.runs.replay.report import trip_energies
 from sim.trips.estimate import MASS, RESISTANCE, EnergyRange, doubt, energy_range, estimate_run, strongest_held_n
 from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
-from sim.trips.settings import ESTIMATE, SMOOTHING
+from sim.trips.settings import (
+    ESTIMATE_FOREIGN_RATIO,
+    ESTIMATE_MASS_RATIO,
+    ESTIMATE_RESISTANCE_RATIO,
+    ESTIMATE_WIND_MPS,
+    SMOOTHING_JERK_PSD_M2PS5,
+)
 from sim.trips.trip import Trip
 from sim.world.lockstep import Traffic
 from sim.world.loop import InProcess, World
@@ -73,13 +79,13 @@ def test_each_unknown_moves_the_energy_as_it_must(driven: tuple[Trip, Section, E
     braked = np.minimum(section.vehicle.mass_kg * a + C0_N + C2 * middle**2, 0.0)
     recovered = float(-(braked * np.diff(run.s_m)).sum())
     wind = {
-        sign: C2 * np.trapezoid((2 * sign * ESTIMATE.wind_mps * v + ESTIMATE.wind_mps**2) * v, t) for sign in (-1, 1)
+        sign: C2 * np.trapezoid((2 * sign * ESTIMATE_WIND_MPS * v + ESTIMATE_WIND_MPS**2) * v, t) for sign in (-1, 1)
     }
     off = {
-        "mass": (-ESTIMATE.mass_ratio * C0_N * LENGTH_M, ESTIMATE.mass_ratio * C0_N * LENGTH_M),
+        "mass": (-ESTIMATE_MASS_RATIO * C0_N * LENGTH_M, ESTIMATE_MASS_RATIO * C0_N * LENGTH_M),
         "running resistance": (
-            -ESTIMATE.resistance_ratio * found.estimate_j,
-            ESTIMATE.resistance_ratio * found.estimate_j,
+            -ESTIMATE_RESISTANCE_RATIO * found.estimate_j,
+            ESTIMATE_RESISTANCE_RATIO * found.estimate_j,
         ),
         "wind along the line": (wind[-1], wind[1]),
         "braking": (0.0, recovered),
@@ -268,7 +274,7 @@ def above_in_all_cases(
         faster_ns = time_ns[0] + np.rint(ratio * (time_ns - time_ns[0])).astype(np.int64)
         return [replace(leg, motion=replace(leg.motion, time_ns=faster_ns))]
 
-    as_assumed = legs(SMOOTHING.jerk_psd_m2ps5)
+    as_assumed = legs(SMOOTHING_JERK_PSD_M2PS5)
     compared = [ComparedLeg.of(one, front, leg_energies(front.section, one)) for one in as_assumed]
     return range_above(compared, legs, doubt_ratio)
 
@@ -354,11 +360,11 @@ def test_the_range_of_a_train_that_lacks_force_contains_a_train_that_has_it(
     needed_n = strongest_held_n(estimate_run(own, run.time_s, run.s_m, run.speed_mps), run.inferred)[0]
     section = weaker(own, 0.9 * needed_n)
     found = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
-    assert ESTIMATE.foreign_ratio < found.beyond_ratio < 0.2
+    assert ESTIMATE_FOREIGN_RATIO < found.beyond_ratio < 0.2
     assert found.lacking_ratio == pytest.approx(0.1, abs=0.03)
     doubt_ratio = doubt(found.beyond_ratio, found.lacking_ratio)
     assert doubt_ratio == found.lacking_ratio
-    mass_ratio = ESTIMATE.mass_ratio + doubt_ratio
+    mass_ratio = ESTIMATE_MASS_RATIO + doubt_ratio
     lighter = replace(section, vehicle=section.vehicle.with_mass((1 - mass_ratio) * section.vehicle.mass_kg))
     assert estimate_run(lighter, run.time_s, run.s_m, run.speed_mps).beyond_ratio == 0.0
     parts = stated_parts(trip, section)[0]
@@ -368,7 +374,7 @@ def test_the_range_of_a_train_that_lacks_force_contains_a_train_that_has_it(
     assert unknown[MASS].assumed == f"± {100 * mass_ratio:.0f} %"
     off_j = {name: one.high_j - one.low_j for name, one in unknown.items()}
     assert off_j[MASS] == pytest.approx(2 * mass_ratio * C0_N * LENGTH_M, rel=0.02)
-    resistance_ratio = ESTIMATE.resistance_ratio + doubt_ratio
+    resistance_ratio = ESTIMATE_RESISTANCE_RATIO + doubt_ratio
     assert off_j[RESISTANCE] == pytest.approx(2 * resistance_ratio * doubted.estimate_j, rel=0.02)
 
 
