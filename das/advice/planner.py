@@ -48,8 +48,6 @@ OVERSPEED_EASED_MPS: Final = 1.0
 """A train above the planned braking curve by at most this gets a plan that starts on it, without hard braking."""
 PASSED_M: Final = 5.0
 """A point less than this ahead counts as passed: it is too near for a plan to change when it is passed."""
-SAME_POINT_M: Final = 0.01
-"""Two points of the line this near to each other count as the same point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

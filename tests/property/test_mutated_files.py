@@ -339,8 +339,8 @@ def read_mutated(numbers: range, folder: Path) -> tuple[Counter[str], list[Wrong
     counts: Counter[str] = Counter()
     wrong: list[Wrong] = []
     kinds = _kinds(folder, build_section(line(), train()))
-    for kind in kinds:  # Each example can be used, except that a manifest sealed anew is refused.
-        with suppress(DasError) if kind.name == "resealed manifest" else nullcontext():
+    for kind in kinds:  # Each example can be used, except that a table sealed anew may be refused.
+        with suppress(DasError) if kind.name == "resealed table" else nullcontext():
             kind.use(kind.example)
     resource.setrlimit(resource.RLIMIT_DATA, (_peak_bytes() + MOST_BYTES, resource.RLIM_INFINITY))
     for number in numbers:
