@@ -29,10 +29,10 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(33_500, 188),
-    "precompute": Budget(13_200, 72),
-    "sim": Budget(36_850, 174),
-    "docs/studies": Budget(4_500, 29),
+    "das": Budget(32_160, 187),
+    "precompute": Budget(13_320, 73),
+    "sim": Budget(36_830, 174),
+    "docs/studies": Budget(4_640, 30),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
