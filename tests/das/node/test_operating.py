@@ -55,7 +55,8 @@ def test_unit_and_container_have_one_command_which_starts_a_healthy_node(tmp_pat
         while "listening on" not in (line := node.stdout.readline()):
             assert line, "the node ended"
         found = health("IC1", here)
-        assert (found.returncode, found.stdout) == (0, "STATE_WAITING no journey yet\n")
+        assert found.returncode == 0
+        assert found.stdout.startswith("STATE_WAITING ")
         status = Path(f"/proc/{node.pid}/status").read_text()
         assert int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) / 1000 < MOST_MB
     assert health("IC1", here).returncode == 1

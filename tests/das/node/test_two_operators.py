@@ -287,10 +287,14 @@ def a_list(limit_mps: float | None, behind_s: float = 0.0) -> das_pb2.Restrictio
     return das_pb2.Restrictions(time_ns=time.time_ns() - round(behind_s * S), restrictions=places)
 
 
-def until(bus: Bus, wanted: Callable[[Received], bool], child: subprocess.Popen[str]) -> Any:
-    """The first message that is wanted, while the train stands at its departure stop."""
+def until(
+    bus: Bus, wanted: Callable[[Received], bool], child: subprocess.Popen[str], tells_mps: float | None = None
+) -> Any:
+    """The first message that is wanted, while the train stands at its departure stop, and is told a limit."""
 
     def stand() -> None:
+        if tells_mps is not None:
+            bus.publish(RESTRICTION, a_list(tells_mps))
         bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=0.0, speed_mps=0.0))
 
     return node_process.until(bus, wanted, child, stand)
@@ -386,4 +390,4 @@ def test_who_is_there_is_known_over_mutual_tls_with_access_control(tmp_path: Pat
         with second:
             second.publish(RESTRICTION, a_list(None))
             until(simulator, contested, child)
-        until(simulator, limited(10.0), child)
+        until(simulator, limited(10.0), child, tells_mps=10.0)

@@ -22,7 +22,6 @@ from sim.drivers.messages import cab_view
 from sim.drivers.presentations.presenter import Shown, presenter_of, shown_presentation
 from sim.experiment.factors import FactorLevel
 from sim.experiment.study_files import level_words
-from sim.recording.course import DrivenCourse
 from sim.review.lanes import lanes
 from sim.review.words import cards
 from tests.support import presentations as made_up
@@ -61,13 +60,11 @@ def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentat
     assert {Regime.FULL_TRACTION, Regime.COAST, Regime.FULL_BRAKE} <= {Regime(view.mode) for view in views}
     assert any(event.what == "followed" and event.value == Regime.COAST for event in driver.events)
 
-    trip = DrivenCourse.of(recording)
-    lane = next(one for one in lanes(Drive(recording=recording)) if one.name == "shown")
+    drive = Drive(recording=recording)
+    lane = next(one for one in lanes(drive) if one.name == "shown")
     assert {change.state for change in lane.changes} == {"", "a light", "depart", "stop"}
     assert lane.color("a light", DARK) == "#123456"
-    assert {"green", "amber", "red"} <= {
-        card.text.splitlines()[0].removeprefix("# ") for card in cards(recording, trip)
-    }
+    assert {"green", "amber", "red"} <= {card.text.splitlines()[0].removeprefix("# ") for card in cards(drive.table)}
     assert level_words("presentation", FactorLevel(text="traffic-light", value=traffic_light)) == "green, amber or red"
 
 
