@@ -187,7 +187,9 @@ class Preparation:
         if one.search is None and not one.ready and (not one.refusal or one.failed_ns is not None):
             one.served = point
             question = _Question.of(leg)
-            one.search = self._solver.submit(lambda: _search_front(self._fronts, question, self._stopwatch))
+            one.search = self._solver.submit(
+                lambda: _search_front(self._fronts, question, self._guide, self._stopwatch)
+            )
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
         if one.guide is not None and one.guide.done():
@@ -262,13 +264,13 @@ class _Question(NamedTuple):
         return cls(section, leg.goal.passing, here.s_m if here is not None and inside else section.start_m)
 
 
-def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
+def _search_front(fronts: Fronts, question: _Question, guide: GuideSettings, stopwatch: Callable[[], float]) -> _Answer:
     """Search for a front, and for policies if there is a point to pass; any error becomes part of the answer."""
     began = stopwatch()
     found, passing, refusal, failed = None, None, "", False
     try:
         found = fronts.find(question.section, question.s_m)
-        passing = _passing(fronts, question, found.section)
+        passing = _passing(fronts, question, guide, found.section)
     except DasError as error:
         refusal = str(error)
     except Exception as error:  # A thread must not die in silence: giving no advice is better.
@@ -284,9 +286,9 @@ def _search_guide(fronts: Fronts, section: Section, guide: GuideSettings, s_m: f
         return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"
 
 
-def _passing(fronts: Fronts, question: _Question, section: Section) -> GuideFront | None:
+def _passing(fronts: Fronts, question: _Question, guide: GuideSettings, section: Section) -> GuideFront | None:
     """The guide's policies if a point is to be passed; None if the point sets no time or is already reached."""
     point = question.point
     if point is None or point.s_m < question.s_m + LEAST_WAY_M or (point.earliest_ns or point.latest_ns) is None:
         return None
-    return fronts.find_guide(section, DEFAULT, question.s_m).front
+    return fronts.find_guide(section, guide, question.s_m).front

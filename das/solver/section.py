@@ -75,14 +75,6 @@ class Section(Summary, LineProfile):
         """Where the section ends (route position)."""
         return float(self.node_m[-1])
 
-    @property
-    def asked_decision_m(self) -> Floats | None:
-        """Positions of the decision nodes (m) if they were asked for; None if the solver's settings gave them."""
-        ends = _Ends(self.start_m, self.end_m, self.start_speed_mps, self.end_speed_mps, self.train_length_m)
-        usual_m, _ = _decided(self.route, self.vehicle, self.train, ends, self.braking)
-        # Steps that were asked for are shorter, so there are more of them.
-        return None if len(self.decision) == len(usual_m) else self.node_m[self.decision]
-
     @cached_property
     def loss(self) -> LossModel:
         """The losses of the train at the level of the section."""

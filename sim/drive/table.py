@@ -107,7 +107,7 @@ class LogLine(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Who said what."""
+        """The text with the name of the logger before it; without one, the text alone."""
         return f"{self.name}: {self.text}" if self.name else self.text
 
 

@@ -113,10 +113,6 @@ class Schedule:
             return float(reach / curve * max(before - after, 0.0) / (2.0 * step_m))
         return float(reach / (2.0 * max(self.reached_m(number, s_m) - s_m, 1.0)))
 
-    def kind_after(self, number: int) -> PhaseKind | None:
-        """The kind of the phase after a phase; None after the last one."""
-        return self.phases[number + 1].kind if number + 1 < len(self.phases) else None
-
     def begin_m(self, number: int) -> float:
         """Where a phase begins (m); beyond the last one: the end of the section."""
         if number >= len(self.phases):

@@ -14,6 +14,7 @@ import pytest
 import das.domain.catalogue
 from das.bus.session import endpoint, free_ports
 from tests.support.making import REPOSITORY
+from tests.support.needs import missing
 from tests.support.node_process import process
 
 EXAMPLES = REPOSITORY / "docs" / "examples"
@@ -64,7 +65,7 @@ def test_unit_and_container_have_one_command_which_starts_a_healthy_node(tmp_pat
 
 def test_the_unit_is_one_that_systemd_reads(tmp_path: Path) -> None:
     if shutil.which("systemd-analyze") is None:
-        pytest.skip("systemd-analyze is missing")
+        missing("systemd-analyze is missing: apt-get install systemd")
     text = (EXAMPLES / "das-node.service").read_text().replace("/opt/das/bin/das-node", sys.executable)
     (tmp_path / "das-node.service").write_text(text)
     done = subprocess.run(
