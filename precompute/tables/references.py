@@ -34,8 +34,7 @@ def finished_references(section: Section, *, threads: int = 1) -> References:
     state, least_s = State.at(section), float(section.fastest_run.time_to_go_s[0])
     steps = math.ceil((LONGEST_RATIO - 1.0) / EVERY_RATIO)
     times_s, wanted_s = (least_s * np.linspace(1.0, LONGEST_RATIO, size + 1) for size in (steps, PARTS * steps))
-    tried = (run for time_s in times_s for run in all_tried(front, state, float(time_s)))
-    runs = sorted(tried, key=lambda run: run.time_s)
+    runs = sorted(all_tried(front, state, times_s.tolist()), key=lambda run: run.time_s)
     pool = References([Finished(run.time_s, _priced_j(front, run), run.lambda_w, ()) for run in runs])
     found: list[Finished] = []
     for number in sorted({best for time_s in wanted_s if (best := pool.best(float(time_s))) is not None}):

@@ -75,7 +75,15 @@ def make_table(
     The `stopwatch` (s) measures the time that the settings allow for the refinement. Raises InfeasibleError if the
     section cannot be driven.
     """
-    settings = settings or TableSettings()
+    found = front_facts(section, settings or TableSettings(), threads=threads, stopwatch=stopwatch)
+    references = finished_references(section, threads=threads)
+    return table_content(section_facts(section), key_of(section, DEFAULT), found, references)
+
+
+def front_facts(
+    section: Section, settings: TableSettings, *, threads: int = 1, stopwatch: Callable[[], float] = time.perf_counter
+) -> dict[str, Any]:
+    """The front of a section as a table keeps it, with its settings and the least time; raises as `make_table` does."""
     front = solve_front(section, threads=threads)
     least_time_s = front.fastest().time_s
     times_s = [UNBOUNDED_S if one is None else least_time_s * (1 + PERCENT * one) for one in settings.buffers]
@@ -85,9 +93,7 @@ def make_table(
         {"buffer_percent": buffer, **_run_facts(run, before), **_gap_facts(run, i in proven)}
         for i, (buffer, run, before) in enumerate(zip(settings.buffers, runs, given, strict=True))
     ]
-    found = {"settings": settings.as_kept, "least_time_s": least_time_s, "front": points}
-    references = finished_references(section, threads=threads)
-    return table_content(section_facts(section), key_of(section, DEFAULT), found, references)
+    return {"settings": settings.as_kept, "least_time_s": least_time_s, "front": points}
 
 
 def _refined(given: list[Solution], settings: TableSettings, stopwatch: Callable[[], float]) -> list[Solution]:

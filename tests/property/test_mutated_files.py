@@ -58,7 +58,7 @@ from tests.support.feeds import feed_route, write_feed
 from tests.support.made_maps import FILES, as_overpass, made_map
 from tests.support.making import REPOSITORY
 from tests.support.recordings import write_recording
-from tests.support.small_tables import SETTINGS, line, seal_anew, train
+from tests.support.small_tables import SETTINGS, line, quick_references, seal_anew, train
 
 FIRST = int(os.environ.get("DAS_MUTATED_FIRST", "0"))
 LONGEST_S = 10
@@ -121,7 +121,8 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
         'schema_version = 1\n[[routes]]\nroute = "zurich-luzern"\nreverse = "both"\n[[trains]]\nvehicle = "re460-ic"\n'
     )
     sealed = folder / "table.json"
-    sealed.write_bytes(make_table(section, SETTINGS))
+    with quick_references():
+        sealed.write_bytes(make_table(section, SETTINGS))
 
     maps = {"tracks.geojson": FILES["tracks.geojson"], "heights.csv": FILES["heights.csv"], "path.yaml": PATH.encode()}
     maps["overpass.json"] = json.dumps(as_overpass(made_map()), indent=1).encode()

@@ -10,7 +10,7 @@ from das.solver.front import Front
 from das.solver.section import Section, build_section
 from das.solver.solve import solve_front
 from precompute.tables.writing import make_table
-from tests.support.small_tables import SETTINGS, line, train
+from tests.support.small_tables import SETTINGS, line, quick_references, train
 
 
 @pytest.fixture(scope="session")
@@ -25,7 +25,16 @@ def front(section: Section) -> Front:
 
 @pytest.fixture(scope="session")
 def made(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The table; tests leave it as it is."""
+    """The table, with a few references; tests leave it as it is."""
     path = tmp_path_factory.mktemp("tables") / "table.json"
+    with quick_references():
+        path.write_bytes(make_table(section, SETTINGS))
+    return path
+
+
+@pytest.fixture(scope="session")
+def whole(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The table with all its references; tests leave it as it is."""
+    path = tmp_path_factory.mktemp("tables") / "whole.json"
     path.write_bytes(make_table(section, SETTINGS))
     return path

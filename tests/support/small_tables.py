@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
+from das.solver.guide.policies import DEFAULT
 from das.table.table import SEAL, seal_of
+from precompute.tables import references
 from precompute.tables.writing import TableSettings
 from tests.support.making import make_route, make_train
 
@@ -34,6 +39,15 @@ def train() -> Vehicle:
         loss=EfficiencyLoss(traction_ratio=0.15, brake_ratio=0.2, idle_w=30e3),
     )
     return replace(made, train_length_m=60.0)
+
+
+@contextmanager
+def quick_references() -> Iterator[None]:
+    """Tables made here have a few references, as coarse as a cab's: for tests of what is read, written and kept."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(references, "FINE", DEFAULT)
+        patch.setattr(references, "EVERY_RATIO", 0.05)
+        yield
 
 
 def seal_anew(path: Path, change: Callable[[dict[str, Any]], object]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from das.domain.journey import Window
@@ -23,22 +25,20 @@ class _Search:
     """The runs tried so far for a time to a place (m)."""
 
     def __init__(
-        self, front: GuideFront, state: State, time_s: float, told: int, at_m: float, near_s: float = NEAR_S
-    ) -> None:
+        self, front: GuideFront, state: State, time_s: float, told: int, at_m: float, near_s: float = NEAR_S,
+        known: dict[Plan, GuideRun] | None = None,
+    ) -> None:  # fmt: skip
         self._front, self._state, self._time_s, self._told, self._at_m = front, state, time_s, told, at_m
-        self._near_s = near_s
+        self._near_s, self._known = near_s, {} if known is None else known
         self._found: list[tuple[float, GuideRun, Plan]] = []
 
     def late_s(self, *plan: PolicyFrom) -> float:
         """How late the run of a plan is (s; early < 0)."""
-        run = self._front.run(self._state, plan, self._told)
+        if plan not in self._known:
+            self._known[plan] = self._front.run(self._state, plan, self._told)
+        run = self._known[plan]
         self._found.append((run.passes_s(self._at_m) - self._time_s, run, plan))
         return self._found[-1][0]
-
-    @property
-    def runs(self) -> list[GuideRun]:
-        """The runs."""
-        return [run for _, run, _ in self._found]
 
     @property
     def is_near(self) -> bool:
@@ -70,11 +70,13 @@ def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTR
     return search.best(_tried(search, front, state.first_node, len(front.section.decision) - 1))
 
 
-def all_tried(front: GuideFront, state: State, time_s: float) -> list[GuideRun]:
-    """All runs to be found about a time to the end: none is near enough to end the search."""
-    search = _Search(front, state, time_s, NO_INSTRUCTION, front.section.end_m, near_s=0.0)
-    _tried(search, front, state.first_node, len(front.section.decision) - 1)
-    return search.runs
+def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list[GuideRun]:
+    """All runs to be found about these times to the end, each once: none is near enough to end the search."""
+    known: dict[Plan, GuideRun] = {}
+    for time_s in times_s:
+        search = _Search(front, state, time_s, NO_INSTRUCTION, front.section.end_m, near_s=0.0, known=known)
+        _tried(search, front, state.first_node, len(front.section.decision) - 1)
+    return list(known.values())
 
 
 def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:

@@ -1,5 +1,5 @@
 """The fixtures of the small table."""
 
-from tests.support.small_table_fixtures import front, made, section
+from tests.support.small_table_fixtures import front, made, section, whole
 
-__all__ = ["front", "made", "section"]
+__all__ = ["front", "made", "section", "whole"]

@@ -218,7 +218,8 @@ def test_a_second_build_in_one_folder_is_refused(tmp_path: Path) -> None:
 def test_a_table_is_kept_for_its_own_job_alone(tmp_path: Path) -> None:
     """Another braking has a table of its own name; another line or other buffers make the table anew."""
     first = job(1)
-    (tmp_path / first.name).write_bytes(first.solve())
+    with small_tables.quick_references():
+        (tmp_path / first.name).write_bytes(first.solve())
     assert finished(tmp_path, first) == (tmp_path / first.name).stat().st_size
     gentle = replace(first, braking=USUAL.of(first.vehicle))
     assert gentle.name != first.name

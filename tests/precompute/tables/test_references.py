@@ -43,9 +43,9 @@ def wanted(section: Section, buffer: float, s_m: float = 0.0) -> Wanted:
     return Wanted(s_m=s_m, v_mps=0.0, left_s=float(section.fastest_run.time_to_go_s[0]) * (1.0 + buffer))
 
 
-def served(made: Path, section: Section) -> GuideFront:
+def served(whole: Path, section: Section) -> GuideFront:
     """The policies of a section, with the references of its table."""
-    return GuideFront(section, threads=1, references=Table.read(made).references_for(section, DEFAULT))
+    return GuideFront(section, threads=1, references=Table.read(whole).references_for(section, DEFAULT))
 
 
 def priced_j(scheduled: Scheduled, asked: Wanted, price_w: float) -> float:
@@ -53,12 +53,12 @@ def priced_j(scheduled: Scheduled, asked: Wanted, price_w: float) -> float:
     return scheduled.forecast.energy_j + price_w * lateness_s(scheduled.forecast.time_s - asked.left_s)
 
 
-def test_a_schedule_comes_back_from_a_table_bit_for_bit(made: Path, section: Section, tmp_path: Path) -> None:
+def test_a_schedule_comes_back_from_a_table_bit_for_bit(whole: Path, section: Section, tmp_path: Path) -> None:
     """The same phases, speeds and forecast as the cab's own plan, which was written into a table."""
     asked = wanted(section, 0.08)
     own = planned(GuideFront(section, threads=1), asked)
     kept = Finished(own.forecast.time_s, own.forecast.energy_j, own.lambda_w, own.schedule.phases)
-    table = Table.read(made)
+    table = Table.read(whole)
     found = {"settings": table.settings, "least_time_s": table.least_time_s, "front": table.front}
     path = tmp_path / "table.json"
     path.write_bytes(table_content(section_facts(section), key_of(section, DEFAULT), found, References([kept])))
@@ -73,9 +73,11 @@ def test_a_schedule_comes_back_from_a_table_bit_for_bit(made: Path, section: Sec
     assert again.schedule.back_share == own.schedule.back_share
 
 
-def test_departures_on_time_and_late_are_served_and_cost_no_more_than_solved_ones(made: Path, section: Section) -> None:
+def test_departures_on_time_and_late_are_served_and_cost_no_more_than_solved_ones(
+    whole: Path, section: Section
+) -> None:
     """By the cab's own count: energy, and time off the wanted one at the price of time. No policy is solved for it."""
-    front, solved = served(made, section), GuideFront(section, threads=1)
+    front, solved = served(whole, section), GuideFront(section, threads=1)
     gained_j = []
     for buffer in (0.0, 0.03, 0.06, 0.1, 0.15, 0.2):
         asked = wanted(section, buffer)
@@ -88,8 +90,8 @@ def test_departures_on_time_and_late_are_served_and_cost_no_more_than_solved_one
     assert front.nbytes == 0
 
 
-def test_a_late_train_gets_the_quickest_and_a_waiting_one_a_plan_of_its_own(made: Path, section: Section) -> None:
-    front = served(made, section)
+def test_a_late_train_gets_the_quickest_and_a_waiting_one_a_plan_of_its_own(whole: Path, section: Section) -> None:
+    front = served(whole, section)
     assert front.references is not None
     finished = front.references.finished
     late = departing(front, wanted(section, -0.5))
@@ -102,8 +104,8 @@ def test_a_late_train_gets_the_quickest_and_a_waiting_one_a_plan_of_its_own(made
         assert before.energy_j > after.energy_j
 
 
-def test_only_a_train_that_departs_is_served(made: Path, section: Section) -> None:
-    front, asked = served(made, section), wanted(section, 0.08)
+def test_only_a_train_that_departs_is_served(whole: Path, section: Section) -> None:
+    front, asked = served(whole, section), wanted(section, 0.08)
     found = departing(front, asked)
     assert found is not None
     assert departing(GuideFront(section, threads=1), asked) is None
@@ -123,8 +125,8 @@ def test_only_a_train_that_departs_is_served(made: Path, section: Section) -> No
         assert begun.forecast.time_s == pytest.approx(found.forecast.time_s - ahead_s, abs=0.2)
 
 
-def test_a_point_with_a_window_is_served_if_the_reference_keeps_it(made: Path, section: Section) -> None:
-    front, asked = served(made, section), wanted(section, 0.08)
+def test_a_point_with_a_window_is_served_if_the_reference_keeps_it(whole: Path, section: Section) -> None:
+    front, asked = served(whole, section), wanted(section, 0.08)
     found = departing(front, asked)
     assert found is not None
     at_s = passes_s(found.schedule, found.forecast, 0.0, 2500.0)
@@ -136,12 +138,12 @@ def test_a_point_with_a_window_is_served_if_the_reference_keeps_it(made: Path, s
     assert departing(front, replace(kept, earliest_s=at_s + 1.0, latest_s=None)) is None
 
 
-def test_the_method_is_another_one_if_references_change(made: Path, section: Section) -> None:
+def test_the_method_is_another_one_if_references_change(whole: Path, section: Section) -> None:
     """If this fails because planning was changed on purpose, raise `METHOD` and put the new figures here.
 
     Old tables are then refused and built again, instead of leading trains by plans that nobody would make today.
     """
-    found = departing(served(made, section), wanted(section, 0.08))
+    found = departing(served(whole, section), wanted(section, 0.08))
     assert found is not None
     told = [(one.kind.name, one.share, round(one.target_mps, 1)) for one in found.schedule.phases]
     assert (METHOD, round(found.forecast.time_s, 1), round(found.forecast.energy_j / 3.6e6, 2), told) == EXPECTED

@@ -13,19 +13,20 @@ import pytest
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.front import Front
 from das.solver.section import Section, build_section
-from precompute.tables.writing import NOT_PROVEN, TableSettings, make_table
+from precompute.tables.writing import NOT_PROVEN, TableSettings, front_facts, make_table
 from tests.support.benchmark import track_path, train_path
-from tests.support.small_tables import BUFFERS, SETTINGS
+from tests.support.small_tables import BUFFERS, SETTINGS, quick_references
 
 
 def test_the_same_section_gives_the_same_bytes(made: Path, section: Section) -> None:
-    assert made.read_bytes() == make_table(section, SETTINGS, threads=2)
+    with quick_references():
+        assert made.read_bytes() == make_table(section, SETTINGS, threads=2)
 
 
 def test_the_front_is_refined_and_some_of_it_is_proven(section: Section, front: Front) -> None:
     """Less energy than the runs of the front, in no more time; the bound is below; a budget of 0 s refines none."""
     settings = replace(SETTINGS, with_max=False, refine_s=math.inf, proven=2)
-    table = json.loads(make_table(section, settings))
+    table = front_facts(section, settings)
     runs = table["front"]
     assert table["settings"]["refine"] == "on"
     fastest, *others = [front.trajectory(front.fastest().time_s * (1 + buffer / 100)) for buffer in BUFFERS]
@@ -40,8 +41,7 @@ def test_the_front_is_refined_and_some_of_it_is_proven(section: Section, front: 
     assert {run["gap_reason"] for run in runs if run["gap_ratio"] is None} == {NOT_PROVEN}
 
     ticks = itertools.count(step=10.0)
-    halted = make_table(section, replace(settings, refine_s=5.0, proven=0), stopwatch=lambda: next(ticks))
-    table = json.loads(halted)
+    table = front_facts(section, replace(settings, refine_s=5.0, proven=0), stopwatch=lambda: next(ticks))
     assert table["settings"]["refine"] == "5"
     assert {run["refinement_saved_j"] for run in table["front"]} == {0.0}
 
