@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.braking import SiteBraking
-from das.domain.errors import DasError, InputError
+from das.domain.errors import DasError, InputError, one_of
 from das.domain.journey import Journey
 from das.domain.levels import Level
 from das.domain.route import Route, Stop
@@ -303,7 +303,7 @@ def chosen(kind: type[_Word], source: str, key: str, word: Any) -> _Word:
     try:
         return kind(word)
     except ValueError:
-        raise InputError(source, key, word, f"one of {', '.join(kind)}") from None
+        raise InputError(source, key, word, one_of(list(kind), word)) from None
 
 
 def _plotted_front(front: Front) -> PlottedFront:

@@ -101,22 +101,22 @@ def run_day(
     """Drive a day of a scenario in closed loop: simulated train and driver, advised once a second, without a bus.
 
     `scenario` is the name of a bundled scenario or a TOML file. `seed` draws what happens on the day, and the driver;
-    the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "rms", "timetable", "human",
-    or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation", "rms",
-    "four-mode", "vector", "guide" or "sheet"), `level` how losses are modelled (the default is the
-    vehicle's own). `participant` is the number of a human driver of the default population, who is the same on every
-    day; the seed then draws the day alone. Nothing is recorded: `das-sim run` does that.
+    the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "top-speed", "timetable",
+    "human", or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation",
+    "top-speed", "four-mode", "speed-and-effort", "guide" or "sheet"), `level` how losses are modelled (the default is
+    the vehicle's own). `participant` is the number of a human driver of the default population, who is the same on
+    every day; the seed then draws the day alone. Nothing is recorded: `das-sim run` does that.
 
     Raises InputError for an unknown word, DasError for an unusable scenario or a train that does not arrive.
 
         >>> import sim
-        >>> day = sim.run_day("clear-day", driver="perfect", advice="vector")
+        >>> day = sim.run_day("clear-day", driver="perfect", advice="speed-and-effort")
         >>> abs(day.outcome["late_s"]) < 30, day.outcome["signals_passed"]
         (True, 0)
         >>> sim.run_day("clear-day", driver="nobody")
         Traceback (most recent call last):
         ...
-        das.domain.errors.InputError: run_day: driver = 'nobody': expected one of perfect, literal, fast, rms, ...
+        das.domain.errors.InputError: run_day: driver = 'nobody': expected one of perfect, literal, fast, top-speed, ...
     """
     kind, shown = _who(driver), chosen(Presentation, "run_day", "advice", advice)
     losses = None if level is None else chosen(Level, "run_day", "level", level)
@@ -179,18 +179,18 @@ def replay(
     *,
     route: str | Path | None = None,
     vehicle: str | Path | None = None,
-    line: str | Path | None = None,
+    posts: str | Path | None = None,
     reverse: bool | None = None,
 ) -> Drive:
     """Replay a recorded trip with the advice node into a recording `out`, and return it as a drive.
 
-    `trip` is a file of positions (.csv, .gpx) or a recording, `line` a file of kilometre posts. `reverse` says whether
+    `trip` is a file of positions (.csv, .gpx) or a recording, `posts` a file of kilometre posts. `reverse` says whether
     the route is driven from its end. What is None comes from the recording; `das-sim replay` has more options.
 
     Raises DasError for a trip that cannot be used, for an `out` that cannot be written or is already there, and if a
     process fails.
 
-        drive = sim.replay("trip.csv", "replay.mcap", route="route.toml", vehicle="train.toml", line="posts.csv")
+        drive = sim.replay("trip.csv", "replay.mcap", route="route.toml", vehicle="train.toml", posts="posts.csv")
     """
     from sim.runs.replay.replay import prepare
     from sim.runs.replay.replay import replay as run_replay
@@ -199,7 +199,7 @@ def replay(
     said = TripOptions(
         route=None if route is None else str(route),
         vehicle=None if vehicle is None else str(vehicle),
-        line=None if line is None else Path(line),
+        posts=None if posts is None else Path(posts),
         reverse=reverse,
     )
     job = prepare(Path(trip), ReplayOptions(trip=said), _new(out), "sim.replay")

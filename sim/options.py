@@ -42,10 +42,10 @@ MOST_NOTCHES = 20
 """Most steps of the lever of the cab desk each way."""
 LATE_KERNELS = "sim.world.late_kernels"
 """The module that compiles what a simulated day needs last, beside a command that compiles."""
-LineOption = Annotated[
+PostsOption = Annotated[
     Path | None,
     typer.Option(
-        "--line",
+        "--posts",
         metavar="CSV",
         help="Kilometre posts with latitude and longitude, to which GPS points are matched [default: the route's map].",
     ),
@@ -63,10 +63,10 @@ OfTrainOption = Annotated[
     str | None,
     typer.Option("--of-train", metavar="NAME", help="Which train, where the recording holds several."),
 ]
-SpeedOption = Annotated[
+PaceOption = Annotated[
     str,
     typer.Option(
-        "--speed", metavar="TIMES", help="Speed as a multiple of real time; real means 1, max means without waiting."
+        "--pace", metavar="TIMES", help="Pace as a multiple of real time; real means 1, max means without waiting."
     ),
 ]
 ParticipantOption = Annotated[
@@ -103,10 +103,10 @@ class NodeSaid:
 
 
 SLOWEST, FASTEST = 0.01, 1e6
-"""Range of `--speed`, as multiples of real time."""
+"""Range of `--pace`, as multiples of real time."""
 
 
-def speed_factor(text: str) -> float | None:
+def pace_factor(text: str) -> float | None:
     """A multiple of real time (`real` is 1); None for as fast as possible. Raises DasError for any other text."""
     if text == "max":
         return None
@@ -115,7 +115,7 @@ def speed_factor(text: str) -> float | None:
     except ValueError:
         value = float("nan")
     if not SLOWEST <= value <= FASTEST:
-        raise DasError(f"--speed {text}: expected max, real or a number of times real time, 0.01 to 1000000")
+        raise DasError(f"--pace {text}: expected max, real or a number of times real time, 0.01 to 1000000")
     return value
 
 
@@ -124,14 +124,14 @@ class TripOptions:
     """The options of a trip besides its file; None means the value in the recording, or else the default.
 
     Without `reverse`, the direction of the trip is not given. Without stops, the trip runs from the route's first stop
-    to its last. `line` is a file of kilometre posts. `strict` refuses a trip if points would have to be dropped, or if
+    to its last. `posts` is a file of kilometre posts. `strict` refuses a trip if points would have to be dropped, or if
     it would have to be turned round.
     """
 
     route: RecordedRouteOption = None
     vehicle: RecordedVehicleOption = None
     reverse: DirectionOption = None
-    line: LineOption = None
+    posts: PostsOption = None
     from_stop: FromOption = None
     to_stop: ToOption = None
     strict: StrictOption = False
@@ -150,8 +150,8 @@ class TripOptions:
 class ReplayOptions:
     """How a trip is replayed; None means: as the recording says, or the default.
 
-    The timetable comes from a journey, or from the running time `arrival_s` and the delay of the departure `delay_s`;
-    a delay alone is refused where the recording has no time of arrival.
+    The timetable comes from a journey, or from the running time and the delay of the departure; a delay alone
+    is refused where the recording has no time of arrival.
     """
 
     trip: TripOptions = field(default_factory=TripOptions)
@@ -163,10 +163,10 @@ class ReplayOptions:
             help="Timetable of the trip: a bundled journey or a journey file, with times of the line's time zone.",
         ),
     ] = None
-    arrival_s: Annotated[
+    running_time_s: Annotated[
         float | None,
         typer.Option(
-            "--arrival", metavar="S", help="Timetable's running time in s [default: as recorded, or no timetable]."
+            "--running-time", metavar="S", help="Timetable's running time in s [default: as recorded, or no timetable]."
         ),
     ] = None
     delay_s: Annotated[
@@ -177,7 +177,7 @@ class ReplayOptions:
             help="How late in s the trip departed, where a time of arrival is known [default: as recorded, or 0].",
         ),
     ] = None
-    speed: SpeedOption = "max"
+    pace: PaceOption = "max"
     train: TrainOption = DEFAULT_TRAIN
     bus: BusFolderOption = None
     insecure_bus: InsecureBusOption = False

@@ -1199,17 +1199,17 @@ class Cab(_message.Message):
     class _PresentationEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[Cab._Presentation.ValueType], _builtins.type):
         DESCRIPTOR: _descriptor.EnumDescriptor
         PRESENTATION_NONE: Cab._Presentation.ValueType  # 0
-        PRESENTATION_RMS: Cab._Presentation.ValueType  # 1
+        PRESENTATION_TOP_SPEED: Cab._Presentation.ValueType  # 1
         PRESENTATION_FOUR_MODE: Cab._Presentation.ValueType  # 2
-        PRESENTATION_VECTOR: Cab._Presentation.ValueType  # 3
+        PRESENTATION_SPEED_AND_EFFORT: Cab._Presentation.ValueType  # 3
         PRESENTATION_GUIDE: Cab._Presentation.ValueType  # 4
         PRESENTATION_DEVIATION: Cab._Presentation.ValueType  # 5
 
     class Presentation(_Presentation, metaclass=_PresentationEnumTypeWrapper): ...
     PRESENTATION_NONE: Cab.Presentation.ValueType  # 0
-    PRESENTATION_RMS: Cab.Presentation.ValueType  # 1
+    PRESENTATION_TOP_SPEED: Cab.Presentation.ValueType  # 1
     PRESENTATION_FOUR_MODE: Cab.Presentation.ValueType  # 2
-    PRESENTATION_VECTOR: Cab.Presentation.ValueType  # 3
+    PRESENTATION_SPEED_AND_EFFORT: Cab.Presentation.ValueType  # 3
     PRESENTATION_GUIDE: Cab.Presentation.ValueType  # 4
     PRESENTATION_DEVIATION: Cab.Presentation.ValueType  # 5
 

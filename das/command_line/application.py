@@ -16,6 +16,7 @@ import importlib
 import inspect
 import io
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,7 +34,7 @@ from das import __version__
 from das.command_line.given import options_of
 from das.command_line.printing import one_line
 from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_signals, interrupted_by_termination
-from das.domain.errors import DasError
+from das.domain.errors import DasError, now_called
 
 EXIT_BAD_INPUT = 2
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
@@ -150,6 +151,18 @@ class _Command(TyperCommand):
         """Call the function; what the user typed is known meanwhile."""
         with options_of(ctx):
             return super().invoke(ctx)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse what the user typed; DasError for an option or a word that has another name now."""
+        try:
+            return super().parse_args(ctx, args)
+        except TyperException as error:
+            words = re.findall(r"[\w-]+", error.format_message())
+            known = {*words, *(option for parameter in self.params for option in parameter.opts)}
+            for word in words:
+                if new := now_called(word, known):
+                    raise DasError(f"{word} is now called {new}") from None
+            raise
 
 
 class _LazyCommand(TyperCommand):

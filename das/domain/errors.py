@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import math
 import unicodedata
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Final
 
 MOST_OF_A_MESSAGE = 2000
 MOST_OF_A_VALUE = 200
 """Longest message and longest value or key in it (characters): a file may hold megabytes where a number belongs."""
+NOW_CALLED: Final = {
+    "coach": ("guide", "braking"),
+    "rms": ("top-speed",),
+    "vector": ("speed-and-effort",),
+    "guide": ("braking",),
+    "--arrival": ("--running-time",),
+    "--line": ("--posts",),
+    "--speed": ("--pace",),
+}
+"""Old names of options, keys and words, each with today's: one as a word, another as a table of a file."""
 _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
@@ -52,6 +64,18 @@ class RunawayError(InfeasibleError):
     def __init__(self, text: str, held_from_m: float = math.inf) -> None:
         super().__init__(text)
         self.held_from_m = held_from_m
+
+
+def now_called(name: object, known: Iterable[str]) -> str | None:
+    """The name of today, out of those that are known, of something with an old name; None for any other name."""
+    names = set(known)
+    return next((new for new in NOW_CALLED.get(str(name), ()) if new in names), None)
+
+
+def one_of(known: Iterable[str], name: object, kind: str = "") -> str:
+    """What an error expects in place of an unknown name: its name of today, or else one of those that are known."""
+    new = now_called(name, known)
+    return f"{new}, as {name} is now called" if new is not None else f"one of {kind}{', '.join(known)}"
 
 
 def is_seen(text: str) -> bool:

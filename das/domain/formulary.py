@@ -1,7 +1,7 @@
 """The equations of the literature that the project uses: one function each, with its source.
 
 Every function takes numbers or numpy arrays in SI units, and knows nothing of trains, routes or files. The classes of
-`das.domain` and the section of `das.solver` call them. The kernels of the solver and of the plant repeat a few of
+`das.domain` and the section of `das.solver` call them. The kernels of the solver and of the train model repeat a few of
 them, because numba compiles scalars; tests compare both.
 
 [NC] is Nold & Corman, "Increasing realism in modelling energy losses in railway vehicles and their impact to

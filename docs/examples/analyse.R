@@ -14,15 +14,15 @@ conditions <- do.call(rbind, by(trials, trials$presentation, of_condition))
 conditions
 
 same <- c("participant", "seed")
-pairs <- merge(subset(trials, presentation == "vector"), subset(trials, presentation == "none"), by = same)
+pairs <- merge(subset(trials, presentation == "speed-and-effort"), subset(trials, presentation == "none"), by = same)
 pairs$difference <- pairs$value.x - pairs$value.y
 drivers <- aggregate(difference ~ participant, pairs, mean)
 test <- t.test(drivers$difference)
 test
 
 library(nlme)
-both <- subset(trials, presentation %in% c("vector", "none"))
-both$condition <- ifelse(both$presentation == "vector", 0.5, -0.5)
+both <- subset(trials, presentation %in% c("speed-and-effort", "none"))
+both$condition <- ifelse(both$presentation == "speed-and-effort", 0.5, -0.5)
 model <- lme(value ~ condition + factor(seed) + position, random = ~ condition | participant,
              weights = varIdent(form = ~ 1 | presentation), data = both, na.action = na.omit)
 effect <- fixef(model)[["condition"]]

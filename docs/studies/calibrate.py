@@ -142,7 +142,7 @@ def solve_igbt(vehicle: Vehicle, chain: LossChain, gto: Vehicle, runs: Runs) -> 
         train = with_chain(vehicle, trial)
         return [
             100 * consumed_j(runs[row], train, Level.L3) / whole_j / TABLE2[row][column] - 1.0
-            for row in ("fastest", "rms", *paper.L0_TO_L2)
+            for row in ("fastest", "top-speed", *paper.L0_TO_L2)
         ]
 
     return _least_squares(residuals, with_values(chain, IGBT_START), IGBT_START)

@@ -42,7 +42,7 @@ EXAMPLES: Final = tuple(
     OwnClass(module=one.__module__, name=one.__name__) for one in (Lazy, Doubting, WeakBraking, Belated)
 )
 EXAMPLE_SEEDS: Final = SEEDS[:3]
-FOLLOWED: Final = (Presentation.VECTOR, Presentation.GUIDE)
+FOLLOWED: Final = (Presentation.SPEED_AND_EFFORT, Presentation.GUIDE)
 """The presentations that the perfect driver follows."""
 PERFECT_SEEDS: Final = SEEDS[:1]
 

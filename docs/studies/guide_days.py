@@ -1,4 +1,4 @@
-"""What a driver is shown from Zürich to Zug on a day, before (vector) and after (guide), as a picture for the pages.
+"""What a driver is shown from Zürich to Zug, speed and effort above and the guide below, as a picture for the pages.
 
 `python -m docs.studies.guide_days` draws restriction-ahead.png into the working folder.
 """
@@ -30,7 +30,7 @@ DAY: Final = "restriction-ahead"
 SECTIONS: Final = 2
 """The day ends at its second stop, Zug."""
 SEED: Final = 1
-BEFORE_AND_AFTER: Final = (Presentation.VECTOR, Presentation.GUIDE)
+BEFORE_AND_AFTER: Final = (Presentation.SPEED_AND_EFFORT, Presentation.GUIDE)
 SIZE_IN, DPI = (11.0, 7.2), 100
 HEADROOM: Final = 1.1
 
@@ -108,7 +108,7 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
 
 
 def draw_day(path: Path, scenario: str) -> None:
-    """Draw a day of a scenario as the default human drove it with vector and with the guide: the same day for both."""
+    """Draw one day of a scenario, driven by the default human with speed and effort and with the guide."""
     whole = load_scenario(scenario)
     service = prepare_service(replace(whole, to_stop="Zug", running_s=(whole.running_s or ())[:SECTIONS]))
     pyplot = offscreen_pyplot()

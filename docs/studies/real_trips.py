@@ -88,7 +88,7 @@ def trip_attributions(data: Path) -> list[TripAttribution]:
         with tempfile.TemporaryDirectory(prefix="das-real-trips-") as folder:
             out = Path(folder) / "trip.mcap"
             options = TripOptions(
-                route=str(route_file), vehicle=str(_train(data, FIRST)), reverse=True, line=data / "trips" / POSTS
+                route=str(route_file), vehicle=str(_train(data, FIRST)), reverse=True, posts=data / "trips" / POSTS
             )
             job = prepare(data / "trips" / name, ReplayOptions(trip=options), out, "python -m docs.studies.real_trips")
             replay(job, lambda _tick, _ticks: None)

@@ -33,7 +33,7 @@ BUFFER_PERCENT = 7.0
 DWELL_S = 120.0
 """Dwell at each intermediate stop (assumption)."""
 DRIVERS: dict[str, Callable[[Section, float], Any]] = {
-    "rms": baselines.reduced_maximum_speed,
+    "top-speed": baselines.reduced_maximum_speed,
     "four-mode": baselines.four_modes,
 }
 SHARE_STEPS = 40

@@ -48,7 +48,7 @@ def trajectories(bench: Workbench) -> dict[str, Trajectory]:
     time_s = bench.time_s(COMPLETE, TABLE2_BUFFER_PERCENT)
     rows = {
         "fastest": bench.fastest(COMPLETE),
-        "rms": baselines.reduced_maximum_speed(bench.section(COMPLETE, L3), time_s).trajectory,
+        "top-speed": baselines.reduced_maximum_speed(bench.section(COMPLETE, L3), time_s).trajectory,
     }
     for variant in ALL_VARIANTS:
         rows[variant.name] = _best_run(bench, variant, time_s)

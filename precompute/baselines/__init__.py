@@ -10,5 +10,5 @@ class Strategy(StrEnum):
 
     OPTIMAL = "optimal"
     FASTEST = "fastest"
-    RMS = "rms"
+    TOP_SPEED = "top-speed"
     FOUR_MODE = "four-mode"

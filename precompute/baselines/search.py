@@ -277,14 +277,14 @@ class FourModeSearch:
 
     def run(self) -> list[BaselineRun]:
         """Good runs that take the wanted time; a single quicker run if using all of the time would cost energy."""
-        rms = self.driving.cruise_in(self.time_s)
-        speeds = self._best_speeds(rms.cruise_mps)
+        top_speed = self.driving.cruise_in(self.time_s)
+        speeds = self._best_speeds(top_speed.cruise_mps)
         arcs = self.arcs(speeds[0])
         slow, quick, _ = arcs.around()
         if slow is quick and quick.extra_s < arcs.spare_s:
             return [self.driving.coast(speeds[0], arcs.ends(quick))]
         bound_j = arcs.bound_j()
-        runs = [rms]
+        runs = [top_speed]
         for speed_mps in speeds[:TRIED_SPEEDS]:
             runs += self._runs_on_time(speed_mps)
             # An arc that grazes the base run may end early once the speed is changed to hit the time: then try another.

@@ -60,9 +60,9 @@ def baseline(strategy: Strategy, section: Section, time_s: float | None) -> Base
         return fastest(section, requested_s=time_s)
     if time_s is None or strategy is Strategy.OPTIMAL:
         raise DasError(
-            f"strategy {strategy} with trip time {time_s} s: expected rms or four-mode with a time, or fastest"
+            f"strategy {strategy} with trip time {time_s} s: expected top-speed or four-mode with a time, or fastest"
         )
-    return reduced_maximum_speed(section, time_s) if strategy is Strategy.RMS else four_modes(section, time_s)
+    return reduced_maximum_speed(section, time_s) if strategy is Strategy.TOP_SPEED else four_modes(section, time_s)
 
 
 def warm_up() -> None:
@@ -99,9 +99,9 @@ def reduced_maximum_speed(section: Section, time_s: float) -> Baseline:
     _check_time(time_s)
     quickest = _fastest_mps(section)
     if time_s <= _time_s(section, quickest) + tol.TIME_TOLERANCE_S:
-        return _baseline(Strategy.RMS, section, quickest, quickest, time_s, float(quickest.max()))
+        return _baseline(Strategy.TOP_SPEED, section, quickest, quickest, time_s, float(quickest.max()))
     run = Driving(section).cruise_in(time_s)
-    return _baseline(Strategy.RMS, section, run.speeds_mps, quickest, time_s, run.cruise_mps)
+    return _baseline(Strategy.TOP_SPEED, section, run.speeds_mps, quickest, time_s, run.cruise_mps)
 
 
 def four_modes(section: Section, time_s: float) -> Baseline:
@@ -117,8 +117,8 @@ def four_modes(section: Section, time_s: float) -> Baseline:
     is a shortest path along the nodes. The price is found by cutting planes, v by a scan and golden section on the dual
     value (least energy + price·time − price·time wanted), which varies smoothly although arcs begin at nodes. Where the
     time jumps with the price, single arcs are exchanged. Finally, v is moved a little, with the arcs kept, until the
-    time is hit to `TIME_TOLERANCE_S`. The RMS run is a candidate, so the result never needs more energy. Not tried:
-    another cruising speed per limit, or running up above v before a climb.
+    time is hit to `TIME_TOLERANCE_S`. The top-speed run is a candidate, so the result never needs more energy. Not
+    tried: another cruising speed per limit, or running up above v before a climb.
 
     A time below the least possible gives the fastest run (`Fit.LATE`); where a slower run would cost more energy, the
     least-energy run (`Fit.EARLY`). Raises DasError for a time that is not positive.

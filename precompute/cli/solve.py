@@ -52,9 +52,9 @@ def solve(
 ) -> None:
     """Find the least-energy run over a section in a given time, or the run of a simpler strategy.
 
-    Strategies to compare with: "fastest" is full effort, the limits, full brake. "rms" is the same under one reduced
-    maximum speed. "four-mode" is full traction, one cruising speed, coasting and full brake, with the best switching
-    points.
+    Strategies to compare with: "fastest" is full effort, the limits, full brake. "top-speed" is the same under one
+    reduced maximum speed. "four-mode" is full traction, one cruising speed, coasting and full brake, with the best
+    switching points.
 
     A time below the least possible one gives the fastest run, and the column "fit" says "late". A time beyond that of
     the least-energy run gives the least-energy run, and "fit" says "early".

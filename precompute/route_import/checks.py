@@ -90,7 +90,7 @@ def _gradients(route: Route) -> Iterator[str]:
 
 def _lacks(route: Route) -> Iterator[str]:
     if not len(route.geometry_position_m):
-        yield "no geometry: recorded trips with GPS need kilometre posts (--line)"
+        yield "no geometry: recorded trips with GPS need kilometre posts (--posts)"
     if not route.data_source:
         yield "no source: say in [route] source where the data come from"
     if not route.licence:

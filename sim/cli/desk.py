@@ -17,7 +17,7 @@ from das.domain.errors import DasError
 from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.cli.options import check_packages, new_recording, removed_if_unused
 from sim.drivers.kinds import DESK
-from sim.options import MOST_NOTCHES, OfTrainOption, SpeedOption, speed_factor, typed_command
+from sim.options import MOST_NOTCHES, OfTrainOption, PaceOption, pace_factor, typed_command
 
 if TYPE_CHECKING:
     from sim.world.outcome import DayResult
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 USUAL_SCENARIO: Final = "clear-day"
 NEEDS_A_PACE: Final = "a person needs a pace; expected real or a number of times real time"
 OF_A_DRIVE: Final = (
-    *("--journey", "--advice", "--seed", "--level", "--train", "--speed", "--notches", "--punctuality"),
+    *("--journey", "--advice", "--seed", "--level", "--train", "--pace", "--notches", "--punctuality"),
     *("--out", "--overwrite", "--bus", "--insecure-bus", "--json"),
 )
 """The options of a drive at the desk, which a recording to look at does not use."""
@@ -72,7 +72,7 @@ def desk(
     *,
     looks: DeskLooks,
     asked: DayAsked,
-    speed: SpeedOption = "real",
+    pace: PaceOption = "real",
     recorded: RecordingAsked,
     at: AtOption = None,
     of_train: OfTrainOption = None,
@@ -80,16 +80,16 @@ def desk(
 ) -> None:
     """Drive a simulated train yourself, in the browser; or look at a drive as its driver saw it.
 
-    The advice node runs beside it, and everything is recorded. A recording plays on the same page, at any speed.
+    The advice node runs beside it, and everything is recorded. A recording plays on the same page, at any pace.
     """
     if Path(what).suffix == ".mcap":
         refuse_given(f"{what} is a recording to look at; nothing is driven, nothing is recorded", *OF_A_DRIVE)
         _look_at(Path(what), of_train, at, looks)
         return
     refuse_given(f"{what} is a scenario; expected a recording (.mcap)", "--at", "--of-train")
-    factor = speed_factor(speed)
+    factor = pace_factor(pace)
     if factor is None:
-        raise DasError(f"--speed {speed}: {NEEDS_A_PACE}")
+        raise DasError(f"--pace {pace}: {NEEDS_A_PACE}")
     drive_at_desk(what, asked, recorded, factor, looks, as_json=as_json)
 
 
@@ -112,7 +112,7 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
 
 
 def drive_at_desk(
-    name_or_path: str, asked: DayAsked, recorded: RecordingAsked, speed: float, looks: DeskLooks, *, as_json: bool
+    name_or_path: str, asked: DayAsked, recorded: RecordingAsked, factor: float, looks: DeskLooks, *, as_json: bool
 ) -> None:
     """Simulate a day that a person drives in the browser, at a multiple of real time, and print the result.
 
@@ -149,10 +149,10 @@ def drive_at_desk(
     reserved = new_recording("desk") if recorded.out is None else None
     with removed_if_unused(reserved), DeskHost(given, listening(looks.port)) as host:
         _show(host.address, looks)
-        tell_result(_driven(read, asked, how, reserved or recorded.out, speed), as_json)
+        tell_result(_driven(read, asked, how, reserved or recorded.out, factor), as_json)
 
 
-def _driven(read: Scenario, asked: DayAsked, how: How, out: Path | None, speed: float) -> DayResult:
+def _driven(read: Scenario, asked: DayAsked, how: How, out: Path | None, factor: float) -> DayResult:
     """Prepare the day while the person reads the page, then let the person drive it."""
     with loading_solver():
         from das.cab.warm_up import warm_up
@@ -160,7 +160,7 @@ def _driven(read: Scenario, asked: DayAsked, how: How, out: Path | None, speed: 
 
         warm_up()
     day = prepared_day(read, asked)
-    return drive_recorded(day, ExternalDriver(day, times_real=speed, patience=AT_THE_DESK), how, out, speed)
+    return drive_recorded(day, ExternalDriver(day, times_real=factor, patience=AT_THE_DESK), how, out, factor)
 
 
 def _check_packages() -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeVar
 import typer
 
 from das.command_line.printing import tell
-from das.domain.errors import DasError
+from das.domain.errors import DasError, one_of
 from das.domain.files.writing import make_folder, new_file
 from sim.drivers.kinds import FrictionPolicy, Presentation
 
@@ -46,8 +46,9 @@ DriverOption = Annotated[
     typer.Option(
         "--driver",
         metavar="DRIVER",
-        help="The driver: perfect, literal, fast, rms, timetable, human, a class of your own (package.module:Class), "
-        "external, a process of its own, or desk, a person in the browser (das-sim drivers explains them).",
+        help="The driver: perfect, literal, fast, top-speed, timetable, human, a class of your own "
+        "(package.module:Class), external, a process of its own, or desk, a person in the browser (das-sim drivers "
+        "explains them).",
     ),
 ]
 AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]
@@ -125,7 +126,7 @@ Kind = TypeVar("Kind", bound=StrEnum)
 def chosen(kind: type[Kind], option: str, text: str) -> Kind:
     """The member of an enumeration with a name; DasError for any other text."""
     if text not in list(kind):
-        raise DasError(f"{option} {text}: expected one of {', '.join(kind)}")
+        raise DasError(f"{option} {text}: expected {one_of(kind, text)}")
     return kind(text)
 
 

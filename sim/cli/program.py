@@ -49,19 +49,19 @@ ENTRIES: Final = (
         name="replay",
         where="sim.cli.trips:replay",
         summary="Replay a recorded trip: the advice node answers every second, and everything is recorded.",
-        examples=("das-sim replay trip.csv --route route.toml --vehicle train.toml --line posts.csv --reverse",),
+        examples=("das-sim replay trip.csv --route route.toml --vehicle train.toml --posts posts.csv --reverse",),
     ),
     Entry(
         name="trip",
         where="sim.cli.trips:trip",
         summary="Look at a recorded trip: what was cleaned, how it fits the line, its energy.",
-        examples=("das-sim trip trip.csv --route route.toml --vehicle train.toml --line posts.csv --plot trip.png",),
+        examples=("das-sim trip trip.csv --route route.toml --vehicle train.toml --posts posts.csv --plot trip.png",),
     ),
     Entry(
         name="run",
         where="sim.cli.run:run",
         summary="Simulate a day: a train, its driver and the advice node in a closed loop.",
-        examples=("das-sim run departure-delay --driver human --advice vector --seed 3",),
+        examples=("das-sim run departure-delay --driver human --advice speed-and-effort --seed 3",),
     ),
     Entry(
         name="desk",
@@ -79,7 +79,7 @@ ENTRIES: Final = (
         name="batch",
         where="sim.cli.batch:batch",
         summary="Simulate many days on all cores, into one table.",
-        examples=("das-sim batch clear-day signal-stop --seeds 0-9 --advice vector,none -o runs",),
+        examples=("das-sim batch clear-day signal-stop --seeds 0-9 --advice speed-and-effort,none -o runs",),
     ),
     Group(
         name="experiment",
@@ -90,7 +90,7 @@ ENTRIES: Final = (
         name="sensitivity",
         where="sim.cli.batch:sensitivity",
         summary="Say how much each parameter of the human driver matters for the energy.",
-        examples=("das-sim sensitivity clear-day --advice vector,guide --seeds 0-3",),
+        examples=("das-sim sensitivity clear-day --advice speed-and-effort,guide --seeds 0-3",),
     ),
     Entry(
         name="view",

@@ -300,8 +300,8 @@ def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
     if anew:
         return WhatIfKind.DRIVEN_ANEW
     refuse_given("nobody drives anew in an open loop", "--driver", "--friction", "--participant", "--population")
-    if new.driven.advice not in (None, Presentation.GUIDE, Presentation.VECTOR):
-        refuse_given("nobody sees a display in an open loop: expected guide or vector, or --driven-anew", "--advice")
+    if new.driven.advice not in (None, Presentation.GUIDE, Presentation.SPEED_AND_EFFORT):
+        refuse_given("no display in an open loop: expected guide or speed-and-effort, or --driven-anew", "--advice")
     return WhatIfKind.OPEN_LOOP
 
 

@@ -44,10 +44,10 @@ from sim.drivers.kinds import (
 )
 from sim.options import (
     LATE_KERNELS,
+    PaceOption,
     ParticipantOption,
     PopulationOption,
-    SpeedOption,
-    speed_factor,
+    pace_factor,
     typed_command,
 )
 
@@ -61,7 +61,7 @@ DRIVERS: Final = {
     "perfect": "follows the full advice, speed and force, as exactly as the train lets",
     "literal": "does what the guide's card says and knows nothing else: no limit, no board, no signal",
     "fast": "drives as fast as allowed and brakes late",
-    "rms": "holds one reduced maximum speed, the advised one or the driver's own",
+    "top-speed": "holds one reduced maximum speed, the advised one or the driver's own",
     "timetable": "keeps time without advice",
     "human": "reacts, errs, refuses and learns, by the parameters below",
 }
@@ -96,7 +96,7 @@ def run(
     driver: DriverOption = DriverKind.HUMAN,
     asked: DayAsked,
     friction: FrictionOption = FrictionPolicy.AS_MEASURED,
-    speed: SpeedOption = "max",
+    pace: PaceOption = "max",
     recorded: RecordingAsked,
     in_process: InProcessOption = False,
     participant: ParticipantOption = None,
@@ -105,7 +105,7 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
-    who, factor = named_driver("--driver", driver), speed_factor(speed)
+    who, factor = named_driver("--driver", driver), pace_factor(pace)
     if who is not DriverKind.HUMAN:
         refuse_given(f"needs --driver {DriverKind.HUMAN}", "--friction")
     if who is DESK:
@@ -114,7 +114,7 @@ def run(
         participant_of(who, participant, population)
         refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--in-process", "--driver-at")
         if factor is None:
-            refuse_given(NEEDS_A_PACE, "--speed")
+            refuse_given(NEEDS_A_PACE, "--pace")
         drive_at_desk(scenario, asked, recorded, factor or 1.0, DeskLooks(), as_json=as_json)
         return
     if in_process:
@@ -154,7 +154,7 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
     return DEFAULT_DRIVER_AT if endpoint is None else endpoint
 
 
-def _external(day: Day, how: How, speed: float | None) -> ExternalDriver:
+def _external(day: Day, how: How, factor: float | None) -> ExternalDriver:
     """The external driver, a process of its own; prints the command that starts it."""
     from sim.world.external import ExternalDriver
 
@@ -162,7 +162,7 @@ def _external(day: Day, how: How, speed: float | None) -> ExternalDriver:
     scenario = shlex.quote(str(day.service.scenario.source))
     command = f"{typed('das-sim')} drive {scenario} --train {how.train} {where}"
     print(one_line(f"the run waits for its driver, for example: {command}"), file=sys.stderr)
-    return ExternalDriver(day, times_real=speed)
+    return ExternalDriver(day, times_real=factor)
 
 
 def drivers(as_json: JsonOption = False) -> None:

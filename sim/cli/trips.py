@@ -56,7 +56,7 @@ def trip(
 ) -> None:
     """Look at a recorded trip: what was cleaned, how it fits the line, where it stood, its energy, its train."""
     check_picture(plot)
-    inputs = (file, options.route, options.vehicle, options.line, options.loss_map)
+    inputs = (file, options.route, options.vehicle, options.posts, options.loss_map)
     check_outputs(out, plot, inputs=inputs, overwrite=overwrite)
     trains = None if vehicles is None else _trains(vehicles, options)
     with busy("reading the trip …") if trains is None else loading_solver():

@@ -48,7 +48,7 @@ class KeptCall:
         return not math.isnan(self.stood_m)
 
     @property
-    def missed_m(self) -> float:
+    def stopping_error_m(self) -> float:
         """How far beyond the stop the train stood (m; before it: negative); NaN if it did not stop."""
         return self.stood_m - self.s_m
 
@@ -180,7 +180,8 @@ def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
     """How the stops were kept, for programs; None stands for what there is none of.
 
     Times (s) count from the timetable's first departure, or without a timetable from the first departure. `due_s` is
-    the due arrival, at the first stop the due departure; `missed_m` is by how much the train stood beyond the stop.
+    the due arrival, at the first stop the due departure; `stopping_error_m` is how far beyond the stop the
+    train stood.
     """
     zero_ns = (made[0].due_departure_ns or made[0].departed_ns) if made else 0
 
@@ -194,7 +195,7 @@ def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
             "arrived_s": since_s(one.arrived_ns),
             "departed_s": since_s(one.departed_ns),
             "late_s": known(one.late_s),
-            "missed_m": known(one.missed_m),
+            "stopping_error_m": known(one.stopping_error_m),
         }
         for one in made
     ]

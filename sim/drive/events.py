@@ -164,7 +164,7 @@ def _mark(one: DriveEvent) -> str:
     match one.kind:
         case EventKind.MISSED_STOP:
             return "stop missed"
-        case EventKind.ARRIVAL if one.facts["missed_m"] > AT_STOP_M:
+        case EventKind.ARRIVAL if one.facts["stopping_error_m"] > AT_STOP_M:
             return "beyond the stop"
         case EventKind.STAND:
             return "unplanned stop"
@@ -573,11 +573,11 @@ def call_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[Driv
     for index, call in enumerate(made):
         if call.arrived_ns and index > 0:
             late = "" if math.isnan(call.arrived_late_s) else f", {lateness_text(call.arrived_late_s)}"
-            beyond = f", {call.missed_m:.0f} m beyond the stop" if call.missed_m > AT_STOP_M else ""
+            beyond = f", {call.stopping_error_m:.0f} m beyond the stop" if call.stopping_error_m > AT_STOP_M else ""
             yield DriveEvent(
                 time_ns=call.arrived_ns, kind=EventKind.ARRIVAL, s_m=call.s_m,
                 text=f"arrived at {call.name}{late}{beyond}",
-                facts={"stop": call.name, "late_s": call.arrived_late_s, "missed_m": call.missed_m},
+                facts={"stop": call.name, "late_s": call.arrived_late_s, "stopping_error_m": call.stopping_error_m},
             )  # fmt: skip
         if call.departed_ns and index < len(made) - 1:
             late = "" if math.isnan(call.departed_late_s) else f", {lateness_text(call.departed_late_s)}"

@@ -27,7 +27,7 @@ from das.domain.restriction import Restriction
 from das.domain.units import NS
 from sim.drive.above_optimum import AboveOptimum
 from sim.drivers.cab import KINDS, AdviceView
-from sim.drivers.kinds import Presentation
+from sim.drivers.kinds import Presentation, as_now_called
 from sim.drivers.messages import recorded_view
 from sim.drivers.presentations.presenter import Presenter, ShownRegime, presenter_of, shown_presentation
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times, own_timetable
@@ -192,7 +192,7 @@ class DriveTable:
     @property
     def run(self) -> Mapping[str, str]:
         """How the drive came about, as its recording says; empty if it does not."""
-        return self.recording.metadata.get("run", {})
+        return as_now_called(self.recording.metadata.get("run", {}))
 
     @property
     def own_timetable(self) -> bool:

@@ -42,7 +42,7 @@ class AdviceView:
     """Advice as the display shows it; what is not shown is NaN or empty.
 
     Times are in s on the cab's clock, modes are driving regimes by their numbers on the bus. `speed_mps` is the advised
-    speed: the top speed in RMS, the speed to hold in FOUR_MODE, the speed to reach or to hold in GUIDE.
+    speed: the top speed in TOP_SPEED, the speed to hold in FOUR_MODE, the speed to reach or to hold in GUIDE.
     `display_speed_mps` is the same speed in whole km/h, as it is written on the display. `lever_ratio` is the advised
     effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
     after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next

@@ -54,7 +54,7 @@ class FastDriver:
         return hold(cab, outlook, top_mps if cab.speed_mps <= top_mps else min(top_mps + roll_mps, ceiling.value))
 
 
-class RmsDriver(FastDriver):
+class TopSpeedDriver(FastDriver):
     """Keeps to one top speed: the display's or, without one, his own estimate at departure of what keeps time.
 
     When the top speed is lowered, the train rolls down to it, unless a limit or a stop ahead asks for brakes.
@@ -222,5 +222,5 @@ def make_driver(
         return PerfectDriver(line)
     if kind is DriverKind.LITERAL:
         return LiteralDriver(line)
-    ruled = {DriverKind.FAST: FastDriver, DriverKind.RMS: RmsDriver, DriverKind.TIMETABLE: TimetableDriver}
+    ruled = {DriverKind.FAST: FastDriver, DriverKind.TOP_SPEED: TopSpeedDriver, DriverKind.TIMETABLE: TimetableDriver}
     return ruled[kind](line)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from das.domain.errors import DasError
+from das.domain.errors import DasError, now_called, one_of
 
 
 class DriverKind(StrEnum):
@@ -16,7 +17,7 @@ class DriverKind(StrEnum):
     PERFECT = "perfect"
     LITERAL = "literal"
     FAST = "fast"
-    RMS = "rms"
+    TOP_SPEED = "top-speed"
     TIMETABLE = "timetable"
     HUMAN = "human"
 
@@ -55,8 +56,8 @@ def named_driver(option: str, text: str) -> DriverName:
         return External(text)
     match = _OWN_CLASS.fullmatch(text)
     if match is None:
-        known = ", ".join([*DriverKind, *External])
-        raise DasError(f"{option} {text}: expected one of {known}, or a class of your own as package.module:Class")
+        expected = f"{one_of([*DriverKind, *External], text)}, or a class of your own as package.module:Class"
+        raise DasError(f"{option} {text}: expected {expected}")
     return OwnClass(module=match[1], name=match[2])
 
 
@@ -69,21 +70,16 @@ class Presentation(StrEnum):
     NONE = "none"
     DEVIATION = "deviation"
     """How many seconds early or late the train is, renewed every 35 s; nothing about how to drive."""
-    RMS = "rms"
+    TOP_SPEED = "top-speed"
     """One reduced maximum speed."""
     FOUR_MODE = "four-mode"
     """Full traction, a speed to hold, coasting, braking; and when the next of them begins."""
-    VECTOR = "vector"
+    SPEED_AND_EFFORT = "speed-and-effort"
     """Speed and effort now, and for the next seconds."""
     GUIDE = "guide"
     """What to do now, up to which speed and with what effort, and the next two changes."""
     SHEET = "sheet"
     """On paper: what to do from which kilometre on; it never changes."""
-
-    @classmethod
-    def recorded(cls, text: str) -> Presentation:
-        """The presentation that a recording names; the guide was called coach. Raises ValueError for another word."""
-        return cls(text.replace("coach", "guide"))
 
 
 class FrictionPolicy(StrEnum):
@@ -95,3 +91,10 @@ class FrictionPolicy(StrEnum):
     """Friction only where the motors cannot give what is asked."""
     BY_ADVICE = "by-advice"
     """As measured, but electric first while the driver follows advice on effort: the advice changes the habit."""
+
+
+def as_now_called(run: Mapping[str, str]) -> dict[str, str]:
+    """The metadata of a recorded run, with today's names of its driver and its display."""
+    known = [*DriverKind, *Presentation]
+    names = {key: run[key] for key in ("driver", "advice") if key in run}
+    return {**run, **{key: now_called(name, known) or name for key, name in names.items()}}

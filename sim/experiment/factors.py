@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
-from das.domain.errors import DasError
+from das.domain.errors import DasError, one_of
 from das.domain.files.load import load_vehicle
 from das.domain.files.reading import Fields
 from das.domain.levels import Level
@@ -113,7 +113,7 @@ class KnownFactor:
 def _choice(kind: Any) -> Callable[[Fields, str, Any], FactorLevel]:
     def read(table: Fields, key: str, value: Any) -> FactorLevel:
         if not isinstance(value, str) or value not in list(kind):
-            raise table.error(key, value, f"one of {', '.join(kind)}")
+            raise table.error(key, value, one_of(kind, value))
         return FactorLevel(text=value, value=kind(value))
 
     return read
@@ -166,7 +166,7 @@ def _driver(table: Fields, key: str, value: Any) -> FactorLevel:
     except DasError:
         driver = None
     if not isinstance(driver, DriverKind | OwnClass):
-        raise table.error(key, value, f"one of {', '.join(DriverKind)}, or a class of your own as package.module:Class")
+        raise table.error(key, value, f"{one_of(DriverKind, value)}, or a class of your own as package.module:Class")
     return FactorLevel(text=str(driver).replace(":", "."), value=driver)
 
 

@@ -26,7 +26,7 @@ LEAST_FORCE_N: Final = 1000.0
 LEAST_MOVE_RATIO: Final = 1e-9
 """A controller that moves less than this between two looks stands still."""
 NOLD: Final = "as in Nold & Corman (2024)"
-BALANCE: Final = "energy balance of the simulated train (docs/reference/plant.md)"
+BALANCE: Final = "energy balance of the simulated train (docs/reference/train-model.md)"
 OWN: Final = "own definition"
 GRAMMAR: Final = "grammar of the guide (docs/explanation/guide.md)"
 Measuring = Callable[[Driven], float | int | None]
@@ -49,8 +49,8 @@ class Measure:
 
 def stop_error_m(driven: Driven) -> float | None:
     """Mean distance (m) between where the train stood and where it should stand, over the stops after the first."""
-    missed = [abs(call.missed_m) for call in driven.run.calls[1:]]
-    return float(np.mean(missed)) if missed else None
+    errors = [abs(call.stopping_error_m) for call in driven.run.calls[1:]]
+    return float(np.mean(errors)) if errors else None
 
 
 def speed_rmse_mps(driven: Driven) -> float | None:
@@ -236,7 +236,7 @@ _LISTED: Final = (
     _measure("running_time_s", "Running time", "s", OWN, "time from departures to arrivals, summed over the sections"),
     _measure("late_s", "Delay at the last stop", "s", OWN,
              "arrival at the last stop − arrival by the timetable (early < 0)"),
-    _measure("stop_error_m", "Stop error", "m", "Askey & Sheridan (1995) judge stop accuracy",
+    _measure("stop_error_m", "Stopping error", "m", "Askey & Sheridan (1995) judge stop accuracy",
              "mean over the stops after the first of |where the train stands − where it should|", stop_error_m),
     _measure("speed_rmse_mps", "Speed error against what was shown", "m/s", "tracking error of manual control",
              "√ mean (v − shown)² over the moving seconds in which a speed was shown; for a reduced maximum speed "

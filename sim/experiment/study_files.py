@@ -126,7 +126,7 @@ _DRIVERS: Final = {
     DriverKind.PERFECT: "follows advice exactly and at once",
     DriverKind.LITERAL: "does what the guide's card says and knows nothing else",
     DriverKind.FAST: "drives as fast as is allowed",
-    DriverKind.RMS: "never drives faster than the reduced maximum speed",
+    DriverKind.TOP_SPEED: "never drives faster than the reduced maximum speed",
     DriverKind.TIMETABLE: "keeps to the timetable without advice",
     DriverKind.HUMAN: "a simulated human driver, who looks, reacts, errs and refuses",
 }

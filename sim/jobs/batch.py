@@ -35,7 +35,8 @@ from sim.world.service import lay_out, make_day, scenario_files
 
 MOST_SEEDS = 1_000_000
 """Largest number of seeds in one range; a larger range is taken for a typing error."""
-STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
+STOP_COLUMNS = {f"stop_{one}": one for one in ("due_s", "arrived_s", "departed_s", "late_s")}
+STOP_COLUMNS["stopping_error_m"] = "stopping_error_m"
 PASSING_COLUMNS = ("passed_s", "late_s")
 """Figures of the stops: lists in the order in which the train comes to the stops."""
 _services = ServiceMemory()
@@ -183,7 +184,7 @@ def make_run(job: BatchJob) -> JobResult:
         "happens": described(day.disturbances),
         "drawn": json.dumps(day.drawn),
         "stops": [stop["name"] for stop in stops],
-        **{f"stop_{name}": [stop[name] for stop in stops] for name in STOP_COLUMNS},
+        **{column: [stop[name] for stop in stops] for column, name in STOP_COLUMNS.items()},
         "passings": [passing["name"] for passing in passings],
         **{f"passing_{name}": [passing[name] for passing in passings] for name in PASSING_COLUMNS},
         **{f"decision_{name}": [getattr(one, name) for one in run.decisions] for name in DriverEvent._fields},
@@ -242,7 +243,7 @@ COLUMNS = {
     **dict.fromkeys(FIGURES, "float64"),
     **dict.fromkeys(TRUTHS, "bool"),
     "stops": "string list",
-    **{f"stop_{name}": "float64 list" for name in STOP_COLUMNS},
+    **dict.fromkeys(STOP_COLUMNS, "float64 list"),
     "passings": "string list",
     **{f"passing_{name}": "float64 list" for name in PASSING_COLUMNS},
     "decision_time_s": "float64 list",

@@ -59,11 +59,11 @@ class SplitSaving:
     """What a presentation saves at equal arrival against no advice, in kWh: means over the comparable pairs of runs.
 
     `blending`: less friction braking where the motors could brake. `profile`: a better speed profile, as it was driven.
-    If a perfect driver followed the same advice on the same days (vector and guide only), `profile` is what that driver
-    saved by it, and `tracking` (mostly < 0) is what this driver lost by not keeping to the advice. The parts sum to
-    `saved`, whose 95 % interval over the pairs is ± `interval` (Student's t; NaN for fewer than 3 pairs); `ratio` is
-    its share of the optimum for the times as driven, the mean of both runs, `optimum`. `time_shift` is no part of it:
-    what the time difference was worth.
+    If a perfect driver followed the same advice on the same days (speed-and-effort and guide only), `profile` is what
+    that driver saved by it, and `tracking` (mostly < 0) is what this driver lost by not keeping to the advice. The
+    parts sum to `saved`, whose 95 % interval over the pairs is ± `interval` (Student's t; NaN for fewer than 3 pairs);
+    `ratio` is its share of the optimum for the times as driven, the mean of both runs, `optimum`. `time_shift` is no
+    part of it: what the time difference was worth.
     """
 
     scenario: str

@@ -92,14 +92,14 @@ class Dynamics:
     def __post_init__(self) -> None:
         if not SHORTEST_STEP_S <= self.step_s <= LONGEST_STEP_S:
             expected = f"{SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g}"
-            raise InputError("plant", "step_s", self.step_s, expected)
+            raise InputError("train model", "step_s", self.step_s, expected)
         for item in fields(self):
             value = getattr(self, item.name)
             if item.name == "step_s":
                 continue
             low = 0.0 if item.name.endswith("dead_s") else 1e-3
             if not low <= value <= 120.0:
-                raise InputError("plant", item.name, value, f"{low:g} to 120")
+                raise InputError("train model", item.name, value, f"{low:g} to 120")
 
     def actuators(self, train: TrainNumbers) -> Actuators:
         """Dead times and rates of the forces of a train."""
@@ -197,7 +197,7 @@ class Plant:
         """The state after a time under one command; DasError if the time is not a whole number of steps."""
         steps = round(duration_s / self.step_s)
         if steps < 1 or abs(steps * self.step_s - duration_s) > 1e-9:
-            raise DasError(f"plant: {duration_s} s is not a whole number of steps of {self.step_s} s")
+            raise DasError(f"train model: {duration_s} s is not a whole number of steps of {self.step_s} s")
         after: PlantState = kernels.advance(
             state, command, steps, self.step_s, self._line, self._train, self._actuators, self._loss
         )

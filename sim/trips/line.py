@@ -51,7 +51,7 @@ class Line:
         """The route's own geometry, with the position on the route as chainage; DasError if the route has none."""
         if len(route.geometry_position_m) < 2:
             raise DasError(
-                f"{route.source}: route {route.id!r} has no geometry to match GPS to; give kilometre posts with --line"
+                f"{route.source}: route {route.id!r} has no geometry to match GPS to; give kilometre posts with --posts"
             )
         return cls(
             source=route.source,

@@ -187,7 +187,7 @@ def _alignment(
     raise DasError(
         f"{record.source}: the train stands neither at the first nor at the last {record.place} that fits, so "
         f"kilometre posts cannot be aligned with the route's positions{hint}: expected a record from its stand at "
-        f"{stops[0].name} or to that at {stops[1].name}, or a route with geometry instead of --line"
+        f"{stops[0].name} or to that at {stops[1].name}, or a route with geometry instead of --posts"
     )
 
 

@@ -161,16 +161,16 @@ def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog)
     """The route as driven, whether that is against its file, and the line (None if the record has route positions)."""
     reverse = bool(said.reverse)
     driven = route.reversed() if reverse else route
-    line = _line(record, driven, said.line)
+    line = _line(record, driven, said.posts)
     if record.as_driven or not runs_back(record.driven(reverse, route.length_m), line):
         return driven, reverse, line
     _check_turn(record, said, line)
     other = route if reverse else route.reversed()
     right = "leave out --reverse" if said.reverse else "give --reverse"
-    posts = f", or turn the list {said.line} round" if line is not None and not line.on_route else ""
+    posts = f", or turn the list {said.posts} round" if line is not None and not line.on_route else ""
     log.add(FindingKind.OTHER_WAY, record, [0], f"{other.stops[0].name} to {other.stops[-1].name}: {right}{posts}")
     if line is not None:
-        line = _line(record, other, said.line) if line.on_route else line.turned()
+        line = _line(record, other, said.posts) if line.on_route else line.turned()
     return other, not reverse, line
 
 
@@ -191,7 +191,7 @@ def _check_turn(record: Record, said: TripOptions, line: Line | None) -> None:
 def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
     if record.on_route:
         if posts is not None:
-            raise DasError(f"--line {posts}: expected none, {record.source} has positions on the route")
+            raise DasError(f"--posts {posts}: expected none, {record.source} has positions on the route")
         return None
     return read_kilometre_posts(posts).placed(driven) if posts is not None else Line.from_route(driven)
 
@@ -290,7 +290,7 @@ def trip_section(trip: Trip, options: TripOptions) -> Section:
     """The section of a trip with the chosen vehicle; raises DasError if none is chosen or it cannot run there."""
     if options.vehicle is None:
         find = f"das-sim trip {shlex.quote(str(trip.path))} --route {shlex.quote(str(options.route))}"
-        find += f" --line {shlex.quote(str(options.line))}" if options.line is not None else ""
+        find += f" --posts {shlex.quote(str(options.posts))}" if options.posts is not None else ""
         find += " --reverse" if options.reverse else ""
         raise DasError(
             f"{trip.path}: a trip without a journey needs --vehicle; which trains can have driven it, says "

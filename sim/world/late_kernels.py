@@ -1,6 +1,6 @@
 """`python -m sim.world.late_kernels`: compile the kernels that a simulated day needs last, on a tiny line.
 
-A command that compiles the solver starts this beside itself: the plant, the guide's plans and the last word come
+A command that compiles the solver starts this beside itself: the train model, the guide's plans and the last word come
 when sections have been solved.
 """
 

@@ -324,7 +324,7 @@ class DayResult:
 
 STOP_LEGEND: Final = {
     "due, arrived, departed": "minutes and seconds since the timetable's first departure",
-    "missed": "by how much the train stood beyond the stop (before it: negative)",
+    "stopping error": "by how much the train stood beyond the stop (before it: negative)",
 }
 """The legend below the table of stops."""
 TIMES: Final = ("due", "arrived", "departed")
@@ -358,13 +358,13 @@ def _stops(result: DayResult) -> Table:
     title = f"{found.scenario}, seed {found.seed}, driver {result.driver}, advice {result.advice}"
     table = Table(title=title, title_justify="left")
     table.add_column("stop")
-    for name in (*TIMES, "late", "missed"):
+    for name in (*TIMES, "late", "stopping error"):
         table.add_column(name, justify="right")
     for call in as_rows(found.calls):
         times = ("" if time_s is None else minutes(time_s) for time_s in (call[f"{one}_s"] for one in TIMES))
         late = "" if call["late_s"] is None else f"{call['late_s']:+.0f} s"
-        missed = "" if call["arrived_s"] is None else f"{call['missed_m']:+.1f} m"
-        table.add_row(call["name"], *times, late, missed)
+        error = "" if call["arrived_s"] is None else f"{call['stopping_error_m']:+.1f} m"
+        table.add_row(call["name"], *times, late, error)
     return table
 
 
@@ -412,8 +412,8 @@ def _notes(result: DayResult) -> list[str]:
     truth = {name: value for name, value in result.drawn["truth"].items() if value != UNCHANGED[name]}
     if truth:
         notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
-    beyond = (call for call in found.calls if call.missed_m > AT_STOP_M)
-    notes += [f"the train came to stand {call.missed_m:.0f} m beyond {call.name}" for call in beyond]
+    beyond = (call for call in found.calls if call.stopping_error_m > AT_STOP_M)
+    notes += [f"the train came to stand {call.stopping_error_m:.0f} m beyond {call.name}" for call in beyond]
     early = ((call.name, (call.due_departure_ns - call.departed_ns) * NS) for call in found.calls[:-1])
     notes += [f"the train left {name} {early_s:.1f} s before its time" for name, early_s in early if early_s > EARLY_S]
     if violations.signals_passed:

@@ -162,7 +162,9 @@ def scenario_of(fields: Fields) -> Scenario:
     """The scenario of the fields of a file; raises InputError for anything unusable."""
     path = fields.source
     fields.check_schema_version(SCHEMA_VERSION)
-    fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "guide", "disturbances"])
+    fields.check_keys(
+        ["schema_version", "scenario", "timetable", "truth", "human", "sensors", "braking", "disturbances"]
+    )
     main = fields.table("scenario")
     main.check_keys(KEYS)
     timetable = fields.optional_table("timetable")
@@ -189,7 +191,7 @@ def scenario_of(fields: Fields) -> Scenario:
         truth=read_truth(fields.optional_table("truth")),
         human=read_human(fields.optional_table("human")),
         sensors=_sensors(fields.optional_table("sensors")),
-        braking=site_braking(fields.optional_table("guide")),
+        braking=site_braking(fields.optional_table("braking")),
         disturbances=_disturbances(fields),
         calls=_calls(main),
         loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,

@@ -34,7 +34,7 @@ def test_the_same_seed_drives_the_same_and_another_differently(flat: Callable[[s
 @pytest.mark.parametrize("driver", list(DriverKind))
 def test_every_driver_arrives_on_a_flat_line(flat: Callable[[str], Path], driver: str) -> None:
     """Each kind of driver stands within 10 m of the stop at the end."""
-    states = states_of(flat(), driver, "vector", 2)
+    states = states_of(flat(), driver, "speed-and-effort", 2)
     assert abs(states[-1].s_m - 6000) < 10
     assert states[-1].speed_mps == 0
 
@@ -48,7 +48,7 @@ def test_a_driver_who_never_gets_there_ends_the_run(
     monkeypatch.setattr(loop, "LONGEST_RATIO", 1.0)
     path = flat("[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86400")
     with pytest.raises(DasError, match=r"did not arrive within \d+ s \(it is at 30\d\d m|at 299\d m"):
-        states_of(path, "perfect", "vector", 1)
+        states_of(path, "perfect", "speed-and-effort", 1)
 
 
 class Asleep:
@@ -83,7 +83,7 @@ def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) 
     service = service_of(flat(signal_at(2000, 1500) + signal_at(4500, 1500)))
     for seed in range(2):
         driver = make_day(service, seed).driver(DriverKind.HUMAN)
-        run = World(make_day(service, seed), driver, Presentation.VECTOR, InProcess(service)).run()
+        run = World(make_day(service, seed), driver, Presentation.SPEED_AND_EFFORT, InProcess(service)).run()
         first_m, second_m, _ = standing_m(run)
         assert 1985 < first_m < 2000.5
         assert 4485 < second_m < 4500.5
@@ -96,7 +96,7 @@ def test_who_misses_his_marks_by_far_still_keeps_his_stops(flat: Callable[[str],
     for seed in (10, 19):
         day = make_day(service, seed)
         run = World(day, day.driver(DriverKind.HUMAN), Presentation.NONE, Alone()).run()
-        missed.append(run.calls[-1].missed_m)
+        missed.append(run.calls[-1].stopping_error_m)
     assert max(map(abs, missed)) < AT_STOP_M
     assert np.min(missed) < -4.5
 
@@ -106,7 +106,7 @@ def test_a_human_does_not_brake_every_few_seconds_downhill(flat: Callable[..., P
     """On 12 permille down to Zug (3.5 min) he brakes as often as the speed has risen again, not 30 to 50 times."""
     down = 'route = "zurich-luzern"\nfrom = "Thalwil"\nto = "Zug"'
     service = service_of(flat(base=FLAT.replace('route = "flat-6km"', down)))
-    for shown in (Presentation.NONE, Presentation.RMS):
+    for shown in (Presentation.NONE, Presentation.TOP_SPEED):
         day = make_day(service, 0)
         states = World(day, day.driver(DriverKind.HUMAN), shown, InProcess(service)).run().states
         brakes = [x.force_el_n + x.force_friction_n < -20e3 for x in states if 20_000 < x.s_m < 27_000]
@@ -135,9 +135,9 @@ def test_a_stop_overrun_is_a_stop_and_said(flat: Callable[[str], Path]) -> None:
     """On a slippery rail the train slides past its stop; the run ends there and says by how much."""
     slippery = "[[disturbances]]\nkind = 'slippery-rail'\nfrom_km = 4\nto_km = 6.5\nadhesion_ratio = 0.1\n"
     run = run_of(flat(f"[truth]\nadhesive_mass_t = 84\n{slippery}"), "perfect")
-    assert run.calls[-1].missed_m > 100
+    assert run.calls[-1].stopping_error_m > 100
 
 
 def test_a_train_that_resists_far_more_than_known_comes_to_a_stand(flat: Callable[[str], Path]) -> None:
     """With ten times the resistance a train driven as fast as possible still stops at its stop."""
-    assert abs(run_of(flat("[truth]\nresistance_ratio = 10\n"), "fast", "none").calls[-1].missed_m) < 1
+    assert abs(run_of(flat("[truth]\nresistance_ratio = 10\n"), "fast", "none").calls[-1].stopping_error_m) < 1

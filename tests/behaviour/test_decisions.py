@@ -31,7 +31,7 @@ def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path
     day, out = make_day(service, 3), tmp_path / "run.mcap"
     driver = day.driver(DriverKind.HUMAN)
     assert isinstance(driver, HumanDriver)
-    how = How(driver=DriverKind.HUMAN, advice=Presentation.VECTOR, train="T1", command="test")
+    how = How(driver=DriverKind.HUMAN, advice=Presentation.SPEED_AND_EFFORT, train="T1", command="test")
     run, traffic = drive_day(day, driver, how, out)
     assert traffic is not None
     assert traffic.lost == 0
@@ -63,7 +63,7 @@ def test_the_table_of_a_batch_gives_back_reactions_and_compliance(flat: Callable
     """A driver who acts at once on what he sees often enough for statistics: 6 days of the 6 km line."""
     path = flat("[human]\nglance_mean_s = 0.5\nglance_least_s = 0.2\nreaction_median_s = 1.0\nlapses_per_h = 0")
     batch = Batch(
-        scenarios=[str(path)], drivers=[DriverKind.HUMAN], advice=[Presentation.VECTOR], seeds=list(range(6)),
+        scenarios=[str(path)], drivers=[DriverKind.HUMAN], advice=[Presentation.SPEED_AND_EFFORT], seeds=list(range(6)),
         level=None, record=False, folder=tmp_path,
     )  # fmt: skip
     rows = [attempted(make_run, job).row for job in batch.jobs()]

@@ -114,7 +114,7 @@ def test_a_follower_on_late_days_arrives_in_time_for_the_least_energy(
     for seed in range(LATE_DAYS):
         day = make_day(service, seed)
         driver = make_driver(DriverKind.PERFECT, service.line, seed=seed)
-        run = World(day, driver, Presentation.VECTOR, InProcess(service)).run()
+        run = World(day, driver, Presentation.SPEED_AND_EFFORT, InProcess(service)).run()
         optimum_j = 0.0
         fronts = fronts_of_braking(day, None)
         for front, table, (departed, arrived) in zip(fronts, service.timetables, run.legs, strict=True):

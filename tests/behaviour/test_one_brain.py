@@ -91,14 +91,16 @@ class Kept(InProcess):
         return advice
 
 
-def advices_in_process(day: Day, hostile: bool, shown: Presentation = Presentation.VECTOR) -> list[bytes]:
+def advices_in_process(day: Day, hostile: bool, shown: Presentation = Presentation.SPEED_AND_EFFORT) -> list[bytes]:
     kept = Kept(day.service, guide=shown is Presentation.GUIDE)
     driver = make_driver(DriverKind.HUMAN, day.service.line, seed=SEED)
     World(day, driver, shown, Hostile(kept) if hostile else kept).run()
     return kept.payloads
 
 
-def advices_over_bus(day: Day, hostile: bool, out: Path, shown: Presentation = Presentation.VECTOR) -> list[bytes]:
+def advices_over_bus(
+    day: Day, hostile: bool, out: Path, shown: Presentation = Presentation.SPEED_AND_EFFORT
+) -> list[bytes]:
     how = How(driver=DriverKind.HUMAN, advice=shown, train="T1", command="test")
     processes = make_processes(day, how, out)
     driver = make_driver(DriverKind.HUMAN, day.service.line, seed=SEED)
@@ -163,7 +165,7 @@ def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(name: 
 def test_the_guide_says_the_same_in_process_and_over_the_bus(tmp_path: Path) -> None:
     """On a day with a window, planned with the braking of its drivers; every advice under way has a guide."""
     file = tmp_path / "braking.toml"
-    braking = "[guide]\nplanning_brake_mps2 = 0.5\nbelow_limit_kmh = 2.1\n"
+    braking = "[braking]\nplanning_brake_mps2 = 0.5\nbelow_limit_kmh = 2.1\n"
     file.write_text(f"{bundled_scenarios()['train-ahead'].read_text()}\n{braking}")
     service = prepare_service(read_scenario(file))
     here = advices_in_process(make_day(service, SEED), False, Presentation.GUIDE)

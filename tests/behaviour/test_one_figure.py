@@ -34,7 +34,7 @@ from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal
 REFERENCES: Final = REPOSITORY / "recordings" / "references"
 TOLERANCES: Final = {
     **dict.fromkeys(("late_s", "arrived_late_s", "departed_late_s", "arrived_s", "departed_s", "trip_s"), 0.5),
-    **dict.fromkeys(("over_limit_s", "missed_m"), 2.0),
+    **dict.fromkeys(("over_limit_s", "stopping_error_m"), 2.0),
     "over_limit_mps": 0.2,
 }
 """How far apart figures of one name may be; positions once a second tell times less exactly than the simulator does.
@@ -223,7 +223,7 @@ def test_a_real_trip_has_one_set_of_figures_or_one_refusal(tmp_path: Path, name:
         record.write_text("".join(rows[: len(rows) // 2]), encoding="utf-8")
     options = [
         *("--route", str(track_path("SE_Vasteras_Kolback")), "--vehicle", str(train_path(train))),
-        *("--reverse", "--line", str(trips / "kolback_vasteras_kmposts.csv")),
+        *("--reverse", "--posts", str(trips / "kolback_vasteras_kmposts.csv")),
     ]
     told = run(tmp_path, "replay", str(record), *options, "-o", "replayed.mcap")
     looked_at = run(tmp_path, "trip", str(record), *options)

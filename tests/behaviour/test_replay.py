@@ -163,7 +163,7 @@ def short_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(short_trip: Path, tmp_path: Path) -> None:
     """The lateness said is the least time minus the time left."""
     found = das_sim_json(
-        "replay", str(short_trip), "--arrival", "150", "--delay", "20", "--out", "run.mcap", cwd=tmp_path
+        "replay", str(short_trip), "--running-time", "150", "--delay", "20", "--out", "run.mcap", cwd=tmp_path
     )
     assert found["timetable_fit"] == "late"
     assert found["timetable_time_left_s"] == pytest.approx(130.0)
@@ -177,7 +177,7 @@ def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(sh
 def test_speed_is_kept_in_real_time(short_trip: Path, tmp_path: Path) -> None:
     """So slow that the wall clock tells it from a replay that does not wait."""
     began = time.monotonic()
-    found = das_sim_json("replay", str(short_trip), "--speed", "40", "--out", "run.mcap", cwd=tmp_path)
+    found = das_sim_json("replay", str(short_trip), "--pace", "40", "--out", "run.mcap", cwd=tmp_path)
     assert found["real_time_factor"] <= 40.4
     assert time.monotonic() - began > found["advices"] / 40.4
 
@@ -186,7 +186,7 @@ def test_speed_is_kept_in_real_time(short_trip: Path, tmp_path: Path) -> None:
 def test_ctrl_c_ends_cleanly_with_a_whole_recording(short_trip: Path, tmp_path: Path) -> None:
     """The recording is complete and the user is told where it is."""
     child = subprocess.Popen(
-        [sys.executable, "-m", "sim.cli", "replay", str(short_trip), "--speed", "5", "--out", "run.mcap"],
+        [sys.executable, "-m", "sim.cli", "replay", str(short_trip), "--pace", "5", "--out", "run.mcap"],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -210,7 +210,7 @@ def test_a_das_sim_that_is_ended_leaves_no_process_behind(short_trip: Path, tmp_
     """Terminated or killed: node and recorder end as well, and the recording is complete."""
     out = tmp_path / "run.mcap"
     child = subprocess.Popen(
-        [sys.executable, "-m", "sim.cli", "replay", str(short_trip), "--speed", "5", "--out", out.name],
+        [sys.executable, "-m", "sim.cli", "replay", str(short_trip), "--pace", "5", "--out", out.name],
         cwd=tmp_path,
         stderr=subprocess.DEVNULL,
     )
@@ -233,17 +233,17 @@ def test_a_recorded_trip_of_another_section_is_refused(tmp_path: Path) -> None:
 FLAT = ("--route", "flat-6km", "--vehicle", "re460-ic")
 BAD = [
     (["view", "junk.mcap", "--save", "junk.mcap"], "the output file is also an input"),
-    (["replay", "nothing.csv", *FLAT, "--line", "posts.csv"], "nothing.csv"),
-    (["replay", "empty.csv", *FLAT, "--line", "posts.csv"], "empty.csv"),
-    (["replay", "nan.csv", *FLAT, "--line", "posts.csv"], "nan.csv.*line 2"),
-    (["replay", "back.csv", *FLAT, "--line", "posts.csv", "--strict"], "back.csv: line 3: time running back"),
-    (["replay", "far.csv", *FLAT, "--line", "posts.csv"], "far.csv.*line 1"),
+    (["replay", "nothing.csv", *FLAT, "--posts", "posts.csv"], "nothing.csv"),
+    (["replay", "empty.csv", *FLAT, "--posts", "posts.csv"], "empty.csv"),
+    (["replay", "nan.csv", *FLAT, "--posts", "posts.csv"], "nan.csv.*line 2"),
+    (["replay", "back.csv", *FLAT, "--posts", "posts.csv", "--strict"], "back.csv: line 3: time running back"),
+    (["replay", "far.csv", *FLAT, "--posts", "posts.csv"], "far.csv.*line 1"),
     (["replay", "good.csv", "--vehicle", "re460-ic"], "good.csv: a trip without a journey needs --route"),
-    (["replay", "good.csv", *FLAT], "no geometry.*--line"),
+    (["replay", "good.csv", *FLAT], "no geometry.*--posts"),
     (["replay", "good.csv", "--route", "unit.json", "--vehicle", "re460-ic"], "unit.json: stops.unit = 'miles'"),
     (["replay", "good.csv", "--route", "down.json", "--vehicle", "re460-ic"], "down.json: gradients"),
-    (["replay", "good.csv", *FLAT, "--speed", "fast"], "--speed fast"),
-    (["replay", "good.csv", *FLAT, "--arrival", "-5"], "--arrival -5"),
+    (["replay", "good.csv", *FLAT, "--pace", "fast"], "--pace fast"),
+    (["replay", "good.csv", *FLAT, "--running-time", "-5"], "--running-time -5"),
     (["replay", "good.csv", *FLAT, "--delay", "nan"], "--delay nan"),
     (["replay", "good.csv", *FLAT, "--out", "no/where.mcap"], "no such folder"),
     (["replay", "junk.mcap"], "junk.mcap"),
@@ -304,7 +304,7 @@ def test_estimate_of_an_optimal_run_finds_its_energy() -> None:
 
 
 def test_halving_the_plants_step_changes_its_energy_little() -> None:
-    """The plant's integration has converged: 0.1 s against 0.05 s within 0.2 %."""
+    """The train model's integration has converged: 0.1 s against 0.05 s within 0.2 %."""
     route, vehicle = load_route("zurich-luzern"), load_vehicle("re460-ic")
     energies = []
     for step_s in (0.1, 0.05):

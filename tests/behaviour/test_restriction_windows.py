@@ -53,7 +53,7 @@ def restricted(window: str) -> str:
     )
 
 
-@pytest.mark.parametrize("presentation", ["vector", "guide"])
+@pytest.mark.parametrize("presentation", ["speed-and-effort", "guide"])
 def test_a_restriction_that_ends_while_the_train_is_in_it_lets_it_go(
     flat: Callable[[str], Path], presentation: str
 ) -> None:
@@ -75,7 +75,7 @@ def test_a_restriction_that_ends_while_the_train_is_in_it_lets_it_go(
     assert max(one.limit_mps for one in advices if FROM_M < one.s_m < TO_M) > 40.0
 
 
-@pytest.mark.parametrize("presentation", ["vector", pytest.param("guide", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("presentation", ["speed-and-effort", pytest.param("guide", marks=pytest.mark.slow)])
 def test_a_restriction_that_begins_before_the_train_passes_is_kept(
     flat: Callable[[str], Path], presentation: str
 ) -> None:
@@ -89,7 +89,7 @@ def test_a_restriction_that_begins_before_the_train_passes_is_kept(
 
 
 def test_a_restriction_that_begins_long_after_the_train_slows_nobody(flat: Callable[[str], Path]) -> None:
-    run, _, _ = driven(flat(restricted("valid_from_s = 5000")), "vector")
+    run, _, _ = driven(flat(restricted("valid_from_s = 5000")), "speed-and-effort")
     assert max(x.speed_mps for x in run.states if FROM_M < x.s_m < TO_M) > SLOW_MPS + 10.0
     assert run.violations == Violations()
 

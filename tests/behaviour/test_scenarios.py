@@ -132,10 +132,10 @@ def between(name: str, way: tuple[int, int]) -> Scenario:
 
 
 def short(name: str, driver: str = "perfect") -> Driven:
-    return driven_once(name, driver, "vector", DELAY_SEED if name == "departure-delay" else SEED, WAYS[name])
+    return driven_once(name, driver, "speed-and-effort", DELAY_SEED if name == "departure-delay" else SEED, WAYS[name])
 
 
-def drive(name: str, driver: str = "perfect", advice: str = "vector") -> Driven:
+def drive(name: str, driver: str = "perfect", advice: str = "speed-and-effort") -> Driven:
     return driven_once(name, driver, advice, SEED, WHOLE)
 
 
@@ -178,7 +178,7 @@ def test_the_parts_of_the_end_table_sum_to_the_energy_that_it_prints(
 ) -> None:
     driven = short(name, "human" if name == "bus-outage" else "perfect") if name in WAYS else drive(name)
     assert driven.found is not None
-    how = {"driver": DriverKind.PERFECT, "advice": Presentation.VECTOR, "happens": "", "drawn": {"truth": {}}}
+    how = {"driver": DriverKind.PERFECT, "advice": Presentation.SPEED_AND_EFFORT, "happens": "", "drawn": {"truth": {}}}
     print_result(DayResult(outcome=driven.found, wall_s=1.0, **how))
     rows = re.findall(r"^│( *\S.*?) *│ *([-+]?[\d.]+) kWh│$", capsys.readouterr().out, re.MULTILINE)
     printed_kwh = {words.strip(): float(energy) for words, energy in rows}
@@ -202,7 +202,7 @@ def test_clear_day_goes_as_planned() -> None:
     driven = short("clear-day")
     assert np.abs(driven.late_s()).max() <= 2.0
     assert driven.figures["energy_kwh"] == pytest.approx(driven.figures["energy_planned_kwh"], rel=1e-2)
-    assert max(abs(call.missed_m) for call in driven.run.calls) < 1.0
+    assert max(abs(call.stopping_error_m) for call in driven.run.calls) < 1.0
     assert driven.figures["ledger_residual_ratio"] < 1e-6
     assert driven.run.counts.withdrawn == driven.run.counts.unheard == driven.run.counts.above_limit == 0
     limits = np.array([told.cab.limit_mps for told in driven.said.told])
@@ -214,7 +214,9 @@ def test_half_the_step_changes_the_energy_little() -> None:
     service = planned()
     halved = Plant(service.route, service.vehicle, level=service.level, dynamics=Dynamics(step_s=0.025))
     day = replace(make_day(service, SEED), plant=halved)
-    run = World(day, make_driver(DriverKind.PERFECT, service.line), Presentation.VECTOR, InProcess(service)).run()
+    run = World(
+        day, make_driver(DriverKind.PERFECT, service.line), Presentation.SPEED_AND_EFFORT, InProcess(service)
+    ).run()
     energy_kwh = kwh(outcome(day, run).energies.driven_j)
     assert energy_kwh == pytest.approx(drive("clear-day").figures["energy_kwh"], rel=5e-4)
 
@@ -318,7 +320,9 @@ def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stoppin
     }
     untold = replace(scenario, disturbances=(replace(planned_one, figures=figures),))
     day = make_day(service.on(untold), SEED)
-    run = World(day, make_driver(DriverKind.PERFECT, service.line), Presentation.VECTOR, InProcess(day.service)).run()
+    run = World(
+        day, make_driver(DriverKind.PERFECT, service.line), Presentation.SPEED_AND_EFFORT, InProcess(day.service)
+    ).run()
     slowest = min(state.speed_mps for state in run.states if 31_000 < state.s_m < ahead.at_m)
     assert slowest < 5 < speed_mps[(s_m > 31_000) & (s_m < ahead.at_m)].min()
     assert kwh(outcome(day, run).energies.driven_j) > driven.figures["energy_kwh"]
@@ -350,7 +354,7 @@ BRAKES_MPS2 = 0.2
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("advice", ["guide", "vector"])
+@pytest.mark.parametrize("advice", ["guide", "speed-and-effort"])
 def test_nobody_who_brakes_for_a_signal_or_stands_at_it_is_told_to_go_on(advice: str) -> None:
     """From 3 s after the driver begins to brake until the train moves; then the advice is there at once.
 
@@ -487,7 +491,7 @@ def test_a_train_heavier_than_planned_is_found_out_and_planned_with(tmp_path: Pa
         service = service_of(tmp_path / f"{name}.toml")
         link = InProcess(service)
         driver = make_driver(DriverKind.PERFECT, service.line, seed=SEED)
-        run = World(make_day(service, SEED), driver, Presentation.VECTOR, link).run()
+        run = World(make_day(service, SEED), driver, Presentation.SPEED_AND_EFFORT, link).run()
         assert abs(run.calls[-1].late_s) <= 5
         found.append(link.cab.legs.situation.conditions)
     assert found[0].mass_ratio == pytest.approx(1.15, abs=0.03)

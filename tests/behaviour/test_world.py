@@ -132,7 +132,7 @@ def test_the_run_is_what_the_scenario_says(recording: Recording, found: dict[str
     stops = {stop["name"]: stop for stop in found["stops"]}
     assert 2 <= stops["A"]["late_s"] <= 14
     assert stops["B"]["departed_s"] >= max(stops["B"]["arrived_s"] + 20, stops["B"]["due_s"] + 20)
-    assert abs(stops["C"]["missed_m"]) < 10
+    assert abs(stops["C"]["stopping_error_m"]) < 10
     truth = recording.columns(TRUTH, "time_ns", "s_m", "speed_mps", "adhesion_ratio", "head_wind_mps")
     assert truth["head_wind_mps"] == pytest.approx(10 * KMH)
     assert (truth["adhesion_ratio"] == 1).all()
@@ -277,7 +277,7 @@ def test_the_run_can_be_looked_at(folder: Path, recording: Recording) -> None:
 
 @pytest.mark.slow
 def test_ctrl_c_ends_a_run_cleanly_with_a_whole_recording(folder: Path) -> None:
-    command = ["run", "eventful.toml", "--speed", "20", "--driver", "perfect", "--out", "cut.mcap"]
+    command = ["run", "eventful.toml", "--pace", "20", "--driver", "perfect", "--out", "cut.mcap"]
     child = subprocess.Popen(
         [sys.executable, "-m", "sim.cli", *command], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True,
@@ -330,13 +330,13 @@ def test_the_list_of_scenarios(folder: Path) -> None:
         (["nothing"], "nothing: not a bundled scenario"),
         (
             ["clear-day", "--driver", "nobody"],
-            "--driver nobody: expected one of perfect, literal, fast, rms, timetable, human, external, desk, or a",
+            "--driver nobody: expected one of perfect, literal, fast, top-speed, timetable, human, external, desk, or",
         ),
         (
             ["clear-day", "--advice", "all"],
-            "Invalid value for '--advice': Value error, 'all' is not one of 'none', 'deviation', 'rms',",
+            "Invalid value for '--advice': Value error, 'all' is not one of 'none', 'deviation', 'top-speed',",
         ),
-        (["clear-day", "--speed", "fast"], "--speed fast: expected max, real or a number"),
+        (["clear-day", "--pace", "fast"], "--pace fast: expected max, real or a number"),
         (["clear-day", "--out", "no/where.mcap"], "no such folder"),
         (["clear-day", "--out", "x.mcap", "--in-process"], "--out x.mcap: a run --in-process records nothing"),
         (["clear-day", "--driver", "desk", "--in-process"], "--in-process: needs a driver other than desk"),

@@ -212,7 +212,7 @@ def test_nobody_brakes_who_is_told_to_coast_unless_a_limit_or_a_stop_asks_for_it
     assert braked.all_s >= braked.unasked_s
 
 
-@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.GUIDE])
+@pytest.mark.parametrize("presentation", [Presentation.SPEED_AND_EFFORT, Presentation.GUIDE])
 def test_all_that_is_advised_is_set(presentation: Presentation) -> None:
     """At 100 % advice the controller is at 99 % at least: the end of the scale is a stop."""
     set_to = set_at_full(days(presentation))
@@ -235,6 +235,6 @@ def test_every_stop_is_within_the_bound(presentation: Presentation) -> None:
 
 def test_looks_follow_each_other() -> None:
     """The measures above count looks: there is one every 0.2 s."""
-    for day in days(Presentation.VECTOR):
+    for day in days(Presentation.SPEED_AND_EFFORT):
         spans = [after.time_s - before.time_s for before, after in pairwise(day.looks)]
         assert max(spans) == pytest.approx(LOOK_S, abs=1e-6)

@@ -287,7 +287,7 @@ def test_baselines_keep_to_the_supply_too() -> None:
     front = solve_front(section)
     time_s = 1.15 * front.fastest().time_s
     best = front.trajectory(time_s)
-    for strategy in (baselines.Strategy.RMS, baselines.Strategy.FOUR_MODE):
+    for strategy in (baselines.Strategy.TOP_SPEED, baselines.Strategy.FOUR_MODE):
         run = baselines.baseline(strategy, section, time_s)
         assert (run.trajectory.force_el_n[section.supply == NEUTRAL] == 0).all()
         assert (run.trajectory.force_el_n[section.supply < 0] >= 0).all()

@@ -39,7 +39,7 @@ def kolback(name: str) -> list[str]:
         str(TRIPS / f"kolback_vasteras_{name}.csv"),
         *("--route", str(track_path("SE_Vasteras_Kolback"))),
         *("--vehicle", str(train_path("CH_Stadler_KISS_SBB"))),
-        *("--reverse", "--line", str(POSTS)),
+        *("--reverse", "--posts", str(POSTS)),
     ]
 
 

@@ -80,8 +80,8 @@ def test_the_example_is_written_whole(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_a_recorded_day_is_the_day_of_run_day_and_can_be_reported(tmp_path: Path) -> None:
-    drive = sim.record_day("clear-day", tmp_path / "day.mcap", seed=1, driver="perfect", advice="vector")
-    day = sim.run_day("clear-day", seed=1, driver="perfect", advice="vector")
+    drive = sim.record_day("clear-day", tmp_path / "day.mcap", seed=1, driver="perfect", advice="speed-and-effort")
+    day = sim.run_day("clear-day", seed=1, driver="perfect", advice="speed-and-effort")
     assert drive.energy.driven_j == pytest.approx(3.6e6 * day.outcome["energy_kwh"], rel=1e-9)
     plotted = day.plotted(), drive.plotted()
     assert plotted[0].energy_j[-1] == pytest.approx(day.balance.input, rel=1e-4)

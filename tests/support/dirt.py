@@ -79,7 +79,7 @@ def load(
     folder: Path, points: Points, on: Route | None = None, *, speeds: bool = True, **said: bool | str | None
 ) -> Trip:
     path = write(folder, points, speeds=speeds)
-    return load_trip(path, read_trip(path), on or route(), TripOptions(line=long_posts(folder), **said))  # type: ignore[arg-type]
+    return load_trip(path, read_trip(path), on or route(), TripOptions(posts=long_posts(folder), **said))  # type: ignore[arg-type]
 
 
 def on_route(folder: Path, points: Points, on: Route | None = None, *, positions: bool = False, **said: Any) -> Trip:

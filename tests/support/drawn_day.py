@@ -74,12 +74,17 @@ class Change(StrEnum):
 
 STYLES: dict[Presentation, tuple[Style, ...]] = {
     Presentation.GUIDE: (Style.FORCE, Style.EFFORT, Style.SPEED, Style.CARELESS),
-    Presentation.VECTOR: (Style.FORCE, Style.EFFORT, Style.SPEED, Style.CARELESS),
-    Presentation.RMS: (Style.SPEED, Style.CARELESS),
+    Presentation.SPEED_AND_EFFORT: (Style.FORCE, Style.EFFORT, Style.SPEED, Style.CARELESS),
+    Presentation.TOP_SPEED: (Style.SPEED, Style.CARELESS),
     Presentation.FOUR_MODE: (Style.EFFORT, Style.CARELESS),
 }
 """The styles of driving that each presentation shows enough for."""
-SHARES = {Presentation.GUIDE: 0.5, Presentation.VECTOR: 0.26, Presentation.RMS: 0.12, Presentation.FOUR_MODE: 0.12}
+SHARES = {
+    Presentation.GUIDE: 0.5,
+    Presentation.SPEED_AND_EFFORT: 0.26,
+    Presentation.TOP_SPEED: 0.12,
+    Presentation.FOUR_MODE: 0.12,
+}
 
 
 @dataclass(frozen=True, kw_only=True)

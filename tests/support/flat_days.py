@@ -66,7 +66,7 @@ def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantSta
     return World(day, made, Presentation(advice), InProcess(service)).run().states
 
 
-def run_of(path: Path, driver: str, advice: str = "vector") -> Run:
+def run_of(path: Path, driver: str, advice: str = "speed-and-effort") -> Run:
     """The whole run of the day with seed 1; its service is prepared from the file each time."""
     service = prepare_service(read_scenario(path))
     made = make_driver(DriverKind(driver), service.line, seed=1)

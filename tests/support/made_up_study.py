@@ -22,7 +22,7 @@ from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfCol
 from sim.experiment.plan import PlannedComparison, StudyPlan, VariedFactor
 
 MEASURE = "gap_to_optimum_ratio"
-LEVELS = ("none", "top-speed", "vector")
+LEVELS = ("none", "top-speed", "speed-and-effort")
 NOISE = (0.0034, 0.023, 0.018)
 """The residual standard deviations measured on the simulated driver (ratios)."""
 
@@ -71,7 +71,7 @@ def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedComparison,
         plan=StudyPlan(
             name="made-up", hash="0" * 64, seed=1, measures=(MEASURE,),
             factors=(VariedFactor(name="presentation", levels=names, within=True),),
-            comparisons=comparisons or (compared("vector" if levels > 2 else names[1], "none"),),
+            comparisons=comparisons or (compared("speed-and-effort" if levels > 2 else names[1], "none"),),
         ),
         trials=FinishedTrials(
             participant=np.array([f"sub-{one + 1:03d}" for one in driver.ravel()]),
@@ -133,7 +133,7 @@ def compared(a: str, b: str, **settings: Any) -> PlannedComparison:
     return PlannedComparison(a=a, b=b, **given)
 
 
-VECTOR = compared("vector", "none")
+SPEED_AND_EFFORT = compared("speed-and-effort", "none")
 APART = compared("top-speed", "none")
 SAME = Truth(means=(0.25, 0.25), noise=(0.01, 0.02), effect_sd=0.0)
 STUDIES = 200

@@ -210,7 +210,7 @@ def _of_run(run: Run) -> dict[str, Any]:
         "worst_late_s": max(late),
         "sections_late_s": tuple(sections),
         "over_limit_s": run.violations.over_limit_s,
-        "stops_missed": sum(not abs(call.missed_m) <= AT_STOP_M for call in run.calls[1:]),
+        "stops_missed": sum(not abs(call.stopping_error_m) <= AT_STOP_M for call in run.calls[1:]),
     }
 
 

@@ -109,7 +109,7 @@ class ObedientDriver:
         """Whether an advice shows anything on this driver's display."""
         if advice.mode is Regime.NONE:
             return False
-        if self._presentation is Presentation.RMS:
+        if self._presentation is Presentation.TOP_SPEED:
             return not math.isnan(advice.reduced_max_speed_mps)
         is_guided = advice.guide is not None and advice.guide.now.mode is not Regime.NONE
         return is_guided or self._presentation is not Presentation.GUIDE
@@ -128,7 +128,7 @@ class ObedientDriver:
             self._due = None
             return self._own.command(scene.own_eyes())
         shown_s, advice = self._seen
-        if self._presentation is Presentation.RMS:
+        if self._presentation is Presentation.TOP_SPEED:
             return self._under_top(scene, advice)
         if state.speed_mps <= 0 and now_s < scene.departure_s:
             return COAST

@@ -60,7 +60,7 @@ class KeptInProcess(InProcess):
 
 
 def run_and_recording(
-    day: Day, driver: Driver, presentation: Presentation = Presentation.VECTOR
+    day: Day, driver: Driver, presentation: Presentation = Presentation.SPEED_AND_EFFORT
 ) -> tuple[Run, Recording]:
     """Drive a day; the run, and what a recorder would have written, without the attached files."""
     shows = presenter_of(presentation)
@@ -73,7 +73,7 @@ def run_and_recording(
     )  # fmt: skip
 
 
-def recorded_day(day: Day, driver: Driver, presentation: Presentation = Presentation.VECTOR) -> Recording:
+def recorded_day(day: Day, driver: Driver, presentation: Presentation = Presentation.SPEED_AND_EFFORT) -> Recording:
     """Drive a day and return its recording (see `run_and_recording`)."""
     return run_and_recording(day, driver, presentation)[1]
 

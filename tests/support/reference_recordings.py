@@ -77,7 +77,7 @@ def make(name: str, out: Path) -> None:
             replay(prepare(bundled_recording(), ReplayOptions(), whole, COMMAND), lambda _done, _all: None)
         else:
             day = make_day(prepare_service(read_scenario(bundled_scenarios()[name])), SEED)
-            shown = Presentation.GUIDE if name in GUIDED else Presentation.VECTOR
+            shown = Presentation.GUIDE if name in GUIDED else Presentation.SPEED_AND_EFFORT
             how = How(driver=DriverKind.HUMAN, advice=shown, train="T1", command=COMMAND)
             drive_day(day, day.driver(DriverKind.HUMAN), how, whole)
         shorten(whole, out, SPANS_S[name])

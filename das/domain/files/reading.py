@@ -12,7 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, TypeVar
 
-from das.domain.errors import MISSING, DasError, InputError, is_seen
+from das.domain.errors import MISSING, DasError, InputError, is_seen, one_of
 from das.domain.units import FACTORS, MEGABYTE, to_si
 
 MOST_BYTES = 5_000_000
@@ -147,7 +147,7 @@ class Fields:
         """The member of an enumeration that is named under a key; InputError for anything else."""
         value = self.text(key, default)
         if value not in list(kind):
-            raise self.error(key, value, f"one of {', '.join(kind)}")
+            raise self.error(key, value, one_of(kind, value))
         return kind(value)
 
     def names(self, key: str, known: Collection[str]) -> list[str]:
@@ -167,7 +167,7 @@ class Fields:
         """Raise InputError for a key that is not allowed; otherwise a misspelt optional key would go unnoticed."""
         for key in self.data:
             if key not in allowed:
-                raise self.error(key, self.data[key], f"one of the keys {', '.join(sorted(allowed))}")
+                raise self.error(key, self.data[key], one_of(sorted(allowed), key, "the keys "))
 
     def quantity(self, name: str, dimension: str, default: float | None = None, *, unbounded: bool = False) -> float:
         """A number whose key ends in its unit (`mass_t = 440`), in SI.

@@ -34,7 +34,7 @@ DRIVERS: Final[Mapping[str, str]] = {
     DriverKind.PERFECT: "a driver who follows advice exactly",
     DriverKind.LITERAL: "a driver who does what the guide's card says and knows nothing else",
     DriverKind.FAST: "a driver who runs as fast as he may",
-    DriverKind.RMS: "a driver who keeps a reduced maximum speed",
+    DriverKind.TOP_SPEED: "a driver who keeps a reduced maximum speed",
     DriverKind.TIMETABLE: "a driver who keeps the timetable",
     DriverKind.HUMAN: "a simulated human",
     External.EXTERNAL: "a driver of its own process",
@@ -119,7 +119,7 @@ def came_about(drive: Drive, *, short: bool = False) -> list[str]:
 def _presentation(name: str) -> str:
     """A presentation in words; an unknown presentation by its name."""
     try:
-        return presenter_of(Presentation.recorded(name)).phrase
+        return presenter_of(Presentation(name)).phrase
     except ValueError:
         return name
 

@@ -167,7 +167,7 @@ def stop_dicts(drive: Drive) -> list[Row]:
             "due_departure_s": at_s(call.due_departure_ns),
             "departed_s": at_s(call.departed_ns),
             "departed_late_s": known(call.departed_late_s),
-            "missed_m": known(call.missed_m),
+            "stopping_error_m": known(call.stopping_error_m),
             "reached": call.reached,
             "served": call.served,
         }

@@ -34,7 +34,7 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import part_between
 from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, Smoothed, legs_of, open_calls
 from sim.drive.calls import KeptCall, calls_on_the_way, kept_calls
-from sim.options import ReplayOptions, TripOptions, speed_factor
+from sim.options import ReplayOptions, TripOptions, pace_factor
 from sim.recording.inputs import input_files, sha256
 from sim.runs.replay.timing import ReplayTiming, check_timing, plan_timing
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
@@ -92,7 +92,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     `command` is what the user typed; the recording keeps it. Raises DasError for anything unusable.
     """
     check_train_name(options.train)
-    speed_factor(options.speed)
+    pace_factor(options.pace)
     check_timing(options)
     if out.resolve() == trip_path.resolve():
         raise DasError(f"{out}: the recording to write would replace the trip that is read")
@@ -122,7 +122,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         timing=timing,
         reference=front.trajectory((timing.arrival_ns - timing.departure_ns) * NS),
         driven=estimate_run(section, run.time_s, run.s_m, run.speed_mps),
-        speed=speed_factor(options.speed),
+        speed=pace_factor(options.pace),
         files_kept=folder,
     )
 
@@ -194,7 +194,7 @@ def _node_arguments(options: TripOptions, start: str, end: str) -> tuple[str, ..
 def _attachments(options: TripOptions) -> list[Path]:
     """The files that a replay is made from, besides the trip."""
     paths = _input_files(options).values()
-    return [*paths, *([options.line] if options.line is not None else [])]
+    return [*paths, *([options.posts] if options.posts is not None else [])]
 
 
 def _journey_file(options: ReplayOptions) -> list[Path]:

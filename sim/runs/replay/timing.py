@@ -43,14 +43,14 @@ class ReplayTiming:
 
 def check_timing(options: ReplayOptions) -> None:
     """Raises DasError for a running time, a delay or a combination of them with a journey that is of no use."""
-    given = {"--arrival": options.arrival_s, "--delay": options.delay_s}
+    given = {"--running-time": options.running_time_s, "--delay": options.delay_s}
     for name, value in given.items():
         if value is not None and not 0 <= value < LONGEST_S:
             raise DasError(f"{name} {value:g}: expected seconds >= 0, less than a day")
         if value is not None and options.journey is not None:
             raise DasError(f"{name} {value:g}: expected none beside --journey, which has the times")
-    if options.arrival_s is not None and options.arrival_s <= 0:
-        raise DasError(f"--arrival {options.arrival_s:g}: expected a running time > 0 s")
+    if options.running_time_s is not None and options.running_time_s <= 0:
+        raise DasError(f"--running-time {options.running_time_s:g}: expected a running time > 0 s")
 
 
 def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], options: ReplayOptions) -> ReplayTiming:
@@ -69,11 +69,11 @@ def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], options: ReplayOptions) -
         arrival_ns = trip.journey.stops[-1].arrival_ns
     if options.delay_s is not None:
         departure_ns = departed_ns - round(options.delay_s / NS)
-    if options.arrival_s is not None:
-        arrival_ns = departure_ns + round(options.arrival_s / NS)
+    if options.running_time_s is not None:
+        arrival_ns = departure_ns + round(options.running_time_s / NS)
     own = arrival_ns == 0
     if own and options.delay_s is not None:
-        raise DasError(f"--delay {options.delay_s:g}: needs --arrival: nothing says when the train is due to arrive")
+        raise DasError(f"--delay {options.delay_s:g}: needs --running-time: no arrival is due in the recording")
     if own:
         departure_ns, arrival_ns = departed_ns, arrived_ns
     if arrival_ns <= departure_ns:
@@ -85,7 +85,7 @@ def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], options: ReplayOptions) -
         first_tick_ns=min(first_ns, departed_ns),
         last_tick_ns=max(last_ns, arrived_ns),
         own=own,
-        retimed=any(one is not None for one in (options.journey, options.arrival_s, options.delay_s)),
+        retimed=any(one is not None for one in (options.journey, options.running_time_s, options.delay_s)),
     )
 
 

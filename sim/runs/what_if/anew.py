@@ -293,14 +293,14 @@ def _how(origin: Origin, new: Otherwise) -> How:
         raise DasError(f"{origin.path}: was driven by a process of its own: say who drives it anew (--driver)")
     if driven.friction is not None and driver is not DriverKind.HUMAN:
         raise DasError(f"--friction {driven.friction}: needs --driver {DriverKind.HUMAN}")
-    shown = Presentation.GUIDE if origin.has_guide else Presentation.VECTOR
+    shown = Presentation.GUIDE if origin.has_guide else Presentation.SPEED_AND_EFFORT
     # Of a real drive the energy is an estimate with motors that brake first; the day driven anew keeps these brakes.
     missing = BEFORE_THE_CHOICE if origin.is_simulated else FrictionPolicy.ELECTRIC_FIRST
     try:
         return How(
             driver=driver,
             friction=driven.friction or FrictionPolicy(run.get("friction_policy", missing)),
-            advice=driven.advice or Presentation.recorded(run.get("advice", shown)),
+            advice=driven.advice or Presentation(run.get("advice", shown)),
             train=origin.train,
             command=typed_command(),
             screen=recorded_screen(run),

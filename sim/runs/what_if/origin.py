@@ -13,6 +13,7 @@ from das.bus import topics
 from das.bus.contents import Contents, RecordedMessage
 from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
+from sim.drivers.kinds import as_now_called
 from sim.options import WhatIfKind
 from sim.recording.inputs import AttachedFiles, sha256
 from sim.recording.opening import CHANGED, NOTHING, OF, OF_SHA256, WHAT_IF, open_contents
@@ -45,7 +46,7 @@ class Origin:
     @property
     def run(self) -> Mapping[str, str]:
         """The recording's metadata about how it was made."""
-        return self.recording.metadata.get("run", {})
+        return as_now_called(self.recording.metadata.get("run", {}))
 
     @property
     def messages(self) -> list[RecordedMessage]:

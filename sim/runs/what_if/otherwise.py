@@ -78,15 +78,15 @@ class DrivenOtherwise:
         str | None,
         typer.Option(
             "--driver", metavar="DRIVER", show_default=False,
-            help="The driver of the day anew: perfect, literal, fast, rms, timetable, human, or a class of your own.",
+            help="The driver of the new run: perfect, literal, fast, top-speed, timetable, human, or your own class.",
         ),
     ] = None  # fmt: skip
     advice: Annotated[
         Presentation | None,
         typer.Option(
             "--advice", show_default=False,
-            help="What the display of the day driven anew shows; with --open-loop, guide or vector: advice with or "
-            "without the guide.",
+            help="What the display of the new run shows; with --open-loop, guide or speed-and-effort: advice with "
+            "or without the guide.",
         ),
     ] = None  # fmt: skip
     friction: Annotated[

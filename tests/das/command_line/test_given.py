@@ -79,7 +79,7 @@ OF_SIM = [
     ((*DRIVE, "--driver", "perfect", "--friction", "as-measured"), "--friction as-measured: needs --driver human"),
     ((*DRIVE, "--driver", "desk", "--friction", "by-advice"), "--friction by-advice: needs --driver human"),
     ((*DRIVE, "--driver", "external", "--friction", "by-advice"), "--friction by-advice: needs --driver human"),
-    ((*DRIVE, "--driver", "desk", "--speed", "max"), "--speed max: a person needs a pace"),
+    ((*DRIVE, "--driver", "desk", "--pace", "max"), "--pace max: a person needs a pace"),
     ((*DRIVE, "--driver", "desk", "--in-process"), "--in-process: needs a driver other than desk"),
     ((*DRIVE, "--driver-at", "tcp/127.0.0.1:1"), "--driver-at tcp/127.0.0.1:1: needs --driver external"),
     ((*DRIVE, "--in-process", "--train", "IC1"), "--train IC1: a run --in-process has no bus"),
@@ -91,7 +91,7 @@ OF_SIM = [
     *(
         (("desk", "run.mcap", *words.split()), f"{words}: run.mcap {TO_SEE}")
         for words in (
-            *("--journey zurich-luzern", "--advice guide", "--seed 0", "--level l3", "--train train-1", "--speed real"),
+            *("--journey zurich-luzern", "--advice guide", "--seed 0", "--level l3", "--train train-1", "--pace real"),
             *("--notches 10", "--punctuality", "--no-punctuality", "--out a.mcap", "--overwrite", "--bus bus"),
             *("--insecure-bus", "--json"),
         )
@@ -103,7 +103,7 @@ OF_SIM = [
     (("trip", "trip.csv", "--route", "flat-6km", "--level", "l1"), "--level l1: needs --vehicle or --vehicles"),
     (("trip", "trip.csv", "--route", "flat-6km", "--point-mass"), "--point-mass: needs --vehicle or --vehicles"),
     (("trip", "trip.csv", "--of-train", "IC1"), "--of-train IC1: trip.csv is no recording"),
-    (("trip", "trip.csv", "--route", "flat-6km", "--line", "posts.csv"), "trip.csv has positions on the route"),
+    (("trip", "trip.csv", "--route", "flat-6km", "--posts", "posts.csv"), "trip.csv has positions on the route"),
     (("trip", "trip.csv", "--overwrite"), "--overwrite: no file to write is named"),
     (("replay", "trip.csv", "--overwrite"), "--overwrite: no file to write is named"),
     (("replay", "run.mcap", "--vehicle", "", "-o", "a.mcap"), "not a bundled vehicle"),
@@ -117,12 +117,20 @@ OF_SIM = [
     (("what-if", "replay.mcap", "--driver", "human", "--participant", "1", "--population", ""), "population"),
     *(
         (("what-if", "replay.mcap", "--open-loop", *word), "in an open loop")
-        for word in (("--driver", "human"), ("--participant", "1"), ("--population", "usual"), ("--advice", "rms"))
+        for word in (
+            ("--driver", "human"),
+            ("--participant", "1"),
+            ("--population", "usual"),
+            ("--advice", "top-speed"),
+        )
     ),
     (("report", "run.mcap", "--overwrite"), "--overwrite: no file to write is named"),
 ]
 OF_PRECOMPUTE = [
-    (("solve", *FLAT, "--buffer", "5", "--strategy", "rms", "--refine", "on"), "--refine on: needs --strategy optimal"),
+    (
+        ("solve", *FLAT, "--buffer", "5", "--strategy", "top-speed", "--refine", "on"),
+        "--refine on: needs --strategy optimal",
+    ),
     (("solve", *FLAT, "--strategy", "fastest", "--bound", "quick"), "--bound quick: needs --strategy optimal"),
     (("solve", *FLAT, "--strategy", "fastest", "--time", "300"), "--time 300.0: the fastest run has no time to keep"),
     (("solve", *FLAT, "--buffer", "5", "--level", "l1", "--bound", "9"), "--bound 9: needs a loss map (--level l3)"),

@@ -53,7 +53,7 @@ def contrast(one: str, other: str) -> float:
 @pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
 def test_a_colour_means_one_thing(theme: Theme) -> None:
     assert set(theme.of) == set(Meaning)
-    lane = presenter_of(Presentation.RMS).lane
+    lane = presenter_of(Presentation.TOP_SPEED).lane
     assert lane is not None
     named = {**theme.of, **MODES, lane.text: lane.color}
     near = {(a, b): round(apart(named[a], named[b]), 1) for a, b in combinations(named, 2)}

@@ -189,7 +189,7 @@ def test_what_changes_is_followed_with_the_stated_memory() -> None:
     assert belief.theta[0] == pytest.approx(1 - FORGETTING**50, rel=1e-6)
 
 
-# --- against the plant --------------------------------------------------------------------------------------------
+# --- against the train model ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("case", few(product(TRUTHS, LEGS), CASES))

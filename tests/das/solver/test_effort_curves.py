@@ -67,7 +67,7 @@ def test_the_solver_accelerates_along_a_piecewise_linear_curve_as_the_closed_for
 
 
 def test_the_plant_accelerates_along_it_as_well() -> None:
-    """The plant looks the points up by itself; its forces are there within a millisecond."""
+    """The train model looks the points up by itself; its forces are there within a millisecond."""
     soon = {f"{name}_{way}_s": 1e-3 for name in ("traction", "electric", "friction") for way in ("rise", "fall")}
     at_once = Dynamics(traction_dead_s=0.0, electric_dead_s=0.0, friction_dead_s=0.0, jerk_mps3=120.0, **soon)
     plant = Plant(flat(4_000.0), curved(), dynamics=at_once)

@@ -30,7 +30,7 @@ from tests.support.verifier import verify
 pytestmark = pytest.mark.slow
 
 MASS_KG, FORCE_N = 1e5, 1e5
-TIMED = (Strategy.FASTEST, Strategy.RMS, Strategy.FOUR_MODE)
+TIMED = (Strategy.FASTEST, Strategy.TOP_SPEED, Strategy.FOUR_MODE)
 SOLVER_RATIO = 2e-3
 """How far above the true optimum the optimal solver may be: docs/explanation/solver.md says to 0.3 %; here it is
 nearer."""
@@ -93,7 +93,7 @@ def assert_on_time(run: Baseline, time_s: float) -> None:
 
 
 def both(section: Section, time_s: float) -> tuple[Baseline, Baseline]:
-    """The four-mode and the RMS run of a time, both on time and possible."""
+    """The four-mode and the top-speed run of a time, both on time and possible."""
     runs = four_modes(section, time_s), reduced_maximum_speed(section, time_s)
     for run in runs:
         assert_on_time(run, time_s)
@@ -105,7 +105,7 @@ def both(section: Section, time_s: float) -> tuple[Baseline, Baseline]:
 
 
 @pytest.mark.parametrize("time_s", [210.0, 300.0, 900.0])
-def test_rms_without_resistance(time_s: float) -> None:
+def test_top_speed_without_resistance(time_s: float) -> None:
     """a = F/m = 1 m/s² up and down: t = s/v + v/a, so v = (t − √(t² − 4·s/a))·a/2."""
     run = reduced_maximum_speed(build_section(make_route(6_000.0, [(0.0, 40.0)]), train()), time_s)
     assert_on_time(run, time_s)
@@ -113,7 +113,7 @@ def test_rms_without_resistance(time_s: float) -> None:
     assert run.coasting_m == ()
 
 
-def test_rms_holds_its_speed_against_a_slope_and_the_air() -> None:
+def test_top_speed_holds_its_speed_against_a_slope_and_the_air() -> None:
     """While cruising the force is m·g·i + c0 + c2·v², uphill and (braking) downhill."""
     route = make_route(20_000.0, [(0.0, 40.0)], [(0.0, 0.005), (10_000.0, -0.010)])
     run = reduced_maximum_speed(build_section(route, train(2_000.0, 5.0)), 800.0)
@@ -134,7 +134,7 @@ def test_fastest_is_half_acceleration_half_braking() -> None:
 
 def test_four_modes_with_dissipative_brakes_and_no_resistance() -> None:
     """Without resistance, energy only buys speed and no brake gives it back: least energy is the least top speed that
-    makes the time, held to the brake point, which is the RMS run; E = m·v²/2."""
+    makes the time, held to the brake point, which is the top-speed run; E = m·v²/2."""
     vehicle = replace(train(), brake_policy=BrakePolicy.FRICTION, friction_brake_force_n=0.0)
     section = build_section(make_route(6_000.0, [(0.0, 40.0)]), vehicle)
     run = four_modes(section, 300.0)
@@ -229,14 +229,14 @@ def test_best_cruising_speed_and_coasting_point_by_brute_force(time_s: float) ->
 
 
 def test_four_modes_are_the_optimum_of_constant_efficiency() -> None:
-    """The paper's complete trip: at L1 the optimum is full traction, cruising, coasting, full brake; RMS needs more."""
+    """The complete trip: at L1 the optimum is full traction, cruising, coasting, full brake; top-speed needs more."""
     section = build_section(load_route("flat-6km"), load_vehicle("re460-ic"), level=Level.L1)
     front = solve_front(section)
     time_s = 1.07 * front.fastest().time_s
     optimal_j = front.trajectory(time_s).balance.input
-    run, rms = both(section, time_s)
+    run, reduced = both(section, time_s)
     assert run.balance.input == pytest.approx(optimal_j, rel=1e-3)
-    assert rms.balance.input > 1.02 * optimal_j
+    assert reduced.balance.input > 1.02 * optimal_j
     assert len(run.coasting_m) == 1
     # The four modes, and not more than the three intervals in which one gives way to the next.
     way = run.trajectory
@@ -252,9 +252,9 @@ def test_four_modes_are_the_optimum_of_constant_efficiency() -> None:
 def test_a_hilly_section(hilly: Section, hilly_front: Front, buffer_ratio: float) -> None:
     time_s = fastest(hilly).time_s * (1 + buffer_ratio)
     optimal_j = hilly_front.trajectory(time_s).balance.input
-    run, rms = both(hilly, time_s)
-    assert optimal_j - SOLVER_RATIO * abs(optimal_j) < run.balance.input <= rms.balance.input
-    assert rms.trajectory.v_mps.max() <= rms.cruise_speed_mps + 1e-9
+    run, reduced = both(hilly, time_s)
+    assert optimal_j - SOLVER_RATIO * abs(optimal_j) < run.balance.input <= reduced.balance.input
+    assert reduced.trajectory.v_mps.max() <= reduced.cruise_speed_mps + 1e-9
 
 
 def test_the_hilly_section_has_what_makes_it_hard(hilly: Section) -> None:
@@ -274,10 +274,10 @@ def test_the_bundled_route_at_every_level(level: Level, reverse: bool) -> None:
     route = load_route("zurich-luzern").reversed() if reverse else load_route("zurich-luzern")
     section = build_section(route, load_vehicle("re460-ic"), end_m=route.stops[1].position_m, level=level)
     time_s = fastest(section).time_s * 1.07
-    run, rms = both(section, time_s)
+    run, reduced = both(section, time_s)
     optimal_j = solve_front(section).trajectory(time_s).balance.input
     assert optimal_j * (1 - SOLVER_RATIO) < run.balance.input < 1.03 * optimal_j
-    assert run.balance.input <= rms.balance.input
+    assert run.balance.input <= reduced.balance.input
 
 
 @pytest.mark.parametrize(("start_mps", "end_mps"), [(0.0, 160 / 3.6), (160 / 3.6, 0.0), (10.0, 20.0)])
@@ -287,20 +287,20 @@ def test_sections_that_begin_or_end_at_speed(start_mps: float, end_mps: float) -
     section = build_section(route, vehicle, level=Level.L2, end_m=4_000.0, options=options)
     quickest = fastest(section)
     assert_possible(quickest, section)
-    run, rms = both(section, quickest.time_s * 1.1)
+    run, reduced = both(section, quickest.time_s * 1.1)
     optimal = solve_front(section).trajectory(quickest.time_s * 1.1)
     scale = max(abs(optimal.balance.input), optimal.balance.irreversible)
-    assert optimal.balance.input - SOLVER_RATIO * scale < run.balance.input <= rms.balance.input
+    assert optimal.balance.input - SOLVER_RATIO * scale < run.balance.input <= reduced.balance.input
 
 
 def test_a_hill_that_needs_momentum() -> None:
     """120 ‰ at 100 kN and 100 t: 20 kN short over 300 m, so m·v²/2 must be 6 MJ + resistance: at least 10.9 m/s."""
     route = make_route(6_000.0, [(0.0, 30.0)], [(0.0, 0.0), (4_200.0, 0.12), (4_500.0, 0.0)])
     section = build_section(route, train(2_000.0, 10.0, loss=EfficiencyLoss.from_efficiencies(0.9, 0.9)))
-    run, rms = both(section, 900.0)
-    for each in (run, rms):
+    run, reduced = both(section, 900.0)
+    for each in (run, reduced):
         assert each.trajectory.v_mps[int(np.searchsorted(each.trajectory.s_m, 4_200.0))] > 10.9
-    assert run.balance.input <= rms.balance.input
+    assert run.balance.input <= reduced.balance.input
 
 
 TRACKS = {"CH_Fribourg_Bern": "CH_Stadler_FLIRT_TPF", "SE_Vasteras_Kolback": "NL_Intercity_VIRM6"}
@@ -343,12 +343,12 @@ def test_a_time_below_the_least_gives_the_fastest_run(hilly: Section, strategy: 
 
 
 def test_four_modes_do_not_waste_energy_on_being_late(hilly: Section) -> None:
-    """With an idle loss there is a slowest sensible run; RMS keeps the time whatever it costs, down to 1 m/s."""
-    run, rms = four_modes(hilly, 5_000.0), reduced_maximum_speed(hilly, 5_000.0)
+    """With an idle loss there is a slowest sensible run; top-speed keeps the time whatever it costs, down to 1 m/s."""
+    run, reduced = four_modes(hilly, 5_000.0), reduced_maximum_speed(hilly, 5_000.0)
     assert run.fit is Fit.EARLY
     assert_possible(run, hilly)
-    assert_on_time(rms, 5_000.0)
-    assert run.balance.input < rms.balance.input
+    assert_on_time(reduced, 5_000.0)
+    assert run.balance.input < reduced.balance.input
     slowest = reduced_maximum_speed(hilly, 1e6)
     assert (slowest.fit, slowest.cruise_speed_mps) == (Fit.EARLY, 1.0)
 
@@ -373,8 +373,8 @@ def test_a_time_or_a_strategy_that_is_none_is_refused(hilly: Section) -> None:
             baseline(strategy, hilly, time_s)
     with pytest.raises(DasError, match="strategy optimal with trip time 500"):
         baseline(Strategy.OPTIMAL, hilly, 500.0)
-    with pytest.raises(DasError, match="strategy rms with trip time None s"):
-        baseline(Strategy.RMS, hilly, None)
+    with pytest.raises(DasError, match="strategy top-speed with trip time None s"):
+        baseline(Strategy.TOP_SPEED, hilly, None)
 
 
 def test_a_train_that_stalls_is_named(hilly: Section) -> None:

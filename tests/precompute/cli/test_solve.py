@@ -145,7 +145,7 @@ def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: Solved
 def test_baseline_strategies(tmp_path: Path, solved: Solved) -> None:
     """Same keys, time and files as the optimal run, and each needs more energy than the better one."""
     energies = []
-    for strategy in ("four-mode", "rms", "fastest"):
+    for strategy in ("four-mode", "top-speed", "fastest"):
         time_given = () if strategy == "fastest" else ("--buffer", "7")
         files = ("--out", f"{strategy}.csv", "--plot", f"{strategy}.png")
         result = json.loads(printed(tmp_path, *SOLVE, "--strategy", strategy, *time_given, "--json", *files))

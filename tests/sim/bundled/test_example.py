@@ -103,7 +103,7 @@ def test_the_recorded_trip_is_that_of_a_train_with_a_receivers_noise(folder: Pat
         folder / "trip.csv",
         read_trip(folder / "trip.csv"),
         load_route(str(folder / "route.toml")),
-        TripOptions(reverse=True, line=folder / "posts.csv"),
+        TripOptions(reverse=True, posts=folder / "posts.csv"),
     )
     report = trip.matched.report
     assert trip.whole

@@ -36,7 +36,7 @@ def driven_anew(recording: Recording) -> list[tuple[float, float]]:
 def test_a_person_drives_6_km_by_keyboard_and_the_recording_is_what_was_shown_and_set(tmp_path: Path) -> None:
     """At three times real time: a stop within 10 m of the mark, 20 moments as recorded, and the same train again."""
     seen: dict[int, dict[str, str]] = {}
-    options = ("--speed", "3", "--no-punctuality", "--out", "d.mcap", "--json")
+    options = ("--pace", "3", "--no-punctuality", "--out", "d.mcap", "--json")
     with desk_command(tmp_path, str(FLAT_DAY), *options) as (child, address):
         with chromium() as browser:
             page = DeskPage(browser.new_context(viewport={"width": 1280, "height": 720}), address)
@@ -47,7 +47,7 @@ def test_a_person_drives_6_km_by_keyboard_and_the_recording_is_what_was_shown_an
         said, errors = child.communicate(timeout=60)
     found = json.loads(said)
     assert child.returncode == 0, errors
-    assert abs(found["stops"][-1]["missed_m"]) <= 10
+    assert abs(found["stops"][-1]["stopping_error_m"]) <= 10
     assert (found["driver"], found["messages_lost"], found["signals_passed"]) == ("desk", 0, 0)
     recording = read_recording(tmp_path / "d.mcap")
     assert recorded_settings(recording) == PageSettings(punctuality=False)

@@ -29,7 +29,7 @@ def server_of(child: int) -> psutil.Process:
 
 def test_whatever_goes_wrong_the_train_is_braked_and_the_recording_is_whole(tmp_path: Path) -> None:
     """Reload, a second page, sleep, a closed page, a killed server, Ctrl-C: one after the other, at real time."""
-    with desk_command(tmp_path, str(FLAT_DAY), "--speed", "real", "--out", "f.mcap") as (child, address):
+    with desk_command(tmp_path, str(FLAT_DAY), "--pace", "real", "--out", "f.mcap") as (child, address):
         with chromium() as browser:
             context = browser.new_context(viewport={"width": 1280, "height": 720})
             page = DeskPage(context, address)

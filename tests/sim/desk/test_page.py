@@ -271,7 +271,7 @@ def test_every_presentation_is_shown_as_its_cab_says(
         assert state["advice"] == (
             "" if shown is Presentation.FOUR_MODE and cab.mode != 3 else f"{round(cab.display_speed_mps * 3.6)}"
         )
-        assert said == ("Drive at most" if shown is Presentation.RMS else said)
+        assert said == ("Drive at most" if shown is Presentation.TOP_SPEED else said)
     show(page, bus, cab, clock_s=(cab.clock_s if shown is Presentation.NONE else cab.valid_until_s) + 1)
     assert page.text("do") == "No advice"  # it is valid no longer
     show(page, bus, cab)

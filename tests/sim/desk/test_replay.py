@@ -92,7 +92,7 @@ def test_other_settings_of_a_page_are_refused(text: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("clear-day", "--speed", "max"), "a person needs a pace"),
+        (("clear-day", "--pace", "max"), "a person needs a pace"),
         (("clear-day", "--at", "1:00"), "expected a recording"),
         (("none.mcap",), "none.mcap: cannot be read"),
         (("none.mcap", "--out", "x.mcap"), "nothing is recorded"),

@@ -28,9 +28,9 @@ def event(kind: EventKind, at_s: float = 0.0, lasts_s: float = 0.0, **facts: obj
     ("one", "mark"),
     [
         (event(EventKind.MISSED_STOP), "stop missed"),
-        (event(EventKind.ARRIVAL, missed_m=12.0), "beyond the stop"),
-        (event(EventKind.ARRIVAL, missed_m=2.0), ""),
-        (event(EventKind.ARRIVAL, missed_m=math.nan), ""),
+        (event(EventKind.ARRIVAL, stopping_error_m=12.0), "beyond the stop"),
+        (event(EventKind.ARRIVAL, stopping_error_m=2.0), ""),
+        (event(EventKind.ARRIVAL, stopping_error_m=math.nan), ""),
         (event(EventKind.OVERSPEED, over_kmh=1.2, lasted_s=1.0), ""),
         (event(EventKind.OVERSPEED, over_kmh=1.2, lasted_s=9.0), "too fast"),
         (event(EventKind.OVERSPEED, over_kmh=7.0, lasted_s=1.0), "too fast"),
@@ -53,7 +53,7 @@ def test_what_stands_out_is_marked_with_the_reason(one: DriveEvent, mark: str) -
 def test_of_advice_that_is_refused_the_first_of_each_leg_is_marked() -> None:
     """What is shown to a driver who stands at a stop cannot be followed yet."""
     leg = [EventKind.DRIVER, EventKind.DEPARTURE, EventKind.DRIVER, EventKind.DRIVER, EventKind.ARRIVAL]
-    facts = {EventKind.DRIVER: {"followed": False}, EventKind.ARRIVAL: {"missed_m": 0.0}}
+    facts = {EventKind.DRIVER: {"followed": False}, EventKind.ARRIVAL: {"stopping_error_m": 0.0}}
     found = with_marks(event(kind, at_s, **facts.get(kind, {})) for at_s, kind in enumerate([*leg, *leg]))
     assert [bool(one.mark) for one in found] == 2 * [False, False, True, False, False]
 

@@ -39,7 +39,7 @@ def test_a_run_and_its_recording_keep_the_same_stops() -> None:
     for ours, theirs in zip(run.calls, recorded.calls, strict=True):
         assert (ours.due_arrival_ns, ours.due_departure_ns) == (theirs.due_arrival_ns, theirs.due_departure_ns)
         assert theirs.late_s == pytest.approx(ours.late_s, abs=0.3)
-        assert theirs.missed_m == pytest.approx(ours.missed_m, abs=0.1)
+        assert theirs.stopping_error_m == pytest.approx(ours.stopping_error_m, abs=0.1)
     assert recorded.late_s == pytest.approx(driven()[0].late_s, abs=0.3)
 
 

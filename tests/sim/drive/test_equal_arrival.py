@@ -77,9 +77,9 @@ def test_what_is_no_pair_is_refused(other: dict[str, str], why_not: str) -> None
 
 
 def test_brakes_that_depend_on_the_advice_are_not_the_same() -> None:
-    first, other = (told(driven(), friction_policy="by-advice", advice=name) for name in ("none", "vector"))
+    first, other = (told(driven(), friction_policy="by-advice", advice=name) for name in ("none", "speed-and-effort"))
     assert not same_brakes((first, other))
-    assert brakes_of(told(driven(), friction_policy="electric-first")) == brakes_of(told(driven(), driver="rms"))
+    assert brakes_of(told(driven(), friction_policy="electric-first")) == brakes_of(told(driven(), driver="top-speed"))
     found = EqualArrival.of(first, other, own=False)
     assert found.hangs_on == OTHER_BRAKES
     assert found.more_j == pytest.approx(0.0, abs=1e-6)

@@ -174,7 +174,7 @@ def test_a_recording_gives_the_measures_of_its_run(presentation: Presentation) -
 
 
 def test_a_recording_older_than_the_shown_speed_is_measured_by_the_advised_one() -> None:
-    vector = das_pb2.Cab.PRESENTATION_VECTOR
-    shown = (cab(t, presentation=vector, mode=3, advised_speed_mps=20.0 + (t >= 30)) for t in range(61))
+    number = das_pb2.Cab.PRESENTATION_SPEED_AND_EFFORT
+    shown = (cab(t, presentation=number, mode=3, advised_speed_mps=20.0 + (t >= 30)) for t in range(61))
     measured = stability(DriveTable.of(recorded(*shown)))
     assert (measured.changes, measured.shown_s) == (1, 60.0)

@@ -181,7 +181,7 @@ def test_the_perfect_driver_is_not_above_a_board_before_the_stop_with_the_guide(
     (tmp_path / "day.toml").write_text(DAY)
     found = sim.run_day(tmp_path / "day.toml", driver="perfect", advice="guide").outcome
     assert found["over_limit_kmh"] < 1.0
-    assert abs(found["stops"][-1]["missed_m"]) < 2.0
+    assert abs(found["stops"][-1]["stopping_error_m"]) < 2.0
 
 
 @pytest.mark.parametrize(("board_km", "board_kmh"), [(2.38, 30), (2.30, 40), (2.22, 60)])
@@ -194,12 +194,12 @@ def test_whoever_does_what_the_card_says_keeps_a_board_before_the_stop(
     found = sim.run_day(tmp_path / "day.toml", driver="literal", advice="guide").outcome
     assert found["over_limit_kmh"] < 0.5 * 3.6
     assert (found["hidden_limits"], found["above_limit_obeying_s"], found["last_word_acts"]) == (0, 0, 0)
-    assert abs(found["stops"][-1]["missed_m"]) < 5.0
+    assert abs(found["stops"][-1]["stopping_error_m"]) < 5.0
 
 
 def test_the_literal_driver_without_the_guide_keeps_the_timetable_by_himself() -> None:
     literal, alone = make_driver(DriverKind.LITERAL, LINE), make_driver(DriverKind.TIMETABLE, LINE)
-    seen = replace(card(COAST, 10.0), presentation=Presentation.VECTOR)
+    seen = replace(card(COAST, 10.0), presentation=Presentation.SPEED_AND_EFFORT)
     assert literal.command(cab(seen)) == alone.command(cab(seen))
 
 

@@ -118,7 +118,8 @@ def displayed(plan: Trajectory) -> Advise:
         j = np.clip(np.searchsorted(plan.t_s, at_s, side="right") - 1, 0, len(force_n) - 1)
         ahead_mps, ahead_n = np.interp(at_s, plan.t_s, plan.v_mps), force_n[j]
         return shown(
-            Presentation.VECTOR, das_pb2.MODE_CRUISE, state.time_s, speed_mps=speed_mps, force_n=float(force_n[i]),
+            Presentation.SPEED_AND_EFFORT, das_pb2.MODE_CRUISE, state.time_s,
+            speed_mps=speed_mps, force_n=float(force_n[i]),
             horizon_speed_mps=tuple(ahead_mps.tolist()), horizon_force_n=tuple(ahead_n.tolist()),
         )  # fmt: skip
 
@@ -143,7 +144,7 @@ def test_the_perfect_follower_drives_the_plan(name: str, request: pytest.Fixture
 def test_the_perfect_follower_of_a_live_advisor_is_on_time(name: str, request: pytest.FixtureRequest) -> None:
     """The advisor makes up for what dead times lose beyond the half second it is late for."""
     case: Case = request.getfixturevalue(name)
-    run = case.ride(make_driver(DriverKind.PERFECT, case.line), case.advise(Presentation.VECTOR))
+    run = case.ride(make_driver(DriverKind.PERFECT, case.line), case.advise(Presentation.SPEED_AND_EFFORT))
     assert run.arrival_s == pytest.approx(case.time_s, abs=1.0)
     # Asked of a perfect driver: at most 0.3 % on Zug–Luzern and 1.5 % on the 6 km line, where a second is worth 0.8 %.
     assert -0.003 < case.input_ratio(run) - 1.0 < (0.003 if name == "zug_luzern" else 0.005)
@@ -152,20 +153,20 @@ def test_the_perfect_follower_of_a_live_advisor_is_on_time(name: str, request: p
 
 def test_each_driver_by_rule_is_what_it_is_called(thalwil: Case) -> None:
     case = thalwil
-    runs = {kind: case.ride(make_driver(kind, case.line)) for kind in ("fast", "rms", "timetable")}
+    runs = {kind: case.ride(make_driver(kind, case.line)) for kind in ("fast", "top-speed", "timetable")}
     for run in runs.values():
         assert run.states[-1].s_m == pytest.approx(THALWIL_M, abs=1.5)
         assert case.excess_mps(run) < 0.1
     least_s = case.front.fastest().time_s
     assert least_s < runs["fast"].arrival_s < 1.03 * least_s
-    assert runs["rms"].arrival_s == pytest.approx(case.time_s, abs=10.0)
+    assert runs["top-speed"].arrival_s == pytest.approx(case.time_s, abs=10.0)
     assert runs["timetable"].arrival_s == pytest.approx(case.time_s, abs=10.0)
-    assert case.input_ratio(runs["fast"]) > 1.3 > case.input_ratio(runs["rms"]) > 1.0
+    assert case.input_ratio(runs["fast"]) > 1.3 > case.input_ratio(runs["top-speed"]) > 1.0
     tops = {kind: max(s.speed_mps for s in run.states) for kind, run in runs.items()}
-    assert tops["rms"] < tops["fast"] - 2.0
+    assert tops["top-speed"] < tops["fast"] - 2.0
 
 
-def test_rms_holds_the_speed_on_the_display(thalwil: Case) -> None:
+def test_top_speed_holds_the_speed_on_the_display(thalwil: Case) -> None:
     def display(state: PlantState) -> AdviceView | None:
         given = replace(
             advice(Regime.CRUISE),
@@ -173,9 +174,9 @@ def test_rms_holds_the_speed_on_the_display(thalwil: Case) -> None:
             valid_until_ns=round(1e9 * state.time_s + 3e9),
             reduced_max_speed_mps=25.0,
         )
-        return present(given, Presentation.RMS)
+        return present(given, Presentation.TOP_SPEED)
 
-    run = thalwil.ride(make_driver(DriverKind.RMS, thalwil.line), display)
+    run = thalwil.ride(make_driver(DriverKind.TOP_SPEED, thalwil.line), display)
     top = [s.speed_mps for s in run.states]
     assert max(top) == pytest.approx(25.0, abs=0.3)
     assert np.mean(np.abs(np.array(top) - 25.0) < 0.3) > 0.45
@@ -189,15 +190,15 @@ def driven_under_lowered_top(kind: DriverKind, route: Route, speed_mps: float, f
     while states[-1].time_s < for_s:
         state = states[-1]
         top_mps = speed_mps if state.time_s < 20.0 else speed_mps - 5.0
-        view = shown(Presentation.RMS, das_pb2.MODE_CRUISE, state.time_s, speed_mps=top_mps)
+        view = shown(Presentation.TOP_SPEED, das_pb2.MODE_CRUISE, state.time_s, speed_mps=top_mps)
         cab = cab_of(state, stop_m=50_000.0, arrival_s=1e7, advice=view)
         states.append(plant.advance(state, driver.command(cab), 0.2))
     return states
 
 
-@pytest.mark.parametrize("kind", [DriverKind.RMS, DriverKind.HUMAN])
+@pytest.mark.parametrize("kind", [DriverKind.TOP_SPEED, DriverKind.HUMAN])
 def test_a_train_rolls_down_to_a_lower_top_speed_and_holds_it(kind: DriverKind) -> None:
-    """Without a limit or stop ahead nobody brakes for it: level, the train rolls, by the plant's own resistance."""
+    """Without a limit or stop ahead nobody brakes for it: level, the train rolls by its own resistance."""
     states = driven_under_lowered_top(kind, flat(50_000.0, 40.0), 30.0, 400.0)
     assert min(s.force_el_n + s.force_friction_n for s in states) >= 0.0
     rolling = [s for s in states if s.time_s > 25.0 and s.speed_mps > 25.6]
@@ -206,7 +207,7 @@ def test_a_train_rolls_down_to_a_lower_top_speed_and_holds_it(kind: DriverKind) 
     assert all(s.speed_mps == pytest.approx(25.0, abs=0.7) for s in states if s.time_s > 300.0)
 
 
-@pytest.mark.parametrize(("kind", "rolls_mps"), [(DriverKind.RMS, 0.3), (DriverKind.HUMAN, 2.5)])
+@pytest.mark.parametrize(("kind", "rolls_mps"), [(DriverKind.TOP_SPEED, 0.3), (DriverKind.HUMAN, 2.5)])
 def test_a_train_above_a_lowered_top_speed_does_not_speed_up_downhill(kind: DriverKind, rolls_mps: float) -> None:
     """A human lets it roll up to 2 m/s before he brakes, as ever."""
     route = make_route(50_000.0, [(0.0, 40.0)], [(0.0, -0.02)])
@@ -216,7 +217,7 @@ def test_a_train_above_a_lowered_top_speed_does_not_speed_up_downhill(kind: Driv
 
 def test_a_train_under_a_lower_top_speed_brakes_for_what_is_ahead(thalwil: Case) -> None:
     """The advice goes down to 20 km/h before the stop; the driver brakes for the stop alone, as without advice."""
-    run = thalwil.ride(make_driver(DriverKind.RMS, thalwil.line), thalwil.advise(Presentation.RMS))
+    run = thalwil.ride(make_driver(DriverKind.TOP_SPEED, thalwil.line), thalwil.advise(Presentation.TOP_SPEED))
     assert run.states[-1].s_m == pytest.approx(THALWIL_M, abs=1.5)
     assert run.arrival_s == pytest.approx(thalwil.time_s, abs=10.0)
     assert thalwil.input_ratio(run) < 1.07
@@ -250,7 +251,7 @@ def test_nobody_leaves_early_and_everyone_minds_restrictions_and_signals(kind: D
     assert state.s_m == pytest.approx(7000.0, abs=2.0)
 
 
-@pytest.mark.parametrize("kind", [DriverKind.RMS, DriverKind.TIMETABLE, DriverKind.PERFECT, DriverKind.LITERAL])
+@pytest.mark.parametrize("kind", [DriverKind.TOP_SPEED, DriverKind.TIMETABLE, DriverKind.PERFECT, DriverKind.LITERAL])
 def test_a_driver_by_rule_brakes_comfortably_for_a_stop(kind: DriverKind) -> None:
     """With 0.5 m/s², v² falls by 125 m²/s² from 15 to 10 m/s in 125 m. Nobody advises him, and he is late."""
     line, plant = LineKnowledge(route=flat(6000.0, 22.0), vehicle=RE460), Plant(flat(6000.0, 22.0), RE460)
@@ -279,7 +280,8 @@ def fastest_view(state: PlantState) -> AdviceView:
     """Advice to go on as fast as it goes, whatever is ahead."""
     v = state.speed_mps
     return shown(
-        Presentation.VECTOR, das_pb2.MODE_FULL_TRACTION, state.time_s, speed_mps=v + 0.1, lever_ratio=1.0, force_n=3e5,
+        Presentation.SPEED_AND_EFFORT, das_pb2.MODE_FULL_TRACTION, state.time_s,
+        speed_mps=v + 0.1, lever_ratio=1.0, force_n=3e5,
         horizon_speed_mps=tuple(v + 0.4 * i for i in range(1, 31)), horizon_force_n=(3e5,) * 30,
     )  # fmt: skip
 
@@ -341,7 +343,7 @@ def advice(mode: Regime, force_n: float = 0.0, speed_mps: float = 20.0) -> Advic
 def test_presentations_show_what_they_are_for_and_no_more() -> None:
     train = LineKnowledge(route=flat(100.0), vehicle=RE460).train
     given = advice(Regime.CRUISE, 5e4)
-    full = present(given, Presentation.VECTOR, clock_zero_ns=2_000_000_000)
+    full = present(given, Presentation.SPEED_AND_EFFORT, clock_zero_ns=2_000_000_000)
     assert full is not None
     assert (full.time_s, full.valid_until_s, full.speed_mps, full.force_n) == (5.0, 8.0, 20.0, 5e4)
     assert full.lever_ratio == pytest.approx(5e4 / float(RE460.traction_effort_n(20.0)))
@@ -354,10 +356,10 @@ def test_presentations_show_what_they_are_for_and_no_more() -> None:
     coasting = present(advice(Regime.COAST), Presentation.FOUR_MODE)
     assert coasting is not None
     assert math.isnan(coasting.speed_mps)
-    reduced = present(given, Presentation.RMS)
+    reduced = present(given, Presentation.TOP_SPEED)
     assert reduced is not None
     assert (reduced.speed_mps, reduced.horizon_force_n) == (27.0, ())
-    assert present(replace(given, reduced_max_speed_mps=math.nan), Presentation.RMS) is None
+    assert present(replace(given, reduced_max_speed_mps=math.nan), Presentation.TOP_SPEED) is None
     assert present(given, Presentation.NONE) is None
     late = present(given, Presentation.DEVIATION, deviation_s=12.0)
     assert late is not None
@@ -366,13 +368,13 @@ def test_presentations_show_what_they_are_for_and_no_more() -> None:
     assert not late.horizon_speed_mps
     assert late.next_mode == Regime.NONE
     assert present(given, Presentation.DEVIATION) is None
-    assert present(advice(Regime.NONE), Presentation.VECTOR) is None
+    assert present(advice(Regime.NONE), Presentation.SPEED_AND_EFFORT) is None
     assert lever_ratio(-1e9, 20.0, train) == -1.0
     assert lever_ratio(-3.5e5, 20.0, train) == pytest.approx(-0.5, rel=0.01)  # 700 kN of both brakes
 
 
 def test_advice_that_is_no_longer_valid_is_not_followed(short: Case) -> None:
-    view = present(advice(Regime.FULL_TRACTION, 3e5), Presentation.VECTOR)
+    view = present(advice(Regime.FULL_TRACTION, 3e5), Presentation.SPEED_AND_EFFORT)
     cab = cab_of(short.plant.at(100.0, 20.0, 10.5), stop_m=6000.0, advice=view)
     assert cab.shown is None
     assert cab._replace(time_s=9.0).shown is view
@@ -385,7 +387,12 @@ def test_advice_that_is_no_longer_valid_is_not_followed(short: Case) -> None:
 
 @pytest.mark.parametrize(
     ("presentation", "notches"),
-    [(Presentation.NONE, 0), (Presentation.RMS, 8), (Presentation.FOUR_MODE, 0), (Presentation.VECTOR, 8)],
+    [
+        (Presentation.NONE, 0),
+        (Presentation.TOP_SPEED, 8),
+        (Presentation.FOUR_MODE, 0),
+        (Presentation.SPEED_AND_EFFORT, 8),
+    ],
 )
 def test_a_human_arrives_stops_at_the_mark_and_keeps_limits(
     thalwil: Case, presentation: Presentation, notches: int
@@ -402,7 +409,7 @@ def test_a_human_arrives_stops_at_the_mark_and_keeps_limits(
 @pytest.mark.slow
 def test_advice_helps_a_human_to_save_energy_and_be_on_time(zug_luzern: Case) -> None:
     case = zug_luzern
-    advised = [case.ride(HumanDriver(case.line, seed=s), case.advise(Presentation.VECTOR)) for s in range(2)]
+    advised = [case.ride(HumanDriver(case.line, seed=s), case.advise(Presentation.SPEED_AND_EFFORT)) for s in range(2)]
     alone = [case.ride(HumanDriver(case.line, seed=s)) for s in range(2)]
     assert np.mean([case.input_ratio(r) for r in advised]) < np.mean([case.input_ratio(r) for r in alone]) - 0.05
     late = [np.mean([abs(r.arrival_s - case.time_s) for r in runs]) for runs in (advised, alone)]

@@ -23,7 +23,7 @@ from tests.support.flat_days import flat_day, signal_at, standing_m
 
 DRIVERS = tuple(OwnClass(module=one.__module__, name=one.__name__) for one in (Lazy, Doubting, WeakBraking, Belated))
 LINE = LineKnowledge(route=load_route("flat-6km"), vehicle=load_vehicle("re460-ic"))
-SHOWN = (Presentation.GUIDE, Presentation.VECTOR, Presentation.FOUR_MODE, Presentation.NONE)
+SHOWN = (Presentation.GUIDE, Presentation.SPEED_AND_EFFORT, Presentation.FOUR_MODE, Presentation.NONE)
 
 
 def driven(day: Day, own: OwnClass, shown: Presentation) -> Run:
@@ -48,7 +48,7 @@ def test_each_of_them_arrives_and_keeps_the_limit(own: OwnClass, shown: Presenta
     day = flat_day()
     found = outcome(day, driven(day, own, shown), own)
     assert found.figures.violations.over_limit_s == 0
-    assert abs(found.calls[-1].missed_m) < 10
+    assert abs(found.calls[-1].stopping_error_m) < 10
     assert -15 < found.late_s < 60
 
 
@@ -56,7 +56,7 @@ def test_each_of_them_arrives_and_keeps_the_limit(own: OwnClass, shown: Presenta
 @pytest.mark.parametrize("own", few(DRIVERS, DRIVERS[:1]))
 def test_each_of_them_stops_before_a_signal_at_danger_and_goes_on_when_it_clears(own: OwnClass) -> None:
     day = flat_day(signal_at(3000, 1000))
-    at_signal_m, at_stop_m = standing_m(driven(day, own, Presentation.VECTOR))
+    at_signal_m, at_stop_m = standing_m(driven(day, own, Presentation.SPEED_AND_EFFORT))
     assert 2970 < at_signal_m < 2995
     assert abs(at_stop_m - day.service.stops[-1].position_m) < 10
 

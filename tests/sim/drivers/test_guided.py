@@ -107,7 +107,7 @@ def told_to_depart(presentation: Presentation) -> AdviceView:
     return seen
 
 
-@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.FOUR_MODE, Presentation.GUIDE])
+@pytest.mark.parametrize("presentation", [Presentation.SPEED_AND_EFFORT, Presentation.FOUR_MODE, Presentation.GUIDE])
 @pytest.mark.parametrize("driver", [HumanDriver(LINE, QUICK, seed=1), PerfectDriver(LINE)])
 def test_a_driver_who_is_cleared_departs_and_one_who_is_not_stands(driver: Driver, presentation: Presentation) -> None:
     seen = told_to_depart(presentation)
@@ -124,7 +124,7 @@ def test_a_driver_who_is_cleared_departs_and_one_who_is_not_stands(driver: Drive
         assert command.high_n == pytest.approx(0.8 * Efforts.at(0.0, LINE.train).traction_n)
 
 
-@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.GUIDE])
+@pytest.mark.parametrize("presentation", [Presentation.SPEED_AND_EFFORT, Presentation.GUIDE])
 def test_to_accelerate_is_not_new_to_a_human_who_departs(presentation: Presentation) -> None:
     """The train moves, and the display goes from the departure to its acceleration: he decided on that already."""
     driver, seen = HumanDriver(LINE, QUICK, seed=1), told_to_depart(presentation)
@@ -139,7 +139,7 @@ def test_to_accelerate_is_not_new_to_a_human_who_departs(presentation: Presentat
 
 
 def test_a_top_speed_says_nothing_of_how_to_depart() -> None:
-    seen = told_to_depart(Presentation.RMS)
+    seen = told_to_depart(Presentation.TOP_SPEED)
     assert (seen.mode, seen.speed_mps, seen.departure) == (Regime.DEPART, 20.0, seen)
 
 
@@ -274,6 +274,8 @@ def test_a_target_speed_without_effort_is_reached_his_own_way(
     mode: Regime, speed_mps: float, low: float, high: float
 ) -> None:
     driver = HumanDriver(LINE, QUICK, seed=1)
-    seen = AdviceView(time_s=0.0, valid_until_s=100.0, presentation=Presentation.VECTOR, mode=mode, speed_mps=speed_mps)
+    seen = AdviceView(
+        time_s=0.0, valid_until_s=100.0, presentation=Presentation.SPEED_AND_EFFORT, mode=mode, speed_mps=speed_mps
+    )
     values = [driver.command(cab(seen, time_s=0.2 * look)).value for look in range(20)]
     assert low - 1e-9 <= values[-1] <= high + 1e-9

@@ -25,7 +25,7 @@ WILLING = replace(
 
 def view(mode: Regime, lever_ratio: float, time_s: float, speed_mps: float = 20.0) -> AdviceView:
     speeds = {"speed_mps": speed_mps, "display_speed_mps": speed_mps}
-    return shown(Presentation.VECTOR, mode, time_s, **speeds, lever_ratio=lever_ratio, force_n=0.0)
+    return shown(Presentation.SPEED_AND_EFFORT, mode, time_s, **speeds, lever_ratio=lever_ratio, force_n=0.0)
 
 
 def driven(human: HumanDriver, mode: Regime, lever_ratio: float, *, looks: int = 100, v_mps: float = 20.0) -> Command:

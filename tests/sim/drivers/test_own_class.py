@@ -91,7 +91,7 @@ def test_the_driver_of_the_page_drives(folder: Path) -> None:
     found = driven(folder, "my_driver:Gentle", "--advice", "four-mode")
     assert found["driver"] == "my_driver:Gentle"
     assert found["over_limit_s"] == 0
-    assert abs(found["stops"][-1]["missed_m"]) < 10
+    assert abs(found["stops"][-1]["stopping_error_m"]) < 10
     assert abs(found["late_s"]) < 30
 
 
@@ -106,7 +106,7 @@ def test_a_bundled_class_drives_the_same_whoever_names_it(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("driver", "said"),
     [
-        ("nobody", "expected one of perfect, literal, fast, rms, timetable, human, external, desk, or a class"),
+        ("nobody", "expected one of perfect, literal, fast, top-speed, timetable, human, external, desk, or a class"),
         ("nowhere.at.all:Gentle", "no module nowhere among the installed packages or in {folder}"),
         ("wrong:Missing", "{folder}/wrong.py has no class Missing"),
         ("wrong:function", "function is a function; expected a class with a method command(self, cab)"),

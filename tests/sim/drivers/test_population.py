@@ -200,7 +200,7 @@ def test_runs_of_a_participant_are_paired(tmp_path: Path) -> None:
         (("run", "flat.toml", "--participant", "1", "--population", "gone"), "not a bundled population (default)"),
         (("batch", "flat.toml", "-o", "o", "--population", "default"), "needs --participants"),
         (("batch", "flat.toml", "-o", "o", "--participants", "x"), "--participants x: cannot read 'x'"),
-        (("batch", "flat.toml", "-o", "o", "--participants", "1", "--drivers", "rms"), "needs --drivers human"),
+        (("batch", "flat.toml", "-o", "o", "--participants", "1", "--drivers", "top-speed"), "needs --drivers human"),
     ],
 )  # fmt: skip
 def test_options_that_cannot_be_meant_are_refused_in_one_line(

@@ -93,27 +93,20 @@ def view(presentation: Presentation, mode: Regime = Regime.CRUISE, **fields: Any
 
 
 def test_each_presentation_shows_what_it_is_for() -> None:
-    assert Shown.of(view(Presentation.RMS)) == Shown(mode=None, speed_kmh=82, effort=None)
+    assert Shown.of(view(Presentation.TOP_SPEED)) == Shown(mode=None, speed_kmh=82, effort=None)
     assert Shown.of(view(Presentation.FOUR_MODE)) == Shown(mode=Regime.CRUISE, speed_kmh=82, effort=None)
     assert Shown.of(view(Presentation.FOUR_MODE, Regime.COAST)) == Shown(mode=Regime.COAST, speed_kmh=None, effort=None)
     late = view(Presentation.DEVIATION, deviation_s=12.4)
     assert Shown.of(late) == Shown(mode=None, speed_kmh=None, effort=None, deviation_s=12)
-    assert Shown.of(view(Presentation.VECTOR)) == Shown(mode=Regime.CRUISE, speed_kmh=82, effort=2)
+    assert Shown.of(view(Presentation.SPEED_AND_EFFORT)) == Shown(mode=Regime.CRUISE, speed_kmh=82, effort=2)
 
 
 @pytest.mark.parametrize(("ratio", "steps"), [(0.0, 0), (0.09, 0), (0.11, 1), (-0.29, -1), (-0.31, -2), (1.0, 5)])
 def test_effort_is_read_in_fifths_of_the_controller(ratio: float, steps: int) -> None:
-    assert Shown.of(view(Presentation.VECTOR, lever_ratio=ratio)).effort == steps
+    assert Shown.of(view(Presentation.SPEED_AND_EFFORT, lever_ratio=ratio)).effort == steps
 
 
 def test_what_is_not_known_is_not_shown() -> None:
-    nothing = view(Presentation.VECTOR, speed_mps=math.nan, display_speed_mps=math.nan, lever_ratio=math.nan)
+    nothing = view(Presentation.SPEED_AND_EFFORT, speed_mps=math.nan, display_speed_mps=math.nan, lever_ratio=math.nan)
     assert Shown.of(nothing) == Shown(mode=Regime.CRUISE)
-    assert Shown.of(view(Presentation.RMS, display_speed_mps=math.nan)) == Shown(speed_kmh=81)
-
-
-def test_a_recording_that_says_coach_was_driven_with_the_guide() -> None:
-    assert Presentation.recorded("coach") is Presentation.GUIDE
-    assert Presentation.recorded("none") is Presentation.NONE
-    with pytest.raises(ValueError, match="sextant"):
-        Presentation.recorded("sextant")
+    assert Shown.of(view(Presentation.TOP_SPEED, display_speed_mps=math.nan)) == Shown(speed_kmh=81)

@@ -19,7 +19,7 @@ LATE = Reason(code=ReasonCode.ARRIVAL, late_s=40.0)
 
 def advice(time_s: float, mode: Regime = Regime.CRUISE, speed_mps: float = 20.0) -> AdviceView:
     return AdviceView(
-        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.VECTOR, mode=int(mode),
+        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.SPEED_AND_EFFORT, mode=int(mode),
         speed_mps=speed_mps, lever_ratio=0.2, horizon_speed_mps=(20.0, 21.0, 22.0), horizon_force_n=(1.0, 2.0, 3.0),
         next_mode=int(Regime.COAST), next_change_s=2.5, reason=LATE,
     )  # fmt: skip
@@ -60,8 +60,8 @@ def test_what_is_read_is_held_but_brakes_and_withdrawals_are_not() -> None:
 def test_a_top_speed_is_held_though_the_advice_behind_it_brakes() -> None:
     """Nothing of braking can be read off a reduced maximum speed."""
     screen = Screen(ScreenSettings(hold_s=8.0))
-    shown(screen, replace(advice(0), presentation=Presentation.RMS))
-    lower = replace(advice(1, Regime.FULL_BRAKE, speed_mps=10.0), presentation=Presentation.RMS)
+    shown(screen, replace(advice(0), presentation=Presentation.TOP_SPEED))
+    lower = replace(advice(1, Regime.FULL_BRAKE, speed_mps=10.0), presentation=Presentation.TOP_SPEED)
     assert shown(screen, lower).speed_mps == 20.0
 
 

@@ -28,7 +28,7 @@ def test_what_a_human_driver_goes_by_is_admitted(designed: Designed) -> None:
     found = sensed(
         designed,
         "",
-        "name = 'presentation'\nlevels = ['none', 'vector']",
+        "name = 'presentation'\nlevels = ['none', 'speed-and-effort']",
         "name = 'update_interval_s'\nlevels = [1, 20]",
         "name = 'hold_s'\nlevels = [0, 20]",
         "name = 'friction'\nlevels = ['as-measured', 'electric-first']",
@@ -69,7 +69,7 @@ def test_what_no_driver_senses_is_refused(designed: Designed, factor: str, fixed
 
 
 def test_a_check_counts_trials_and_says_how_long_they_take(designed: Designed) -> None:
-    factor = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'vector']\n"
+    factor = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'speed-and-effort']\n"
     procedure = "[procedure]\npractice_trials = 1\nbreak_after = 2\nbreak_s = 100\n"
     design = designed(f"{TWO}[fixed]\nscenario = 'flat-6km'\n{procedure}{factor}")
     ticks = iter(range(100))
@@ -86,7 +86,7 @@ def test_a_check_counts_trials_and_says_how_long_they_take(designed: Designed) -
 @pytest.mark.parametrize("driver", ["human", "perfect"])
 def test_a_driver_senses_the_preview(designed: Designed, driver: str) -> None:
     (found,) = sensed(
-        designed, f"driver = '{driver}'\npresentation = 'vector'", "name = 'preview_s'\nlevels = [0, 'all']"
+        designed, f"driver = '{driver}'\npresentation = 'speed-and-effort'", "name = 'preview_s'\nlevels = [0, 'all']"
     )
     assert found == Sensed(factor="preview_s", days=1, alike=())
 

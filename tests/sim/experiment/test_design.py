@@ -40,7 +40,7 @@ count = 4
 scenario = "flat-6km"
 [[factors]]
 name = "presentation"
-levels = ["none", "vector"]
+levels = ["none", "speed-and-effort"]
 [[factors]]
 name = "hold_s"
 levels = [0, 5.5]
@@ -49,7 +49,7 @@ COMPARISON = """[[comparisons]]
 measure = "energy_kwh"
 factor = "presentation"
 a = "none"
-b = "vector"
+b = "speed-and-effort"
 where = { hold_s = 5.5 }
 """
 DESIGN = FACTORS + COMPARISON
@@ -71,11 +71,12 @@ def test_a_design_has_its_defaults(write: Path) -> None:
     assert design.plan.correction == "holm"
     assert [level.text for level in design.factors[1].levels] == ["0", "5.5"]
     comparison = design.plan.comparisons[0]
-    assert comparison.name == "energy_kwh: none - vector, hold_s 5.5"
+    assert comparison.name == "energy_kwh: none - speed-and-effort, hold_s 5.5"
     assert comparison.where == {"hold_s": "5.5"}
     settings = list(design.settings())
     assert [(one.presentation, one.hold_s) for one in settings] == [
-        (Presentation.NONE, 0.0), (Presentation.NONE, 5.5), (Presentation.VECTOR, 0.0), (Presentation.VECTOR, 5.5),
+        (Presentation.NONE, 0.0), (Presentation.NONE, 5.5), (Presentation.SPEED_AND_EFFORT, 0.0),
+        (Presentation.SPEED_AND_EFFORT, 5.5),
     ]  # fmt: skip
     assert all(one.scenario == "flat-6km" and math.isinf(one.preview_s) and one.reason for one in settings)
 
@@ -95,10 +96,10 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ("levels = [0, 5.5]", "levels = [0]", "factors[1].levels = [0]: expected at least 2 levels"),
         ("levels = [0, 5.5]", "levels = [5, 5.0]", "expected at least 2 levels, each once"),
         ("levels = [0, 5.5]", "levels = [0, nan]", "factors[1].levels = nan: expected a number from 0 to 600 (s)"),
-        ('levels = ["none", "vector"]', 'levels = ["none", 3]', "factors[0].levels = 3: expected one of none"),
+        ('levels = ["none", "speed-and-effort"]', 'levels = ["none", 3]', "levels = 3: expected one of none"),
         ('measure = "energy_kwh"', 'measure = "joy"', "comparisons[0].measure = 'joy': expected one of the measures"),
-        ('b = "vector"', 'b = "guide"', "comparisons[0].b = 'guide': expected one of the levels none, vector"),
-        ('b = "vector"', 'b = "none"', "comparisons[0].b = 'none': expected a level other than that of a"),
+        ('b = "speed-and-effort"', 'b = "guide"', "b = 'guide': expected one of the levels none, speed-and-effort"),
+        ('b = "speed-and-effort"', 'b = "none"', "comparisons[0].b = 'none': expected a level other than that of a"),
         ('factor = "presentation"', 'factor = "colour"', "factor = 'colour': expected one of the factors presentation"),
         ("{ hold_s = 5.5 }", "{ colour = 1 }", "comparisons[0].where.colour = 1: expected one of the keys hold_s"),
         ("[[comparisons]]", f"{COMPARISON}\n[[comparisons]]", "expected a name of its own for each comparison"),
@@ -190,6 +191,6 @@ def test_the_bundled_studies_are_sound() -> None:
     assert presentations.people.count == 24
     levels = load_design("level-through-a-driver")
     assert [level.value for level in levels.factors[0].levels] == [Level.L2, Level.L3]
-    assert [level.value for level in levels.factors[1].levels] == [Presentation.VECTOR, Presentation.GUIDE]
+    assert [level.value for level in levels.factors[1].levels] == [Presentation.SPEED_AND_EFFORT, Presentation.GUIDE]
     where = {tuple(sorted(one.where.items())) for one in levels.plan.comparisons}
     assert len(where) == 6, "each display with a perfect follower and with people of either brakes"

@@ -49,28 +49,28 @@ def driven_with(setting: Setting, **more: int) -> Driven:
 
 
 @pytest.fixture(scope="module")
-def vector() -> Driven:
-    return driven_with(Setting(scenario="flat-6km", presentation=Presentation.VECTOR))
+def driven() -> Driven:
+    return driven_with(Setting(scenario="flat-6km", presentation=Presentation.SPEED_AND_EFFORT))
 
 
 @pytest.fixture(scope="module")
-def series(vector: Driven) -> dict[str, list[float]]:
+def series(driven: Driven) -> dict[str, list[float]]:
     """The series of the trial, read back from its file."""
     parquet = pytest.importorskip("pyarrow.parquet")
-    files = trial_files(trial(Setting(scenario="flat-6km", presentation=Presentation.VECTOR)), vector)
+    files = trial_files(trial(Setting(scenario="flat-6km", presentation=Presentation.SPEED_AND_EFFORT)), driven)
     found: dict[str, list[float]] = parquet.read_table(
         io.BytesIO(files[trial_file(trial(Setting()), SERIES)])
     ).to_pydict()
     return found
 
 
-def events(vector: Driven) -> list[dict[str, str]]:
-    content = trial_files(trial(Setting()), vector)[trial_file(trial(Setting()), EVENTS)]
+def events(driven: Driven) -> list[dict[str, str]]:
+    content = trial_files(trial(Setting()), driven)[trial_file(trial(Setting()), EVENTS)]
     return list(csv.DictReader(io.StringIO(content.decode()), delimiter="\t"))
 
 
-def test_every_measure_has_a_value_and_its_unit_in_its_name(vector: Driven) -> None:
-    found = measured(vector, list(MEASURES))
+def test_every_measure_has_a_value_and_its_unit_in_its_name(driven: Driven) -> None:
+    found = measured(driven, list(MEASURES))
     assert {name for name, value in found.items() if value is None} == OF_THE_GUIDE
     for name, measure in MEASURES.items():
         ends = [unit for end, unit in UNITS.items() if name.endswith(f"_{end}")]
@@ -79,19 +79,19 @@ def test_every_measure_has_a_value_and_its_unit_in_its_name(vector: Driven) -> N
         assert measure.source
 
 
-def test_a_trial_says_how_it_was_set_up_with_units(vector: Driven) -> None:
-    setting = setting_sidecar(Setting(scenario="flat-6km", hold_s=5.0), vector)
+def test_a_trial_says_how_it_was_set_up_with_units(driven: Driven) -> None:
+    setting = setting_sidecar(Setting(scenario="flat-6km", hold_s=5.0), driven)
     assert setting["hold_s"] | {"Description": ""} == {"Value": 5.0, "Units": "s", "Description": ""}
     assert (setting["scenario"]["Units"], setting["preview_s"]["Value"]) == ("n/a", "all")
 
 
-def test_every_figure_of_a_run_is_a_measure(vector: Driven) -> None:
-    figures = vector.outcome.as_dict()
+def test_every_figure_of_a_run_is_a_measure(driven: Driven) -> None:
+    figures = driven.outcome.as_dict()
     assert figures.keys() - MEASURES.keys() == NO_MEASURES
-    assert measured(vector, list(figures.keys() - NO_MEASURES)) == {
+    assert measured(driven, list(figures.keys() - NO_MEASURES)) == {
         name: value for name, value in figures.items() if name not in NO_MEASURES
     }
-    assert measured(vector, ["gap_to_optimum_ratio"]) == {"gap_to_optimum_ratio": figures["above_optimum_ratio"]}
+    assert measured(driven, ["gap_to_optimum_ratio"]) == {"gap_to_optimum_ratio": figures["above_optimum_ratio"]}
 
 
 def test_events_of_the_kind_shown_say_what_was_shown_and_why() -> None:
@@ -110,23 +110,23 @@ def test_events_of_the_kind_shown_say_what_was_shown_and_why() -> None:
         assert after >= before or other != cause or after == 0.0  # A younger reference has a cause of its own.
 
 
-def test_the_energy_is_split_without_rest(vector: Driven) -> None:
-    found = measured(vector, list(MEASURES))
+def test_the_energy_is_split_without_rest(driven: Driven) -> None:
+    found = measured(driven, list(MEASURES))
     parts = [found[f"energy_{part}_kwh"] for part in ("optimum", "blending", "profile")]
     assert sum(parts) == pytest.approx(found["energy_kwh"])
     assert found["gap_to_optimum_ratio"] == pytest.approx(found["energy_kwh"] / found["energy_optimum_kwh"] - 1.0)
-    front = vector.day.service.fronts[0]
-    planned_s = vector.day.service.timetables[0].arrival_ns - vector.day.service.timetables[0].departure_ns
+    front = driven.day.service.fronts[0]
+    planned_s = driven.day.service.timetables[0].arrival_ns - driven.day.service.timetables[0].departure_ns
     on_time_kwh = front.trajectory(planned_s * 1e-9).balance.input / 3.6e6
     equal = found["energy_kwh"] - found["energy_optimum_kwh"] + on_time_kwh
     assert found["energy_at_equal_arrival_kwh"] == pytest.approx(equal)
 
 
-def test_tracking_against_the_series(vector: Driven, series: dict[str, list[float]]) -> None:
+def test_tracking_against_the_series(driven: Driven, series: dict[str, list[float]]) -> None:
     speed, shown = np.array(series["speed_mps"]), np.array(series["shown_speed_mps"], dtype=np.float64)
     counted = (speed > 0) & ~np.isnan(shown)
     error = (speed - shown)[counted]
-    found = measured(vector, list(MEASURES))
+    found = measured(driven, list(MEASURES))
     assert found["speed_rmse_mps"] == pytest.approx(math.sqrt(np.mean(error**2)), rel=1e-12)
     assert found["speed_in_band_ratio"] == pytest.approx(np.mean(np.abs(error) <= 3 * KMH))
     effort, lever = (np.array(series[name], dtype=np.float64) for name in ("shown_effort_ratio", "lever_ratio"))
@@ -136,13 +136,13 @@ def test_tracking_against_the_series(vector: Driven, series: dict[str, list[floa
     assert found["jerk_rms_mps3"] == pytest.approx(math.sqrt(np.mean(jerk**2)), rel=1e-12)
 
 
-def test_decisions_against_the_file_of_events(vector: Driven) -> None:
-    rows, found = events(vector), measured(vector, list(MEASURES))
+def test_decisions_against_the_file_of_events(driven: Driven) -> None:
+    rows, found = events(driven), measured(driven, list(MEASURES))
     kinds = [row["trial_type"] for row in rows]
     followed, refused = kinds.count("followed"), kinds.count("refused")
     assert found["compliance_ratio"] == pytest.approx(followed / (followed + refused))
     assert found["lapses"] == kinds.count("lapse")
-    moving_min = vector.moving_min
+    moving_min = driven.moving_min
     under_way = [float(row["time_s"]) for row in rows if row["trial_type"] in ("departure", "arrival")]
     glances = [float(row["time_s"]) for row in rows if row["trial_type"] == "glance"]
     on_the_way = sum(under_way[0] <= time_s <= under_way[1] for time_s in glances)
@@ -158,18 +158,18 @@ def test_decisions_against_the_file_of_events(vector: Driven) -> None:
     assert float(arrival["value"]) == pytest.approx(found["late_s"])
 
 
-def test_clocks_agree(vector: Driven, series: dict[str, list[float]]) -> None:
-    onsets = [float(row["onset"]) for row in events(vector)]
+def test_clocks_agree(driven: Driven, series: dict[str, list[float]]) -> None:
+    onsets = [float(row["onset"]) for row in events(driven)]
     assert onsets == sorted(onsets)
     assert onsets[0] >= 0
-    for row in events(vector):
+    for row in events(driven):
         assert float(row["onset"]) == pytest.approx(int(row["monotonic_ns"]) * 1e-9, abs=1e-6)
         since_s = float(row["time_s"]) - float(series["time_s"][0])
         assert float(row["onset"]) == pytest.approx(since_s, abs=1e-6)
         assert int(row["utc_ns"]) - int(row["monotonic_ns"]) == int(series["utc_ns"][0])
     assert series["monotonic_ns"][0] == 0
     assert np.all(np.diff(series["monotonic_ns"]) == 10**9)
-    assert int(series["utc_ns"][0]) == vector.day.service.moment_ns(-10.0)
+    assert int(series["utc_ns"][0]) == driven.day.service.moment_ns(-10.0)
 
 
 def test_without_advice_there_is_nothing_to_track() -> None:
@@ -182,7 +182,9 @@ def test_without_advice_there_is_nothing_to_track() -> None:
 
 
 def test_a_perfect_driver_has_no_lever_and_no_diary_and_nearly_no_gap() -> None:
-    driven = driven_with(Setting(scenario="flat-6km", driver=DriverKind.PERFECT, presentation=Presentation.VECTOR))
+    driven = driven_with(
+        Setting(scenario="flat-6km", driver=DriverKind.PERFECT, presentation=Presentation.SPEED_AND_EFFORT)
+    )
     found, energies = measured(driven, list(MEASURES)), driven.outcome.energies
     assert found["control_movements_per_min"] is None
     assert found["glances_per_min"] is None
@@ -198,7 +200,12 @@ def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
     gaps = {}
     for level in (None, Level.L1):
         driven = driven_with(
-            Setting(scenario="flat-6km", driver=DriverKind.PERFECT, presentation=Presentation.VECTOR, loss_level=level)
+            Setting(
+                scenario="flat-6km",
+                driver=DriverKind.PERFECT,
+                presentation=Presentation.SPEED_AND_EFFORT,
+                loss_level=level,
+            )
         )
         energies = driven.outcome.energies
         gaps[level] = energies.above.ratio

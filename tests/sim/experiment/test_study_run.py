@@ -39,7 +39,7 @@ experiment = {name = "small", title = "A small study", seed = 4}
 participants = {count = 2, learning = true}
 procedure = {practice_trials = 1, break_after = 2}
 fixed = {scenario = "flat-6km", hold_s = 5, preview_s = 600}
-factors = [{name = "presentation", levels = ["none", "vector"]}]
+factors = [{name = "presentation", levels = ["none", "speed-and-effort"]}]
 analysis.measures = ["gap_to_optimum_ratio", "speed_rmse_mps", "power_brake_reversals"]
 """
 
@@ -109,7 +109,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: P
 @pytest.mark.nightly
 def test_a_factor_that_is_not_sensed_is_refused_before_anything_is_driven(place: Path) -> None:
     (place / "idle.toml").write_text(
-        DESIGN.replace('"presentation"', '"reason"').replace('["none", "vector"]', "[true, false]")
+        DESIGN.replace('"presentation"', '"reason"').replace('["none", "speed-and-effort"]', "[true, false]")
     )
     done = das_sim("experiment", "run", "idle.toml", "-o", "idle", cwd=place)
     assert done.returncode == 2
@@ -226,7 +226,7 @@ def test_a_cluster_drives_the_same(place: Path, study: Path, tmp_path: Path) -> 
 @pytest.mark.nightly
 def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: Path, tmp_path: Path) -> None:
     jobs = jobs_of(designed(place), Keep.RECORDINGS, tmp_path)
-    some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("vector",)][:1]
+    some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("speed-and-effort",)][:1]
     found = run_study(designed(place), some, tmp_path, Workers(count=1))
     assert found.failed == ()
     (recording,) = tmp_path.rglob("*_recording.mcap")

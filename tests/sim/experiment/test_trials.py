@@ -17,7 +17,7 @@ from sim.experiment.trials import Keep, imbalances, in_order_of_work, jobs_of, o
 Designed = Callable[[str], Design]
 FLAT = "[fixed]\nscenario = 'flat-6km'\n"
 THREE = "[[factors]]\nname = 'hold_s'\nlevels = [0, 5, 10]\n"
-BETWEEN = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'vector']\nwithin = false\n"
+BETWEEN = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'speed-and-effort']\nwithin = false\n"
 
 
 @pytest.mark.parametrize("count", range(1, 10))
@@ -78,7 +78,7 @@ def test_groups_meet_one_level_each_and_imbalance_is_said(designed: Designed) ->
     trials = trials_of(design)
     met = {who: {trial.levels[0] for trial in trials if trial.who == who} for who in range(1, 13)}
     assert all(len(levels) == 1 for levels in met.values())
-    assert Counter(next(iter(levels)) for levels in met.values()) == {"none": 6, "vector": 6}
+    assert Counter(next(iter(levels)) for levels in met.values()) == {"none": 6, "speed-and-effort": 6}
     assert trials[0].condition == "none_0"
     assert imbalances(design, trials) == []
     design = designed(f"{FLAT}[participants]\ncount = 5\n{BETWEEN}{THREE}")

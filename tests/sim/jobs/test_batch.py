@@ -69,7 +69,7 @@ def rows(path: Path) -> list[dict[str, Any]]:
     return found
 
 
-ASKED = ("late.toml", "--seeds", "0-3", "--drivers", "perfect", "--advice", "vector,none")
+ASKED = ("late.toml", "--seeds", "0-3", "--drivers", "perfect", "--advice", "speed-and-effort,none")
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def first(folder: Path) -> First:
 def test_the_table_has_a_row_for_every_run(first: First) -> None:
     assert (first.found["runs"], first.found["made"]) == (8, 8)
     keys = [(row["scenario"], row["driver"], row["advice"], row["seed"]) for row in first.table]
-    assert keys == [("late", "perfect", shown, seed) for shown in ("vector", "none") for seed in range(4)]
+    assert keys == [("late", "perfect", shown, seed) for shown in ("speed-and-effort", "none") for seed in range(4)]
     for row in first.table:
         assert row["error"] is None
         assert row["stops"] == ["A", "B"]
@@ -106,7 +106,7 @@ def test_the_table_has_a_row_for_every_run(first: First) -> None:
         assert all(len(row[f"{name}_sha256"]) == 64 for name in ("code", "scenario", "route", "vehicle", "inputs"))
         assert row["loss_map_sha256"] is None
         assert row["version"]
-        assert row["drawn"] == first.row("vector", row["seed"])["drawn"]  # by seed, whatever is shown
+        assert row["drawn"] == first.row("speed-and-effort", row["seed"])["drawn"]  # by seed, whatever is shown
     assert len({row["drawn"] for row in first.table}) == 4
     for group in first.found["groups"]:
         mean = np.mean([row["energy_kwh"] for row in first.table if row["advice"] == group["advice"]])
@@ -143,7 +143,7 @@ def test_finished_runs_are_not_made_again_unless_an_input_changed(
     table, scenario = folder / "a" / "runs.parquet", folder / "late.toml"
     assert made(*ASKED, "-o", "a", "--workers", "1", cwd=folder)["made"] == 0
     assert table.read_bytes() == first.content
-    more = ["late.toml", "--seeds", "2-4", "--drivers", "perfect", "--advice", "vector", "-o", "a"]
+    more = ["late.toml", "--seeds", "2-4", "--drivers", "perfect", "--advice", "speed-and-effort", "-o", "a"]
     assert made(*more, cwd=folder)["made"] == 1
     assert [row["seed"] for row in rows(table)] == [2, 3, 4]
     text = scenario.read_text()
@@ -164,7 +164,19 @@ def finished(folder: Path) -> int:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number: int) -> None:
     name = f"stopped-{number}"
-    asked = ["late.toml", "--seeds", "0-39", "--drivers", "perfect", "--advice", "vector", "--workers", "1", "-o", name]
+    asked = [
+        "late.toml",
+        "--seeds",
+        "0-39",
+        "--drivers",
+        "perfect",
+        "--advice",
+        "speed-and-effort",
+        "--workers",
+        "1",
+        "-o",
+        name,
+    ]
     child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True)
     wait_until(lambda: finished(folder / name) >= 2)
     workers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
@@ -183,18 +195,18 @@ def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number
     assert found["made"] == found["runs"] - kept <= 2
     # What two workers made at once, and one in two goes, is the same to the last bit.
     theirs = {row["seed"]: row for row in rows(folder / name / "runs.parquet")}
-    assert all(theirs[seed] == first.row("vector", seed) for seed in range(4))
+    assert all(theirs[seed] == first.row("speed-and-effort", seed) for seed in range(4))
 
 
 @pytest.mark.nightly
 def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: First) -> None:
-    asked = ("late.toml", "--seeds", "1", "--drivers", "perfect", "--advice", "vector", "--record", "-o", "b")
+    asked = ("late.toml", "--seeds", "1", "--drivers", "perfect", "--advice", "speed-and-effort", "--record", "-o", "b")
     assert made(*asked, cwd=folder)["made"] == 1
     (row,) = rows(folder / "b" / "runs.parquet")
     recording = read_recording(folder / row["recording"])
     assert recording.complete
     assert recording.metadata["run"]["seed"] == "1"
-    assert {**row, "recording": None} == first.row("vector", 1)
+    assert {**row, "recording": None} == first.row("speed-and-effort", 1)
     assert made(*asked, cwd=folder)["made"] == 0
     path = folder / row["recording"]
     path.write_bytes(path.read_bytes()[:-100])
@@ -212,7 +224,8 @@ def recorded(job: BatchJob) -> bool:
 
 def jobs(folder: Path, **changes: Any) -> list[Any]:
     asked: dict[str, Any] = {
-        "scenarios": [str(folder / "late.toml")], "drivers": [DriverKind.HUMAN], "advice": [Presentation.VECTOR],
+        "scenarios": [str(folder / "late.toml")], "drivers": [DriverKind.HUMAN],
+        "advice": [Presentation.SPEED_AND_EFFORT],
         "seeds": [1, 2], "level": None, "record": False, "folder": folder, **changes,
     }  # fmt: skip
     return list(Batch(**asked).jobs())
@@ -263,7 +276,7 @@ def test_bad_input_of_batch_is_one_line(folder: Path, arguments: list[str], mess
 @pytest.mark.slow
 def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
     done = batch(*ASKED, "-o", "a", cwd=folder)
-    for text in ("8 runs, 0 of them made now", "late, perfect, vector", "written: a/runs.parquet", "comfort"):
+    for text in ("8 runs, 0 of them made now", "late, perfect, speed-and-effort", "written: a/runs.parquet", "comfort"):
         assert text in done.stdout
     assert "…" not in done.stdout
 

@@ -94,7 +94,7 @@ def test_a_doubled_vertex_does_no_harm() -> None:
 
 def test_a_route_without_geometry_needs_posts() -> None:
     with pytest.raises(
-        DasError, match=r"test\.toml: route 'test' has no geometry to match GPS to; give kilometre posts with --line"
+        DasError, match=r"test\.toml: route 'test' has no geometry to match GPS to; give kilometre posts with --posts"
     ):
         Line.from_route(route())
 

@@ -121,7 +121,7 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
     posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
     where = ("--route", "flat-6km", "--vehicle", "re460-ic", "--no-reverse")
     files = ("--out", "cleaned.csv", "--plot", "trip.png")
-    done = in_a_process("sim.cli", "trip", str(trip), *where, "--line", str(posts), *files, cwd=tmp_path)
+    done = in_a_process("sim.cli", "trip", str(trip), *where, "--posts", str(posts), *files, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for told in (
         "points kept",
@@ -144,9 +144,11 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_the_estimate_finds_the_energy_and_the_losses_of_a_simulated_run() -> None:
-    """The plant integrates force and losses on its own; the estimate knows times, positions and speeds alone."""
+    """The train model integrates force and losses on its own; the estimate knows times, positions and speeds alone."""
     day = flat_day()
-    states = World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(day.service)).run().states
+    states = (
+        World(day, day.driver(DriverKind.PERFECT), Presentation.SPEED_AND_EFFORT, InProcess(day.service)).run().states
+    )
     time_s, s_m, speed_mps = (
         np.array([getattr(one, name) for one in states]) for name in ("time_s", "s_m", "speed_mps")
     )
@@ -158,7 +160,7 @@ def test_the_estimate_finds_the_energy_and_the_losses_of_a_simulated_run() -> No
 
 @pytest.mark.nightly
 def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> None:
-    """The plant integrates on its own: its true energy against that from a track without speeds, and the direction."""
+    """The train model integrates by itself: its energy against that of a track without speeds; the direction."""
     made = das_sim(
         *("make-trip", "--route", "zurich-luzern", "--vehicle", "re460-ic", "--from", "Zug", "--to", "Zürich HB"),
         *("--reverse", "--out", "made.mcap"),
@@ -407,7 +409,7 @@ def test_nothing_is_compared_before_the_direction_is_known(tmp_path: Path, rever
     """By kilometre posts, in the trip's own order, either direction may be right: the user must say."""
     posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
     trip = write(tmp_path, clean(6000.0), on_route=False)
-    options = ReplayOptions(trip=TripOptions(route="flat-6km", vehicle="re460-ic", line=posts, reverse=reverse))
+    options = ReplayOptions(trip=TripOptions(route="flat-6km", vehicle="re460-ic", posts=posts, reverse=reverse))
     job = prepare(trip, options, tmp_path / "out.mcap", "test")
     found = replay_report.result(job, ReplayOutcome(traffic=Traffic(), replay_s=1.0), trip_energies(job))
     assert found["direction_known"] == (reverse is not None)

@@ -130,7 +130,7 @@ def test_a_trip_the_other_way_is_driven_the_other_way(tmp_path: Path, kind: str)
     line = dirt.long_posts(tmp_path) if kind == "posts" else None
 
     def driven(**said: Any) -> Trip:
-        options = TripOptions(line=line, **said)
+        options = TripOptions(posts=line, **said)
         return load_trip(path, read_trip(path), route(geometry=kind == "geometry"), options)
 
     trip = driven()
@@ -389,8 +389,8 @@ def test_what_no_train_runs_is_refused(tmp_path: Path) -> None:
 
 def test_posts_are_refused_where_positions_are_on_the_route(tmp_path: Path) -> None:
     posts = dirt.long_posts(tmp_path)
-    with pytest.raises(DasError, match=r"^--line .*posts\.csv: expected none, .* has positions on the route$"):
-        on_route(tmp_path, clean(), route(), positions=True, line=posts)
+    with pytest.raises(DasError, match=r"^--posts .*posts\.csv: expected none, .* has positions on the route$"):
+        on_route(tmp_path, clean(), route(), positions=True, posts=posts)
     assert on_route(tmp_path, clean(), route(), positions=True).direction_known
 
 

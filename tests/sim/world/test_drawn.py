@@ -34,7 +34,7 @@ def day_of(path: Path, seed: int = 1) -> Day:
 def figures(path: Path) -> dict[str, Any]:
     """What a perfect follower's run comes to."""
     day = day_of(path)
-    run = World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(day.service)).run()
+    run = World(day, day.driver(DriverKind.PERFECT), Presentation.SPEED_AND_EFFORT, InProcess(day.service)).run()
     return outcome(day, run).as_dict()
 
 
@@ -130,7 +130,7 @@ def test_the_driver_of_the_scenario_drives(flat: Callable[[str], Path]) -> None:
 
     settings: set[float] = set()
     day = day_of(flat("[human]\nnotches = 4"))
-    World(day, day.driver(DriverKind.HUMAN), Presentation.VECTOR, Ear(day.service)).run()
+    World(day, day.driver(DriverKind.HUMAN), Presentation.SPEED_AND_EFFORT, Ear(day.service)).run()
     assert len(settings) > 3
     assert settings <= {n / 4 for n in range(-4, 5)}
 
@@ -145,7 +145,7 @@ def test_a_row_and_a_run_say_what_was_drawn(flat: Callable[[str], Path], tmp_pat
     batch = Batch(
         scenarios=[str(path)],
         drivers=[DriverKind.HUMAN, DriverKind.PERFECT],
-        advice=[Presentation.VECTOR],
+        advice=[Presentation.SPEED_AND_EFFORT],
         seeds=[5],
         level=None,
         record=False,

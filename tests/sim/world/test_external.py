@@ -112,7 +112,9 @@ def driven(day: Day, place: str, out: Path, shown: Presentation, patience: Patie
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("shown", [pytest.param(Presentation.VECTOR, marks=pytest.mark.nightly), Presentation.GUIDE])
+@pytest.mark.parametrize(
+    "shown", [pytest.param(Presentation.SPEED_AND_EFFORT, marks=pytest.mark.nightly), Presentation.GUIDE]
+)
 def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
     folder: Path, tmp_path: Path, shown: Presentation
 ) -> None:
@@ -149,7 +151,7 @@ def test_the_program_of_the_page_drives(folder: Path) -> None:
     assert other.returncode == 0
     assert found["driver"] == "external"
     assert found["messages_lost"] == found["over_limit_s"] == found["signals_passed"] == 0
-    assert abs(found["stops"][-1]["missed_m"]) < 10
+    assert abs(found["stops"][-1]["stopping_error_m"]) < 10
 
 
 @pytest.mark.nightly
@@ -331,7 +333,7 @@ def test_the_cab_says_that_traction_is_withheld_before_the_departure(
 
 
 ADVICE = AdviceView(
-    time_s=0.1 + 0.2, valid_until_s=3.3, presentation=Presentation.VECTOR, mode=2, speed_mps=1 / 3,
+    time_s=0.1 + 0.2, valid_until_s=3.3, presentation=Presentation.SPEED_AND_EFFORT, mode=2, speed_mps=1 / 3,
     display_speed_mps=0.3, lever_ratio=-0.123, force_n=-1e4 / 7, horizon_speed_mps=(0.1, 0.2),
     horizon_force_n=(1.0, 2.0), next_mode=4, next_change_s=7.7, next_speed_mps=9.1,
     next_effort_ratio=0.6, next_change_m=44.4, second_mode=5, second_change_s=9.9, second_change_m=88.8,

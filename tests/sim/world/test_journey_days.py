@@ -97,7 +97,7 @@ def day() -> Day:
 def driven() -> tuple[Run, DayOutcome]:
     """The day, driven by the perfect driver."""
     made = make_driver(DriverKind.PERFECT, day().service.line)
-    run = World(day(), made, Presentation.VECTOR, InProcess(day().service)).run()
+    run = World(day(), made, Presentation.SPEED_AND_EFFORT, InProcess(day().service)).run()
     return run, outcome(day(), run, DriverKind.PERFECT)
 
 
@@ -138,7 +138,7 @@ def test_the_train_runs_in_the_mode_that_the_journey_names(tmp_path: Path, load:
 
 def test_the_day_is_kept_as_the_journey_says() -> None:
     run, found = driven()
-    assert [abs(call.missed_m) < 10.0 for call in run.calls[1:]] == [True, True]
+    assert [abs(call.stopping_error_m) < 10.0 for call in run.calls[1:]] == [True, True]
     assert abs(found.late_s) < 10.0
     halt = run.calls[1]
     assert (halt.departed_ns - halt.arrived_ns) * NS >= 40.0
@@ -264,7 +264,12 @@ def test_the_batch_table_has_columns_of_passings() -> None:
 def test_the_passings_are_printed_below_the_stops(capsys: pytest.CaptureFixture[str]) -> None:
     _, found = driven()
     result = DayResult(
-        outcome=found, driver=DriverKind.PERFECT, advice=Presentation.VECTOR, happens="", drawn=day().drawn, wall_s=1.0
+        outcome=found,
+        driver=DriverKind.PERFECT,
+        advice=Presentation.SPEED_AND_EFFORT,
+        happens="",
+        drawn=day().drawn,
+        wall_s=1.0,
     )
     print_result(result)
     out = re.sub(r"[ │]+", " ", capsys.readouterr().out)

@@ -57,7 +57,7 @@ def test_at_a_pace_the_newest_advice_is_shown_while_it_is_valid_and_nobody_waits
     """The advice of ticks 50 to 60 never comes: what is shown goes when it is valid no longer, and comes back after."""
     day = flat_day()
     link, driver = Late(day, range(50, 61)), Eyes(day)
-    run = World(day, driver, Presentation.VECTOR, link).run()
+    run = World(day, driver, Presentation.SPEED_AND_EFFORT, link).run()
     ticks = len(run.states) - 1
     assert link.asked == ticks
     assert run.counts.unheard == 11

@@ -46,7 +46,7 @@ RECORDING = ["messages_sent", "messages_recorded", "messages_lost", "start_s", "
 def driven(service: Service) -> tuple[Day, Run]:
     """The day of seed 1, driven by the perfect follower."""
     day = make_day(service, 1)
-    return day, World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(service)).run()
+    return day, World(day, day.driver(DriverKind.PERFECT), Presentation.SPEED_AND_EFFORT, InProcess(service)).run()
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +57,8 @@ def plain(flat: Callable[[str], Path]) -> tuple[Day, Run]:
 
 def result_of(day: Day, found: DayOutcome, recorded: RecordedFigures | None = None) -> DayResult:
     return DayResult(
-        outcome=found, driver=DriverKind.PERFECT, advice=Presentation.VECTOR, happens="nothing", drawn=day.drawn,
-        wall_s=2.0, recorded=recorded,
+        outcome=found, driver=DriverKind.PERFECT, advice=Presentation.SPEED_AND_EFFORT, happens="nothing",
+        drawn=day.drawn, wall_s=2.0, recorded=recorded,
     )  # fmt: skip
 
 
@@ -140,7 +140,7 @@ def test_what_is_told_beside_the_outcome(recorded: bool, plain: tuple[Day, Run])
     told = result.as_dict()
     assert list(told) == [*KEYS, *HOW, *(RECORDING if recorded else ["file"])]
     assert told["file"] == ("x.mcap" if recorded else None)
-    assert (told["driver"], told["advice"]) == ("perfect", "vector")
+    assert (told["driver"], told["advice"]) == ("perfect", "speed-and-effort")
     assert told["real_time_factor"] == result.outcome.simulated_s / 2.0
     json.dumps(told, allow_nan=False)
 

@@ -29,7 +29,7 @@ def driven(more: str = "") -> Run:
 def test_who_follows_the_sheet_is_on_time_within_limits_and_at_the_stop() -> None:
     run = driven()
     assert abs(run.calls[-1].late_s) < 10.0
-    assert abs(run.calls[-1].missed_m) < 10.0
+    assert abs(run.calls[-1].stopping_error_m) < 10.0
     assert run.violations.over_limit_s == 0.0
 
 

@@ -11,7 +11,16 @@ import pytest
 
 from sim.experiment.analysis.checks import AssumptionCheck
 from sim.experiment.analysis.reading import RunStudy
-from tests.support.made_up_study import APART, MEASURE, SAME, VECTOR, Truth, checked, made_up_groups, made_up_study
+from tests.support.made_up_study import (
+    APART,
+    MEASURE,
+    SAME,
+    SPEED_AND_EFFORT,
+    Truth,
+    checked,
+    made_up_groups,
+    made_up_study,
+)
 
 
 def holds(study: RunStudy, words: str) -> bool | None:
@@ -53,7 +62,7 @@ def test_groups_that_differ_in_spread_or_days_or_people_are_noticed() -> None:
 def found(name: str, seed: int = 1, **settings: float) -> AssumptionCheck:
     """The check whose name holds some words, on a made-up study."""
     study = made_up_study(Truth(drivers=40, days=6, extra=dict(settings)), seed)
-    (check,) = [one for one in checked(study, VECTOR) if name in one.name]
+    (check,) = [one for one in checked(study, SPEED_AND_EFFORT) if name in one.name]
     return check
 
 
@@ -74,12 +83,12 @@ def test_what_a_trial_leaves_behind_and_what_came_first_are_noticed(name: str, s
 def test_noise_that_differs_is_said() -> None:
     check = found("scatter alike")
     assert check.holds is False
-    assert check.found.startswith("vector scatters ")
+    assert check.found.startswith("speed-and-effort scatters ")
 
 
 def test_few_shared_days_are_said_to_be_few() -> None:
     assert found("days").holds
     study = made_up_study(Truth(days=2), 1)
-    check = checked(study, VECTOR)[-1]
+    check = checked(study, SPEED_AND_EFFORT)[-1]
     assert check.holds is False
     assert "2 days that drivers share" in check.found

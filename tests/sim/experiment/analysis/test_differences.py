@@ -19,7 +19,7 @@ from sim.experiment.analysis.differences import (
 )
 from sim.experiment.analysis.reading import RunStudy
 from sim.experiment.plan import VariedFactor
-from tests.support.made_up_study import MEASURE, NOISE, VECTOR, Truth, made_up_study, positive
+from tests.support.made_up_study import MEASURE, NOISE, SPEED_AND_EFFORT, Truth, made_up_study, positive
 
 
 @pytest.mark.nightly
@@ -121,7 +121,7 @@ def without(study: RunStudy, rows: list[int]) -> RunStudy:
 
 def test_pairs_have_one_driver_and_one_day() -> None:
     trials = STUDY.trials
-    pairs = paired_trials(STUDY, VECTOR)
+    pairs = paired_trials(STUDY, SPEED_AND_EFFORT)
     assert (len(pairs.participants), len(pairs.owner), pairs.unpaired, pairs.same_day) == (7, 21, 0, True)
     values = {
         (who, day, level): value
@@ -130,40 +130,40 @@ def test_pairs_have_one_driver_and_one_day() -> None:
         )
     }
     expected = [
-        np.mean([values[who, day, "vector"] - values[who, day, "none"] for day in ("0", "1", "2")])
+        np.mean([values[who, day, "speed-and-effort"] - values[who, day, "none"] for day in ("0", "1", "2")])
         for who in pairs.participants
     ]
     assert pairs.means == pytest.approx(expected)
 
 
 def test_a_trial_that_is_missing_takes_its_partner_with_it() -> None:
-    pairs = paired_trials(without(STUDY, [0]), VECTOR)
+    pairs = paired_trials(without(STUDY, [0]), SPEED_AND_EFFORT)
     assert (len(pairs.owner), pairs.unpaired) == (20, 1)
 
 
 def test_practice_is_left_out() -> None:
     practice = STUDY.trials.day == "0"
-    pairs = paired_trials(replace(STUDY, trials=replace(STUDY.trials, practice=practice)), VECTOR)
+    pairs = paired_trials(replace(STUDY, trials=replace(STUDY.trials, practice=practice)), SPEED_AND_EFFORT)
     assert len(pairs.owner) == 14
 
 
 def test_without_a_day_in_common_pairs_are_by_driver() -> None:
     """People may be given another day in each condition, so that they do not learn it."""
     day = np.array([str(i) for i in range(len(STUDY.trials))])
-    pairs = paired_trials(replace(STUDY, trials=replace(STUDY.trials, day=day)), VECTOR)
+    pairs = paired_trials(replace(STUDY, trials=replace(STUDY.trials, day=day)), SPEED_AND_EFFORT)
     assert (len(pairs.owner), pairs.same_day) == (7, False)
-    alike = paired_trials(STUDY, VECTOR)
+    alike = paired_trials(STUDY, SPEED_AND_EFFORT)
     assert pairs.differences == pytest.approx(alike.by_participant(alike.differences))
 
 
 def test_groups_are_compared_by_the_means_of_their_drivers() -> None:
     study = made_up_study(Truth(drivers=10, days=3), 1)
     names = study.trials.participant
-    level = np.where(names < "sub-006", "none", "vector")
-    factor = VariedFactor(name="presentation", levels=("none", "vector"), within=False)
+    level = np.where(names < "sub-006", "none", "speed-and-effort")
+    factor = VariedFactor(name="presentation", levels=("none", "speed-and-effort"), within=False)
     study = replace(
         study, plan=replace(study.plan, factors=(factor,)), trials=replace(study.trials, levels={"presentation": level})
     )
-    groups = two_groups(study, VECTOR)
+    groups = two_groups(study, SPEED_AND_EFFORT)
     assert (groups.a_names[0], len(groups.a), len(groups.b)) == ("sub-006", 5, 5)
     assert groups.b[0] == pytest.approx(study.trials.values[MEASURE][names == "sub-001"].mean())

@@ -10,7 +10,16 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.analysis.differences import group_estimate, paired_trials, two_groups
 from sim.experiment.analysis.mixed_model import fit_mixed_model
-from tests.support.made_up_study import APART, NOISE, SAME, VECTOR, Truth, eight_drivers, made_up_groups, made_up_study
+from tests.support.made_up_study import (
+    APART,
+    NOISE,
+    SAME,
+    SPEED_AND_EFFORT,
+    Truth,
+    eight_drivers,
+    made_up_groups,
+    made_up_study,
+)
 
 
 def test_the_model_recovers_the_difference_and_the_spread_of_the_drivers() -> None:
@@ -35,7 +44,7 @@ def test_drivers_with_one_trial_have_no_model() -> None:
 @pytest.mark.parametrize("shared", [True, False])
 def test_the_mixed_model_recovers_effect_spreads_and_noises_that_differ(shared: bool) -> None:
     truth = Truth(drivers=100, days=4, effect_sd=0.02, skewed=False, shared_days=shared)
-    fit = fit_mixed_model(made_up_study(truth, 2), VECTOR)
+    fit = fit_mixed_model(made_up_study(truth, 2), SPEED_AND_EFFORT)
     assert fit.interval[0] < -0.02 < fit.interval[1]
     assert fit.effect_sd == pytest.approx(0.02, rel=0.2)
     assert fit.noise == pytest.approx((NOISE[2], NOISE[0]), rel=0.2)
@@ -46,8 +55,8 @@ def test_the_mixed_model_recovers_effect_spreads_and_noises_that_differ(shared: 
 
 def test_the_mixed_model_agrees_with_the_pairs() -> None:
     study = made_up_study(Truth(), 4)
-    pairs = paired_trials(study, VECTOR)
-    assert fit_mixed_model(study, VECTOR).effect == pytest.approx(pairs.means.mean(), abs=1e-3)
+    pairs = paired_trials(study, SPEED_AND_EFFORT)
+    assert fit_mixed_model(study, SPEED_AND_EFFORT).effect == pytest.approx(pairs.means.mean(), abs=1e-3)
 
 
 @pytest.mark.nightly
@@ -57,7 +66,7 @@ def test_a_singular_fit_is_made_again_with_less_or_hidden() -> None:
     said = []
     for seed in range(4):
         try:
-            said.append(fit_mixed_model(made_up_study(truth, seed), VECTOR).remark)
+            said.append(fit_mixed_model(made_up_study(truth, seed), SPEED_AND_EFFORT).remark)
         except DasError as error:
             said.append(str(error))
     assert any("singular" in one for one in said)
@@ -73,14 +82,14 @@ def test_without_noise_in_one_condition_the_fit_is_made_again_with_one_noise() -
 
 
 def test_with_one_trial_for_each_driver_the_model_is_simpler_and_says_so() -> None:
-    fit = fit_mixed_model(made_up_study(Truth(days=1), 1), VECTOR)
+    fit = fit_mixed_model(made_up_study(Truth(days=1), 1), SPEED_AND_EFFORT)
     assert np.isnan(fit.effect_sd)
     assert "one trial in a condition" in fit.remark
 
 
 def test_too_few_drivers_and_no_spread_have_no_model() -> None:
     with pytest.raises(DasError, match="fewer than 5 drivers"):
-        fit_mixed_model(made_up_study(Truth(drivers=4), 1), VECTOR)
+        fit_mixed_model(made_up_study(Truth(drivers=4), 1), SPEED_AND_EFFORT)
     flat = Truth(means=(0.2, 0.2, 0.2), noise=(0.0, 0.0, 0.0), level_sd=0.0, effect_sd=0.0, day_sd=0.0)
     with pytest.raises(DasError, match="all values are the same"):
-        fit_mixed_model(made_up_study(flat, 1), VECTOR)
+        fit_mixed_model(made_up_study(flat, 1), SPEED_AND_EFFORT)

@@ -35,7 +35,7 @@ from tests.support.made_up_study import (
 from tests.support.making import das_sim, das_sim_json, refusal
 from tests.support.needs import missing, need_r
 
-COMPARISONS = (compared("vector", "none"), compared("vector", "top-speed"))
+COMPARISONS = (compared("speed-and-effort", "none"), compared("speed-and-effort", "top-speed"))
 PAGE = Path(__file__).parents[4] / "docs" / "how-to" / "analyse-an-experiment.md"
 TOLD = """
 said <- function(name, values) cat(name, format(values, digits = 15), "\\n")
@@ -125,9 +125,11 @@ def test_the_same_study_gives_the_same_page() -> None:
 
 def test_a_verdict_has_size_interval_and_chance() -> None:
     (name, said), _ = in_short(found())
-    assert name == "vector against none"
+    assert name == "speed-and-effort against none"
     mean = 100 * found().differences[0].estimate.mean
-    assert f"Gap to the optimum: {-mean:.2f} points lower with “vector” than with “none” (presentation)." in said
+    assert (
+        f"Gap to the optimum: {-mean:.2f} points lower with “speed-and-effort” than with “none” (presentation)." in said
+    )
     assert (
         "points lower, from 12 drivers, 36 pairs. The difference stands out from chance (corrected p below 0.001)."
         in said
@@ -156,10 +158,10 @@ def test_a_comparison_that_cannot_be_made_is_said_and_counts_for_the_correction(
     study = made_up_study(Truth(drivers=12), 1, COMPARISONS)
     values = np.where(study.trials.levels["presentation"] == "top-speed", np.nan, study.trials.values[MEASURE])
     lacking = analysed(replace(study, trials=replace(study.trials, values={MEASURE: values})))
-    assert [name for name, _ in lacking.failed] == ["vector against top-speed"]
+    assert [name for name, _ in lacking.failed] == ["speed-and-effort against top-speed"]
     (one,) = lacking.differences
     assert one.corrected == pytest.approx(2 * one.estimate.probability)
-    assert "no participant has finished trials with both presentation = vector and top-speed" in page(lacking)
+    assert "no participant has finished trials with both presentation = speed-and-effort and top-speed" in page(lacking)
     assert json.dumps(as_dict(lacking), allow_nan=False)
 
 
@@ -235,7 +237,7 @@ SMALL = {
         ["No comparison was planned", "Gap to the optimum (%)"],
     ),
     "markup": (
-        made_up_study(Truth(drivers=6), 1, (compared("vector", "none", name="<script>x</script>"),)),
+        made_up_study(Truth(drivers=6), 1, (compared("speed-and-effort", "none", name="<script>x</script>"),)),
         ["&lt;script&gt;"],
     ),
 }
@@ -257,7 +259,7 @@ def test_the_commands_analyse_a_folder_and_plan_the_next_study(tmp_path: Path) -
     assert first["interval"][0] < first["mean"] < first["interval"][1] < 0
     assert second["participants_needed"][0]["effect"] == pytest.approx(0.0078)
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    words = ("--effect", "1", "--participants", "12,24", "--comparison", "vector against top-speed", "--json")
+    words = ("--effect", "1", "--participants", "12,24", "--comparison", "speed-and-effort against top-speed", "--json")
     asked = das_sim("experiment", "power", "study", *words, cwd=tmp_path)
     assert asked.returncode == 0, asked.stderr
     answer = json.loads(asked.stdout)
@@ -294,7 +296,9 @@ def test_wrong_input_is_one_line(words: tuple[str, ...], message: str, tmp_path:
 
 
 def test_the_python_of_the_page_makes_a_row_of_the_report_again(tmp_path: Path) -> None:
-    study = read_study(write_study(made_up_study(Truth(), 1, (compared("vector", "none"),)), tmp_path / "study"))
+    study = read_study(
+        write_study(made_up_study(Truth(), 1, (compared("speed-and-effort", "none"),)), tmp_path / "study")
+    )
     (row,) = as_dict(analyse_study(study))["differences"]
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     names: dict[str, object] = {}
@@ -316,7 +320,9 @@ def r_of_the_page() -> str:
 @pytest.mark.nightly
 def test_the_r_of_the_page_makes_the_tables_of_the_report_again(tmp_path: Path) -> None:
     need_r()
-    study = read_study(write_study(made_up_study(Truth(), 1, (compared("vector", "none"),)), tmp_path / "study"))
+    study = read_study(
+        write_study(made_up_study(Truth(), 1, (compared("speed-and-effort", "none"),)), tmp_path / "study")
+    )
     found = as_dict(analyse_study(study))
     (tmp_path / "page.R").write_text(r_of_the_page() + TOLD, encoding="utf-8")
     done = subprocess.run(

@@ -43,10 +43,10 @@ def test_a_planted_point_is_found_as_often_as_power_predicts() -> None:
     """The prediction comes from a pilot of 400 drivers, so that it is not off because its pilot was small."""
     truth = Truth(drivers=48, means=(0.26, 0.25, 0.25), effect_sd=0.02)
     pilot = made_up_study(Truth(drivers=400, means=truth.means, effect_sd=truth.effect_sd), 10_000)
-    source = of_pilot(paired_trials(pilot, compared("vector", "none")), None)
+    source = of_pilot(paired_trials(pilot, compared("speed-and-effort", "none")), None)
     predicted = power_of(PowerQuestion(effect=-0.01, alpha=0.05, source=source), truth.drivers).power
     assert 0.6 < predicted < 0.9
-    assert positive(truth, "vector", "none") == pytest.approx(predicted, abs=0.07)
+    assert positive(truth, "speed-and-effort", "none") == pytest.approx(predicted, abs=0.07)
 
 
 @pytest.mark.parametrize(("groups", "effect", "numbers"), [(False, 0.8, (16, 40, 90)), (True, 1.2, (16, 60))])
@@ -79,7 +79,7 @@ def test_what_no_number_of_participants_finds_is_said() -> None:
 def test_a_pilot_has_the_spread_between_drivers_and_between_their_pairs() -> None:
     """More pairs for each driver take away noise, but not the differences between drivers."""
     truth = Truth(drivers=600, days=4, effect_sd=0.02, noise=(0.0, 0.0, 0.03), skewed=False)
-    pairs = paired_trials(made_up_study(truth, 3), compared("vector", "none"))
+    pairs = paired_trials(made_up_study(truth, 3), compared("speed-and-effort", "none"))
     rng = np.random.default_rng(1)
     for each in (1, 4, 16):
         values = of_pilot(pairs, each).draw(200, 100, rng)

@@ -18,7 +18,9 @@ from sim.recording.inputs import sha256
 from tests.support.made_up_study import MEASURE, Truth, compared, made_up_study, write_study
 from tests.support.making import das_sim
 
-STUDY = made_up_study(Truth(drivers=3, days=2), 1, (compared("vector", "none"), compared("vector", "top-speed")))
+STUDY = made_up_study(
+    Truth(drivers=3, days=2), 1, (compared("speed-and-effort", "none"), compared("speed-and-effort", "top-speed"))
+)
 
 
 @pytest.fixture

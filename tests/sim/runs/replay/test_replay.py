@@ -145,7 +145,7 @@ def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(driven: D
 def test_a_replay_without_a_timetable_says_so_in_its_recording(driven: Driven) -> None:
     job, _, _ = driven
     assert OWN_TIMETABLE in job.timing.metadata
-    for given in (ReplayOptions(arrival_s=600.0), ReplayOptions(arrival_s=600.0, delay_s=5.0)):
+    for given in (ReplayOptions(running_time_s=600.0), ReplayOptions(running_time_s=600.0, delay_s=5.0)):
         assert plan_timing(job.trip, job.legs, given).metadata == {}
 
 
@@ -161,9 +161,7 @@ def test_a_delay_needs_a_time_at_which_the_train_is_due(driven: Driven) -> None:
     job, _, _ = driven
     untimed = replace(job.trip, journey=journey_of(job, -30.0, None))
     for trip in (job.trip, untimed):
-        with pytest.raises(
-            DasError, match=r"^--delay 0: needs --arrival: nothing says when the train is due to arrive"
-        ):
+        with pytest.raises(DasError, match=r"^--delay 0: needs --running-time: no arrival is due in the recording"):
             plan_timing(trip, job.legs, ReplayOptions(delay_s=0.0))
     timed_one = plan_timing(
         replace(job.trip, journey=journey_of(job, -30.0, 500.0)), job.legs, ReplayOptions(delay_s=10.0)
@@ -186,7 +184,7 @@ def test_a_recording_without_a_time_of_arrival_has_no_timetable(driven: Driven) 
 def test_recorded_delays_are_those_of_the_recorded_timetable(driven: Driven) -> None:
     job, _, _ = driven
     trip = replace(job.trip, journey=journey_of(job, 0.0, 475.0), delays=((job.departed_ns + 10**9, 95.0),))
-    for given, kept in ((ReplayOptions(), True), (ReplayOptions(arrival_s=600.0), False)):
+    for given, kept in ((ReplayOptions(), True), (ReplayOptions(running_time_s=600.0), False)):
         timing = plan_timing(trip, job.legs, given)
         delays_s = [one.message.delay_s for one in recorded(replace(job, trip=trip, timing=timing)).messages["delay"]]
         assert (delays_s == [95.0]) is kept

@@ -105,7 +105,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     own = DAY.replace('"flat-6km"', '"flat-6km.toml"').replace('"re460-ic"', '"re460-ic.toml"')
     scenario.write_text(own, encoding="utf-8")
     day = make_day(prepare_service(read_scenario(scenario)), 3)
-    how = How(driver=DriverKind.HUMAN, advice=Presentation.VECTOR, train="T1", command="test")
+    how = How(driver=DriverKind.HUMAN, advice=Presentation.SPEED_AND_EFFORT, train="T1", command="test")
     out = folder / "day.mcap"
     drive_day(day, day.driver(DriverKind.HUMAN), how, out)
     shutil.rmtree(inputs)
@@ -168,7 +168,7 @@ def test_a_what_if_of_a_what_if_keeps_what_was_otherwise(recorded: Path, tmp_pat
     """The train keeps its true losses where its advice is planned with others, also the second time."""
     new = Otherwise(
         cab=CabOtherwise(level=Level.L1),
-        driven=DrivenOtherwise(driver="perfect", advice=Presentation.VECTOR),
+        driven=DrivenOtherwise(driver="perfect", advice=Presentation.SPEED_AND_EFFORT),
         restrictions=(ONE_MORE,),
     )
     once = anew(recorded, tmp_path / "once.mcap", new)

@@ -16,7 +16,7 @@ from sim.plant.kernels import Command, electric_effort
 from sim.plant.plant import force, speed
 
 
-class VectorPresenter(Presenter):
+class SpeedAndEffortPresenter(Presenter):
     """Shows speed and effort now and for the next seconds, and the next change of driving regime."""
 
     number = 3
@@ -58,11 +58,11 @@ class VectorPresenter(Presenter):
         more = hands.handling.corrected(cab, outlook, view.foreseen_mps(cab.time_s))
         return min(max(effort + more, -1.0), 1.0)
 
-    def follower(self) -> VectorFollower:
-        return VectorFollower()
+    def follower(self) -> SpeedAndEffortFollower:
+        return SpeedAndEffortFollower()
 
 
-class VectorFollower:
+class SpeedAndEffortFollower:
     """Feeds the advised force forward and corrects the speed."""
 
     def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
@@ -94,4 +94,4 @@ def _between(values: tuple[float, ...], at_s: float) -> float:
     return values[i] + (x - i) * (values[i + 1] - values[i])
 
 
-PRESENTER: Final = VectorPresenter()
+PRESENTER: Final = SpeedAndEffortPresenter()

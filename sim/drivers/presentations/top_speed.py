@@ -14,7 +14,7 @@ from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, SpeedIs, speed_words, whole
 
 
-class RmsPresenter(Presenter):
+class TopSpeedPresenter(Presenter):
     """Shows a top speed, and, to a standing train, that it may depart when it is cleared."""
 
     number = 1
@@ -44,4 +44,4 @@ class RmsPresenter(Presenter):
         return departs + wording.top_speed(speed_words(view.shown_speed_mps), language)
 
 
-PRESENTER: Final = RmsPresenter()
+PRESENTER: Final = TopSpeedPresenter()
