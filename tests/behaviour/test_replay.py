@@ -303,6 +303,7 @@ def test_estimate_of_an_optimal_run_finds_its_energy() -> None:
     assert estimate.beyond_ratio < 0.01
 
 
+@pytest.mark.slow
 def test_halving_the_plants_step_changes_its_energy_little() -> None:
     """The train model's integration has converged: 0.1 s against 0.05 s within 0.2 %."""
     route, vehicle = load_route("zurich-luzern"), load_vehicle("re460-ic")

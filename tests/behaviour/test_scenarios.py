@@ -172,7 +172,13 @@ def test_all_bundled_scenarios_share_what_the_tests_solve_once() -> None:
     assert not planned().plans(replace(load_scenario("clear-day"), dwell_s=61.0))
 
 
-@pytest.mark.parametrize("name", few(sorted(bundled_scenarios()), WAYS, pytest.mark.nightly))
+@pytest.mark.parametrize(
+    "name",
+    [
+        *few(sorted(WAYS), ("departure-delay", "signal-stop"), pytest.mark.slow),
+        *few(sorted(bundled_scenarios().keys() - WAYS.keys()), ()),
+    ],
+)
 def test_the_parts_of_the_end_table_sum_to_the_energy_that_it_prints(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -354,7 +360,7 @@ BRAKES_MPS2 = 0.2
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("advice", ["guide", "speed-and-effort"])
+@pytest.mark.parametrize("advice", few(["guide", "speed-and-effort"], ("guide",), pytest.mark.slow))
 def test_nobody_who_brakes_for_a_signal_or_stands_at_it_is_told_to_go_on(advice: str) -> None:
     """From 3 s after the driver begins to brake until the train moves; then the advice is there at once.
 

@@ -20,6 +20,7 @@ def test_the_bundled_vehicles_meet_every_published_target() -> None:
     assert not said, "\n".join(said)
 
 
+@pytest.mark.slow
 def test_stage_1_from_its_start_gives_the_bundled_parameters_again() -> None:
     bundled = read_loss_chain(locate_vehicle(GTO_VEHICLE))
     start = with_values(bundled, STAGE_1_START)

@@ -26,6 +26,7 @@ def cells(bench: Workbench) -> list[table2.Cell]:
     return table2.cells(bench)
 
 
+@pytest.mark.slow
 def test_the_page_of_table2_has_our_cells(cells: list[table2.Cell]) -> None:
     page = (DOCS / "results" / "0.2" / "paper" / "table2.csv").read_text(encoding="utf-8")
     ours = [float(number) for number in re.findall(r"→ \**([\d.]+)", page)]

@@ -150,7 +150,7 @@ def check_one_message(advice: Advice, guide: Guidance) -> None:
         assert (advice.four_mode is Regime.FULL_TRACTION) <= (now.mode in TRACTION)
 
 
-@pytest.mark.parametrize("numbers", numbered("DAS_PROPERTY_STATES", 1000))
+@pytest.mark.parametrize("numbers", numbered("DAS_PROPERTY_STATES", 600))
 def test_nothing_that_the_guide_says_is_above_what_is_allowed(numbers: range) -> None:
     """Random states a second apart on every bundled section, with and without restrictions and windows."""
     given, silent, legs = 0, 0, numbers[::STATES_OF_A_LEG]

@@ -363,7 +363,7 @@ def read_mutated(numbers: range, folder: Path) -> tuple[Counter[str], list[Wrong
     return counts, wrong
 
 
-@pytest.mark.parametrize("numbers", numbered("DAS_MUTATED_FILES", 400, FIRST))
+@pytest.mark.parametrize("numbers", numbered("DAS_MUTATED_FILES", 240, FIRST))
 def test_mutated_files_are_refused_in_one_line_or_used(numbers: range, tmp_path: Path) -> None:
     """In a process of its own: the bounds of time and memory are not for what other tests have left in this one."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:

@@ -70,6 +70,7 @@ def sampled(train: Vehicle, s_m: float) -> np.ndarray:
     return s_m - train.train_length_m * (np.arange(POINTS) + 0.5) / POINTS
 
 
+@pytest.mark.slow
 def test_a_long_train_feels_the_gradient_under_each_of_its_masses() -> None:
     """Speeds against an integration of 260 m of equal masses; the work of the weight against the height they gain."""
     grades = [(0.0, 0.0), (900.0, 0.02), (1100.0, -0.015), (1900.0, 0.0)]

@@ -219,7 +219,13 @@ def test_a_simulator_that_advises_is_not_heard_and_is_logged(site: Site) -> None
     assert all(r.message.reason.text != "false" for r in heard if r.topic is ADVICE)
 
 
-@pytest.mark.parametrize(("role", "others"), [("sensors", (RESTRICTION, JOURNEY)), ("operator", (POSITION, EFFORT))])
+@pytest.mark.parametrize(
+    ("role", "others"),
+    [
+        ("sensors", (RESTRICTION, JOURNEY)),
+        pytest.param("operator", (POSITION, EFFORT), marks=pytest.mark.slow),
+    ],
+)
 def test_sensors_and_operator_may_not_say_what_the_other_one_says(
     site: Site, role: str, others: tuple[Topic, ...]
 ) -> None:

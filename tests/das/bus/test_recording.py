@@ -185,6 +185,7 @@ def test_unusable_files(tmp_path: Path) -> None:
     assert "no messages" in refused(write_recording(tmp_path / "empty.mcap", seconds=0, only=()))
 
 
+@pytest.mark.slow
 def test_damage_is_found(whole: Path, tmp_path: Path) -> None:
     content, damaged = whole.read_bytes(), tmp_path / "damaged.mcap"
     for place in range(200, int(0.7 * len(content)), 8009):

@@ -19,6 +19,7 @@ from das.offline.journey.plan import JourneyPlanner
 from das.solver.guide.policies import LEAST_MPS, GuideFront
 from das.solver.section import build_section
 from das.solver.solve import solve_front
+from tests.support.crossing import few
 from tests.support.small_trips import LINE, T0, TRAIN, at, follow, ns, trip
 
 
@@ -32,7 +33,7 @@ def arrived_s(advices: Iterable[Advice]) -> float:
     return (next(a for a in advices if a.s_m > 4970 and a.speed_mps < 0.3).time_ns - T0) * NS
 
 
-@pytest.mark.parametrize("shift_s", [-20.0, 60.0])
+@pytest.mark.parametrize("shift_s", few([-20.0, 60.0], (60.0,), pytest.mark.slow))
 def test_an_arrival_shifted_by_traffic_management_is_kept(shift_s: float) -> None:
     made = trip()
     made.set_targets([Target(stop="b", arrival_ns=ns(300 + shift_s), reason="platform")])
@@ -51,7 +52,7 @@ def test_a_target_lifted_gives_the_timetable_back() -> None:
     assert at(made, 60, 1500.0, 20.0).predicted_arrival_ns == pytest.approx(ns(300), abs=1e9)
 
 
-@pytest.mark.parametrize("earliest_s", [205.0, 230.0, 280.0])
+@pytest.mark.parametrize("earliest_s", few([205.0, 230.0, 280.0], (230.0,), pytest.mark.slow))
 def test_a_point_is_never_passed_before_its_time(earliest_s: float) -> None:
     made = trip()
     made.set_targets([Target(s_m=3500.0, earliest_ns=ns(earliest_s), reason="signal")])

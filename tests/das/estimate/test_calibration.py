@@ -467,7 +467,7 @@ def test_the_plan_is_made_anew_when_it_would_change_and_not_too_often() -> None:
     assert recalibration.conditions.mass_ratio == 1.2
 
 
-@pytest.mark.parametrize("leg", [THALWIL, ZUG])
+@pytest.mark.parametrize("leg", few([THALWIL, ZUG], (THALWIL,), pytest.mark.slow))
 def test_a_train_as_planned_is_left_as_it_is_and_its_sensor_trusted(
     leg: tuple[float, float, float],
 ) -> None:

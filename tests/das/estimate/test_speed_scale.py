@@ -12,6 +12,7 @@ from das.domain.units import KMH, NS
 from das.estimate.estimate import ProblemKind
 from das.estimate.localisation import Localisation
 from das.estimate.track_filter import WANDER_S
+from tests.support.crossing import few
 from tests.support.fixes import SD_M, SD_MPS, T0, TRAIN, at, fixes, ns, truth
 
 
@@ -92,7 +93,7 @@ def test_a_train_that_stood_or_crawls_or_whose_speed_is_not_measured_need_not_be
         assert unmeasured.at(ns(second)).usable == (second > 6)
 
 
-@pytest.mark.parametrize("sd_m", [SD_M, 8.0, 30.0])
+@pytest.mark.parametrize("sd_m", few([SD_M, 8.0, 30.0], (8.0,), pytest.mark.slow))
 def test_noise_jumps_late_speeds_and_a_frozen_receiver_are_no_other_unit(sd_m: float) -> None:
     random = np.random.default_rng(3)
     for seed in range(12):
@@ -109,9 +110,9 @@ def test_noise_jumps_late_speeds_and_a_frozen_receiver_are_no_other_unit(sd_m: f
         assert math.isfinite(found.s_m)
 
 
-@pytest.mark.parametrize("sd_m", [SD_M, 10.0])
+@pytest.mark.parametrize("sd_m", few([SD_M, 10.0], (10.0,), pytest.mark.slow))
 @pytest.mark.parametrize("way_mps", [10.0, 30.0, 60.0])
-@pytest.mark.parametrize("scale", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("scale", few([0.9, 1.0, 1.1], (1.1,), pytest.mark.slow))
 def test_positions_win_over_the_scale_of_speeds_that_claim_to_be_exact(
     scale: float, way_mps: float, sd_m: float
 ) -> None:

@@ -13,6 +13,7 @@ from das.domain.units import NS
 from das.estimate import track_filter
 from das.estimate.localisation import Localisation
 from das.estimate.track_filter import SCALE_WANDER_S, WANDER_S, Track
+from tests.support.crossing import few
 from tests.support.fixes import SD_M, SD_MPS, T0, TRAIN, fixes, truth
 
 
@@ -134,7 +135,7 @@ def test_errors_are_as_large_as_stated(dt: float, steps: int) -> None:
     assert np.mean(products) == pytest.approx(0.0, abs=4 / math.sqrt(len(products)))
 
 
-@pytest.mark.parametrize("hz", [1.0, 2.0])
+@pytest.mark.parametrize("hz", few([1.0, 2.0], (1.0,), pytest.mark.slow))
 def test_a_real_run_is_within_what_is_stated(hz: float) -> None:
     """A train that gains, runs and brakes is no random walk: mean squared errors near the stated, better than raw.
 

@@ -276,7 +276,9 @@ def brute_force_speed_j(position_m: float, first_s: float, second_s: float) -> f
     return best
 
 
-@pytest.mark.parametrize(("shift_s", "held"), [(-12.0, Held.LATEST), (15.0, Held.EARLIEST)])
+@pytest.mark.parametrize(
+    ("shift_s", "held"), [(-12.0, Held.LATEST), pytest.param(15.0, Held.EARLIEST, marks=pytest.mark.slow)]
+)
 def test_a_tight_passing_is_that_of_brute_force_over_its_speed(shift_s: float, held: Held) -> None:
     position_m, total_s = 3_500.0, 440.0
     free = planned(start(), Passing(name="P", position_m=position_m), end(9_000.0, total_s))

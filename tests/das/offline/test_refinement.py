@@ -104,7 +104,10 @@ def refined_of(line: str, level: Level, buffer_ratio: float) -> Solution:
     return refined(run_of(line, level, buffer_ratio))
 
 
-@pytest.mark.parametrize(("line", "level", "buffer_ratio"), CASES)
+@pytest.mark.parametrize(
+    ("line", "level", "buffer_ratio"),
+    [pytest.param(*one, marks=() if number % 3 == 1 else pytest.mark.slow) for number, one in enumerate(CASES)],
+)
 def test_a_refined_run_is_possible_in_time_and_needs_less(line: str, level: Level, buffer_ratio: float) -> None:
     """Time and energy are those of the trajectory; the wanted time is used to within the solver's tolerance."""
     given, found = run_of(line, level, buffer_ratio), refined_of(line, level, buffer_ratio)

@@ -19,6 +19,7 @@ from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import POSITION, RECORDER
 from das.domain.errors import DasError
 from sim.recording.recover import recover
+from tests.support.crossing import few
 
 KILLS = int(os.environ.get("DAS_KILLS", "3"))
 """So many kills at random moments; `DAS_KILLS=50` for the long run."""
@@ -79,7 +80,7 @@ def on_disk(path: Path) -> int:
     return len(places)
 
 
-@pytest.mark.parametrize("kill", range(KILLS))
+@pytest.mark.parametrize("kill", few(range(KILLS), (0,), pytest.mark.slow))
 def test_a_kill_costs_at_most_a_second(kill: int, tmp_path: Path) -> None:
     random.seed(kill)
     for attempt in range(5):

@@ -173,6 +173,7 @@ def test_the_tight_bound_of_a_loss_map_knows_the_curve() -> None:
     assert 0.0 <= tightened(run, math.inf).gap_ratio < 0.3 * run.gap_ratio
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRAINS)
 def test_the_exact_front_agrees_with_the_solver_on_its_grid(name: str) -> None:
     """The solver is not bound to the grid: it needs at most as much, and not far below it."""

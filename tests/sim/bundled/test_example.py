@@ -125,6 +125,7 @@ def test_the_trip_fits_the_map_of_the_route_as_well(folder: Path) -> None:
     assert trip.matched.report.anchor == "route"
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_bytes_and_another_seed_another_trip() -> None:
     first, again, other = example_files(1), example_files(1), example_files(2)
     assert first == again

@@ -20,6 +20,7 @@ from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown
 from sim.review.words import summary
+from tests.support.crossing import few
 from tests.support.flat_days import flat_day
 from tests.support.hand_recorded import cab, recorded
 from tests.support.recorded_days import run_and_recording
@@ -157,7 +158,7 @@ def test_restless_advice_is_told_and_calm_advice_is_not() -> None:
     json.dumps(nothing, allow_nan=False)
 
 
-@pytest.mark.parametrize("presentation", list(Presentation))
+@pytest.mark.parametrize("presentation", few(Presentation, (Presentation.GUIDE, Presentation.NONE), pytest.mark.slow))
 def test_a_recording_gives_the_measures_of_its_run(presentation: Presentation) -> None:
     day = flat_day('[[disturbances]]\nkind = "bus-outage"\nfrom_s = 60\nfor_s = 9\n')
     run, recording = run_and_recording(day, day.driver(DriverKind.HUMAN), presentation)

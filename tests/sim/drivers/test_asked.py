@@ -184,7 +184,10 @@ def test_the_perfect_driver_is_not_above_a_board_before_the_stop_with_the_guide(
     assert abs(found["stops"][-1]["stopping_error_m"]) < 2.0
 
 
-@pytest.mark.parametrize(("board_km", "board_kmh"), [(2.38, 30), (2.30, 40), (2.22, 60)])
+@pytest.mark.parametrize(
+    ("board_km", "board_kmh"),
+    [(2.30, 40), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((2.38, 30), (2.22, 60)))],
+)
 def test_whoever_does_what_the_card_says_keeps_a_board_before_the_stop(
     tmp_path: Path, board_km: float, board_kmh: int
 ) -> None:

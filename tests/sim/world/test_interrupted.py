@@ -11,10 +11,11 @@ import pytest
 from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
 from sim.cli import driving
+from tests.support.crossing import few
 from tests.support.making import das_sim
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], (signal.SIGINT,), pytest.mark.slow))
 def test_a_run_that_is_asked_to_end_leaves_a_whole_recording(
     flat: Callable[..., Path], number: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,6 +20,7 @@ from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.solve import usable_power_w
 from tests.support.bundled_sections import BUNDLED, Which, asked_s, section_of
+from tests.support.crossing import few
 from tests.support.keeping import Keeping, goal_of, keeper_of, ns, started, stood, waiting
 
 LINE = BUNDLED[2]
@@ -97,7 +98,7 @@ def test_only_what_is_lost_just_before_the_stop_is_reserved() -> None:
     assert usual.at_last_s(section.end_m - 20.0, 8.0) < 0.2 * last_s
 
 
-@pytest.mark.parametrize("which", BUNDLED[1:])
+@pytest.mark.parametrize("which", few(BUNDLED[1:], BUNDLED[1:2], pytest.mark.slow))
 def test_the_first_reference_leaves_a_reserve_and_less_where_being_on_time_does_not_count(which: Which) -> None:
     """With a buffer of 15 % it arrives earlier by the reserve, to a second or two."""
     goal = goal_of(which, 0.15)

@@ -27,6 +27,7 @@ from das.solver.guide.lateness import NEAR_S
 from das.solver.guide.policies import GuideFront
 from das.solver.section import build_section
 from tests.support.bundled_sections import BUNDLED, Which, guide_of, section_of
+from tests.support.crossing import few
 from tests.support.keeping import Keeping, departed, goal_of, keeper_of, ns, started, stood, sure, waiting
 
 LINE = BUNDLED[2]
@@ -64,7 +65,7 @@ def ridden(keeper: Keeper, train: Keeping, goal: Goal, seconds: range, point_m: 
     return pytest.fail("the point was never passed")
 
 
-@pytest.mark.parametrize("which", BUNDLED)
+@pytest.mark.parametrize("which", few(BUNDLED, BUNDLED[:2], pytest.mark.slow))
 def test_who_keeps_exactly_to_the_reference_gets_no_other(which: Which) -> None:
     """Over the whole section the forecast arrival changes by less than half a second."""
     goal = goal_of(which, BUFFER)

@@ -13,7 +13,7 @@ from das.solver.guide.schedule import Scheduled
 from das.solver.solution import trajectory_on
 from das.solver.state import State, fastest
 from tests.support.bundled_sections import BUNDLED, Which, asked_s, front_of, guide_of, section_of
-from tests.support.crossing import crossed
+from tests.support.crossing import crossed, few
 
 EARLY_S = 0.5
 """A point may be passed this long before its window (the keeper's least margin is four times as long)."""
@@ -137,7 +137,7 @@ def test_elapsed_times_are_those_of_the_trajectory() -> None:
     assert node_m == pytest.approx(run.s_m)
 
 
-@pytest.mark.parametrize("later_s", [-15.0, 25.0])
+@pytest.mark.parametrize("later_s", few([-15.0, 25.0], (25.0,), pytest.mark.slow))
 def test_a_new_reference_leaves_what_is_told_now_and_says_nothing_twice(later_s: float) -> None:
     """What is kept for a moment goes on into the new reference only where both say the same."""
     which = BUNDLED[1]

@@ -19,6 +19,7 @@ from das.offline.bound.relaxation import MapPlanes, efficiency_planes, map_rows
 from das.solver.section import Section, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
+from tests.support.crossing import few
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ def energy_n(loss: LossMap, force_n: Floats, speed_mps: Floats) -> Floats:
     return np.asarray(force_n + loss.loss_w(force_n, speed_mps) / speed_mps)
 
 
-@pytest.mark.parametrize("train", ["re460-ic", "re460-ic-igbt"])
+@pytest.mark.parametrize("train", few(["re460-ic", "re460-ic-igbt"], ("re460-ic-igbt",), pytest.mark.slow))
 def test_no_state_of_the_map_is_below_a_plane(train: str) -> None:
     run = run_at(train)
     loss, rng = run.section.loss, np.random.default_rng(1)
@@ -74,7 +75,7 @@ def test_at_a_stand_the_whole_force_is_within_reach_however_little_the_power() -
     assert rows.hull_force[0, : rows.vertices[0]].max() >= weak.traction_force_n
 
 
-@pytest.mark.parametrize("train", ["re460-ic", "re460-ic-igbt"])
+@pytest.mark.parametrize("train", few(["re460-ic", "re460-ic-igbt"], ("re460-ic-igbt",), pytest.mark.slow))
 def test_planes_are_near_the_run(train: str) -> None:
     run = run_at(train)
     loss, path = run.section.loss, run.trajectory

@@ -187,7 +187,7 @@ def test_from_under_way_a_schedule_needs_the_time_that_is_left() -> None:
     random = np.random.default_rng(5)
     for which in BUNDLED:
         section, front = section_of(which), guide_of(which)
-        for _ in range(12):
+        for _ in range(4):
             s_m = float(random.uniform(section.start_m, section.end_m - 2000.0))
             v_mps = float(np.interp(s_m, section.node_m, section.envelope_mps) * random.uniform(0.2, 0.95))
             left_s = 1.1 * front_of(which).least_time_s(s_m, v_mps) + 5.0

@@ -210,6 +210,7 @@ def test_the_window_of_a_recorded_restriction_is_on_the_clock_of_the_day_driven_
     assert lines(-60, -1) == lines(90_000, None) == []
 
 
+@pytest.mark.slow
 def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_path: Path) -> None:
     """The recording brings the map along, and the day, its new recording and its energy attribution have both."""
     own_map = tmp_path / "own.csv"
