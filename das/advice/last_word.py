@@ -353,13 +353,14 @@ class _Judgement:
         """Lower the speed of the present instruction to what is allowed.
 
         A speed to reach or to hold is judged here and where the instruction is due; a speed to brake or coast to, where
-        the braking or coasting ends.
+        the braking or coasting ends: at its goal, or where the next instruction begins.
         """
         guide, model = self._advice.guide, self._model
         assert guide is not None
         leads = now.mode in (*BRAKES, Regime.COAST)
         ahead_m = self._train.ahead_m, self._told_from_m + now.way_m
-        places_m = (self._told_from_m + guide.target_m,) if leads else ahead_m
+        ends_m = min([guide.target_m, *(one.way_m for one in guide.following[:1] if _finite(one.way_m))])
+        places_m = (self._told_from_m + ends_m,) if leads else ahead_m
         bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SAME_READING_MPS
         if not now.speed_mps <= bound_mps:
             rounded = target_below if now.mode is Regime.COAST else step_below

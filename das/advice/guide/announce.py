@@ -10,7 +10,7 @@ import numpy as np
 from das.advice.advice import Instruction
 from das.advice.guide.effort import STEP_RATIO
 from das.advice.guide.follow import BRIEF_S, coasting, is_vain, reachable_mps
-from das.advice.guide.guard import foreseen_brake, lasts_s
+from das.advice.guide.guard import SOONER_S, foreseen_brake, lasts_s
 from das.advice.guide.memory import NOTHING, Memory, brake, coast, hold, is_own_end, repeats, traction
 from das.advice.guide.scene import Sight
 from das.advice.guide.timeline import REACHED_MPS, SAME_MPS, STANDS_S, GuideStep
@@ -59,7 +59,8 @@ def said(scene: Sight, number: int, now: Instruction = NOTHING) -> Instruction |
     if now.mode is Regime.CRUISE and scene.state.v_mps < step.speed_mps + SAME_MPS:
         step = step._replace(kind=InstructionKind.HOLD) if step.kind is InstructionKind.BRAKE else step
     if step.kind is InstructionKind.BRAKE:
-        way_m, in_s = max(way_m - scene.state.ahead_m, 0.0), in_s - scene.state.ahead_m / max(scene.state.v_mps, 1.0)
+        sooner_s = SOONER_S + scene.state.ahead_m / max(passes_mps, 1.0)
+        way_m, in_s = max(way_m - sooner_s * passes_mps, 0.0), in_s - sooner_s
     one = instruction(scene, step)
     if step.kind is InstructionKind.COAST and in_s < BRIEF_S and now.mode in KIND_OF:
         one = coasting(scene, now, number).one  # As it will be shown.

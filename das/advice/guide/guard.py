@@ -143,9 +143,9 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     waits_s = 0.0 if begun else begins_s(scene, _keeps_mps(one, v_mps))
     if one.mode is Regime.COAST:
         rolls = foreseen_brake(scene, one, wanted.in_s)
-        if rolls is None or rolls.in_s > lead_s:
+        if rolls is None or rolls.in_s > lead_s - SOONER_S:
             return wanted  # The train slows down enough by itself.
-        waits_s = max(rolls.in_s - SOONER_S, 0.0)
+        waits_s = rolls.in_s
     waits_s = min(waits_s, wanted.in_s) if wanted.brakes else waits_s
     lowest_mps = ahead.lowest_mps(state.braked_m, soon_mps * lead_s)
     if waits_s > lead_s and lowest_mps > v_mps:  # Only a faster train would have to brake so soon.
@@ -199,7 +199,7 @@ def _no_faster(wanted: Proposal, most_mps: float, v_mps: float) -> Proposal:
 
 
 def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal | None:
-    """The brake that limits and the stop will ask for if the driver goes on as told; due where he meets the curve.
+    """The brake that limits and the stop will ask for if the driver goes on as told; due just before he meets the curve.
 
     What he is told he does in `waits_s`, and keeps his speed until then.
     """
@@ -212,8 +212,9 @@ def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal |
     # Above a limit that does not fall, a driver who rolls on is told to hold it, not to brake for what is far off.
     if needed.effort <= 0.0 or not ahead.is_due(begins_m, passes_mps + OVERSPEED_MPS, BRAKE_LEAD_S):
         return None
-    in_s = waits_s + ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m)
-    one = replace(brake(max(needed.effort, STEP_RATIO), needed.target_mps), way_m=begins_m - state.s_m, in_s=in_s)
+    in_s = max(waits_s + ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m) - SOONER_S, 0.0)
+    way_m = max(begins_m - SOONER_S * passes_mps - state.s_m, 0.0)
+    one = replace(brake(max(needed.effort, STEP_RATIO), needed.target_mps), way_m=way_m, in_s=in_s)
     return Proposal(one, in_s)
 
 
