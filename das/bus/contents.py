@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -168,12 +170,13 @@ class Raw:
 
 
 def read_raw(path: Path) -> tuple[Raw, Health]:
-    """All records of a file; raises DasError if it is missing, not MCAP, or unpacks to more than its budget."""
+    """All records of a file; raises DasError if it is missing, not MCAP, or would keep its reader busy."""
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise DasError(f"{path}: not a regular file")  # opening a pipe would wait for its other end
         with path.open("rb") as file:
-            return _read(file)
+            size = os.fstat(file.fileno()).st_size
+            return _read(Scan(mmap(file.fileno(), 0, access=ACCESS_READ) if size else b""))
     except OSError as error:
         raise DasError(f"{path}: cannot be read ({error.strerror})") from error
     except ValueError as error:
@@ -182,20 +185,18 @@ def read_raw(path: Path) -> tuple[Raw, Health]:
         raise (error if str(error).startswith(str(path)) else DasError(f"{path}: {error}")) from None
 
 
-def _read(file: IO[bytes]) -> tuple[Raw, Health]:
-    scan = Scan(file, file.seek(0, 2))
+def _read(scan: Scan) -> tuple[Raw, Health]:
     raw = Raw()
     for found in scan.walk():
         raw.take(found)
     unchecked, damage = _judge_loose(raw, scan), scan.damage
     raw.use_descriptions()
     twice = _take_out_repeated(raw)
-    if twice:
-        damage = [*damage, Damage(start_byte=0, end_byte=0, what=f"{twice} messages that are in the file twice")]
     wrong = [record.name for record, right in raw.metadata if right is False]
-    if wrong:
-        damage = [one for one in damage if one.what != SOMEWHERE]
-        damage += [Damage(start_byte=0, end_byte=0, what=f"wrong checksum in the metadata {name!r}") for name in wrong]
+    texts = [f"{twice} messages that are in the file twice"] if twice else []
+    texts += [f"wrong checksum in the metadata {name!r}" for name in wrong]
+    damage = [one for one in damage if not (wrong and one.what == SOMEWHERE)]
+    damage += [Damage(start_byte=0, end_byte=0, what=text) for text in texts]
     return raw, Health(
         size_bytes=scan.size,
         complete=scan.ended or scan.has_footer,

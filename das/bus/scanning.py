@@ -1,55 +1,53 @@
-"""Walks through an MCAP file record by record. Damaged records are noted and skipped, never returned.
+"""Walks through an MCAP file by the library's own records. Damaged ones are noted and skipped, never returned.
 
-Each chunk and each attachment has a checksum, and a complete file has one over all of its data. If the length of a
-record is damaged, the walk goes on at the next chunk whose checksum is right. Metadata get a checksum of their own
-here, because MCAP gives them none until the file is finished.
+Chunks and attachments have checksums, and a complete file has one over all of its data and one over its index. Metadata
+get a checksum of their own here, because MCAP gives them none until the file is finished.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
+import re
+import struct
 import zlib
-from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from io import BytesIO
-from typing import IO, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
+import zstandard
+from lz4.frame import LZ4FrameDecompressor
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
-from das.bus.chunks import HEAD, Budget, ChunkError, chunk_of, contents, message_of, stated_length
 from das.domain.errors import DasError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
-HEAD_BYTES: Final = 9
-"""Every record begins with its kind (1 byte) and its length (8 bytes)."""
-PRIVATE: Final = 0x80
-"""Record kinds from this number on belong to other programs; a reader skips them."""
-SIGNATURES: Final = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
-"""The bytes in a chunk that name its compression; a search for the next chunk looks for them."""
-SIGNATURE_AT: Final = 37
-"""The byte of a chunk's record at which its compression is named."""
-WINDOW_BYTES: Final = 1 << 20
-LARGEST_RECORD_BYTES: Final = 1 << 30
 MAGIC_BYTES_WRONG: Final = 2
 """A file whose first bytes differ from those of an MCAP file in at most this many places counts as a damaged one."""
-SIMPLE: Final[dict[int, Any]] = {
-    Opcode.HEADER: records.Header,
-    Opcode.SCHEMA: records.Schema,
-    Opcode.CHANNEL: records.Channel,
-    Opcode.CHUNK_INDEX: records.ChunkIndex,
-    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex,
-    Opcode.STATISTICS: records.Statistics,
-    Opcode.METADATA: records.Metadata,
-    Opcode.METADATA_INDEX: records.MetadataIndex,
-    Opcode.SUMMARY_OFFSET: records.SummaryOffset,
-    Opcode.DATA_END: records.DataEnd,
-    Opcode.FOOTER: records.Footer,
-}
+RECORD: Final = struct.Struct("<BQ")
+"""The head of a record: kind, length (bytes)."""
+CHUNK: Final = struct.Struct("<QQQII")
+"""The head of a chunk: times of the first and last message (ns), unpacked size (bytes), checksum, length of the
+compression's name."""
+MESSAGE: Final = struct.Struct("<HIQQ")
+"""The head of a message: channel, running number, time recorded (ns), time sent (ns)."""
+SIGNATURE: Final = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
+"""The bytes that name a chunk's compression; a search for the next chunk looks for them."""
+SIGNATURE_AT: Final = RECORD.size + CHUNK.size - 4
+"""The byte of a chunk's record at which its compression is named."""
+KINDS: Final = {one: getattr(records, one.name.title().replace("_", "")) for one in Opcode}
+"""The library's class of each kind of record."""
+PRIVATE: Final = 0x80
+"""Record kinds from this number on belong to other programs; a reader skips them."""
+MOST_EXPANSION: Final = 100
+"""A file may unpack to at most this many times its size. Recordings of this project unpack to 3 to 10 times."""
+ALWAYS_BYTES: Final = 16 << 20
+"""A file may always unpack to this many bytes, however small it is."""
+MOST_MESSAGES: Final = 2_000_000
+"""At most this many messages (60 hours of recording) are read from a file; more would hold up the reader."""
 SOMEWHERE: Final = "wrong checksum of the data, whose messages are whole"
-OTHERS: Final = (Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 MOST_LISTED = 5
 """At most this many places of damage are listed one by one."""
 CHECKSUM: Final = "crc32"
@@ -115,262 +113,254 @@ class Health:
 
 def sealed(name: str, data: Mapping[str, str]) -> dict[str, str]:
     """The entries of a metadata record with their checksum."""
-    return {**data, CHECKSUM: f"{_checksum(name, data):08x}"}
+    return {**data, CHECKSUM: f"{zlib.crc32(json.dumps([name, sorted(data.items())]).encode()):08x}"}
 
 
 def unsealed(name: str, data: Mapping[str, str]) -> tuple[dict[str, str], bool | None]:
     """The entries of a metadata record without their checksum, and whether it is right (None: there is none)."""
     entries = {key: value for key, value in data.items() if key != CHECKSUM}
-    if CHECKSUM not in data:
-        return entries, None
-    return entries, data[CHECKSUM] == f"{_checksum(name, entries):08x}"
-
-
-def _checksum(name: str, data: Mapping[str, str]) -> int:
-    return zlib.crc32(json.dumps([name, sorted(data.items())], ensure_ascii=True).encode())
-
-
-def begun(library: str) -> bytes:
-    """The first bytes of a recording that a program has begun to write."""
-    name = library.encode()
-    content = (0).to_bytes(4, "little") + len(name).to_bytes(4, "little") + name
-    return MAGIC + bytes([Opcode.HEADER]) + len(content).to_bytes(8, "little") + content
+    return entries, None if CHECKSUM not in data else sealed(name, entries) == data
 
 
 class FoundRecord(NamedTuple):
     """A record, where it begins in the file, and whether a checksum of its own proves it."""
 
-    record: records.McapRecord
+    record: Any
     start_byte: int
     proven: bool
 
 
-@dataclass
+class _DamagedError(Exception):
+    """A record is damaged; `times_ns` are those of its first and last message, as it states them."""
+
+    def __init__(self, what: str, times_ns: tuple[int, int] = (0, 0)) -> None:
+        super().__init__(what)
+        self.times_ns = times_ns
+
+
 class Scan:
-    """A walk through a file. `walk` yields the records; the attributes are complete when it has ended.
+    """A walk through the bytes of a file. `walk` yields the records; the attributes are complete when it has ended.
 
     `ended` states whether the file has its last bytes, `data_proven` whether the checksum over all data is right (None:
     there is none), and `index_proven` whether the one over the index at the end is right. `cut_byte` is where the last
     record of a cut file begins; -1 if the file ends with a whole record.
     """
 
-    file: IO[bytes]
-    size: int
-    damage: list[Damage] = field(default_factory=list)
-    ended: bool = False
-    data_proven: bool | None = None
-    index_proven: bool | None = None
-    has_footer: bool = False
-    cut_byte: int = -1
-
-    def __post_init__(self) -> None:
-        self.budget = Budget.of(self.size)
-        self._data_end = -1
+    def __init__(self, data: Any) -> None:
+        """`data` is the content of the file: bytes, or a map of it into memory."""
+        self.data, self.size = data, len(data)
+        self.ended = self.size >= 2 * len(MAGIC) and data[-len(MAGIC) :] == MAGIC
+        self._last = self.size - len(MAGIC) * self.ended
+        self.damage: list[Damage] = []
+        self.data_proven: bool | None = None
+        self.index_proven = self.has_footer = False
+        self.cut_byte = self._data_end = -1
         self._unknown: list[tuple[int, int]] = []
+        self._left_bytes = max(ALWAYS_BYTES, MOST_EXPANSION * self.size)
+        self._left_messages = MOST_MESSAGES
 
     def walk(self) -> Iterator[FoundRecord]:
-        """Yield the records of the data and of the index in their order; raises DasError for a file that is no MCAP."""
-        self._check_magic()
-        at = len(MAGIC)
-        last = self.size - len(MAGIC) if self.ended else self.size
-        while at < last and not self.has_footer:
-            head = self._read(at, HEAD_BYTES)
-            if len(head) < HEAD_BYTES:
-                self._note_end(at, last)
-                break
-            end = at + HEAD_BYTES + int.from_bytes(head[1:], "little")
-            try:
-                found = self._record(at, head[0], end, last)
-            except ChunkError as error:
-                at = yield from self._after_damage(at, end, last, error)
-                continue
-            yield from found
-            at = end
-        self._finish(at, last)
+        """Yield the records of the data and of the index in their order.
 
-    def _finish(self, at: int, last: int) -> None:
-        """Note the damage that only the whole walk can show."""
-        if self.ended and at < last:
-            self._note(at, last, "bytes behind the end of the index", lost=False)
-        if self.has_footer and not self.ended:
-            if MAGIC.startswith(self._read(at, len(MAGIC))):  # cut within its last bytes
-                self.has_footer, self.cut_byte = False, at
-            else:
-                self._note(at, self.size, "the last bytes of the file", lost=False)
-        if self.ended and not self.has_footer:
-            self._note(at, last, "the end of the index is missing", lost=False)
-        if self.data_proven is not True:
-            for start, end in self._unknown:
-                self._note(start, end, "a record of an unknown kind")
-        self.damage.sort(key=lambda one: one.start_byte)
-
-    def _check_magic(self) -> None:
-        first = self._read(0, len(MAGIC))
+        Raises DasError for a file that is no MCAP, and for one that would keep its reader busy.
+        """
+        first = self.data[: len(MAGIC)]
         wrong = sum(a != b for a, b in zip(first, MAGIC, strict=False))
         if len(first) < len(MAGIC) or wrong > MAGIC_BYTES_WRONG:
             raise DasError("not an MCAP recording" if self.size else "is empty: nothing was recorded")
         if wrong:
             self._note(0, len(MAGIC), "the first bytes of the file", lost=False)
-        self.ended = self.size >= 2 * len(MAGIC) and self._read(self.size - len(MAGIC), len(MAGIC)) == MAGIC
+        at = len(MAGIC)
+        while at < self._last and not self.has_footer:
+            try:
+                end, found = self._end(at), self._record(at)
+            except _DamagedError as why:
+                end, found = self._after_damage(at, why)
+            yield from found
+            at = end
+        self._finish(at)
 
-    def _record(self, at: int, kind: int, end: int, last: int) -> list[FoundRecord]:
-        """The records at a place; raises ChunkError if they are damaged."""
-        if end > last or end - at > LARGEST_RECORD_BYTES:
-            raise ChunkError("a record is longer than the file")
-        content = self._read(at + HEAD_BYTES, end - at - HEAD_BYTES)
+    def _finish(self, at: int) -> None:
+        """Note the damage that only the whole walk can show."""
+        if self.has_footer and not self.ended and MAGIC.startswith(self.data[at:]):  # cut within its last bytes
+            self.has_footer, self.cut_byte = False, at
+        elif self.has_footer != self.ended or (self.ended and at < self._last):
+            self._note(at, self.size, "the end of the file", lost=False)
+        if self.data_proven is not True:
+            for start, end in self._unknown:
+                self._note(start, end, "a record of an unknown kind")
+        self.damage.sort(key=lambda one: one.start_byte)
+
+    def _end(self, at: int) -> int:
+        """The stated end of the record at a place; beyond the file where there is no record."""
+        head = self.data[at : min(at + RECORD.size, self._last)]
+        return at + RECORD.size + RECORD.unpack(head)[1] if len(head) == RECORD.size else self.size + 1
+
+    def _record(self, at: int) -> list[FoundRecord]:
+        """The records at a place; raises _DamagedError if they are damaged."""
+        kind, end = self.data[at], self._end(at)
+        if end > self._last:
+            raise _DamagedError("a record without its end")
         if kind == Opcode.CHUNK:
-            return self._of_chunk(chunk_of(content), at, end)
-        if content[SIGNATURE_AT - HEAD_BYTES :].startswith(SIGNATURES):
-            raise ChunkError("wrong kind of a record")
-        if kind == Opcode.ATTACHMENT:
-            return [self._attachment(at, content)]
-        if kind == Opcode.MESSAGE_INDEX:  # not used, but it may be a damaged chunk
-            if len(content) < 6 or int.from_bytes(content[2:6], "little") != len(content) - 6 or len(content) % 16 != 6:
-                raise ChunkError("a record (MessageIndex) that cannot be read")
-            return []
+            return self._chunk(at, end)
+        if SIGNATURE.match(self.data, at + SIGNATURE_AT, end):
+            raise _DamagedError("wrong kind of a record")
+        content = self.data[at + RECORD.size : end]
         if kind == Opcode.MESSAGE:
-            return [FoundRecord(message_of(content), at, False)]
+            return [FoundRecord(_message(content), at, False)]
         if kind >= PRIVATE:
             self._unknown.append((at, end))
             return []
-        return [self._simple(at, kind, content)]
-
-    def _simple(self, at: int, kind: int, content: bytes) -> FoundRecord:
-        """A record without a checksum of its own."""
-        made = SIMPLE.get(kind)
-        if made is None:
-            raise ChunkError("a record of no known kind")
-        stream = ReadDataStream(BytesIO(content))
-        what = f"a record ({made.__name__}) that cannot be read"
-        try:
-            record: records.McapRecord = made.read(stream)
-        except Exception as error:  # Struct, UTF-8, end of the data …: there is no common class.
-            raise ChunkError(what) from error
-        if stream.count != len(content):
-            raise ChunkError(what)
+        if kind not in KINDS:
+            raise _DamagedError("a record of no known kind")
+        checksum = int.from_bytes(content[-4:], "little") if kind == Opcode.ATTACHMENT else 0
+        if checksum and zlib.crc32(content[:-4]) != checksum:
+            raise _DamagedError("wrong checksum in an attachment")
+        record = _read(KINDS[kind], content)
         if isinstance(record, records.DataEnd):
             self._end_of_data(record, at)
         elif isinstance(record, records.Footer):
             self._end_of_index(record, at)
-        return FoundRecord(record, at, False)
+        return [FoundRecord(record, at, checksum != 0)]
 
-    def _of_chunk(self, chunk: records.Chunk, at: int, end: int) -> list[FoundRecord]:
-        """The records of a chunk, each proven by the chunk's checksum."""
-        found = [FoundRecord(record, at, chunk.uncompressed_crc != 0) for record in contents(chunk, self.budget)]
-        times = [one.record.log_time for one in found if isinstance(one.record, records.Message)]
-        if times and (min(times), max(times)) != (chunk.message_start_time, chunk.message_end_time):
-            self._note(at, end, "wrong times in the head of a chunk, whose messages are whole", lost=False)
-        return found
-
-    def _attachment(self, at: int, content: bytes) -> FoundRecord:
-        stated = int.from_bytes(content[-4:], "little")
-        if stated and zlib.crc32(content[:-4]) != stated:
-            raise ChunkError("wrong checksum in an attachment")
+    def _chunk(self, at: int, end: int) -> list[FoundRecord]:
+        """The schemas, channels and messages of a chunk, proven by its checksum."""
+        if end - at < RECORD.size + CHUNK.size:
+            raise _DamagedError("a chunk that cannot be read")
+        first_ns, last_ns, _, checksum, _ = CHUNK.unpack_from(self.data, at + RECORD.size)
+        times_ns = first_ns, last_ns
+        if self._chunk_end(at) != end:
+            raise _DamagedError("wrong length of a chunk", times_ns)
         try:
-            attachment = records.Attachment.read(ReadDataStream(BytesIO(content)))
-        except Exception as error:  # Struct, UTF-8, end of the data …: there is no common class.
-            raise ChunkError("an attachment that cannot be read") from error
-        return FoundRecord(attachment, at, stated != 0)
+            plain = self._unpacked(_read(records.Chunk, self.data[at + RECORD.size : end]))
+            if checksum and zlib.crc32(plain) != checksum:
+                raise _DamagedError("wrong checksum in a chunk")
+            found = list(self._inside(plain))
+        except _DamagedError as error:
+            raise _DamagedError(str(error), times_ns) from error
+        except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError, ValueError) as error:
+            raise _DamagedError("a chunk that cannot be decompressed", times_ns) from error
+        return [FoundRecord(one, at, checksum != 0) for one in found]
+
+    def _unpacked(self, chunk: records.Chunk) -> bytes:
+        """The unpacked content of a chunk, never more than one byte beyond the size that it states."""
+        size, packed, rest = chunk.uncompressed_size, chunk.data, b""
+        if chunk.compression == "zstd" and zstandard.frame_content_size(packed) not in (-1, size):
+            raise _DamagedError("a chunk of another size than it says")
+        if size > self._left_bytes:
+            raise _DamagedError(
+                f"a chunk that unpacks to {size >> 20} MiB, too much for a file of {self.size >> 10} KiB"
+            )
+        self._left_bytes -= size
+        if chunk.compression == "zstd":
+            # Bytes after the compressed data belong to another record: then the chunk's length is damaged.
+            unpack = zstandard.ZstdDecompressor()
+            packed = unpack.decompress(packed, max_output_size=max(size, 1), allow_extra_data=False)
+        elif chunk.compression == "lz4":
+            frame = LZ4FrameDecompressor()
+            packed, rest = frame.decompress(packed, max_length=size + 1), frame.unused_data
+        if len(packed) != size or rest:
+            raise _DamagedError("a chunk of another size than it says")
+        return bytes(packed)
+
+    def _inside(self, plain: bytes) -> Iterator[Any]:
+        """The records in an unpacked chunk."""
+        kinds, at = (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA), 0
+        while at < len(plain):
+            kind, length = RECORD.unpack_from(plain, at) if at + RECORD.size <= len(plain) else (0, 0)
+            content = plain[at + RECORD.size : at + RECORD.size + length]
+            if kind not in kinds:
+                raise _DamagedError("a chunk with something other than messages in it")
+            if len(content) < length:
+                raise _DamagedError("a record that is longer than its chunk")
+            self._left_messages -= kind == Opcode.MESSAGE
+            if self._left_messages < 0:
+                raise DasError(f"holds more than {MOST_MESSAGES} messages: cut it into shorter recordings")
+            yield _message(content) if kind == Opcode.MESSAGE else _read(KINDS[kind], content)
+            at += RECORD.size + length
+
+    def _chunk_end(self, at: int) -> int:
+        """Where a chunk at a place ends by the length of its packed messages; beyond the file if it is no chunk."""
+        signature = SIGNATURE.match(self.data, at + SIGNATURE_AT)
+        start = signature.end() if signature else at + SIGNATURE_AT + 4
+        plain = signature is None and not any(self.data[at + SIGNATURE_AT : start])  # without compression
+        if not (signature or plain) or start + 8 > self._last:
+            return self.size + 1
+        return start + 8 + int.from_bytes(self.data[start : start + 8], "little")
 
     def _end_of_data(self, record: records.DataEnd, at: int) -> None:
         if self._data_end >= 0:
-            raise ChunkError("a second end of the data")
+            raise _DamagedError("a second end of the data")
         self._data_end = at
-        if not record.data_section_crc:
-            return
-        self.data_proven = self._checksum(0, at) == record.data_section_crc
-        if not self.data_proven and not self.damage:
-            self._note(0, at, SOMEWHERE, lost=False)
+        if record.data_section_crc:
+            self.data_proven = self._checksum(0, at) == record.data_section_crc
+            if not self.data_proven and not self.damage:
+                self._note(0, at, SOMEWHERE, lost=False)
 
     def _end_of_index(self, record: records.Footer, at: int) -> None:
         self.has_footer = True
         if self._data_end < 0:
             self._note(at, at, "the mark at the end of the data is missing", lost=False)
-        if not record.summary_crc:
-            return
-        start = record.summary_start or at
-        whole = self._data_end < start <= at
-        self.index_proven = whole and self._checksum(start, at + HEAD_BYTES + 16) == record.summary_crc
-        if not self.index_proven:
-            self._note(min(start, at), self.size, "wrong checksum of the index, which is not used", lost=False)
-
-    def _after_damage(self, at: int, end: int, last: int, why: ChunkError) -> Generator[FoundRecord, None, int]:
-        """Note damage at a place and return where to go on; yields the records of the chunk there, or of the next."""
-        here = self._sound_chunk(at, last)
-        if here is not None:
-            self._note(at, here[0], "the head of a chunk, whose messages are whole", lost=False)
-            yield from here[1]
-            return here[0]
-        if self._begins_a_record(end, last):
-            self._note(at, end, str(why), times=(why.first_ns, why.last_ns))
-            return end
-        for candidate in self._candidates(at + 1, last):
-            found = self._sound_chunk(candidate, last)
-            if found is not None:
-                self._note(at, candidate, str(why))
-                yield from found[1]
-                return found[0]
-        self._note_end(at, last, str(why))
-        return last
-
-    def _sound_chunk(self, at: int, last: int) -> tuple[int, list[FoundRecord]] | None:
-        """The stated end of the chunk at a place, and its records; None if there is no sound chunk."""
-        length = stated_length(self._read(at + HEAD_BYTES, HEAD.size + 12))
-        if length is None or at + HEAD_BYTES + length > last:
-            return None
-        end = at + HEAD_BYTES + length
-        with contextlib.suppress(ChunkError):
-            chunk = chunk_of(self._read(at + HEAD_BYTES, length))
-            return (end, self._of_chunk(chunk, at, end)) if chunk.uncompressed_crc else None
-        return None
-
-    def _begins_a_record(self, at: int, last: int) -> bool:
-        """Whether a place looks like the beginning of a record, or is the end of the data."""
-        if at >= last:
-            return at == last
-        head = self._read(at, HEAD_BYTES)
-        length = int.from_bytes(head[1:], "little")
-        return (head[0] in SIMPLE or head[0] in OTHERS) and at + HEAD_BYTES + length <= last
-
-    def _candidates(self, at: int, last: int) -> Iterator[int]:
-        """Places from `at` on where a chunk may begin, found by the name of its compression."""
-        start = at
-        while start < last:
-            window = self._read(start, min(WINDOW_BYTES + SIGNATURE_AT + 8, last - start))
-            yield from (start + i for i in sorted(_candidates_in(window)) if window[i] == Opcode.CHUNK)
-            start += WINDOW_BYTES
-
-    def _note_end(self, at: int, last: int, why: str = "a record without its end") -> None:
-        """Note that nothing more can be read: a cut if the file has no end, damage if it has one."""
-        if not self.ended:
-            self.cut_byte = at
-        else:
-            self._note(at, last, why)
-
-    def _note(self, start: int, end: int, what: str, *, lost: bool = True, times: tuple[int, int] = (0, 0)) -> None:
-        self.damage.append(
-            Damage(start_byte=start, end_byte=end, what=what, lost=lost, from_ns=times[0], to_ns=times[1])
-        )
-
-    def _read(self, at: int, length: int) -> bytes:
-        self.file.seek(at)
-        return self.file.read(length)
+        if record.summary_crc:
+            start = record.summary_start or at
+            right = self._checksum(start, at + RECORD.size + 16) == record.summary_crc
+            self.index_proven = right and self._data_end < start <= at
+            if not self.index_proven:
+                self._note(min(start, at), self.size, "wrong checksum of the index, which is not used", lost=False)
 
     def _checksum(self, start: int, end: int) -> int:
-        checksum, at = 0, start
-        while at < end:
-            block = self._read(at, min(WINDOW_BYTES, end - at))
-            if not block:
-                break
-            checksum, at = zlib.crc32(block, checksum), at + len(block)
-        return checksum
+        return zlib.crc32(memoryview(self.data)[start:end])
+
+    def _after_damage(self, at: int, why: _DamagedError) -> tuple[int, list[FoundRecord]]:
+        """Note damage at a place; returns where to go on, and the records of the chunk found here or later."""
+        if here := self._sound_chunk(at):
+            self._note(at, here[0], "the head of a chunk, whose messages are whole", lost=False)
+            return here
+        end = self._end(at)
+        known = end < self._last and self.data[end] in KINDS
+        if end == self._last or (known and self._end(end) <= self._last):
+            self._note(at, end, str(why), times_ns=why.times_ns)
+            return end, []
+        for signature in SIGNATURE.finditer(self.data, at + 1 + SIGNATURE_AT, self._last):
+            place = signature.start() - SIGNATURE_AT
+            if self.data[place] == Opcode.CHUNK and (found := self._sound_chunk(place)):
+                self._note(at, place, str(why))
+                return found
+        if self.ended:
+            self._note(at, self._last, str(why))
+        else:
+            self.cut_byte = at
+        return self._last, []
+
+    def _sound_chunk(self, at: int) -> tuple[int, list[FoundRecord]] | None:
+        """The end of the chunk at a place, by what it states itself, and its records; None if there is no sound one."""
+        end = self._chunk_end(at)
+        try:
+            found = self._chunk(at, end) if end <= self._last else []
+        except _DamagedError:
+            return None
+        return (end, found) if found and found[0].proven else None
+
+    def _note(self, start: int, end: int, what: str, *, lost: bool = True, times_ns: tuple[int, int] = (0, 0)) -> None:
+        from_ns, to_ns = times_ns
+        self.damage.append(Damage(start_byte=start, end_byte=end, what=what, lost=lost, from_ns=from_ns, to_ns=to_ns))
 
 
-def _candidates_in(window: bytes) -> Iterator[int]:
-    """Places in a window whose bytes at `SIGNATURE_AT` name a compression."""
-    for signature in SIGNATURES:
-        found = window.find(signature, SIGNATURE_AT)
-        while found >= 0:
-            if found < WINDOW_BYTES + SIGNATURE_AT:
-                yield found - SIGNATURE_AT
-            found = window.find(signature, found + 1)
+def _read(kind: Any, content: bytes) -> Any:
+    """A record by the library's reader; raises _DamagedError if it cannot be read, or has another length."""
+    stream = ReadDataStream(BytesIO(content))
+    try:
+        record = kind.read(stream)
+    except Exception as error:  # Struct, UTF-8, end of the data …: there is no common class.
+        raise _DamagedError(f"a record ({kind.__name__}) that cannot be read") from error
+    if stream.count != len(content):
+        raise _DamagedError(f"a record ({kind.__name__}) that cannot be read")
+    return record
+
+
+def _message(content: bytes) -> records.Message:
+    """The message in the content of a record, faster than by the library's reader."""
+    if len(content) < MESSAGE.size:
+        raise _DamagedError("a message that is too short")
+    channel, sequence, log_ns, sent_ns = MESSAGE.unpack_from(content)
+    return records.Message(channel, log_ns, content[MESSAGE.size :], sent_ns, sequence)

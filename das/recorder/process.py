@@ -10,8 +10,8 @@ from pathlib import Path
 from das import __version__
 from das.bus.access import Refusals
 from das.bus.config import BusFile, bus_options
-from das.bus.recorder import LIBRARY, Recorder, RecordingFile
-from das.bus.scanning import begun
+from das.bus.recorder import Recorder, RecordingFile
+from das.bus.scanning import MAGIC
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import RECORDED, RECORDER, Received
 from das.command_line.options import NODE_ENDPOINT, RECORDER_ENDPOINT
@@ -125,7 +125,7 @@ def _place(path: Path, made: FileMade) -> Path:
     """The file to record into: a recorder that is restarted keeps the earlier recording and takes a new name."""
     if made.overwrite or (path.exists() and not path.is_file()):
         return path
-    free = new_file(path, begun(LIBRARY))
+    free = new_file(path, MAGIC)
     if free != path:
         say(f"{path} exists already: recording to {free}")
     return free
