@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.losses import LossMap
 from das.domain.plotted import PlottedRun
 from das.domain.route import NEUTRAL
 from das.domain.summary import Summary, needs
@@ -43,7 +41,7 @@ class Solution(Summary):
     solution (W; inf for the fastest trajectory).
 
     `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`). It is computed when first asked
-    for, unless `tightened` has already given it as `proven`; `bound_j`, `gap_ratio` and `gap_reason` are read from it.
+    for, unless a longer search has given it as `proven`; `bound_j`, `gap_ratio` and `gap_reason` are read from it.
     `table_bound_j` is the least energy for this time according to the solver's table of values. It bounds the
     trajectories on the table's grid from below, but not this one, which is integrated more finely: `table_gap_ratio`
     can be negative.
@@ -117,18 +115,6 @@ class Solution(Summary):
 
     def _above(self, bound_j: float) -> float:
         return (self.balance.input - bound_j) / max(abs(self.balance.input), 1.0)
-
-
-def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
-    """The solution with a bound that is searched for during about `tight_s` seconds more.
-
-    This raises the bound of a train with a loss map (`docs/explanation/bounds.md`); any other solution stays as it is.
-    """
-    from das.offline.bound.certificate import certificate
-
-    if not isinstance(solution.section.loss, LossMap):
-        return solution
-    return replace(solution, proven=certificate(solution, tight_s))
 
 
 def plotted_on(section: Section, trajectory: Trajectory) -> PlottedRun:

@@ -22,9 +22,10 @@ from das.domain.vehicle import Vehicle
 from das.offline.refinement import refined
 from das.solver.front import Front
 from das.solver.section import build_section
-from das.solver.solution import Solution, tightened
+from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_csv, write_table
+from precompute.tight_bound.cells import tightened
 from tests.das.solver.test_solver import pose_reference
 from tests.support.benchmark import SHARED, ReferenceResult, reference_results
 from tests.support.making import make_route

@@ -141,7 +141,7 @@ def _optimal(pose: Pose, trip: TripTime, budget_s: float, bound_s: float) -> tup
 def _with_bound(answer: Solution, bound_s: float) -> Solution:
     """The answer with its bound proven; the search for a tight bound takes about `bound_s` seconds (0: none)."""
     if bound_s > 0:
-        from das.solver.solution import tightened
+        from precompute.tight_bound.cells import tightened
 
         with busy("proving the bound …"):
             answer = tightened(answer, bound_s)

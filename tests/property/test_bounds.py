@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from das.domain.errors import InfeasibleError
 from das.domain.levels import Level
 from das.domain.losses import LossMap
-from das.offline.bound.cells import all_cells, cell_line, even_rows
 from das.offline.bound.certificate import behind_fastest, fastest_is_ahead, task_of
 from das.offline.bound.relaxation import MapPlanes, Task, efficiency_planes, map_rows, relaxation
 from das.offline.kernels.relaxed_program import (
@@ -30,11 +29,12 @@ from das.offline.kernels.relaxed_program import (
     constraints,
     proven_bound,
 )
-from das.offline.kernels.speed_cells import values_behind
 from das.solver.front import Front
 from das.solver.solution import Solution, trajectory_on
 from das.solver.solve import solve_front
 from das.solver.state import RollOut, State
+from precompute.tight_bound.cell_kernels import values_behind
+from precompute.tight_bound.cells import all_cells, cell_line, even_rows
 from tests.support.cells_near import cells_near
 from tests.support.random_sections import Posed, posed_sections
 

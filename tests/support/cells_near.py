@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from das.offline.kernels.speed_cells import Cells
+from precompute.tight_bound.cell_kernels import Cells
 
 
 def cells_near(speeds_mps: NDArray[np.float64], cells: Cells) -> Cells:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
 from das.domain.trajectory import EnergyBalance, Trajectory
-from das.offline.bound.cells import ENOUGH_GAP_RATIO, ROUNDING_RATIO, Incumbent, tightened_j
 from das.offline.bound.relaxation import MapPlanes, Task, acceleration_limits, efficiency_planes, joined, relaxation
 from das.offline.kernels.interior_point import best_bound
 from das.offline.kernels.relaxed_program import FIXED_ROWS, MeanSpeeds, Multipliers, Planes, Program, RelaxedRun
@@ -89,6 +88,8 @@ ENOUGH_CUT_RATIO: Final = 5e-4
 """A loss map gets no further planes once the last ones raised the bound by less than this share."""
 INSIDE: Final = 0.05
 """How far from its bounds the first point is, as a share of their width."""
+ROUNDING_RATIO: Final = 1e-9
+"""The bound is lowered by this share of the sizes of its terms, which is more than their rounding."""
 LEAST_PRICE: Final = 1e-3
 LARGEST_PRICE: Final = 1e3
 """The first price of time is between these, in units of force times speed."""
@@ -217,12 +218,10 @@ class BoundedRun(Protocol):
         """Whether the run keeps the limits and the speed at the end."""
 
 
-def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
+def certificate(solution: BoundedRun) -> Certificate:
     """The certificate of a solution; proving it takes 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
 
-    With a loss map, a search of about `tight_s` seconds more can raise the bound (see `das.offline.bound.cells`); with
-    constant efficiencies there is nothing to raise. If the run of least energy ends early, the bound holds for the
-    time that was asked for.
+    If the run of least energy ends early, the bound holds for the time that was asked for.
     """
     allowed_s = solution.time_s
     if solution.saves_time:
@@ -236,21 +235,9 @@ def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
             return Certificate(bound_j=solution.balance.input, allowed_s=allowed_s)
         task = behind_fastest(task)
     bound_j = bound_of(task, solution.trajectory.force_el_n, min(solution.lambda_w, LARGEST_PRICE_W))
-    if tight_s > 0:
-        bound_j = _raised_j(task, solution, bound_j, tight_s)
     if not math.isfinite(bound_j):
         return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=NOT_FOUND)
     return Certificate(bound_j=bound_j, allowed_s=allowed_s)
-
-
-def _raised_j(task: Task, solution: BoundedRun, bound_j: float, tight_s: float) -> float:
-    """The bound (J) that cells of speeds prove in `tight_s`, or the given one if that is higher or good enough."""
-    loss, energy_j = task.section.loss, solution.balance.input
-    if not isinstance(loss, LossMap) or energy_j - bound_j <= ENOUGH_GAP_RATIO * abs(energy_j):
-        return bound_j
-    incumbent = Incumbent(energy_j, min(solution.lambda_w, LARGEST_PRICE_W))
-    tight_j = tightened_j(task, loss, incumbent, tight_s)
-    return max(tight_j, bound_j) if math.isfinite(bound_j) else tight_j
 
 
 def bound_of(task: Task, force_n: Floats, lambda_w: float) -> float:

@@ -18,12 +18,13 @@ from das.domain.vehicle import BrakePolicy, Vehicle
 from das.offline.refinement import refined
 from das.solver.kernels.forces import electric_limit, traction_limit
 from das.solver.section import Section, SectionOptions, build_section
-from das.solver.solution import Solution, tightened
+from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from das.table.key import section_sha256
 from precompute.baselines import strategies
 from precompute.exact.front import solve_exact
 from precompute.exact.grid import Grid
+from precompute.tight_bound.cells import tightened
 from sim.plant.plant import Dynamics, Plant, lever
 from tests.support.making import flat, make_route, make_train
 

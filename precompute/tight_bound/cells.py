@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
+from das.offline.bound.certificate import (
+    LARGEST_PRICE_W,
+    NOT_FOUND,
+    ROUNDING_RATIO,
+    Certificate,
+    behind_fastest,
+    fastest_is_ahead,
+    task_of,
+)
 from das.offline.bound.relaxation import LEAST_POWER_W, Task, acceleration_limits, force_limits, map_rows
-from das.offline.kernels.cell_links import CellEfforts, CellLine, CellTrain, EvenRows
 from das.offline.kernels.relaxed_program import MapRows, row_hulls
-from das.offline.kernels.speed_cells import Cells, values_ahead, values_behind
 from das.solver import tolerances as tol
 from das.solver.kernels.forces import ELECTRIC, TRACTION
 from das.solver.kernels.tuples import TrainParams
+from das.solver.solution import Solution
+from precompute.tight_bound.cell_kernels import Cells, values_ahead, values_behind
+from precompute.tight_bound.link_kernels import CellEfforts, CellLine, CellTrain, EvenRows
 
 FIRST_WIDTH: Final = 0.03
 """First width of the cells, in the square root of the speed (m/s): 0.3 m/s at 25 m/s."""
@@ -39,8 +51,6 @@ SLOWEST_TAU: Final = 1e6
 """Slowness (s/m) of the slowest row of a loss map: no run is that slow."""
 PARTS: Final = 2
 """Each open cell is split into this number of parts after each pass."""
-ROUNDING_RATIO: Final = 1e-9
-"""The bound is lowered by this share of the sizes of its terms, which is more than their rounding."""
 
 
 class Incumbent(NamedTuple):
@@ -48,6 +58,26 @@ class Incumbent(NamedTuple):
 
     energy_j: float
     lambda_w: float
+
+
+def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
+    """The solution with a bound that is searched for during about `tight_s` seconds more.
+
+    This raises the bound of a train with a loss map (`docs/explanation/bounds.md`); any other solution, and one whose
+    bound is good enough, stays as it is.
+    """
+    loss, known, energy_j = solution.section.loss, solution.certificate, solution.balance.input
+    hopeless = known.reason not in ("", NOT_FOUND) or energy_j - known.bound_j <= ENOUGH_GAP_RATIO * abs(energy_j)
+    if not isinstance(loss, LossMap) or hopeless:
+        return solution
+    task = task_of(solution, known.allowed_s)
+    if fastest_is_ahead(task):
+        task = behind_fastest(task)
+    incumbent = Incumbent(energy_j, min(solution.lambda_w, LARGEST_PRICE_W))
+    found_j = tightened_j(task, loss, incumbent, tight_s)
+    if not math.isfinite(found_j) or found_j <= known.bound_j:
+        return solution
+    return replace(solution, proven=Certificate(bound_j=found_j, allowed_s=known.allowed_s))
 
 
 def tightened_j(

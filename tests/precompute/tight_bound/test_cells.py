@@ -14,23 +14,24 @@ from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import LossMap
 from das.domain.vehicle import BrakePolicy
-from das.offline.bound import cells as cells_module
-from das.offline.bound.cells import (
+from das.offline.bound.certificate import certificate, task_of
+from das.offline.bound.relaxation import Task, map_rows
+from das.solver.line_profile import LineProfile
+from das.solver.section import build_section
+from das.solver.solution import Solution
+from das.solver.solve import solve_front
+from precompute.tight_bound import cells as cells_module
+from precompute.tight_bound.cell_kernels import values_ahead, values_behind
+from precompute.tight_bound.cells import (
     Incumbent,
     all_cells,
     cell_line,
     close,
     even_rows,
     split,
+    tightened,
     tightened_j,
 )
-from das.offline.bound.certificate import certificate, task_of
-from das.offline.bound.relaxation import Task, map_rows
-from das.offline.kernels.speed_cells import values_ahead, values_behind
-from das.solver.line_profile import LineProfile
-from das.solver.section import build_section
-from das.solver.solution import Solution, tightened
-from das.solver.solve import solve_front
 from tests.support.cells_near import cells_near
 from tests.support.making import make_route
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling import kernel
-from das.offline.kernels.cell_links import inlined, interval, link
+from precompute.tight_bound.link_kernels import inlined, interval, link
 
 Floats = NDArray[np.float64]
 

@@ -67,7 +67,7 @@ class CellEfforts(NamedTuple):
 
 
 class CellLine(NamedTuple):
-    """Resistance, limits and prices of each interval (n,), made by `das.offline.bound.cells`.
+    """Resistance, limits and prices of each interval (n,), made by `precompute.tight_bound.cells`.
 
     Resistance is at least constant_n + linear·v + quadratic·(w0 + w1). `share` is the part of the energy fed back
     that the line takes, `price_w` the price of time. No run is slower than `slowest_tau` (s/m), and none is faster than

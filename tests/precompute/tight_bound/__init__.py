@@ -1,0 +1,1 @@
+"""Tight bounds are above the quick ones, and below every run."""
