@@ -16,14 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling import kernel
-from das.offline.kernels.tube_lines import (
-    ANY_SQUARED,
-    ROUNDING_MPS2,
-    ROUNDING_N,
-    ROUNDING_RATIO,
-    room_for,
-    to_lines,
-)
 from das.solver.kernels.driving import full_traction_speed
 from das.solver.kernels.forces import (
     brake_limit,
@@ -44,6 +36,10 @@ LINE, TRACTION, COAST, BRAKE, IDLE = 0, 1, 2, 3, 4
 """Kinds of moves: to a line, and the specials; `IDLE` is the brake with the current collector at zero power."""
 SPECIALS = 4
 
+ROUNDING_RATIO, ROUNDING_N, ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
+"""Forces and accelerations that exceed their bounds by no more than this are taken for rounding errors."""
+_ANY_SQUARED = 1.0
+"""v² (m²/s²) that stands in for a barred pair, so that nothing is divided by 0."""
 _FORCE_STEPS = 6
 _SETTLED_RATIO = 1e-12
 """A speed that changes by less than this ratio is settled."""
@@ -77,6 +73,29 @@ class TubeMoves(NamedTuple):
     time_s: Floats
     below: NDArray[np.int16]
     share: Floats
+
+
+class Pairs(NamedTuple):
+    """Pairs of a line at a knot and one at the next knot, by their v², and the cost of a move between them.
+
+    `energy_j` is INFEASIBLE if the train cannot make the move. `least_n` and `largest_n` are the least and the largest
+    wheel force of a move. `barred` is 1 for a pair that is no move.
+    """
+
+    start: Floats
+    landing: Floats
+    energy_j: Floats
+    time_s: Floats
+    least_n: Floats
+    largest_n: Floats
+    barred: Floats
+
+
+@kernel
+def _room_for(count):
+    """Arrays for this number of pairs."""
+    rows = np.empty((7, count))
+    return Pairs(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6])
 
 
 @kernel
@@ -212,7 +231,7 @@ def fill_moves(tube, line, p, c, moves):
     """All moves from the lines of every knot but the last: to every line of the next knot, and the specials."""
     size = 2 * tube.lines + 1
     last = tube.knot.size - 2
-    pairs = room_for(size * size)
+    pairs = _room_for(size * size)
     for k in range(last + 1):
         for j in range(size):
             start = _line_of(tube, k, j)
@@ -234,22 +253,13 @@ def _pair_up(k, tube, line, p, c, pairs):
         barred = barred or (start[n] <= 0.0 and k > 0) or start[n] + landing[n] <= 0.0
         pairs.barred[n] = 1.0 if barred else 0.0
         if barred:
-            start[n], landing[n] = ANY_SQUARED, ANY_SQUARED
-    _cost_of_pairs(k, tube, line, p, c, pairs)
+            start[n], landing[n] = _ANY_SQUARED, _ANY_SQUARED
+    _to_lines(k, tube, line, p, c, pairs)
 
 
 @kernel
-def _cost_of_pairs(k, tube, line, p, c, pairs):
-    """Fill in the costs of all pairs from knot k to the next."""
-    if p.has_curves:
-        _to_lines_on_curves(k, tube, line, p, c, pairs)
-    else:
-        to_lines(k, tube, line, p, c, pairs)
-
-
-@kernel
-def _to_lines_on_curves(k, tube, line, p, c, pairs):
-    """As `to_lines`, one pair after the other: each looks up its forces on the effort curves."""
+def _to_lines(k, tube, line, p, c, pairs):
+    """Fill in the costs of all pairs from knot k to the next, at constant acceleration in each interval."""
     i0, i1 = tube.knot[k], tube.knot[k + 1]
     for n in range(pairs.start.size):
         away, beyond = pairs.start[n] - tube.squared[i0], pairs.landing[n] - tube.squared[i1]
@@ -328,7 +338,7 @@ def tube_roll_out(price, tube, line, p, c, value, v):
     """
     size = 2 * tube.lines + 1
     last = tube.knot.size - 2
-    pairs = room_for(size)
+    pairs = _room_for(size)
     w = tube.squared[0]
     v[0] = math.sqrt(w)
     energy, time = 0.0, 0.0
@@ -340,8 +350,8 @@ def tube_roll_out(price, tube, line, p, c, value, v):
             barred = (k == last and i != tube.lines) or w + pairs.landing[i] <= 0.0
             pairs.barred[i] = 1.0 if barred else 0.0
             if barred:
-                pairs.start[i], pairs.landing[i] = ANY_SQUARED, ANY_SQUARED
-        _cost_of_pairs(k, tube, line, p, c, pairs)
+                pairs.start[i], pairs.landing[i] = _ANY_SQUARED, _ANY_SQUARED
+        _to_lines(k, tube, line, p, c, pairs)
         for i in range(size):
             if pairs.barred[i] > 0.0:
                 continue
