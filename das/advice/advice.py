@@ -243,10 +243,6 @@ class Advice:
     limit_mps: float = math.nan
     position_sd_m: float = math.nan
     display_speed_mps: float = math.nan
-    reduced_max_speed_mps: float = math.nan
-    four_mode: Regime = Regime.NONE
-    next_four_mode: Regime = Regime.NONE
-    next_four_change_s: float = math.nan
     cause: Cause = Cause.NONE
     guide: Guidance | None = None
     departure_speed_mps: float = 0.0

@@ -11,13 +11,13 @@ import numpy as np
 from das.advice import wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
 from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
-from das.advice.plan import HOLD_S, Floats, Place, Plan, four_mode
+from das.advice.plan import HOLD_S, Floats, Place, Plan
 from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
-from das.advice.regimes import BRAKES, EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
+from das.advice.regimes import BRAKES, EFFORT_ORDER, Regime, departure_regime
 from das.advice.settings import DEFAULT
 from das.advice.shown import lever_ratio, steady_step, step_below
-from das.advice.shown_safely import FourModes, braked_enough, kept_behind
+from das.advice.shown_safely import braked_enough, kept_behind
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.solver.kernels.forces import brake_limit
@@ -66,8 +66,6 @@ class Display:
     def __init__(self, valid_for_s: float = DEFAULT.valid_for_s) -> None:
         self._valid_for_s = valid_for_s
         self._mode, self._mode_since_ns, self._force_n = Regime.NONE, 0, 0.0
-        self._four_mode = Regime.NONE
-        self._guided: Instruction | None = None
         self._shown_mps = math.nan
 
     def withdrawn(self, here: Estimate, why: Withdrawal) -> Advice:
@@ -84,7 +82,7 @@ class Display:
             position_sd_m=here.position_sd_m,
         )
 
-    def standing(self, scene: Scene, reason: Reason, reduced_max_speed_mps: float = math.nan) -> Advice:
+    def standing(self, scene: Scene, reason: Reason) -> Advice:
         """The advice for a train that stands at a stop and is to stay there."""
         state, here, planner, guide = scene.state, scene.here, scene.planner, scene.guide
         self._show(Regime.STOP, state.now_ns)
@@ -94,14 +92,12 @@ class Display:
             s_m=state.s_m,
             speed_mps=here.speed_mps,
             mode=Regime.STOP,
-            four_mode=Regime.STOP,
             display_speed_mps=0.0,
             advised_speed_mps=0.0,
             advised_force_n=0.0,
             advised_force_ratio=0.0,
             horizon_speed_mps=(0.0,) * HORIZON_S,
             horizon_force_n=(0.0,) * HORIZON_S,
-            reduced_max_speed_mps=reduced_max_speed_mps,
             source=planner.source,
             reason=reason,
             valid_until_ns=self._valid_until_ns(state),
@@ -111,10 +107,8 @@ class Display:
         )
 
     def waiting(self, scene: Scene) -> Advice:
-        """The advice for a train that stands before its departure; the top speed of the trip ahead is shown already."""
-        state, planner, goal = scene.state, scene.planner, scene.goal
-        reduced_mps = planner.reduced.shown_mps(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
-        return self.standing(scene, Reason(code=ReasonCode.DEPARTURE, time_ns=goal.departure_ns), reduced_mps)
+        """The advice for a train that stands before its departure."""
+        return self.standing(scene, Reason(code=ReasonCode.DEPARTURE, time_ns=scene.goal.departure_ns))
 
     def departing(self, scene: Scene, plan: Plan) -> Advice:
         """The advice for a standing train that is due to depart: stand until cleared, then depart as shown.
@@ -135,12 +129,9 @@ class Display:
         return replace(
             moving,
             mode=Regime.DEPART,
-            four_mode=Regime.DEPART,
             next_mode=departs.mode,
-            next_four_mode=moving.four_mode,
             next_change_m=math.nan,
             next_change_s=math.nan,
-            next_four_change_s=math.nan,
             departure_speed_mps=departs.speed_mps,
             departure_force_ratio=departs.effort_ratio,
             display_speed_mps=0.0,
@@ -159,7 +150,7 @@ class Display:
         slowed_n = planner.section.resistance_n(state.s_m, v_mps)
         most_n = max(min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg - slowed_n), 0.0)
         self._show(Regime.FRICTION_BRAKE if train.friction_force_n > 0 else Regime.FULL_BRAKE, state.now_ns)
-        allowed, top_mps = planner.allowed_mps(state.s_m), _top_speed_mps(scene)
+        allowed = planner.allowed_mps(state.s_m)
         seconds = np.arange(1, HORIZON_S + 1)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
         # The lowest speed allowed on the way to each point: the horizon never tells the driver to speed up again.
@@ -171,10 +162,7 @@ class Display:
             s_m=state.s_m,
             speed_mps=v_mps,
             mode=self._mode,
-            four_mode=Regime.FULL_BRAKE,
-            next_four_mode=Regime.STOP,
             display_speed_mps=self.displayed(min(v_mps, allowed), allowed),
-            reduced_max_speed_mps=top_mps if top_mps <= allowed else 0.0,
             advised_speed_mps=min(v_mps, allowed),
             advised_force_n=-most_n,
             advised_force_ratio=lever_ratio(-most_n, planner.section.largest_n(v_mps)),
@@ -198,8 +186,6 @@ class Display:
         mode, following = self._instructed(plan, place, scene, too_fast=too_fast)
         advised = min(place.speed_mps, allowed)
         shown_mps = self.displayed(advised, allowed)
-        found = FourModes(self._valid_for_s, planner, state, max(advised, shown_mps), excess_mps)
-        four, next_four = self._four_modes(plan, mode, found, following)
         speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
         arrival_ns = plan.arrival_ns(state.now_ns, place)
         if math.isfinite(late_s):
@@ -215,10 +201,6 @@ class Display:
             mode=mode,
             advised_speed_mps=advised,
             display_speed_mps=shown_mps,
-            reduced_max_speed_mps=_top_speed_mps(scene),
-            four_mode=four,
-            next_four_mode=next_four.mode,
-            next_four_change_s=next_four.time_s,
             advised_force_n=force_n,
             advised_force_ratio=lever_ratio(force_n, planner.section.largest_n(place.speed_mps)),
             horizon_speed_mps=tuple(speeds.tolist()),
@@ -275,7 +257,6 @@ class Display:
         """The mode to show and the next change: those of the guide once its instruction is due, else of the plan."""
         guide = scene.guide
         waits = guide is None or guide.now.mode is Regime.DEPART or guide.now.in_s > 0.0
-        self._guided = None if guide is None or waits else guide.now
         if guide is not None and not waits:
             return self._as_guided(guide, plan, scene, place, too_fast=too_fast)
         mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
@@ -326,37 +307,6 @@ class Display:
             return _Change(Regime(planned), wait_s * place.speed_mps, wait_s)
         return found
 
-    def _four_modes(self, plan: Plan, shown: Regime, found: FourModes, following: _Change) -> tuple[Regime, _Change]:
-        """What a display of four modes shows: the mode now and the next one, both replaced if they are not safe."""
-        after, _, after_s = self._next_of_four(plan, shown, found, following)
-        safe, then = found.safe(self._four_mode, shown), found.safe(after, after)
-        if safe is not self._four_mode or safe is Regime.FULL_BRAKE or then is not after:
-            after, after_s = then, max(after_s, self._valid_for_s)
-        due_s = found.full_brake_due_s(safe)
-        if due_s < after_s or (due_s < math.inf and after is not Regime.FULL_BRAKE):
-            after, after_s = Regime.FULL_BRAKE, due_s
-        self._four_mode = safe
-        return safe, _Change(after, math.nan, after_s)
-
-    def _next_of_four(self, plan: Plan, shown: Regime, found: FourModes, following: _Change) -> _Change:
-        """Choose which of the four modes is wanted now, by the plan or by the mode `shown`; return the next one."""
-        place = plan.at(found.state.s_m)
-        planned = Regime(int(plan.four_modes[place.interval]))
-        if self._guided is not None:
-            self._four_mode = four_mode(shown, self._force_n, place.speed_mps, plan.solution.section)
-            if self._four_mode is Regime.FULL_TRACTION and found.reaches(self._guided.speed_mps):
-                self._four_mode = Regime.CRUISE
-            return following._replace(mode=Regime(int(FOUR_MODES[following.mode])))
-        if shown == plan.modes[place.interval] or self._four_mode is Regime.NONE:
-            self._four_mode = planned
-        elif self._four_mode is Regime.FULL_BRAKE and shown in (Regime.CRUISE, Regime.COAST):
-            self._four_mode = shown  # Full braking ends as soon as the other displays no longer show a brake.
-        if self._four_mode is not planned:
-            return following._replace(mode=planned)
-        change = int(plan.next_four_change[place.interval])
-        after = Regime(int(plan.four_modes[change])) if change < len(plan.modes) else Regime.STOP
-        return _Change(after, math.nan, float(plan.solution.trajectory.t_s[change]) - place.time_s)
-
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The speed to display (m/s): the advised one in whole steps, steady within a band, never above the allowed."""
         steady_mps = steady_step(advised_mps, self._shown_mps)
@@ -404,12 +354,6 @@ def _buffer_ratio(scene: Scene) -> float:
     state, planner, goal = scene.state, scene.planner, scene.goal
     least_s = planner.least_time_s(state.s_m, state.v_mps)
     return goal.left_s(state.now_ns) / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan
-
-
-def _top_speed_mps(scene: Scene) -> float:
-    """The top speed (m/s) for displays that show only a top speed."""
-    state, reduced = scene.state, scene.planner.reduced
-    return reduced.shown_mps(state.s_m, state.v_mps, state.now_ns, scene.goal.arrival_ns)
 
 
 def _missed_s(point: PassingTarget, plan: Plan) -> float:

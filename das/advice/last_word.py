@@ -36,10 +36,8 @@ from das.domain.units import NS
 from das.estimate.estimate import Estimate
 
 MAY_BE_UNKNOWN = (
-    "reduced_max_speed_mps",
     "next_change_m",
     "next_change_s",
-    "next_four_change_s",
     "predicted_deviation_s",
     "buffer_ratio",
     "energy_to_go_j",
@@ -56,11 +54,9 @@ class Part(StrEnum):
     EFFORT = "advised effort"
     ADVISED_SPEED = "advised speed"
     DISPLAY_SPEED = "displayed speed"
-    TOP_SPEED = "top speed"
     HORIZON = "horizon"
     LIMIT = "limit"
     FIGURES = "infinite figures"
-    FOUR_MODES = "four modes"
     GUIDE = "guide"
     GUIDE_SPEED = "speed of the guide"
     GUIDE_NEXT = "next instruction"
@@ -114,7 +110,6 @@ class _Judgement:
         self._judge_effort()
         self._judge_speeds()
         self._judge_horizon()
-        self._judge_four_modes()
         self._judge_guide()
         return self._advice, tuple(self._acts)
 
@@ -174,12 +169,9 @@ class _Judgement:
         self._replace(
             Act(Part.EFFORT, excess.value_mps, excess.bound_mps, instead_n=force_n),
             mode=mode,
-            four_mode=Regime.FULL_BRAKE if mode in BRAKES else Regime.COAST,
             next_mode=Regime.STOP,
-            next_four_mode=Regime.STOP,
             next_change_m=math.nan,
             next_change_s=math.nan,
-            next_four_change_s=math.nan,
             advised_speed_mps=min(v_mps, allowed_mps),
             display_speed_mps=step_below(min(v_mps, allowed_mps)),
             advised_force_n=force_n,
@@ -204,7 +196,6 @@ class _Judgement:
         for part, name, shown_mps in (
             (Part.ADVISED_SPEED, "advised_speed_mps", advice.advised_speed_mps),
             (Part.DISPLAY_SPEED, "display_speed_mps", advice.display_speed_mps),
-            (Part.TOP_SPEED, "reduced_max_speed_mps", advice.reduced_max_speed_mps),
         ):
             if math.isnan(shown_mps) and part is not Part.ADVISED_SPEED:
                 continue  # This speed is not shown.
@@ -227,38 +218,6 @@ class _Judgement:
             forces = tuple(n if k < first else min(n, 0.0) for k, n in enumerate(advice.horizon_force_n))
             act = Act(Part.HORIZON, float(speeds[first]), bound_mps, float(kept[first]))
             self._replace(act, horizon_speed_mps=tuple(kept.tolist()), horizon_force_n=forces)
-
-    # --- four modes --------------------------------------------------------------------------------------------------
-
-    def _judge_four_modes(self) -> None:
-        """Judge the mode of the display of four modes, and the next one if it is due before the advice expires."""
-        advice = self._advice
-        if advice.four_mode in (Regime.NONE, *_STANDS):
-            return
-        due_s = advice.next_four_change_s
-        due_s = self._train.valid_s if not _finite(due_s) else due_s
-        speeds = (advice.advised_speed_mps, *advice.horizon_speed_mps)
-        then_mps = speeds[min(max(math.ceil(due_s), 0), len(speeds) - 1)]
-        doings = [
-            self._one_of_four(advice.four_mode, due_s, advice.advised_speed_mps),
-            self._one_of_four(advice.next_four_mode, math.inf, then_mps),
-        ]
-        excess = self._train.excess(doings[: 1 + (due_s < self._train.valid_s)], self._train.valid_s)
-        if excess is None:
-            return
-        act = Act(Part.FOUR_MODES, *excess, instead_n=-self._model.most_brake_n(self._train.v_mps))
-        changes = {"next_four_mode": Regime.STOP, "next_four_change_s": math.nan}
-        self._replace(act, four_mode=Regime.FULL_BRAKE, **changes)
-
-    def _one_of_four(self, mode: Regime, until_s: float, held_mps: float) -> Doing:
-        model, v_mps = self._model, self._train.v_mps
-        if mode is Regime.FULL_TRACTION:
-            return Doing(until_s, model.traction_n(v_mps), math.inf)
-        if mode is Regime.COAST:
-            return Doing(until_s, 0.0, 0.0)
-        if mode is Regime.CRUISE:
-            return Doing(until_s, 0.0, held_mps, True)
-        return Doing(until_s, -model.most_brake_n(v_mps), 0.0)
 
     # --- the guide ---------------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import kernels
-from das.advice.regimes import FOUR_MODES, ROLLING, Regime
+from das.advice.regimes import ROLLING, Regime
 from das.domain.units import KMH, NS
 from das.solver.section import Section
 from das.solver.solution import Solution
@@ -22,9 +22,6 @@ CRUISE_ACCELERATION_MPS2: Final = 0.02
 """A train whose speed changes more slowly than this counts as holding its speed."""
 RIPPLE_MPS: Final = 2.0 * KMH
 """Speeds within this range count as one speed to hold, because no driver holds a speed more closely."""
-WEAK_BRAKE_RATIO: Final = 0.6
-"""A display of four modes shows electric braking below this share of the full effort as coasting: its only brake is
-the full one, with which the driver would brake too early."""
 HOLD_S: Final = 3.0
 """A new mode is shown only after the one before has lasted this long; but a mode with less traction or more braking
 is shown at once."""
@@ -81,24 +78,6 @@ def without_short(modes: Modes, t_s: Floats) -> Modes:
     return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), HOLD_S))
 
 
-def four_modes(modes: Modes, solution: Solution, section: Section) -> Modes:
-    """The modes of a trajectory's intervals, reduced to the four of the simplest display."""
-    run = solution.trajectory
-    return _as_four(modes, run.force_el_n, run.mean_speed_mps(), section)
-
-
-def four_mode(mode: Regime, force_n: float, v_mps: float, section: Section) -> Regime:
-    """A mode with its wheel force (N) and speed (m/s), reduced to one of the four modes of the simplest display."""
-    return Regime(int(_as_four(np.array(mode), np.array(force_n), np.array(v_mps), section)))
-
-
-def _as_four(modes: Modes, force_n: Floats, v_mps: Floats, section: Section) -> Modes:
-    """The modes reduced to four; electric braking far below the full effort counts as coasting."""
-    electric_n = section.vehicle.electric_brake_effort_n(np.maximum(v_mps, 1e-3))
-    weak = (modes == Regime.REDUCED_BRAKE) & (-force_n < WEAK_BRAKE_RATIO * electric_n)
-    return np.where(weak, int(Regime.COAST), FOUR_MODES[modes])
-
-
 def next_changes(modes: Modes) -> Modes:
     """For each interval, the index of the next one with another mode (the number of intervals if there is none)."""
     changes = np.append(np.flatnonzero(np.diff(modes)) + 1, len(modes))
@@ -123,11 +102,8 @@ class Plan:
     shown_force_n: Floats
     """The force shown with the mode (N); where a short mode was replaced, at most the force of the mode before."""
     modes: NDArray[np.int64]
-    four_modes: NDArray[np.int64]
     next_change: NDArray[np.int64]
     """For each interval, the index of the next one with another mode (the number of intervals if there is none)."""
-    next_four_change: NDArray[np.int64]
-    """As `next_change`, for the four modes of the simplest display."""
     energy_j: Floats
     energy_after_j: Floats
     """For each interval, the energy of all later intervals (J)."""
@@ -141,7 +117,6 @@ class Plan:
         energy_j = run.input_j(run.loss_j(section.loss))
         planned = classify_modes(solution, section)
         modes = without_short(planned, run.t_s)
-        four = four_modes(modes, solution, section)
         force_n = run.force_el_n + run.force_friction_n
         before = np.maximum.accumulate(np.where(modes == planned, np.arange(len(modes)), 0))
         return cls(
@@ -150,9 +125,7 @@ class Plan:
             force_n=force_n,
             shown_force_n=np.minimum(force_n, force_n[before]),
             modes=modes,
-            four_modes=four,
             next_change=next_changes(modes),
-            next_four_change=next_changes(four),
             energy_j=energy_j,
             energy_after_j=np.append(energy_j[:0:-1].cumsum()[::-1], 0.0),
             speed_w=run.v_mps**2,

@@ -7,7 +7,6 @@ that leaves this band gets a new plan from where it is. The same inputs give the
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -15,11 +14,10 @@ import numpy as np
 
 from das.advice import kernels
 from das.advice.advice import Source
-from das.advice.braking import BEGINS_MPS, BrakingAhead
+from das.advice.braking import BrakingAhead
 from das.advice.goal import AT_END_M, LONGEST_RATIO, Goal, PassingTarget, TrainState
 from das.advice.guide.planning import Wanted, planned
 from das.advice.plan import Plan
-from das.advice.reduced import BRAKED_EARLY_S, ReducedSpeed
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
@@ -40,6 +38,8 @@ LONGEST_AGE_S: Final = 60.0
 """A plan older than this is replaced by a new one."""
 TOLERANCE_S: Final = 0.2
 """A plan arrives within this time of the wanted arrival."""
+BRAKED_EARLY_S: Final = 5.0
+"""A driver who braked early for a limit or stop is told to speed up again only if that saves at least this much (s)."""
 BRAKING_AHEAD_MPS2: Final = 0.25
 """A limit or stop ahead counts as being braked for if it needs more than this deceleration from here on."""
 SLOWER_THAN_PLANNED_MPS: Final = 1.0
@@ -77,8 +77,6 @@ class Planner:
         """The plan behind the present advice; None if the next state needs a new one."""
         self.ahead = BrakingAhead(self.section)
         """What limits and the stop ahead ask of the brakes."""
-        self.reduced = ReducedSpeed(self.section)
-        """The one top speed with which the train keeps the timetable, for displays that show only a top speed."""
         self._braked_early = False
         self._schedule: Schedule | None = None
         self._finished = False
@@ -134,15 +132,6 @@ class Planner:
         if feared_m <= state.s_m:
             return self.allowed_mps(state.s_m)
         return self.lowest_allowed_mps(state.s_m, feared_m)
-
-    def brakes_late(self, state: TrainState, v_mps: float, within_s: float) -> bool:
-        """Whether full braking comes too late for the limits and the stop ahead if it begins after `within_s` (s).
-
-        Until then the train keeps the speed `v_mps`.
-        """
-        section, from_m = self.section, state.braked_m
-        lowest_w = kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, self.allowed_w)
-        return math.sqrt(lowest_w) < min(v_mps, self.allowed_mps(state.s_m)) - BEGINS_MPS
 
     def lowest_allowed_mps(self, from_m: float, to_m: float) -> float:
         """The lowest allowed speed (m/s) between two positions (m); 0 from the end of the section on."""

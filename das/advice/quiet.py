@@ -142,6 +142,6 @@ class Quiet:
 
 
 def _modes(advice: Advice) -> set[Regime]:
-    """The modes that the displays show: of the full advice, of the four modes, and of the guide."""
-    shown = {advice.mode, advice.four_mode}
+    """The modes that the displays show: of the full advice, and of the guide."""
+    shown = {advice.mode}
     return shown if advice.guide is None else shown | {advice.guide.now.mode}

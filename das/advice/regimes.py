@@ -65,14 +65,6 @@ EFFORT_ORDER = (
 ROLLING = np.array([Regime.REDUCED_TRACTION, Regime.COAST], dtype=np.int64)
 """Modes that count as cruising if they lie between two stretches of cruising and the speed hardly changes."""
 
-FOUR_MODES = np.arange(len(Regime))
-"""For each mode, the one of four that the simplest display shows: full traction, hold a speed, coast, full brake."""
-FOUR_MODES[[Regime.REDUCED_TRACTION, Regime.REDUCED_BRAKE, Regime.FRICTION_BRAKE]] = (
-    Regime.CRUISE,
-    Regime.FULL_BRAKE,
-    Regime.FULL_BRAKE,
-)
-
 
 def departure_regime(effort_ratio: float) -> Regime:
     """The mode of a departure with a share of the largest traction (NaN: the traction that holding a speed needs)."""

@@ -783,10 +783,6 @@ class Advice(_message.Message):
     LIMIT_MPS_FIELD_NUMBER: _builtins.int
     POSITION_SD_M_FIELD_NUMBER: _builtins.int
     DISPLAY_SPEED_MPS_FIELD_NUMBER: _builtins.int
-    REDUCED_MAX_SPEED_MPS_FIELD_NUMBER: _builtins.int
-    FOUR_MODE_FIELD_NUMBER: _builtins.int
-    NEXT_FOUR_MODE_FIELD_NUMBER: _builtins.int
-    NEXT_FOUR_CHANGE_S_FIELD_NUMBER: _builtins.int
     CAUSE_FIELD_NUMBER: _builtins.int
     GUIDE_FIELD_NUMBER: _builtins.int
     DEPARTURE_SPEED_MPS_FIELD_NUMBER: _builtins.int
@@ -831,14 +827,7 @@ class Advice(_message.Message):
     position_sd_m: _builtins.float
     """[m] one standard deviation of s_m"""
     display_speed_mps: _builtins.float
-    """[m/s] for displays that show less, as what follows: advised_speed_mps in whole km/h, rounded down, held within a band, never above what is allowed"""
-    reduced_max_speed_mps: _builtins.float
-    """[m/s] the top speed to show: keeps the time (judged every 30 s), within what is ahead"""
-    four_mode: Global___Mode.ValueType
-    """FULL_TRACTION, CRUISE, COAST, FULL_BRAKE (or STOP, DEPART, NONE)"""
-    next_four_mode: Global___Mode.ValueType
-    next_four_change_s: _builtins.float
-    """[s]"""
+    """[m/s] advised_speed_mps in whole km/h, rounded down, held within a band, never above what is allowed"""
     cause: Global___WithdrawalCause.ValueType
     """why mode is NONE; the reason has it as a text"""
     departure_speed_mps: _builtins.float
@@ -887,10 +876,6 @@ class Advice(_message.Message):
         limit_mps: _builtins.float = ...,
         position_sd_m: _builtins.float = ...,
         display_speed_mps: _builtins.float = ...,
-        reduced_max_speed_mps: _builtins.float = ...,
-        four_mode: Global___Mode.ValueType = ...,
-        next_four_mode: Global___Mode.ValueType = ...,
-        next_four_change_s: _builtins.float = ...,
         cause: Global___WithdrawalCause.ValueType = ...,
         guide: Global___Guidance | None = ...,
         departure_speed_mps: _builtins.float = ...,
@@ -900,7 +885,7 @@ class Advice(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["guide", b"guide", "reason", b"reason"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "departure_force_ratio", b"departure_force_ratio", "departure_speed_mps", b"departure_speed_mps", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "guide", b"guide", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "replaced_parts", b"replaced_parts", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "departure_force_ratio", b"departure_force_ratio", "departure_speed_mps", b"departure_speed_mps", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "guide", b"guide", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "replaced_parts", b"replaced_parts", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -23,13 +23,14 @@ from sim.drive.limits import Violations
 from sim.drive.stability import AdviceStability, ShownWatch
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
 from sim.drivers.kinds import Presentation
-from sim.drivers.presentations.presenter import Shown, present
+from sim.drivers.presentations.presenter import Shown, present, presenter_of
 from sim.drivers.screen import Screen, ScreenSettings
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST
 from sim.world.paper import PaperSheet
 from sim.world.scenario import EarlyDeparture
 from sim.world.service import Day, Service
+from sim.world.simpler import SimplerDisplays
 from sim.world.surroundings import Surroundings
 
 
@@ -142,10 +143,11 @@ class _Watches(NamedTuple):
 
 
 class _Display(NamedTuple):
-    """What shows advice to the driver: a screen, which a sheet of paper may replace."""
+    """What shows advice to the driver: a screen, which may show less than is said; a sheet of paper may replace it."""
 
     screen: Screen
     paper: PaperSheet | None
+    simpler: SimplerDisplays | None
 
 
 class World:
@@ -166,7 +168,11 @@ class World:
         self._command: Command = COAST
         self._counts, self._watches = Counts(), _Watches(ShownWatch(), InstructionWatch())
         self._told = 0
-        self._display = _Display(Screen(screen), PaperSheet(day) if presentation is Presentation.SHEET else None)
+        self._display = _Display(
+            Screen(screen),
+            PaperSheet(day) if presentation is Presentation.SHEET else None,
+            SimplerDisplays(day.service) if presenter_of(presentation).is_simpler else None,
+        )
 
     def run(self, progress: Progress | None = None) -> Run:
         """Drive from before the departure to after the last arrival; DasError if the train does not arrive."""
@@ -258,10 +264,12 @@ class World:
 
     def _show(self, state: PlantState, now_ns: int, advice: Any | None) -> None:
         """Show the advice or, on paper, the line of the sheet; a display that received nothing stays as it was."""
-        around, paper = self._around, self._display.paper
+        around, (_, paper, simpler) = self._around, self._display
         if paper is None and advice is None:
             return
         shown, view = advice if paper is None else paper.look(state, around.calls, now_ns), None
+        if shown is not None and simpler is not None:
+            shown = simpler.look(shown, around.calls.section, around.news.told)
         if shown is not None:
             view = present(
                 shown,

@@ -28,6 +28,8 @@ from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import solve_front
 from das.solver.state import fastest, least_time_s
+from sim.drivers.presentations.presenter import SimplerLook
+from sim.world.simpler import SimplerDisplay
 from tests.support.crossing import numbered
 from tests.support.followed import after_a_second_mps
 from tests.support.one_section import OneSection
@@ -107,7 +109,7 @@ def worlds(states: range) -> Iterator[tuple[int, np.random.Generator, tuple[Rest
         yield number, random, tuple(restrictions)
 
 
-def check(advice: Advice, allowed: Allowed, v_mps: float) -> None:
+def check(advice: Advice, look: SimplerLook, allowed: Allowed, v_mps: float) -> None:
     """At every sample of the horizon; too fast a train is between where it is and where it should be."""
     now = advice.advised_speed_mps
     assert now <= allowed.highest(advice.s_m, advice.s_m) + SLACK_MPS
@@ -123,11 +125,16 @@ def check(advice: Advice, allowed: Allowed, v_mps: float) -> None:
         reach_m = 0.1 * second
         assert after <= allowed.highest(behind_m - reach_m, ahead_m + reach_m) + SLACK_MPS, (second, behind_m, ahead_m)
     assert advice.display_speed_mps <= allowed.highest(advice.s_m, advice.s_m) + SLACK_MPS
-    top_mps = advice.reduced_max_speed_mps
+    top_mps = look.top_speed_mps
     assert top_mps <= advice.limit_mps
     assert top_mps <= allowed.highest(advice.s_m, advice.s_m) + SLACK_MPS
     assert top_mps / KMH == pytest.approx(round(top_mps / KMH), abs=1e-6)
     assert -1 - 1e-3 <= advice.advised_force_ratio <= 1 + 1e-3
+
+
+def look_at(section: Section, advice: Advice, left_s: float) -> SimplerLook:
+    """What a display of one top speed shows of an advice."""
+    return SimplerDisplay(section).look(advice, 0, ns(left_s))
 
 
 def check_horizon(advice: Advice, allowed: Allowed) -> None:
@@ -166,7 +173,7 @@ def test_no_advice_is_above_limit_or_brake_curve(states: range) -> None:
             s_m, v_mps, left_s = drawn(random, section)
             advice = asked(front, Source.SOLVED, s_m, v_mps, left_s).update(ns(0))
             assert advice.mode is not Regime.NONE, advice.reason
-            check(advice, allowed, v_mps)
+            check(advice, look_at(section, advice, left_s), allowed, v_mps)
             given += 1
             if restrictions and given % 5 == 0:
                 # Told while the plan of the free line holds; the front is not there yet.
@@ -175,7 +182,7 @@ def test_no_advice_is_above_limit_or_brake_curve(states: range) -> None:
                 advisor.set_section(section)
                 meanwhile = advisor.update(ns(0))
                 assert meanwhile.source is Source.FALLBACK
-                check(meanwhile, allowed, v_mps)
+                check(meanwhile, look_at(section, meanwhile, left_s), allowed, v_mps)
     assert given >= len(states)
 
 

@@ -147,7 +147,6 @@ def check_one_message(advice: Advice, guide: Guidance) -> None:
             assert advice.advised_force_n <= guide.reference_force_n
         else:
             assert (advice.mode, advice.advised_force_n) == (now.mode, guide.reference_force_n)
-        assert (advice.four_mode is Regime.FULL_TRACTION) <= (now.mode in TRACTION)
 
 
 @pytest.mark.parametrize("numbers", numbered("DAS_PROPERTY_STATES", 600))

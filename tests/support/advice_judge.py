@@ -150,7 +150,8 @@ class DayJudge:
         yield from self._above("advised", seen, advice.advised_speed_mps, here)
         yield from self._above("displayed", seen, advice.display_speed_mps, here)
         yield from self._above("limit", seen, advice.limit_mps, limit)
-        yield from self._above("top-speed", seen, advice.reduced_max_speed_mps, limit)
+        if seen.look is not None:
+            yield from self._above("top-speed", seen, seen.look.top_speed_mps, limit)
         yield from self._horizon(seen, advice)
         # The force belongs to the advised speed, which the train may not have yet.
         yield from self._force("force", seen, advice.advised_force_n, min(advice.speed_mps, advice.advised_speed_mps))

@@ -39,10 +39,12 @@ from das.estimate.fix import PositionFix
 from sim.drivers.cab import CabView
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.presentations.presenter import SimplerLook
 from sim.plant.kernels import PlantState
 from sim.plant.plant import Plant
+from sim.world.simpler import SimplerDisplay
 from tests.support.drawn_day import Change, Drawn, Operators, Style, Upset
-from tests.support.obedient_drivers import AssessedDriver, CarelessDriver, ObedientDriver, Scene
+from tests.support.obedient_drivers import SIMPLER, AssessedDriver, CarelessDriver, ObedientDriver, Scene
 from tests.support.raw_witness import Place, RawLine
 
 S = 10**9
@@ -82,6 +84,8 @@ class Seen:
     advice: Advice
     obeyed: bool
     """Whether the driver does what the advice shows."""
+    look: SimplerLook | None = None
+    """What a display of one top speed or of four modes shows of the advice."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +124,7 @@ class AssessedDay:
         self._operators = _Operators(drawn)
         self._sensors = _Measuring(drawn)
         self._cab = self._new_cab()
+        self._simpler: SimplerDisplay | None = None
 
     def seconds(self) -> Iterator[Seen]:
         """Drive to the last stop, second by second; raises NeverArrivedError."""
@@ -143,16 +148,17 @@ class AssessedDay:
             assert isinstance(advice, Advice)
             self.said.events += [(second, one.text) for one in others if isinstance(one, Event)]
             self.said.estimates += [one for one in others if isinstance(one, Estimated)]
-            stop = self._stops[next_stop]
+            stop, look = self._stops[next_stop], self._look(advice)
             yield Seen(
                 second=second,
                 state=state,
                 places=self._operators.in_force,
                 stop_m=stop.s_m,
                 advice=advice,
-                obeyed=self._driver.obeys(advice),
+                obeyed=self._driver.obeys(advice, look),
+                look=look,
             )
-            state = self._driven(state, advice, next_stop, second)
+            state = self._driven(state, advice, look, next_stop, second)
             if self._has_arrived(state, advice, stop.s_m):
                 state = state._replace(speed_mps=0.0)
                 self.said.stood.append(Stood(second=second, s_m=state.s_m, stop_m=stop.s_m))
@@ -161,11 +167,22 @@ class AssessedDay:
                     return
         raise NeverArrivedError(f"the train did not arrive, it is at {state.s_m:.0f} m")
 
-    def _driven(self, state: PlantState, advice: Advice, next_stop: int, second: int) -> PlantState:
+    def _look(self, advice: Advice) -> SimplerLook | None:
+        """What a display of one top speed or of four modes shows of an advice; None for other displays."""
+        leg = self._cab.legs.current
+        if self.drawn.presentation not in SIMPLER or leg is None or advice.mode is Regime.NONE:
+            return None
+        if self._simpler is None or self._simpler.section is not leg.section:
+            self._simpler = SimplerDisplay(leg.section)
+        return self._simpler.look(advice, leg.goal.departure_ns, leg.goal.arrival_ns)
+
+    def _driven(
+        self, state: PlantState, advice: Advice, look: SimplerLook | None, next_stop: int, second: int
+    ) -> PlantState:
         """The state of the train one second later."""
         for _ in range(round(1.0 / LOOK_S)):
             at = partial(self._view, state, next_stop)
-            scene = Scene(state, self._stops[next_stop - 1].departure_s, self._stops[next_stop].s_m, at, advice)
+            scene = Scene(state, self._stops[next_stop - 1].departure_s, self._stops[next_stop].s_m, at, advice, look)
             state = self._plant.advance(state, self._driver.command(scene), LOOK_S)
         return state._replace(time_s=float(second + 1))
 

@@ -18,7 +18,7 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.presentations.presenter import present
+from sim.drivers.presentations.presenter import SimplerLook, present
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST, force, speed
 from tests.support.drawn_day import Style
@@ -26,6 +26,7 @@ from tests.support.raw_witness import RawLine
 
 TRACTION = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
+SIMPLER = (Presentation.RMS, Presentation.FOUR_MODE)
 REACHED_MPS = 0.1
 """A speed counts as reached when the train is within this of it."""
 TOO_FAST_MPS = 0.3
@@ -61,6 +62,8 @@ class Scene(NamedTuple):
     """Returns what the driver sees when he looks out of the window."""
     advice: Advice
     """The newest advice, not yet delayed by the driver's reaction."""
+    look: SimplerLook | None = None
+    """What a display of one top speed or of four modes shows of it."""
 
 
 class AssessedDriver(Protocol):
@@ -69,7 +72,7 @@ class AssessedDriver(Protocol):
     def command(self, scene: Scene) -> Command:
         """How the driver sets the controller until his next look."""
 
-    def obeys(self, advice: Advice) -> bool:
+    def obeys(self, advice: Advice, look: SimplerLook | None = None) -> bool:
         """Whether the driver follows this advice without looking out of the window."""
 
 
@@ -84,11 +87,11 @@ class CarelessDriver:
         self._train, self._presentation, self._zero_ns = line.train, presentation, zero_ns
 
     def command(self, scene: Scene) -> Command:
-        view = present(scene.advice, self._presentation, clock_zero_ns=self._zero_ns)
+        view = present(scene.look or scene.advice, self._presentation, clock_zero_ns=self._zero_ns)
         command = self._driver.command(scene.own_eyes()._replace(advice=view))
         return command._replace(value=WEAKER * command.value) if command.value < 0 else command
 
-    def obeys(self, advice: Advice) -> bool:
+    def obeys(self, advice: Advice, look: SimplerLook | None = None) -> bool:
         return False
 
 
@@ -100,17 +103,17 @@ class ObedientDriver:
     ) -> None:
         self._raw, self._presentation, self._style, self._delay_s = raw, presentation, style, delay_s
         self._own = TimetableDriver(line)
-        self._coming: deque[tuple[float, Advice]] = deque()
-        self._seen: tuple[float, Advice] | None = None
+        self._coming: deque[tuple[float, Advice, SimplerLook | None]] = deque()
+        self._seen: tuple[float, Advice, SimplerLook | None] | None = None
         self._due: Instruction | None = None
         self._reached = False
 
-    def obeys(self, advice: Advice) -> bool:
+    def obeys(self, advice: Advice, look: SimplerLook | None = None) -> bool:
         """Whether an advice shows anything on this driver's display."""
         if advice.mode is Regime.NONE:
             return False
-        if self._presentation is Presentation.TOP_SPEED:
-            return not math.isnan(advice.reduced_max_speed_mps)
+        if self._presentation in SIMPLER:
+            return look is not None and not (self._presentation is Presentation.RMS and math.isnan(look.top_speed_mps))
         is_guided = advice.guide is not None and advice.guide.now.mode is not Regime.NONE
         return is_guided or self._presentation is not Presentation.GUIDE
 
@@ -118,34 +121,45 @@ class ObedientDriver:
         """How the driver sets the controller, by the advice shown one reaction time ago."""
         state, now_s = scene.state, scene.state.time_s
         if not self._coming or self._coming[-1][1] is not scene.advice:
-            self._coming.append((now_s, scene.advice))
+            self._coming.append((now_s, scene.advice, scene.look))
         while self._coming and now_s - self._coming[0][0] >= self._delay_s - 1e-6:
             self._seen = self._coming[0]
             if len(self._coming) == 1 or now_s - self._coming[1][0] < self._delay_s - 1e-6:
                 break
             self._coming.popleft()
-        if self._seen is None or not self.obeys(self._seen[1]):
+        if self._seen is None or not self.obeys(*self._seen[1:]):
             self._due = None
             return self._own.command(scene.own_eyes())
-        shown_s, advice = self._seen
-        if self._presentation is Presentation.TOP_SPEED:
-            return self._under_top(scene, advice)
+        shown_s, advice, look = self._seen
+        if look is not None and self._presentation is Presentation.RMS:
+            return self._under_top(scene, look)
         if state.speed_mps <= 0 and now_s < scene.departure_s:
             return COAST
         if advice.mode is Regime.DEPART and state.speed_mps < CREEPS_MPS:
             return force(CREEP_SHARE * self._raw.train.pulling_n(0.0))
         if advice.mode in (Regime.STOP, Regime.DEPART):
             return self._brake(state)
+        if look is not None and self._presentation is Presentation.FOUR_MODE:
+            return self._one_of_four(state, look)
         return self._obeyed(scene, advice, now_s - shown_s)
 
-    def _under_top(self, scene: Scene, advice: Advice) -> Command:
+    def _under_top(self, scene: Scene, look: SimplerLook) -> Command:
         """Hold the top speed shown; the driver of such a display departs, and brakes for stops, by himself."""
         state, way_m = scene.state, scene.stop_m - scene.state.s_m
         if state.speed_mps <= 0 and (scene.state.time_s < scene.departure_s or way_m <= AT_STOP_M):
             return COAST
         if state.speed_mps**2 >= 2.0 * STOPS_MPS2 * max(way_m - state.speed_mps, 0.1):
             return self._stop_by_eye(state, way_m)
-        return self._hold(state, advice.reduced_max_speed_mps)
+        return self._hold(state, look.top_speed_mps)
+
+    def _one_of_four(self, state: PlantState, look: SimplerLook) -> Command:
+        """Do what the display of four modes shows."""
+        mode = Regime(look.four_mode)
+        if mode is Regime.CRUISE:
+            return self._hold(state, look.display_speed_mps)
+        if mode in BRAKES:
+            return self._brake(state)
+        return force(self._raw.train.pulling_n(state.speed_mps)) if mode in TRACTION else COAST
 
     def _stop_by_eye(self, state: PlantState, way_m: float) -> Command:
         """Brake so that the train stands at the stop that the driver sees, `way_m` ahead."""
@@ -161,14 +175,7 @@ class ObedientDriver:
             return force(advice.advised_force_n)
         if self._style is Style.SPEED:
             return self._vector_speed(state, advice, since_s)
-        train, mode = self._raw.train, advice.mode
-        if self._presentation is Presentation.FOUR_MODE:
-            mode = advice.four_mode
-            if mode is Regime.CRUISE:
-                return self._hold(state, advice.display_speed_mps)
-            if mode in BRAKES:
-                return self._brake(state)
-            return force(train.pulling_n(state.speed_mps)) if mode in TRACTION else COAST
+        mode = advice.mode
         if mode is Regime.CRUISE:
             return self._hold(state, advice.display_speed_mps)
         if mode in BRAKES and advice.advised_force_ratio <= -0.999:

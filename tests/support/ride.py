@@ -12,9 +12,10 @@ from das.estimate.fix import LEAST_SD_M, LEAST_SD_MPS, PositionFix
 from sim.drivers.cab import AT_STOP_M, AdviceView, CabView, Driver
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge
-from sim.drivers.presentations.presenter import present
+from sim.drivers.presentations.presenter import present, presenter_of
 from sim.plant.kernels import PlantState
 from sim.plant.plant import Plant
+from sim.world.simpler import SimplerDisplay
 from tests.support.one_section import OneSection
 
 LOOK_S = 0.2
@@ -84,6 +85,8 @@ def ride(plant: Plant, driver: Driver, line: LineKnowledge, leg: Leg, advise: Ad
 def advised_by(advisor: OneSection, presentation: Presentation, line: LineKnowledge) -> Advise:
     """What the display shows of an advisor that knows the train's true position; the advisor has its timetable."""
 
+    simpler = SimplerDisplay(advisor.leg.section) if presenter_of(presentation).is_simpler else None
+
     def advise(state: PlantState) -> AdviceView | None:
         now_ns = round(state.time_s / NS)
         fix = PositionFix(
@@ -94,7 +97,9 @@ def advised_by(advisor: OneSection, presentation: Presentation, line: LineKnowle
             speed_uncertainty_mps=LEAST_SD_MPS,
         )
         advisor.set_position(fix)
-        return present(advisor.update(now_ns), presentation)
+        advice, goal = advisor.update(now_ns), advisor.leg.goal
+        shown = advice if simpler is None else simpler.look(advice, goal.departure_ns, goal.arrival_ns)
+        return present(shown, presentation)
 
     return advise
 

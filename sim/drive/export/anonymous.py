@@ -23,7 +23,7 @@ KEPT: Final[Mapping[str, str]] = {
         "tick position_time_ns s_m speed_mps mode advised_speed_mps advised_force_n advised_force_ratio "
         "horizon_speed_mps horizon_force_n next_mode next_change_m next_change_s predicted_arrival_ns "
         "predicted_deviation_s buffer_ratio energy_to_go_j source valid_until_ns limit_mps position_sd_m "
-        "display_speed_mps reduced_max_speed_mps four_mode next_four_mode next_four_change_s cause guide_now_mode "
+        "display_speed_mps cause guide_now_mode "
         "guide_now_speed_mps guide_now_effort_ratio guide_now_way_m guide_now_in_s guide_target_m guide_target_s "
         "guide_force_n guide_replan_cause guide_replan_time_ns guide_replan_gain_j guide_replan_gain_s "
         "guide_reference_force_n guide_reason_code guide_reason_speed_mps guide_reason_at_m guide_reason_time_ns "

@@ -10,7 +10,16 @@ from das.advice.regimes import Regime
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.knowledge import Outlook
-from sim.drivers.presentations.presenter import Hands, Presenter, Shown, ShownRegime, known_mode, whole
+from sim.drivers.presentations.presenter import (
+    FOUR_MODES,
+    Hands,
+    Presenter,
+    Shown,
+    ShownRegime,
+    SimplerLook,
+    known_mode,
+    whole,
+)
 
 
 class FourModePresenter(Presenter):
@@ -20,8 +29,11 @@ class FourModePresenter(Presenter):
     phrase = "four modes"
     meaning = "full traction, a speed to hold, coasting or braking, and when the next of them begins"
     says_effort = False
+    is_simpler = True
 
     def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
+        if not isinstance(advice, SimplerLook):
+            return None
         mode = int(advice.four_mode)
         holds = mode == Regime.CRUISE
         departs_held = mode == Regime.DEPART and int(advice.next_four_mode) == Regime.CRUISE
@@ -36,7 +48,9 @@ class FourModePresenter(Presenter):
         )
 
     def shown_mode(self, advice: Any) -> ShownRegime:
-        return ShownRegime(known_mode(advice.four_mode), float(advice.advised_speed_mps))
+        """The mode of the full advice as one of four: what was shown beside it is in the messages of the cab."""
+        mode = known_mode(advice.mode)
+        return ShownRegime(FOUR_MODES.get(mode, mode), float(advice.advised_speed_mps))
 
     def read(self, view: AdviceView) -> Shown:
         mode = Regime(view.mode)

@@ -28,6 +28,14 @@ EFFORT_STEP_RATIO: Final = 0.2
 """A driver reads effort in steps of this share of the controller's scale: nobody reads or sets it more closely."""
 
 
+FOUR_MODES: Final = {
+    Regime.REDUCED_TRACTION: Regime.CRUISE,
+    Regime.REDUCED_BRAKE: Regime.FULL_BRAKE,
+    Regime.FRICTION_BRAKE: Regime.FULL_BRAKE,
+}
+"""For each mode that is none of the four, the one that is shown."""
+
+
 class SpeedIs(Enum):
     """What the speed on a display means: a speed to have now, not to exceed, or to reach."""
 
@@ -54,6 +62,22 @@ class ShownRegime(NamedTuple):
     mode: Regime
     speed_mps: float
     reason: Reason = NO_REASON
+
+
+class SimplerLook(NamedTuple):
+    """What a display of one top speed or of four modes shows of advice; the other fields are those of the advice."""
+
+    time_ns: int
+    valid_until_ns: int
+    mode: int
+    top_speed_mps: float = math.nan
+    """The top speed to show: it keeps the time, and is never above what limits and stops ahead ask for."""
+    four_mode: int = Regime.NONE
+    next_four_mode: int = Regime.NONE
+    next_four_change_s: float = math.nan
+    advised_speed_mps: float = math.nan
+    display_speed_mps: float = math.nan
+    departure_speed_mps: float = 0.0
 
 
 class Shown(NamedTuple):
@@ -103,6 +127,8 @@ class Presenter(ABC):
     """What the driver was shown, in the words of a report."""
     meaning: ClassVar[str]
     """What the display shows, for readers of a study."""
+    is_simpler: ClassVar[bool] = False
+    """Whether it is shown a `SimplerLook`, which the simulated cab computes from the advice, instead of the advice."""
     needs_guide: ClassVar[bool] = False
     """Whether the on-board system must have its guide enabled."""
     says_mode: ClassVar[bool] = True

@@ -11,7 +11,7 @@ from das.advice.regimes import Regime
 from das.advice.wording import Language
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView
-from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, SpeedIs, speed_words, whole
+from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, SimplerLook, SpeedIs, speed_words, whole
 
 
 class TopSpeedPresenter(Presenter):
@@ -21,10 +21,13 @@ class TopSpeedPresenter(Presenter):
     phrase = "one maximum speed"
     meaning = "one reduced maximum speed at which the train is just in time"
     says_mode = says_effort = False
+    is_simpler = True
     lane = LaneState("a top speed", "#5f7d74")
 
     def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
-        top_mps = advice.reduced_max_speed_mps
+        if not isinstance(advice, SimplerLook):
+            return None
+        top_mps = advice.top_speed_mps
         # A train that has arrived has no top speed.
         return None if math.isnan(top_mps) else replace(blank, speed_mps=top_mps, display_speed_mps=top_mps)
 

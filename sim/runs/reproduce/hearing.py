@@ -289,6 +289,7 @@ def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic])
             continue
         if one.topic is ADVICE:
             ticks += 1
+        one.message.DiscardUnknownFields()  # of an older version, in which the message had more
         said.append(Said(one.topic, one.message, ticks if one.topic is ADVICE else ticks + 1))
     return said
 

@@ -14,12 +14,11 @@ from hypothesis import strategies as st
 
 from das.advice.advice import Advice, Cause, Source, Timetable, Withdrawal
 from das.advice.display import Display
-from das.advice.goal import LONGEST_RATIO, UNHURRIED_S
+from das.advice.goal import UNHURRIED_S
 from das.advice.kernels import interval, without_ripples
 from das.advice.plan import IDLE_EFFORT_RATIO, RIPPLE_MPS, Plan, classify_modes, without_short
 from das.advice.reason import ReasonCode
-from das.advice.reduced import ReducedSpeed
-from das.advice.regimes import FOUR_MODES, ROLLING, Regime
+from das.advice.regimes import ROLLING, Regime
 from das.advice.wording import words
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
@@ -141,16 +140,14 @@ def test_who_is_too_fast_is_never_told_to_pull_nor_to_coast_for_a_brake(
     assert advice.advised_force_n <= 0
     brakes = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
     assert advice.mode in (Regime.CRUISE, Regime.COAST, *brakes)
-    # If coasting would not bring the train down to the limit, a display of four modes shows the limit or a brake.
-    assert advice.four_mode in ((Regime.FULL_BRAKE,) if advice.mode in brakes else (advice.mode, Regime.CRUISE))
 
 
 def test_a_brake_as_hard_as_the_train_may_is_full() -> None:
-    """The motors could brake twice as hard, but the train may not: this is no weak brake, and not shown as coasting."""
+    """The motors could brake twice as hard, but the train may not: this is no weak brake."""
     train = replace(load_vehicle("re460-ic"), max_deceleration_mps2=0.3)
     late = solve_front(build_section(load_route("flat-6km"), train))
     plan = Plan.of(late.fastest(), late.section, 0)
-    assert plan.modes[-1] == plan.four_modes[-1] == Regime.FULL_BRAKE
+    assert plan.modes[-1] == Regime.FULL_BRAKE
     assert -plan.force_n[-1] < 0.5 * 300e3
 
 
@@ -183,12 +180,11 @@ def test_never_departs_early(front: Front) -> None:
 def test_a_train_that_stands_before_its_stop_is_told_to_depart_when_cleared_and_how(front: Front, s_m: float) -> None:
     """At its stop or under way: the advice does not move the train, but says all that is needed to depart."""
     advisor, advice = advisor_at(front, s_m, 0.0, now_s=0.0, arrival_s=1_250.0)
-    assert (advice.mode, advice.four_mode) == (Regime.DEPART, Regime.DEPART)
+    assert advice.mode is Regime.DEPART
     moving = (advice.advised_speed_mps, advice.display_speed_mps, advice.advised_force_n, advice.advised_force_ratio)
     assert moving == (0.0, 0.0, 0.0, 0.0)
     assert set(advice.horizon_speed_mps) == set(advice.horizon_force_n) == {0.0}
     assert advice.next_mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
-    assert advice.next_four_mode is Regime(int(FOUR_MODES[advice.next_mode]))
     assert math.isnan(advice.next_change_s)
     assert 0.0 < advice.departure_speed_mps <= max(front.section.limit_mps)
     assert 0.0 < advice.departure_force_ratio <= 1.0
@@ -475,56 +471,6 @@ def test_the_speed_on_a_display_does_not_flicker_and_is_never_above_what_is_allo
     shown = [display.displayed(v * KMH, 200 * KMH) for v in (80.0, 80.9, 81.2, 79.8, 81.24, 81.26, 80.8, 79.0)]
     assert np.array(shown) / KMH == pytest.approx([80, 80, 80, 80, 80, 81, 81, 79])
     assert display.displayed(79.3 * KMH, 78.5 * KMH) == pytest.approx(78 * KMH)
-
-
-def test_four_modes_and_their_next_change(front: Front) -> None:
-    """A change between two modes that the display shows as the same one of four is no change."""
-    advisor, advice = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)
-    plan = advisor.plan
-    assert plan is not None
-    four, weak = plan.four_modes, (plan.modes == Regime.REDUCED_BRAKE) & (plan.four_modes == Regime.COAST)
-    assert np.array_equal(four[~weak], FOUR_MODES[plan.modes][~weak])
-    assert advice.four_mode == FOUR_MODES[advice.mode] == four[0]
-    change = int(np.flatnonzero(four != four[0])[0])
-    assert advice.next_four_mode == four[change]
-    assert advice.next_four_change_s == pytest.approx(float(plan.solution.trajectory.t_s[change]), abs=1e-9)
-    assert advice.next_four_change_s >= advice.next_change_s - 1e-9
-    assert {int(x) for x in FOUR_MODES} == {0, 1, 3, 4, 6, 8, 9}
-
-
-def test_the_reduced_maximum_speed_keeps_the_time(front: Front) -> None:
-    """A train that accelerates fully, holds that speed and brakes gently is on time; 1 km/h less would be late."""
-    reduced = ReducedSpeed(front.section)
-    top = reduced.judged_mps(0.0, 0.0, ns(0), ns(1_250))
-    assert top < 0.95 * float(front.section.limit_mps.max())
-    assert reduced.time_s(0.0, 0.0, top) == pytest.approx(1_250.0, abs=0.5)
-    assert reduced.time_s(0.0, 0.0, top - 1 * KMH) > 1_255.0
-    # It is shown in whole km/h, stays the same for a while, and is as fast as allowed if no time is left.
-    _, advice = advisor_at(front, 8_470.0, 20.0, now_s=420.0, arrival_s=1_250.0)
-    judged_kmh = ReducedSpeed(front.section).judged_mps(8_470.0, 20.0, ns(420), ns(1_250)) / KMH
-    assert advice.reduced_max_speed_mps / KMH == pytest.approx(round(judged_kmh))
-    advisor, first = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)
-    advisor.set_position(PositionFix(time_ns=ns(210), s_m=5_300.0, speed_mps=35.0))
-    assert advisor.update(ns(210)).reduced_max_speed_mps == first.reduced_max_speed_mps
-    late = ReducedSpeed(front.section).judged_mps(0.0, 0.0, ns(0), ns(800))
-    assert late == pytest.approx(float(front.section.limit_mps.max()), abs=1.0)
-
-
-def test_the_reduced_maximum_speed_is_not_absurdly_slow_where_time_is_ample(front: Front) -> None:
-    """As with the plan, it is at first that for 2.5 times the least time; and it does not fall on the way."""
-    reduced = ReducedSpeed(front.section)
-    fast = float(front.section.limit_mps.max())
-    top = reduced.judged_mps(0.0, 0.0, ns(0), ns(9_000))
-    assert reduced.time_s(0.0, 0.0, top) == pytest.approx(LONGEST_RATIO * reduced.time_s(0.0, 0.0, fast), abs=2.0)
-    for second in range(60, 1_800, 60):
-        assert reduced.judged_mps(10.0 * second, top, ns(second), ns(9_000)) == top
-
-
-def test_before_the_departure_the_reduced_speed_of_the_way_is_known(front: Front) -> None:
-    _, waiting = advisor_at(front, 0.0, 0.0, now_s=-42.0, arrival_s=1_250.0)
-    _, leaving = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=1_250.0)
-    assert waiting.mode is Regime.STOP
-    assert waiting.reduced_max_speed_mps == leaving.reduced_max_speed_mps
 
 
 def test_a_clock_that_is_set_back_does_not_hold_a_mode(front: Front) -> None:

@@ -74,10 +74,10 @@ def advice_of(s_m: float, v_mps: float, mode: Regime, force_n: float, rate_mps2:
     common: dict[str, Any] = {
         "time_ns": S, "position_time_ns": S, "s_m": s_m, "speed_mps": v_mps, "mode": mode,
         "advised_speed_mps": v_mps, "advised_force_n": force_n, "advised_force_ratio": force_n / 1e5,
-        "display_speed_mps": math.floor(v_mps / KMH) * KMH, "reduced_max_speed_mps": math.floor(v_mps / KMH) * KMH,
+        "display_speed_mps": math.floor(v_mps / KMH) * KMH,
         "horizon_speed_mps": horizon, "horizon_force_n": tuple(force_n if v > 0 else 0.0 for v in horizon),
         "next_mode": Regime.STOP, "limit_mps": MODEL.limit_mps(s_m), "source": Source.SOLVED,
-        "four_mode": Regime.FULL_BRAKE if force_n < 0 else mode, "valid_until_ns": 4 * S, "position_sd_m": SD_M,
+        "valid_until_ns": 4 * S, "position_sd_m": SD_M,
     }  # fmt: skip
     return Advice(**{**common, **changes})
 
@@ -134,7 +134,7 @@ def test_full_traction_at_a_step_of_an_effort_curve_is_a_force_that_the_train_ha
     basis = BASIS._replace(vehicle=train)
     for v_mps in np.arange(50 * KMH, 53 * KMH, 0.013).tolist():
         force_n = float(train.traction_effort_n(np.array([v_mps]))[0])
-        horizon = {"horizon_speed_mps": tuple(v_mps + 0.3 * k for k in range(1, 31)), "four_mode": Regime.FULL_TRACTION}
+        horizon = {"horizon_speed_mps": tuple(v_mps + 0.3 * k for k in range(1, 31))}
         advice = advice_of(FAST_M, v_mps, Regime.FULL_TRACTION, force_n, **horizon, horizon_force_n=(force_n,) * 30)
         assert judged(advice, basis=basis)[1] == ()
         more = replace(advice, advised_force_n=1.25 * force_n)
@@ -173,21 +173,12 @@ WRONG: dict[str, tuple[Advice, dict[str, Any], Part]] = {
     "no horizon": (FAST, {"horizon_speed_mps": (), "horizon_force_n": ()}, Part.EFFORT),
     "advised speed": (FAST, {"advised_speed_mps": HIGH + 1.0}, Part.ADVISED_SPEED),
     "displayed speed": (FAST, {"display_speed_mps": HIGH + 1.0}, Part.DISPLAY_SPEED),
-    "top speed": (BRAKES, {"reduced_max_speed_mps": BRAKE_MPS + 1.0}, Part.TOP_SPEED),
-    "top speed at a stop": (FAST, {"reduced_max_speed_mps": math.inf}, Part.FIGURES),
     "limit": (FAST, {"limit_mps": HIGH + 1.0}, Part.LIMIT),
     "limit that is no number": (FAST, {"limit_mps": math.nan}, Part.LIMIT),
     "horizon": (FAST, {"horizon_speed_mps": (HIGH,) * 20 + (HIGH + 1.0,) * 10}, Part.HORIZON),
     "horizon below 0": (FAST, {"horizon_speed_mps": (HIGH,) * 29 + (-1.0,)}, Part.HORIZON),
     "infinite time": (FAST, {"next_change_s": math.inf}, Part.FIGURES),
     "infinite energy": (FAST, {"energy_to_go_j": -math.inf}, Part.FIGURES),
-    "four modes: traction at the limit": (FAST, {"four_mode": Regime.FULL_TRACTION}, Part.FOUR_MODES),
-    "four modes: coasting on the curve": (BRAKES, {"four_mode": Regime.COAST}, Part.FOUR_MODES),
-    "four modes: traction in a second": (
-        FAST,
-        {"four_mode": Regime.COAST, "next_four_mode": Regime.FULL_TRACTION, "next_four_change_s": 1.0},
-        Part.FOUR_MODES,
-    ),
     "guide: a speed to hold above the limit": (
         FAST, guided(FAST, now=Instruction(mode=Regime.CRUISE, speed_mps=HIGH + 1.0)), Part.GUIDE
     ),
@@ -238,7 +229,7 @@ def test_a_brake_is_as_strong_as_needed_and_the_words_say_for_what() -> None:
     # The train may be 2 m further ahead, and a constant force is required.
     needed_n = 1e5 * (BRAKE_MPS**2 - LOW**2) / (2 * (200.0 - 2 * SD_M))
     assert said.advised_force_n == act.instead_n == pytest.approx(-needed_n)
-    assert (said.mode, said.four_mode, said.source) == (Regime.FULL_BRAKE, Regime.FULL_BRAKE, Source.FALLBACK)
+    assert (said.mode, said.source) == (Regime.FULL_BRAKE, Source.FALLBACK)
     assert words(said.reason) == "72 km/h from km 6.0"
     assert said.advised_force_ratio == pytest.approx(-needed_n / (2 * FULL_N))
     assert list(said.horizon_speed_mps) == sorted(said.horizon_speed_mps, reverse=True)
@@ -256,7 +247,7 @@ def test_the_words_of_a_brake_name_the_stop_or_say_by_how_much_the_train_is_too_
 
 def test_friction_brakes_where_the_electric_brake_is_not_enough() -> None:
     too_fast = BRAKE_MPS + 3.0
-    wrong = advice_of(BRAKE_M, too_fast, Regime.COAST, 0.0, four_mode=Regime.COAST, advised_speed_mps=BRAKE_MPS)
+    wrong = advice_of(BRAKE_M, too_fast, Regime.COAST, 0.0, advised_speed_mps=BRAKE_MPS)
     said, acts = judged(wrong)
     assert {act.part for act in acts} >= {Part.EFFORT}
     assert said.mode is Regime.FRICTION_BRAKE
@@ -266,7 +257,7 @@ def test_friction_brakes_where_the_electric_brake_is_not_enough() -> None:
 
 def test_a_full_brake_passes_where_the_train_is_too_fast_and_a_weaker_one_does_not() -> None:
     v_mps = BRAKE_MPS + 3.0
-    shown = {"advised_speed_mps": BRAKE_MPS, "display_speed_mps": LOW, "reduced_max_speed_mps": LOW, "guide": None}
+    shown = {"advised_speed_mps": BRAKE_MPS, "display_speed_mps": LOW, "guide": None}
     full = replace(BRAKES, speed_mps=v_mps, **shown)
     assert judged(full)[1] == ()
     weak_n = -0.9 * FULL_RATIO * FULL_N
@@ -276,7 +267,7 @@ def test_a_full_brake_passes_where_the_train_is_too_fast_and_a_weaker_one_does_n
 
 def test_a_train_hardly_above_the_limit_may_be_told_to_hold_it_and_one_far_above_must_brake() -> None:
     def parts(excess_mps: float) -> list[Part]:
-        held = replace(FAST, speed_mps=HIGH + excess_mps, guide=None, four_mode=Regime.FULL_BRAKE)
+        held = replace(FAST, speed_mps=HIGH + excess_mps, guide=None)
         return [act.part for act in judged(held)[1]]
 
     assert parts(0.9) == []
@@ -328,7 +319,7 @@ def test_a_driver_who_rolls_up_to_a_speed_is_expected_to_hold_it_until_the_annou
 def test_a_train_downhill_is_not_told_to_coast_above_the_limit() -> None:
     steep = make_route(END_M, [(0.0, HIGH)], [(0.0, -0.03)])
     basis = BASIS._replace(route=steep)
-    coasts = advice_of(FAST_M, HIGH, Regime.COAST, 0.0, four_mode=Regime.CRUISE)
+    coasts = advice_of(FAST_M, HIGH, Regime.COAST, 0.0)
     said, acts = judged(coasts, basis=basis)
     assert [act.part for act in acts] == [Part.EFFORT]
     # The brake at least balances the slope.
@@ -379,7 +370,7 @@ def test_a_train_that_would_only_become_too_fast_is_told_to_hold_and_not_to_brak
 
 
 def test_a_train_that_stands_is_left_in_peace() -> None:
-    stands = advice_of(END_M - 3.0, 0.0, Regime.STOP, 0.0, four_mode=Regime.STOP, reduced_max_speed_mps=math.nan)
+    stands = advice_of(END_M - 3.0, 0.0, Regime.STOP, 0.0)
     assert judged(stands)[1] == ()
     assert judged(replace(stands, s_m=END_M + 20.0), at(END_M + 20.0, 0.0))[1] == ()
 
@@ -485,17 +476,15 @@ def test_the_cab_says_it_once_counts_it_every_time_and_sends_what_is_safe(monkey
     cab = driven.node.cab
     sound = driven.tick(50)
     assert cab.legs.last_words.acts.total() == 0
-    wrong_from_now_on(monkeypatch, display_speed_mps=80.0, reduced_max_speed_mps=90.0)
+    wrong_from_now_on(monkeypatch, display_speed_mps=80.0)
     for second in range(51, 56):
         advice = driven.tick(second)
         assert advice.display_speed_mps <= advice.limit_mps
-        assert advice.reduced_max_speed_mps <= advice.limit_mps
     assert sound.limit_mps == advice.limit_mps
-    assert cab.legs.last_words.acts == {Part.DISPLAY_SPEED: 5, Part.TOP_SPEED: 5}
+    assert cab.legs.last_words.acts == {Part.DISPLAY_SPEED: 5}
     said = [line for line in driven.sink.events().splitlines() if line.startswith("last word: ")]
     assert said == [
         "last word: displayed speed: 288.0 km/h where 161.8 km/h is the most; 160.0 km/h is said instead",
-        "last word: top speed: 324.0 km/h where 161.8 km/h is the most; 160.0 km/h is said instead",
     ]
 
 
@@ -524,9 +513,8 @@ def test_a_force_that_is_no_number_does_not_leave_the_cab(monkeypatch: pytest.Mo
 
 @pytest.mark.slow
 def test_the_full_advice_of_an_ordinary_day_passes_as_it_is() -> None:
-    """The clear day with the perfect driver: only coasting that stands for a weak brake is replaced."""
+    """The clear day with the perfect driver: nothing is replaced."""
     day = make_day(service_for(load_scenario("clear-day")), 0)
     link = InProcess(day.service)
-    ClosedLoop(day, day.driver(DriverKind.PERFECT), Presentation.SPEED_AND_EFFORT, link).run()
-    assert set(link.cab.legs.last_words.acts) <= {Part.FOUR_MODES}
-    assert link.cab.legs.last_words.acts.total() <= 10
+    ClosedLoop(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, link).run()
+    assert link.cab.legs.last_words.acts.total() == 0

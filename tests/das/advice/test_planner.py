@@ -8,8 +8,7 @@ import pytest
 from das.advice.goal import Goal, TrainState
 from das.advice.planner import PlanBasis, Planner
 from das.advice.regimes import Regime
-from das.advice.settings import DEFAULT
-from das.advice.shown_safely import AT_FOOT_MPS, BEFORE_S, FourModes, braked_enough, kept_behind
+from das.advice.shown_safely import AT_FOOT_MPS, braked_enough, kept_behind
 from das.domain.braking import USUAL
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
@@ -64,20 +63,6 @@ def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes
     _, force_n = braked_enough(Regime.CRUISE, 0.0, state, PLANNER, v_mps, too_fast=True)
     most_n = ahead.force_n(ahead.largest(s_m, v_mps), s_m, v_mps)
     assert (force_n == pytest.approx(most_n, rel=0.01)) is brakes_fully
-
-
-def test_a_display_of_four_modes_brakes_in_time_for_full_brakes_that_build_up() -> None:
-    """Every 20 m before a lower limit: full braking is shown 4 s before it would be too late, and not earlier."""
-    v_mps = 28.0
-    for s_m in np.arange(3000.0, 4000.0, 20.0).tolist():
-        state = TrainState(0, s_m, v_mps)
-        four = FourModes(DEFAULT.valid_for_s, PLANNER, state, v_mps, 0.0)
-        shown = four.safe(Regime.CRUISE, Regime.CRUISE) is Regime.FULL_BRAKE
-        assert shown is PLANNER.brakes_late(state, v_mps, BEFORE_S)
-        if shown:
-            break
-    assert PLANNER.brakes_late(state, v_mps, BEFORE_S)
-    assert not PLANNER.brakes_late(state, v_mps, DEFAULT.valid_for_s), "an advice is valid for 3 s"
 
 
 def test_a_late_driver_who_brakes_as_planned_has_not_braked_early() -> None:

@@ -111,7 +111,6 @@ def with_guide(mode: Regime) -> Advice:
 
 SLOWING = [
     *(Advice(time_ns=0, mode=mode) for mode in sorted(BRAKES)), COAST, with_guide(Regime.REDUCED_BRAKE),
-    Advice(time_ns=0, mode=Regime.CRUISE, four_mode=Regime.FULL_BRAKE),
 ]  # fmt: skip
 
 

@@ -37,7 +37,7 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.presentations.presenter import present
+from sim.drivers.presentations.presenter import SimplerLook, present
 from sim.plant.kernels import LEVER, Command, PlantState
 from sim.plant.plant import Plant
 from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train
@@ -168,13 +168,9 @@ def test_each_driver_by_rule_is_what_it_is_called(thalwil: Case) -> None:
 
 def test_top_speed_holds_the_speed_on_the_display(thalwil: Case) -> None:
     def display(state: PlantState) -> AdviceView | None:
-        given = replace(
-            advice(Regime.CRUISE),
-            time_ns=round(1e9 * state.time_s),
-            valid_until_ns=round(1e9 * state.time_s + 3e9),
-            reduced_max_speed_mps=25.0,
-        )
-        return present(given, Presentation.TOP_SPEED)
+        now_ns = round(1e9 * state.time_s)
+        look = SimplerLook(now_ns, now_ns + round(3e9), mode=Regime.CRUISE, top_speed_mps=25.0)
+        return present(look, Presentation.RMS)
 
     run = thalwil.ride(make_driver(DriverKind.TOP_SPEED, thalwil.line), display)
     top = [s.speed_mps for s in run.states]
@@ -333,11 +329,14 @@ def advice(mode: Regime, force_n: float = 0.0, speed_mps: float = 20.0) -> Advic
         horizon_force_n=(force_n,) * 30,
         next_mode=Regime.REDUCED_BRAKE,
         next_change_s=12.0,
-        reduced_max_speed_mps=27.0,
-        four_mode=mode,
-        next_four_mode=Regime.FULL_BRAKE,
-        next_four_change_s=13.0,
     )
+
+
+def look(mode: Regime, top_speed_mps: float = 27.0) -> SimplerLook:
+    return SimplerLook(
+        7_000_000_000, 10_000_000_000, mode=mode, top_speed_mps=top_speed_mps, four_mode=mode,
+        next_four_mode=Regime.FULL_BRAKE, next_four_change_s=13.0, advised_speed_mps=20.0,
+    )  # fmt: skip
 
 
 def test_presentations_show_what_they_are_for_and_no_more() -> None:
@@ -347,19 +346,20 @@ def test_presentations_show_what_they_are_for_and_no_more() -> None:
     assert full is not None
     assert (full.time_s, full.valid_until_s, full.speed_mps, full.force_n) == (5.0, 8.0, 20.0, 5e4)
     assert full.lever_ratio == pytest.approx(5e4 / float(RE460.traction_effort_n(20.0)))
-    modes = present(given, Presentation.FOUR_MODE)
+    modes = present(look(Regime.CRUISE), Presentation.FOUR_MODE)
     assert modes is not None
     assert (modes.mode, modes.speed_mps, modes.next_mode) == (das_pb2.MODE_CRUISE, 20.0, das_pb2.MODE_FULL_BRAKE)
     assert modes.next_change_s == 13.0
     assert math.isnan(modes.lever_ratio)
     assert not modes.horizon_speed_mps
-    coasting = present(advice(Regime.COAST), Presentation.FOUR_MODE)
+    coasting = present(look(Regime.COAST), Presentation.FOUR_MODE)
     assert coasting is not None
     assert math.isnan(coasting.speed_mps)
-    reduced = present(given, Presentation.TOP_SPEED)
+    reduced = present(look(Regime.CRUISE), Presentation.RMS)
     assert reduced is not None
     assert (reduced.speed_mps, reduced.horizon_force_n) == (27.0, ())
-    assert present(replace(given, reduced_max_speed_mps=math.nan), Presentation.TOP_SPEED) is None
+    assert present(look(Regime.STOP, math.nan), Presentation.RMS) is None
+    assert present(given, Presentation.RMS) is present(given, Presentation.FOUR_MODE) is None
     assert present(given, Presentation.NONE) is None
     late = present(given, Presentation.DEVIATION, deviation_s=12.0)
     assert late is not None

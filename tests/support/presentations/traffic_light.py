@@ -9,7 +9,7 @@ from das.advice.regimes import Regime
 from das.advice.wording import Language
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.knowledge import Outlook
-from sim.drivers.presentations.presenter import Hands, LaneState, Presenter, Shown
+from sim.drivers.presentations.presenter import Hands, LaneState, Presenter, Shown, SimplerLook
 
 LIGHTS: Final = {Regime.COAST: "amber", Regime.FULL_BRAKE: "red"}
 
@@ -21,10 +21,11 @@ class TrafficLightPresenter(Presenter):
     phrase = "a traffic light"
     meaning = "green, amber or red"
     says_effort = False
+    is_simpler = True
     lane = LaneState("a light", "#123456")
 
     def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
-        return replace(blank, mode=int(advice.four_mode))
+        return replace(blank, mode=int(advice.four_mode)) if isinstance(advice, SimplerLook) else None
 
     def read(self, view: AdviceView) -> Shown:
         return Shown(mode=Regime(view.mode))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from das.advice import kernels
 from das.advice.goal import LONGEST_RATIO
+from das.advice.planner import BRAKED_EARLY_S
 from das.advice.shown import steady_step, step_below
 from das.domain.units import KMH, NS
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope
@@ -21,9 +22,6 @@ from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
 from das.solver.section import Section
 
-BRAKED_EARLY_S: Final = 5.0
-"""A driver who braked early for a limit or stop is told to speed up again, by a plan or by a higher top speed, only
-if that saves at least this much time."""
 EASY_BRAKING_MPS2: Final = 0.5
 """The deceleration of comfortable service braking (assumption)."""
 JUDGED_EVERY_S: Final = 30.0
