@@ -294,7 +294,7 @@ class PageFiles:
                 raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
         check_outputs(out, pdf, *others, inputs=inputs, overwrite=overwrite)
         if pdf is not None:
-            from das.command_line.pdf import browser
+            from precompute.pdf import browser
 
             browser()
 
@@ -308,7 +308,7 @@ class PageFiles:
         if out is not None:
             write_whole(out, content.encode())
         if pdf is not None:
-            from das.command_line.pdf import write_pdf
+            from precompute.pdf import write_pdf
 
             with busy(f"printing {pdf} …"):
                 write_pdf(content, pdf)

@@ -29,9 +29,9 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(30_450, 181),
-    "precompute": Budget(14_050, 77),
-    "sim": Budget(37_280, 176),
+    "das": Budget(29_910, 175),
+    "precompute": Budget(14_470, 83),
+    "sim": Budget(37_390, 177),
     "docs/studies": Budget(4_640, 30),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

@@ -61,7 +61,6 @@ class Contents:
     """The recording (`RECORDING`) that holds the messages of a train; empty text for one that does not name itself."""
     attachments: list[records.Attachment] = field(default_factory=list)
     foreign: dict[str, int] = field(default_factory=dict)
-    library: str = ""
     health: Health = field(default_factory=lambda: Health(size_bytes=0, complete=False))
 
     @property
@@ -108,7 +107,6 @@ class Raw:
     messages: list[records.Message] = field(default_factory=list)
     attachments: list[records.Attachment] = field(default_factory=list)
     metadata: list[tuple[records.Metadata, bool | None]] = field(default_factory=list)
-    library: str = ""
     loose: list[FoundRecord] = field(default_factory=list)
     numbered: bool = False
     """Whether the recorder wrote the file: it gives each message of the file a number of its own."""
@@ -121,12 +119,10 @@ class Raw:
         record = found.record
         if isinstance(record, records.Metadata):
             self._take_metadata(record)
-        elif not found.proven and not isinstance(record, records.Header):
-            self.loose.append(found)
-        elif isinstance(record, records.Header):
-            self.library = record.library
-        else:
+        elif found.proven:
             self.use(record)
+        else:
+            self.loose.append(found)
 
     def use(self, record: records.McapRecord) -> None:
         """Keep a record that can be trusted."""
@@ -257,7 +253,7 @@ def read_contents(path: Path) -> Contents:
     Raises DasError as `read_raw` does, and if a channel of ours holds messages of another type than its topic's.
     """
     raw, health = read_raw(path)
-    result = Contents(path=path, attachments=raw.attachments, library=raw.library)
+    result = Contents(path=path, attachments=raw.attachments)
     for record, right in raw.metadata:
         if right is not False:
             result.metadata_records.append(

@@ -19,10 +19,10 @@ import numpy as np
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Altitudes, Floats, Route, Stretches
 from das.domain.units import KM, PERCENT, PERMILLE, kmh, kwh
-from das.drawing.line import draw_line
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
+from precompute.drawing.line import draw_line
 from precompute.route_import.altitudes import climb_and_fall_m, with_altitudes
 from precompute.route_import.importing import imported
 from precompute.route_import.line import ImportedLine

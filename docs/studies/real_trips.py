@@ -22,7 +22,6 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.units import KM, KWH, kmh, kwh
 from das.drawing.colors import LINES, SEVERAL
-from das.drawing.meanings import LIGHT, Meaning
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
@@ -30,6 +29,7 @@ from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.driven_legs import LikelyRange, likely_range
 from sim.drive.drive import Drive
+from sim.meanings import LIGHT, Meaning
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
 from sim.review.canvas import INK, light_figure, named, page_legend

@@ -92,7 +92,7 @@ class JourneyFiles(RunFiles):
             raise DasError(f"{self.sheet}: expected a file name that ends in .html or .pdf")
         super().check(*inputs)
         if kind == ".pdf":
-            from das.command_line.pdf import browser
+            from precompute.pdf import browser
 
             browser()
 
@@ -176,7 +176,7 @@ def _write_sheet(path: Path, planner: JourneyPlanner, plan: JourneyPlan) -> None
 
     page = sheet_page(plan, list(sheets_of(planner, plan)), Path(plan.journey.source).name)
     if path.suffix.lower() == ".pdf":
-        from das.command_line.pdf import write_pdf
+        from precompute.pdf import write_pdf
 
         write_pdf(page, path)
     else:

@@ -135,7 +135,7 @@ def show_journey(journey: JourneyArgument, on: OnRoute, files: ShownFiles) -> No
 
     read = load_journey(journey, on.line())
     if files.plot is not None:
-        from das.drawing.timetable import draw_timetable
+        from precompute.drawing.timetable import draw_timetable
 
         draw_timetable(read).save(files.plot, overwrite=True)
     if files.as_json:

@@ -212,7 +212,7 @@ def new(
 
 def _draw(path: Path, route: Route) -> None:
     with busy("drawing …"):
-        from das.drawing.line import draw_line
+        from precompute.drawing.line import draw_line
 
         draw_line(route).save(path, overwrite=True)
 

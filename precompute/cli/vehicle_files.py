@@ -127,7 +127,7 @@ def show_vehicle(
     train = picked(load_vehicle(vehicle), mode, load)
 
     if files.plot is not None:
-        from das.drawing.train import draw_train
+        from precompute.drawing.train import draw_train
 
         draw_train(train).save(files.plot, overwrite=True)
     if files.as_json:

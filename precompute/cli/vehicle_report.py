@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from das.command_line.printing import new_table
 from das.domain.errors import DasError
-from das.domain.performance import performance_of
 from das.domain.plausibility import warnings_of
 from das.domain.units import KM, KMH, KN, KW, TONNE, kmh, kwh
 from das.domain.vehicle import Vehicle
+from precompute.performance import performance_of
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -16,8 +16,8 @@ from das.domain.earth import MEAN_RADIUS_M
 from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
-from das.drawing.meanings import Meaning
 from sim.drive.table import DriveTable, PlanMade
+from sim.meanings import Meaning
 from sim.recording.course import DrivenCourse, Floats, Times
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from das.drawing.meanings import VIEWER, Meaning, rgba
+from sim.meanings import VIEWER, Meaning, rgba
 from sim.recording.course import Floats, Times
 from sim.review.scene import NOTHING, ReviewScene
 from sim.review.words import DisplayWords, cards

@@ -16,8 +16,8 @@ from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
 from das.drawing.colors import look_of
-from das.drawing.meanings import COMPARED, LIGHT
 from sim.drive.series import QUANTITIES, STYLES
+from sim.meanings import COMPARED, LIGHT
 from sim.recording.course import Floats, Times
 from sim.review.lanes import Lane, instructions
 

@@ -20,8 +20,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.advice.wording import Language
 from das.domain.units import KM, KMH, NS
-from das.drawing.meanings import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.drive.series import QUANTITIES, STYLES, MapTrack, quantity_of
+from sim.meanings import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times, stretches_of
 from sim.recording.stands import STANDING_MPS
 from sim.review.cab_display import send_cab

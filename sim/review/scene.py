@@ -15,7 +15,6 @@ import numpy as np
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH, NS, kwh
-from das.drawing.meanings import Meaning, Theme
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.comparison import AlignedDrives, drives_on_track
@@ -31,6 +30,7 @@ from sim.drive.series import (
     on_trip,
     quantity_of,
 )
+from sim.meanings import Meaning, Theme
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.lanes import COST, Change, Lane, instructions, lanes
 from sim.review.words import attribution_text

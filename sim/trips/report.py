@@ -17,8 +17,8 @@ from das.domain.route import Floats
 from das.domain.trajectory import PART_WORDS
 from das.domain.units import KM, KMH, KN, MS, NS, kwh
 from das.drawing.colors import INK, LIMIT
-from das.drawing.meanings import LIGHT, MODES, Meaning
 from das.solver.section import Section
+from sim.meanings import LIGHT, MODES, Meaning
 from sim.trips.cleaning import CleaningReport, FindingKind
 from sim.trips.estimate import (
     MASS,

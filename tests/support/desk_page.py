@@ -13,8 +13,8 @@ from typing import Any, Final
 
 import pytest
 
-from das.command_line.pdf import browser
 from das.domain.errors import DasError
+from precompute.pdf import browser
 from tests.support.making import REPOSITORY
 from tests.support.needs import missing
 

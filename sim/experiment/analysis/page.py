@@ -18,7 +18,6 @@ from matplotlib.figure import Figure
 import sim.review.report
 from das import __version__
 from das.drawing.colors import SEVERAL
-from das.drawing.meanings import LIGHT
 from sim.experiment.analysis import words
 from sim.experiment.analysis.checks import SURE
 from sim.experiment.analysis.comparing import (
@@ -29,6 +28,7 @@ from sim.experiment.analysis.comparing import (
 )
 from sim.experiment.analysis.reading import Floats, ShownMeasure, probability
 from sim.experiment.plan import PlannedComparison
+from sim.meanings import LIGHT
 from sim.review.canvas import INK, PAGE_WIDTH_IN, TEXT_POINTS, as_image, light_figure, named, plain
 
 TEMPLATE: Final = "page.html.j2"

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from das.domain.units import KM, KMH, KN, kmh, kwh
-from das.drawing.meanings import EFFICIENCY_GREYS, LIGHT, Meaning
 from sim.drive.attribution.causes import APART_MPS
 from sim.drive.events import bookmarks
 from sim.drive.series import QUANTITIES, STYLES
+from sim.meanings import EFFICIENCY_GREYS, LIGHT, Meaning
 from sim.review.canvas import INK, TEXT_POINTS, curve, lane_rows, light_figure, named, page_legend, stops
 from sim.review.lanes import MODE_LANES
 from sim.review.report.findings import DriveFinding

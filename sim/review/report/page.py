@@ -13,13 +13,13 @@ from das import __version__
 from das.bus.recording import recording_of
 from das.domain.errors import DasError
 from das.domain.units import kwh
-from das.drawing.meanings import LIGHT
 from sim.drive.attribution.attribution import as_dict as energy_dict
 from sim.drive.attribution.worst import elsewhere, worst_places
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
 from sim.drive.events import as_rows, place_text
+from sim.meanings import LIGHT
 from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
 from sim.review.canvas import as_image, comparison_figure

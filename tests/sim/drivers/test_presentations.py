@@ -11,7 +11,6 @@ import pytest
 from das.advice.regimes import Regime
 from das.bus import das_pb2, topics
 from das.domain.units import KMH
-from das.drawing.meanings import DARK
 from das.front_door import chosen
 from sim.drive.drive import Drive
 from sim.drivers import presentations
@@ -22,6 +21,7 @@ from sim.drivers.messages import cab_view
 from sim.drivers.presentations.presenter import Shown, presenter_of, shown_presentation
 from sim.experiment.factors import FactorLevel
 from sim.experiment.study_files import level_words
+from sim.meanings import DARK
 from sim.review.lanes import lanes
 from sim.review.words import cards
 from tests.support import presentations as made_up

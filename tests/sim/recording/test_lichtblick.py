@@ -21,9 +21,9 @@ from mcap.reader import make_reader
 from das.bus.recording import read_recording
 from das.bus.topics import LOCATION, LOG, TOPICS, topic_of
 from das.command_line.options import DEFAULT_TRAIN
-from das.drawing.meanings import LIGHT
 from sim.drive.notes import TOPIC as NOTES
 from sim.drive.notes import Note, add_note, notes_path
+from sim.meanings import LIGHT
 from tests.support.recordings import at_ns, write_recording
 
 ROOT = Path(__file__).parents[3]

@@ -14,7 +14,6 @@ from das.advice.regimes import Regime
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KMH, kwh
-from das.drawing.meanings import MODES, Meaning
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events import NOT_HEARD, points
@@ -22,6 +21,7 @@ from sim.drive.limits import signals
 from sim.drive.notes import Note, add_note
 from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind
+from sim.meanings import MODES, Meaning
 from sim.recording.opening import open_recording
 from sim.review.lanes import instructions, lanes
 from sim.review.scene import OTHER_THAN_ADVISED, ROUTINE, ReviewScene

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from das.command_line.pdf import BROWSERS, write_pdf
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH
+from precompute.pdf import BROWSERS, write_pdf
 from sim.drive.above_optimum import energy_words
 from sim.drive.attribution.causes import BY_SPEED, EnergyCause
 from sim.drive.attribution.worst import worst_stretches

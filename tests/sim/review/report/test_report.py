@@ -16,9 +16,9 @@ from markupsafe import escape
 
 from das.bus.contents import Contents
 from das.bus.recording import Recording
-from das.command_line.pdf import write_pdf
 from das.domain.errors import DasError
 from das.domain.units import KM
+from precompute.pdf import write_pdf
 from sim.drive.attribution.attribution import OTHER_TRAIN
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive

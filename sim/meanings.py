@@ -1,7 +1,7 @@
 """The colours of all pictures, pages and views: one meaning each, for dark and white backgrounds, and for the viewer.
 
 No module that draws a drive has colours of its own. A display that shows no mode is an exception: its module in
-`sim/drivers/presentations` has its colour. tests/das/drawing/test_meanings.py checks that people can tell the colours
+`sim/drivers/presentations` has its colour. tests/sim/test_meanings.py checks that people can tell the colours
 apart; lines on one axis must also be told apart with the common kinds of colour blindness.
 """
 

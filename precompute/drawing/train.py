@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import shortened
-from das.domain.performance import Performance, performance_of
 from das.domain.units import KM, KN, KW, STANDARD_GRAVITY_MPS2, kmh, kwh
 from das.domain.vehicle import Vehicle
 from das.drawing.colors import GRID, INK, SEVERAL
 from das.drawing.picture import Picture
+from precompute.performance import Performance, performance_of
 
 Floats = NDArray[np.float64]
 

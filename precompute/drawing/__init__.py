@@ -1,0 +1,1 @@
+"""Pictures of lines, trains and timetables, for the commands of das-precompute."""
