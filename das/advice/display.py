@@ -10,7 +10,7 @@ import numpy as np
 
 from das.advice import wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
-from das.advice.goal import DEVIATION_NAMED_S, Goal, PassingTarget, TrainState
+from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
 from das.advice.plan import HOLD_S, Floats, Place, Plan
 from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
@@ -182,10 +182,11 @@ class Display:
         state, here, planner, goal, guide, late_s, _ = scene
         place, allowed = plan.at(state.s_m), planner.allowed_for(state)
         excess_mps = state.v_mps - allowed
-        mode, following = self._instructed(plan, place, scene)
+        too_fast = excess_mps > OVERSPEED_MPS
+        mode, following = self._instructed(plan, place, scene, too_fast=too_fast)
         advised = min(place.speed_mps, allowed)
         shown_mps = self.displayed(advised, allowed)
-        speeds, forces = self._horizon(plan, scene, advised)
+        speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
         arrival_ns = plan.arrival_ns(state.now_ns, place)
         if math.isfinite(late_s):
             arrival_ns = goal.arrival_ns + round(late_s / NS)
@@ -219,16 +220,16 @@ class Display:
             guide=guide,
         )
 
-    def _horizon(self, plan: Plan, scene: Scene, advised_mps: float) -> tuple[Floats, Floats]:
+    def _horizon(self, plan: Plan, scene: Scene, advised_mps: float, *, too_fast: bool) -> tuple[Floats, Floats]:
         """Speeds and forces of the next seconds; a brake stronger than planned lasts as long as the advice is valid."""
         state, planner = scene.state, scene.planner
         place = plan.at(state.s_m)
         speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, HORIZON_S)
-        planned_n = 0.0 if scene.too_fast else float(plan.shown_force_n[place.interval])
+        planned_n = 0.0 if too_fast else float(plan.shown_force_n[place.interval])
         if self._force_n < min(planned_n, 0.0):
             soon = slice(math.ceil(self._valid_for_s))
             forces[soon] = np.minimum(forces[soon], self._force_n)
-        if scene.too_fast:
+        if too_fast:
             speeds = kept_behind(speeds, advised_mps, state, plan.ahead_m(place.time_s, HORIZON_S), planner)
         return speeds, forces
 
@@ -238,33 +239,34 @@ class Display:
     def _show(self, mode: Regime, now_ns: int) -> None:
         self._mode, self._mode_since_ns = mode, now_ns
 
-    def _follow_mode(self, plan: Plan, place: Place, scene: Scene) -> Regime:
+    def _follow_mode(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> Regime:
         """Choose the mode to show, and remember its force: those of the plan, or of stronger braking if needed."""
         shown_n = float(plan.shown_force_n[place.interval])
-        # The plan begins on the braking curve; a train above it gets no traction.
-        eased = scene.too_fast and shown_n > 0
+        eased = too_fast and shown_n > 0  # The plan begins on the braking curve; a train above it gets no traction.
         wanted = Regime.COAST if eased else Regime(int(plan.modes[place.interval]))
         planned, planned_n = wanted, 0.0 if eased else shown_n
         wanted, shown_n = braked_enough(
-            planned, planned_n, scene.state, scene.planner, place.speed_mps, too_fast=scene.too_fast
+            planned, planned_n, scene.state, scene.planner, place.speed_mps, too_fast=too_fast
         )
         mode = self.held_mode(wanted, scene.state.now_ns)
         if mode is wanted:
             self._force_n = shown_n
         return mode
 
-    def _instructed(self, plan: Plan, place: Place, scene: Scene) -> tuple[Regime, _Change]:
+    def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, _Change]:
         """The mode to show and the next change: those of the guide once its instruction is due, else of the plan."""
         guide = scene.guide
         waits = guide is None or guide.now.mode is Regime.DEPART or guide.now.in_s > 0.0
         if guide is not None and not waits:
-            return self._as_guided(guide, plan, scene, place)
-        mode = self._follow_mode(plan, place, scene)
+            return self._as_guided(guide, plan, scene, place, too_fast=too_fast)
+        mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
         if guide is not None and guide.now.in_s > 0.0:
             return mode, _Change.to(guide.now)
         return mode, self._next_change(plan, mode, scene.state, place)
 
-    def _as_guided(self, guide: Guidance, plan: Plan, scene: Scene, place: Place) -> tuple[Regime, _Change]:
+    def _as_guided(
+        self, guide: Guidance, plan: Plan, scene: Scene, place: Place, *, too_fast: bool
+    ) -> tuple[Regime, _Change]:
         """The mode and the next change of the guide's instruction, with the force that keeps to its reference.
 
         A braking effort is a share of the motors' brake, whose force grows as the train slows down. The advised force
@@ -273,7 +275,7 @@ class Display:
         state, mode, self._force_n = scene.state, guide.now.mode, guide.reference_force_n
         if mode in BRAKES:
             mode, self._force_n = braked_enough(
-                mode, self._force_n, state, scene.planner, place.speed_mps, too_fast=scene.too_fast
+                mode, self._force_n, state, scene.planner, place.speed_mps, too_fast=too_fast
             )
         if mode is not self._mode:
             self._show(mode, state.now_ns)
