@@ -29,7 +29,7 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(29_920, 175),
+    "das": Budget(29_850, 175),
     "precompute": Budget(14_470, 83),
     "sim": Budget(37_390, 177),
     "docs/studies": Budget(4_640, 30),

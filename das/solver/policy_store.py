@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-import weakref
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from threading import RLock
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,66 +27,6 @@ def in_parts(
 
 
 Floats = NDArray[np.float64]
-
-Number = TypeVar("Number", bound=np.generic)
-
-KEPT_BYTES = 128_000_000
-"""At most this much memory that no array uses is kept (bytes): two fronts of 30 km, or one of 57 km."""
-LARGEST_RATIO = 2.0
-"""A kept block is used only for an array that needs at least half of it: the block is at most this many times as large
-as the array."""
-
-ALIGNED_BYTES = 64
-"""Arrays begin at a multiple of this (bytes): a line of the cache, so that no vector lies across two."""
-
-
-class KeptMemory:
-    """Memory of arrays that are gone, kept for new arrays; thread-safe."""
-
-    def __init__(self, kept_bytes: int = KEPT_BYTES) -> None:
-        self.kept_bytes = kept_bytes
-        self._free: list[NDArray[np.uint8]] = []
-        # The garbage collector may give a block back in the very thread that is taking one.
-        self._lock = RLock()
-
-    def empty(self, shape: tuple[int, ...], dtype: type[Number]) -> NDArray[Number]:
-        """An array with undefined content; its memory comes back here once the array and all views of it are gone."""
-        kind = np.dtype(dtype)
-        size = math.prod(shape) * kind.itemsize
-        if size == 0:
-            return np.empty(shape, kind)
-        block = self._taken(size + ALIGNED_BYTES)
-        array = np.frombuffer(block.data, kind, count=math.prod(shape), offset=-block.ctypes.data % ALIGNED_BYTES)
-        # Every view of the array refers to this memoryview: when it goes, nobody can see the block any more.
-        weakref.finalize(array.base, self._give_back, block).atexit = False
-        return array.reshape(shape)
-
-    def free_bytes(self) -> int:
-        """How much memory is kept that no array uses."""
-        with self._lock:
-            return sum(block.nbytes for block in self._free)
-
-    def _taken(self, size: int) -> NDArray[np.uint8]:
-        """The smallest kept block that is large enough and not much too large, else a new one."""
-        with self._lock:
-            fitting = [block for block in list(self._free) if size <= block.nbytes <= LARGEST_RATIO * size]
-            if fitting:
-                chosen = min(fitting, key=lambda block: block.nbytes)
-                self._free = [block for block in self._free if block is not chosen]
-                return chosen
-        return np.empty(size, np.uint8)
-
-    def _give_back(self, block: NDArray[np.uint8]) -> None:
-        """Keep a block; if too much is kept, the oldest blocks are dropped."""
-        with self._lock:
-            self._free.append(block)
-            while sum(one.nbytes for one in self._free) > self.kept_bytes:
-                self._free.pop(0)
-
-
-KEPT = KeptMemory()
-"""The memory that fronts of this process share."""
-
 
 Rows = tuple[Floats, NDArray[np.float32]]
 """Values (J) and times-to-go (s) of some decision nodes (nodes, speeds, L)."""
@@ -118,7 +55,7 @@ class WholePolicies:
 
     def __init__(self, shape: tuple[int, int, int], end_value_j: Floats | float) -> None:
         """Room for policies of this shape (nodes, speeds, L), with the values (J) at the end of the section."""
-        self.value_j, self.time_to_go_s = KEPT.empty(shape, np.float64), KEPT.empty(shape, np.float32)
+        self.value_j, self.time_to_go_s = np.empty(shape, np.float64), np.empty(shape, np.float32)
         self.value_j[-1], self.time_to_go_s[-1] = end_value_j, 0.0
 
     def rows(self, start: int, end: int) -> Rows:
@@ -137,12 +74,12 @@ class PackedPolicies:
     def __init__(self, shape: tuple[int, int, int], end_value_j: Floats | float, block_nodes: int) -> None:
         """Room for policies of this shape (nodes, speeds, L), with the values (J) at the end of the section."""
         nodes, states, size = shape
-        self.value_j = KEPT.empty(shape, np.float32)
+        self.value_j = np.empty(shape, np.float32)
         self.time_to_go_s = PackedTimes(
-            KEPT.empty(shape, np.uint16), np.empty((nodes, size), np.float32), np.empty((nodes, size), np.float32)
+            np.empty(shape, np.uint16), np.empty((nodes, size), np.float32), np.empty((nodes, size), np.float32)
         )
         block = (min(block_nodes, nodes - 1) + 1, states, size)
-        self._value_j, self._time_s = KEPT.empty(block, np.float64), KEPT.empty(block, np.float32)
+        self._value_j, self._time_s = np.empty(block, np.float64), np.empty(block, np.float32)
         self._value_j[0], self._time_s[0] = end_value_j, 0.0
         pack(0, 1, self._value_j[:1], self._time_s[:1], *self._places(nodes - 1, nodes))
 

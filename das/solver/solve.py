@@ -16,7 +16,7 @@ from das.solver.kernels.landings import LANDINGS
 from das.solver.kernels.sweep import LANES, backward_sweep
 from das.solver.kernels.transitions import transitions
 from das.solver.kernels.tuples import LineArrays, Moves, SpeedBounds
-from das.solver.policy_store import KEPT, PackedPolicies, PolicyStore, WholePolicies, in_parts
+from das.solver.policy_store import PackedPolicies, PolicyStore, WholePolicies, in_parts
 from das.solver.section import Section
 from das.solver.state import State
 
@@ -181,11 +181,11 @@ class Transitions:
         """Room for the moves of this number of nodes and speeds."""
         shape = (nodes, states, LANDINGS)
         return cls(
-            time_s=KEPT.empty(shape, np.float32),
-            energy_j=KEPT.empty(shape, np.float64),
-            target=KEPT.empty(shape, np.int32),
-            weight=KEPT.empty(shape, np.float32),
-            count=KEPT.empty(shape[:2], np.int16),
+            time_s=np.empty(shape, np.float32),
+            energy_j=np.empty(shape, np.float64),
+            target=np.empty(shape, np.int32),
+            weight=np.empty(shape, np.float32),
+            count=np.empty(shape[:2], np.int16),
         )
 
     @property

@@ -133,7 +133,7 @@ def front_of_reference(reference: Reference) -> Iterator[Figure]:
         "front",
         f"front of {LADDER_SIZE} multipliers, {section.name}",
         "ms",
-        "transitions of one speed after the other, fresh memory",
+        "transitions of one speed after the other",
         (FRONT_BOUND, reference.workload.least_s(reference.all_threads)),
     )
 

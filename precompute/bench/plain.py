@@ -25,7 +25,7 @@ LADDER_TOLERANCE = 1e-4
 
 
 def plain_front(section: Section, threads: int) -> Front:
-    """The front, with transitions computed one speed after the other into new memory, by this number of threads."""
+    """The front, with transitions computed one speed after the other, by this number of threads."""
     grid, ladder = DecisionGrid.of(section), default_ladder(section)
     n, states = len(grid.node_m) - 1, grid.speed_steps + 1
     value = np.empty((n + 1, states, len(ladder)))
