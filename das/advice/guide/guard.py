@@ -199,7 +199,7 @@ def _no_faster(wanted: Proposal, most_mps: float, v_mps: float) -> Proposal:
 
 
 def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal | None:
-    """The brake that limits and the stop will ask for if the driver goes on as told; due just before he meets the curve.
+    """The brake that limits and the stop will ask for if he goes on as told, due just before he meets the curve.
 
     What he is told he does in `waits_s`, and keeps his speed until then.
     """
