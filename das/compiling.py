@@ -47,7 +47,7 @@ KEPT_VERSIONS = 4
 """Number of versions of a module's compiled code that are kept; older ones are removed when a new one is made."""
 HASH_DIGITS = 16
 LONGEST_WAIT_S, LOOK_AGAIN_S = 60.0, 0.02
-"""A process waits at most this long for another one that compiles the kernel it needs, and looks this often."""
+"""Longest wait (s) for another process that compiles the needed kernel, and the interval (s) of the checks."""
 _numba_settings: Any = numba.config
 _NumbaCache: Any = FunctionCache
 _NumbaForm: Any = CompileResultCacheImpl

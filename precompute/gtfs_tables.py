@@ -24,7 +24,7 @@ MOST_BYTES = {"stop_times.txt": 3_000_000_000, "shapes.txt": 1_000_000_000}
 MOST_BYTES_OF_TABLE = 100_000_000
 """Largest unpacked size (bytes) of every other table."""
 SWELLING, SWELLS_FROM_BYTES = 100.0, 1_000_000
-"""A table of this size that unpacks to more than this many times its packed size is no timetable."""
+"""Factor of unpacking above which a table of at least that size (bytes) is no timetable."""
 LONGEST_LINE = 100_000
 """Longest row of a table (bytes)."""
 

@@ -22,13 +22,13 @@ from precompute.gtfs_tables import key_of, tidy
 from precompute.journey_order import TimesRead
 
 NEAR_M = 500.0
-"""A stop of the feed is at a stop or a point of the route within this distance (m)."""
+"""Distance (m) within which a stop of the feed is at a stop or a point of the route."""
 FAR_M = 5000.0
-"""A stop of the route with the same name is another one if it is farther away than this (m)."""
+"""Distance (m) beyond which a stop of the route with the same name is another one."""
 OFF_SHAPE_M = 1000.0
 """A shape that passes a stop at a larger distance (m) is not the way of the train."""
 ROUNDED_S = 59.0
-"""Times of whole minutes may stand for moments up to this much later (s)."""
+"""Time (s) by which the moments that whole minutes stand for may be later."""
 
 
 class Placed(NamedTuple):

@@ -28,9 +28,9 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 ATTEMPTS: Final = 3
-"""A job is given up after its worker has died this many times."""
+"""Deaths of its workers after which a job is given up."""
 FALSE_STARTS: Final = 3
-"""The work ends after this many workers in a row have died before they were ready."""
+"""Workers in a row that died before they were ready after which the work ends."""
 OUT_OF_MEMORY_EXIT: Final = 71
 _READY: Final = "ready"
 

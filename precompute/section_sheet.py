@@ -23,10 +23,10 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 
 CHANGE_S = 4.0 * PolicySettings().change_s
-"""A change of what the driver does must save as much energy as full power needs in this time: four times the price that
-the guide has. On a sheet, every line has to be found, read and remembered."""
+"""Time (s) of full power whose energy a change of regime must save: four times the price that the guide has. On a
+sheet, every line has to be found, read and remembered."""
 PLACE_M = 100.0
-"""Places on a sheet are whole multiples of this (m): that is how closely a driver can tell them by posts and boards."""
+"""Step (m) of places on a sheet: a driver can tell them no more closely by posts and boards."""
 SETTINGS = PolicySettings(change_s=CHANGE_S, young_s=2.0 * CHANGE_S)
 
 

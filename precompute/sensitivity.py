@@ -161,12 +161,11 @@ def _unreadable(text: str, part: str) -> DasError:
 
 
 OFF_PLAN_MPS = 1.0 * KMH
-"""A speed farther than this from the planned one is off the plan."""
+"""Distance (m/s) from the planned speed beyond which a speed is off the plan."""
 REPLANNED_TOLERANCE_S = 2e-3
-"""A new plan meets its trip time to within this (s), because a second changes the energy by more than some variations
-do."""
+"""Tolerance (s) of a new plan's trip time: a second changes the energy by more than some variations do."""
 LEAST_ENERGY_J = 1.0
-"""A plan that needs less energy than this is too small to be the base of ratios."""
+"""Energy (J) below which a plan is too small to be the base of ratios."""
 
 World = Callable[[Conditions], Section]
 """The section under given conditions; raises DasError if there is none."""

@@ -28,8 +28,8 @@ from precompute.section_sheet import SectionSheet, SheetLine, section_sheet
 
 HALF_MINUTE_S = 30.0
 HELD_MPS, HELD_S = 1.0, 10.0
-"""A speed that differs from the one reached before by less than this (m/s) is that speed; one that is then kept for
-this long (s) is said to be held."""
+"""Difference (m/s) below which a speed is the one reached before, and time (s) kept from which it is said to be
+held."""
 NEAR_M, AT_M = 1500.0, 60.0
 """A board or tunnel within `NEAR_M` of a place names it; within `AT_M` it is the place."""
 STRIP, LABEL = (600.0, 84.0), 15.0

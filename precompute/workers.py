@@ -34,7 +34,7 @@ JOBS_PER_THREAD: Final = 2
 PACKAGES: Final = ("numpy", "numba", "llvmlite", "distributed", "dask")
 """Packages whose versions must be the same wherever jobs are done."""
 OURS: Final = ("das", "precompute", "sim")
-"""Packages of this program, whose source must be the same wherever jobs are done."""
+"""Packages of the program, whose source must be the same wherever jobs are done."""
 _ADDRESS: Final = re.compile(r"(tcp|tls|wss?)://[^/\s]+:\d{1,5}/?")
 
 

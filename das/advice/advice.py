@@ -24,7 +24,7 @@ class Cause(IntEnum):
     RESTRICTIONS_UNHEEDED = 3
     """Restrictions were received that cannot be applied."""
     JOURNEY_REFUSED = 4
-    """The last journey received was refused: it cannot be driven, or is not meant for this node."""
+    """The last journey received was refused: it cannot be driven, or is meant for another node."""
     INTERNAL_ERROR = 5
     """The program met an error that it was not prepared for."""
     NO_JOURNEY = 6
@@ -52,7 +52,7 @@ class Cause(IntEnum):
     NO_PLAN = 17
     """From the train's state the end of the section cannot be reached."""
     TWO_NODES = 18
-    """Another node advises this train as well."""
+    """Another node advises the train as well."""
     STANDS_ON_LINE = 19
     """The train stands where it has no stop, and only the driver knows why."""
     DRIVER_BRAKES = 20
@@ -100,7 +100,7 @@ class Withdrawal:
     text: str = ""
     """Text from elsewhere: why a journey or section was refused, an error message, or the names of two publishers."""
     problem: Problem | None = None
-    """What is wrong with the position; None if the position is not the cause."""
+    """Fault of the position; None if the position is not the cause."""
     position_m: float = 0.0
     """The train's position (m); for `PAST_STOP`, how far it has run past its stop (m)."""
     section_m: tuple[float, float] = (0.0, 0.0)

@@ -22,28 +22,29 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 
 STOP_SLACK_M = 1.0
-"""Braking may end this far (m) beyond a stop: the driver finds the mark by eye."""
+"""Farthest place beyond a stop (m) where braking may end: the driver finds the mark by eye."""
 SPEED_SLACK_MPS = 0.2
-"""Braking may end this much (m/s) above a lower limit: a driver cannot read a smaller difference."""
+"""Largest excess over a lower limit (m/s) at which braking may end: a driver cannot read a smaller difference."""
 ABOVE_MPS = 0.2
-"""A train faster than planned by more than this (m/s) has to brake."""
+"""Excess over the planned speed (m/s) above which a train has to brake."""
 LEVEL_MPS = 1e-6
-"""A braking curve that falls by less than this (m/s) over an interval counts as level."""
+"""Fall over an interval (m/s) below which a braking curve counts as level."""
 BEGINS_MPS = 0.05
-"""A braking curve counts as falling if it is lower ahead than here by more than this (m/s)."""
+"""Fall ahead (m/s) above which a braking curve counts as falling."""
 BACK_IN_S = 4.0
-"""A train above a limit brakes so hard that it is back at the limit after this time (s)."""
+"""Time (s) in which a train above a limit is braked back to it."""
 LEAST_MPS2 = 0.02
-"""If less than this deceleration (m/s²) is enough to reach a lower speed ahead, it is too early to brake for it."""
+"""Deceleration (m/s²) below which it is too early to brake for a lower speed ahead."""
 BRAKED_MORE = 1.1
-"""A train above its plan is told to brake this many times as hard as needed, so that it need not brake harder later."""
+"""Factor on the effort needed with which a train above its plan brakes, so that it need not brake harder later."""
 AT_MARK_M = 10.0
-"""This near to a stop (m) the driver sees the mark, and the uncertainty of the position no longer counts."""
+"""Distance from a stop (m) below which the driver sees the mark, and the uncertainty of the position no longer
+counts."""
 ALIKE = 0.9
-"""Of several places to brake for, those that need at least this share of the largest effort count as equal."""
+"""Share of the largest effort from which several places to brake for count as equal."""
 RIVALS = 0.8
-"""The effort is computed only for those places ahead that need at least this share of the largest deceleration, where
-the way counts on which the train has a brake."""
+"""Share of the largest deceleration from which the effort for a place ahead is computed, where only distance with a
+working brake counts."""
 
 
 def braking_mode(effort: float) -> Regime:

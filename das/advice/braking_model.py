@@ -30,12 +30,12 @@ LIMIT_TOLERANCE_MPS = 0.5
 STOP_TOLERANCE_M = 5.0
 """Half of the 10 m by which no train may ever pass a stop; the driver finds the mark by eye, from about 2 m/s on."""
 STEP_M = 20.0
-"""The braking curve is computed at least every so many metres, and wherever a limit or the supply changes. This is
-enough because the effect of gradients and curves on a whole train changes slowly."""
+"""Longest step (m) of the braking curve, which also has a step wherever a limit or the supply changes: gradients and
+curves act slowly on a whole train."""
 BEYOND_TOP_MPS = 20.0
-"""Forces are tabulated up to this much above the train's top speed."""
+"""Speed above the train's top speed (m/s) up to which forces are tabulated."""
 BEHIND_M = 100.0
-"""The model begins this far before the section, where a train that is about to depart may still stand."""
+"""Distance before the section (m) at which the model begins: a train about to depart may still stand there."""
 
 
 class BrakingBasis(NamedTuple):
@@ -217,21 +217,24 @@ def _line_mps2(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
 
 
 SDS_AHEAD = 2.0
-"""The train is assumed to be ahead of its estimated position by this many standard deviations."""
+"""Standard deviations by which the train is assumed to be ahead of its estimated position."""
 BY_EYE_M = 10.0
-"""From this far (m) the driver sees the mark; the train is assumed nearer to it only if its estimated position is."""
+"""Distance (m) from which the driver sees the mark; the train is assumed nearer to it only if its estimated position
+is."""
 HELD_ABOVE_MPS = 1.0
-"""A driver above the allowed speed by at most this may be told to hold a lower speed; a faster one must brake."""
+"""Largest excess over the allowed speed (m/s) at which a driver may be told to hold a lower speed; beyond it he must
+brake."""
 BACK_IN_S = 5.0
-"""For a train above a limit, braking is strong enough if the train is back under the limit after this time."""
+"""Time (s) in which strong enough braking brings a train back under a limit."""
 FULL_RATIO = 0.97
-"""Braking with at least this share of the full braking force counts as full: nothing stronger can be asked for."""
+"""Share of the full braking force from which braking counts as full: nothing stronger can be asked for."""
 FORCE_RATIO = 1.02
-"""A force up to this multiple of the largest one at the speed counts as available: the difference is rounding."""
+"""Multiple of the largest force at a speed up to which a force counts as available: the difference is rounding."""
 LONGEST_S = 30.0
-"""Braking announced for later than this (s) is not judged yet: it will be announced again, and judged, before then."""
+"""Longest time (s) ahead for which announced braking is judged; braking later than that is announced and judged
+again."""
 STOPPED_MPS = 0.1
-"""A train slower than this counts as standing."""
+"""Speed (m/s) below which a train counts as standing."""
 
 
 class Doing(NamedTuple):

@@ -24,11 +24,11 @@ from das.solver.kernels.forces import brake_limit
 from das.solver.solution import Fit
 
 HORIZON_S: Final = 30
-"""Advice looks this many seconds ahead, in steps of 1 s."""
+"""Seconds that advice looks ahead, in steps of 1 s."""
 MISSED_NAMED_S: Final = 1.0
-"""The reason says that a point is passed too late if it is passed at least this long after its window."""
+"""Delay after a point's window (s) from which the reason mentions it."""
 LEAST_FOR_BUFFER_S: Final = 10.0
-"""With less driving time left than this, no buffer ratio is given: it would no longer mean anything."""
+"""Driving time left (s) below which no buffer ratio is given: it would mean nothing."""
 
 
 class Scene(NamedTuple):

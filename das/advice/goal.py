@@ -9,23 +9,23 @@ from das.domain.errors import DasError
 from das.domain.units import NS
 
 LONGEST_RATIO: Final = 2.5
-"""No plan takes longer than this multiple of the least time from its state. With more time left, the train arrives
-early and waits at the stop instead of crawling (without idle losses, a crawl would need the least energy)."""
+"""Longest plan as a multiple of the least time from its state. With more time left, the train arrives early and waits
+at the stop instead of crawling (without idle losses, a crawl would need the least energy)."""
 AT_END_M: Final = 1.0
-"""Closer to the end of the section than this, nothing is planned any more: the train is to stop."""
+"""Distance from the end of the section (m) below which nothing is planned any more: the train is to stop."""
 AT_STOP_M: Final = 50.0
-"""A standing train within this distance of a stop is at the stop. A train further beyond has run past it."""
+"""Distance (m) within which a standing train is at a stop; one further beyond has run past it."""
 OVERSPEED_MPS: Final = 0.5
-"""A train faster than allowed by more than this counts as too fast, and its driver is told so."""
+"""Excess over the allowed speed (m/s) above which the driver is told that the train is too fast."""
 OVERSPEED_ENDS_MPS: Final = 0.15
-"""The driver of a train that was too fast is told so until it is faster than allowed by no more than this."""
+"""Excess over the allowed speed (m/s) down to which the driver of a train that was too fast is told so."""
 COASTS_IN_S: Final = 5.0
-"""Above a limit, the driver is told to coast if that reaches it in this time (s), else to hold the limit or brake."""
+"""Time (s) within which coasting down to a limit is advised; otherwise the limit is held, or the train brakes."""
 UNHURRIED_S: Final = 0.5
-"""A plan arrives this much later than asked. The build-up of effort costs this time, and making up for it would cost
-0.4 % of the energy on 6 km."""
+"""Delay (s) with which a plan arrives. The build-up of effort costs as much, and making up for it would cost 0.4 % of
+the energy on 6 km."""
 DEVIATION_NAMED_S: Final = 5.0
-"""The reason of an advice says how early or late the train arrives if it is at least this much."""
+"""Earliness or lateness (s) from which the reason of the advice states it."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -114,7 +114,7 @@ def without_short(modes, t_s, brakes, least_s):
 
 
 STEPS = 4
-"""The speed at the end of an interval is found by this many iterations."""
+"""Iterations that find the speed at the end of an interval."""
 TRIES, NEAR_W = 14, 0.02
 """The search for an effort takes at most `TRIES` steps, and ends when v² is met to within `NEAR_W` (m²/s²)."""
 

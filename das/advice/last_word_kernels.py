@@ -15,9 +15,9 @@ import numpy as np
 from das.compiling import kernel
 
 STEPS_PER_MPS = 10.0
-"""Forces are tabulated at this many speeds for each m/s."""
+"""Speeds per m/s at which forces are tabulated."""
 STEP_S = 0.5
-"""The movement of the train is followed in time steps of this length."""
+"""Length (s) of the steps in which the movement of the train is followed."""
 
 LIMIT, LINE, MOTORS, ALLOWED, BOUND, PLACES = 0, 1, 2, 3, 6, 9
 """Rows of `places`: the limit over the train (m/s), the deceleration by gradient and curves (m/s²), and whether the

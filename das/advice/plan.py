@@ -15,16 +15,16 @@ from das.solver.section import Section
 from das.solver.solution import Solution
 
 FULL_EFFORT_RATIO: Final = 0.97
-"""An effort above this share of the largest available one counts as full."""
+"""Share of the largest available effort above which an effort counts as full."""
 IDLE_EFFORT_RATIO: Final = 0.02
-"""A force below this share of the largest traction force counts as none."""
+"""Share of the largest traction force below which a force counts as none."""
 CRUISE_ACCELERATION_MPS2: Final = 0.02
-"""A train whose speed changes more slowly than this counts as holding its speed."""
+"""Change of speed (m/s²) below which a train counts as holding its speed."""
 RIPPLE_MPS: Final = 2.0 * KMH
-"""Speeds within this range count as one speed to hold, because no driver holds a speed more closely."""
+"""Range of speeds (m/s) that counts as one speed to hold: no driver holds a speed more closely."""
 HOLD_S: Final = 3.0
-"""A new mode is shown only after the one before has lasted this long; but a mode with less traction or more braking
-is shown at once."""
+"""Least duration (s) of a mode before a new one is shown; a mode with less traction or more braking is shown
+immediately."""
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int64]

@@ -29,25 +29,25 @@ from das.solver.solution import Solution
 from das.solver.state import fastest, least_time_s
 
 FASTER_BAND_MPS: Final = 0.8
-"""A plan is kept while the train is faster than planned by no more than this."""
+"""Largest excess over the planned speed (m/s) with which a plan is kept."""
 SLOWER_BAND_MPS: Final = 1.4
-"""A plan is kept while the train is slower than planned by no more than this."""
+"""Largest shortfall of the planned speed (m/s) with which a plan is kept."""
 TIME_BAND_S: Final = 2.0
-"""A plan is kept while the train is earlier or later than planned by no more than this."""
+"""Largest earliness or lateness (s) with which a plan is kept."""
 LONGEST_AGE_S: Final = 60.0
-"""A plan older than this is replaced by a new one."""
+"""Age (s) above which a plan is replaced by a new one."""
 TOLERANCE_S: Final = 0.2
-"""A plan arrives within this time of the wanted arrival."""
+"""Largest difference (s) between a plan's arrival and the wanted one."""
 BRAKED_EARLY_S: Final = 5.0
-"""A driver who braked early for a limit or stop is told to speed up again only if that saves at least this much (s)."""
+"""Least time (s) saved for which a driver who braked early for a limit or stop is told to speed up again."""
 BRAKING_AHEAD_MPS2: Final = 0.25
-"""A limit or stop ahead counts as being braked for if it needs more than this deceleration from here on."""
+"""Deceleration (m/s²) from here on above which a limit or stop ahead counts as being braked for."""
 SLOWER_THAN_PLANNED_MPS: Final = 1.0
-"""A driver has braked early for a limit or stop if the train is slower than planned by more than this before it."""
+"""Shortfall of the planned speed (m/s) before a limit or stop above which a driver has braked early."""
 OVERSPEED_EASED_MPS: Final = 1.0
-"""A train above the planned braking curve by at most this gets a plan that starts on it, without hard braking."""
+"""Largest excess over the planned braking curve (m/s) with which a plan starts on the curve, without hard braking."""
 PASSED_M: Final = 5.0
-"""A point less than this ahead counts as passed: it is too near for a plan to change when it is passed."""
+"""Distance ahead (m) below which a point counts as passed: too near for a plan to change when it is passed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,7 +76,7 @@ class Planner:
         self.plan: Plan | None = None
         """The plan behind the present advice; None if the next state needs a new one."""
         self.ahead = BrakingAhead(self.section)
-        """What limits and the stop ahead ask of the brakes."""
+        """The braking that limits and the stop ahead need."""
         self._braked_early = False
         self._schedule: Schedule | None = None
         self._finished = False

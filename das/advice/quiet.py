@@ -15,28 +15,28 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.section import Section
 
 BRAKES_MPS2: Final = 0.2
-"""A driver brakes if the train slows down by more than this beyond what gradient and resistance explain."""
+"""Deceleration (m/s²), beyond what gradient and resistance explain, above which a driver brakes."""
 BRAKES_S: Final = 3.0
-"""That deceleration is the mean since the brake began, and it must last for this time."""
+"""Time (s) for which that deceleration, the mean since the brake began, must last."""
 STEADY_RATIO: Final = 0.5
-"""A brake slows the train by more than this share of `BRAKES_MPS2` in every second, but a measured speed that jumps
-does so only once."""
+"""Share of `BRAKES_MPS2` by which a brake slows the train in every second; a measured speed that jumps does so only
+once."""
 HOLDS_MPS: Final = 5.0 * KMH
-"""A driver who is told to hold a speed brakes against the advice only if he slows down by more than this: a driver
-who holds a speed wanders by a little less, and corrects that with the brake."""
+"""Loss of speed (m/s) above which a driver who is told to hold a speed brakes against the advice: one who holds it
+wanders by a little less, and corrects that with the brake."""
 RELEASED_MPS2: Final = 0.1
-"""A driver has released the brake if the deceleration that is not explained is no more than this."""
+"""Unexplained deceleration (m/s²) up to which a driver has released the brake."""
 RELEASED_S: Final = 2.0
-"""That deceleration is the mean of this time, so that the noise of the speed does not count."""
+"""Time (s) over which that deceleration is averaged, so that the noise of the speed does not count."""
 SETTLED_S: Final = 5.0
-"""After an advised brake, only braking that begins later than this counts: a driver reacts late, and the brakes
-need time to release."""
+"""Time (s) after an advised brake within which braking does not count: a driver reacts late, and the brakes need time
+to release."""
 BRAKES_AHEAD_S: Final = 20.0
-"""Where the advice announces a brake within this time, a driver who brakes earlier does not act against it."""
+"""Time (s) before an announced brake within which a driver who brakes earlier does not act against the advice."""
 SAMPLED_S: Final = 0.75
-"""Speeds less than this time (s) apart are not compared, because their difference would be mostly noise."""
+"""Least time (s) between compared speeds: nearer ones differ mostly by noise."""
 ROUNDING_S: Final = 0.25
-"""Advice that comes once a second may come earlier by this (s)."""
+"""Earliness (s) with which advice that comes once a second may come."""
 SLOWING: Final = frozenset({*BRAKES, Regime.COAST})
 """Instructions with these modes are always shown: a driver who brakes does not act against them."""
 

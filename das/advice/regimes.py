@@ -46,7 +46,7 @@ KIND_OF: Final[dict[int, InstructionKind]] = {
 }
 """The kind of each mode that tells the driver of a moving train what to do."""
 FULL_RATIO: Final = 0.97
-"""An effort that the guide shows counts as full if it is at least this share of the largest one."""
+"""Share of the largest effort from which an effort that the guide shows counts as full."""
 
 EFFORT_ORDER = (
     Regime.FULL_TRACTION,
@@ -60,7 +60,7 @@ EFFORT_ORDER = (
     Regime.FULL_BRAKE,
     Regime.FRICTION_BRAKE,
 )
-"""The modes from most traction to most braking. A change to a later one in this order is never delayed."""
+"""The modes from most traction to most braking; a change to a later one is never delayed."""
 
 ROLLING = np.array([Regime.REDUCED_TRACTION, Regime.COAST], dtype=np.int64)
 """Modes that count as cruising if they lie between two stretches of cruising and the speed hardly changes."""

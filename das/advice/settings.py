@@ -12,7 +12,7 @@ class AdviceSettings:
     """The settings of the advice on a section."""
 
     valid_for_s: float = 3.0
-    """Advice is valid for this long."""
+    """Time (s) for which advice is valid."""
     guide: GuideSettings = field(default_factory=GuideSettings)
 
 

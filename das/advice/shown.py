@@ -14,16 +14,16 @@ from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.units import KMH
 
 SPEED_BAND_RATIO: Final = 0.75
-"""A displayed speed changes when the true one is further than this share of a step from the middle of its step."""
+"""Share of a step, from its middle, beyond which the true speed changes the displayed one."""
 SPEED_STEP_MPS: Final = 1.0 * KMH
-"""The speeds that a driver reads are whole multiples of this."""
+"""Step (m/s) of the speeds that a driver reads."""
 TARGET_STEP_MPS: Final = 5.0 * KMH
-"""The speeds that a driver is told to reach or to hold are whole multiples of this, or limits."""
+"""Step (m/s) of the speeds that a driver is told to reach or to hold, unless they are limits."""
 STOP_BY_EYE_M: Final = 300.0
-"""Nearer than this to his stop (m) a driver brakes by eye: he sees the platform, and no effort is shown to him, unless
-a lower limit lies before it."""
+"""Distance from the stop (m) below which a driver brakes by eye: he sees the platform, and no effort is shown to him,
+unless a lower limit lies before it."""
 SAME_READING_MPS: Final = 0.5 * KMH
-"""A speed above the allowed one by no more than this (m/s) looks the same to a driver."""
+"""Largest excess over the allowed speed (m/s) that looks the same to a driver."""
 
 
 def step_below(speed_mps: float) -> float:

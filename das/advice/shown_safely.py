@@ -9,13 +9,13 @@ from das.advice.planner import Planner
 from das.advice.regimes import Regime
 
 LATE_S = 2.0
-"""A driver may take this long to do what is shown."""
+"""Longest time (s) that a driver may take to do what is shown."""
 NEXT_S = 1.0
-"""The next advice comes after this time; a brake that is due by then is shown now."""
+"""Time (s) until the next advice; a brake that is due by then is shown now."""
 GAINS_MPS2 = 0.1
-"""Below this acceleration the speed gained until the driver acts is negligible."""
+"""Acceleration (m/s²) below which the speed gained until the driver acts is negligible."""
 AT_FOOT_MPS = 0.5
-"""A train above the allowed speed by more than this, just before a lower limit, must use all of its brakes."""
+"""Excess over the allowed speed (m/s), just before a lower limit, above which a train must use all of its brakes."""
 
 
 def braked_enough(

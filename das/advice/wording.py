@@ -22,7 +22,7 @@ RESTRICTIONS_UNTOLD: Final = (
 )
 
 STAMP_CURE: Final = "switch on timestamping in the sender's Zenoh configuration, and set its clock right"
-"""What the publisher of messages without a time stamp of its own has to do."""
+"""Remedy for messages without a time stamp of their own."""
 
 UNSTAMPED: Final = (
     "positions come without their sender's time stamp (or with one ahead of the clock), so that one publisher cannot "
@@ -58,7 +58,7 @@ _UNITS: Final = {
     1000.0: "send speeds in m/s, not mm/s, and positions in m, not km",
     0.001: "send speeds in m/s, not km/s, and positions in m, not mm",
 }
-"""What the sender of speeds that are too high by a factor has to do."""
+"""Remedies for speeds that are too high by a factor."""
 
 
 def problem(what: Problem) -> str:
@@ -99,7 +99,7 @@ class Language(StrEnum):
 
 
 ARRIVAL_STEP_S: Final = 5.0
-"""The arrival beside a reason is said in steps of this, so that the words do not change every second."""
+"""Step (s) in which the arrival next to a reason is given, so that the words do not change every second."""
 
 
 class _Words(NamedTuple):

@@ -46,9 +46,9 @@ from das.estimate.estimate import Estimate
 from das.estimate.localisation import Localisation
 
 OVERDUE_PERIODS = 1.2
-"""An advice is valid for at least this many advice periods."""
+"""Least validity of advice, in advice periods."""
 LONGEST_REASON = 80
-"""A target's reason or the text of an error is cut to this many letters."""
+"""Most letters of a target's reason, or of the text of an error; the rest is cut."""
 
 
 def no_stopwatch() -> float:

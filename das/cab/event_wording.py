@@ -17,7 +17,7 @@ from das.domain.units import KM, NS
 from das.estimate.ratios import ForceDoubt
 
 MOST_NAMED = 3
-"""At most this many of the accepted targets are named."""
+"""Most accepted targets that are named."""
 
 # --- messages that are ignored ---------------------------------------------------------------------------------------
 

@@ -26,7 +26,7 @@ from das.table.key import key_of, section_facts, section_sha256, table_name
 from das.table.table import OLD, Table, TableError
 
 KEPT_BYTES = 60_000_000
-"""Fronts are kept up to this size in all (30 km take 18 MB); the newest front is always kept."""
+"""Total size (bytes) up to which fronts are kept (30 km take 18 MB); the newest front is always kept."""
 EVERY_MULTIPLIER = 3
 """On board only every third of the solver's multipliers is solved. That takes 0.4 of the memory and costs 0.003 to
 0.03 % of the energy on average, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""

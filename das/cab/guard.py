@@ -31,10 +31,9 @@ from das.domain.units import NS
 from das.estimate.localisation import STALE_AFTER_S
 
 MOST_RIVALS = 20
-"""At most this many sessions that wait beside the one that counts are remembered (the newest), and at most this many
-other nodes of the train (the first)."""
+"""Most waiting sessions (the newest) and most other nodes of the train (the first) that are remembered."""
 MOST_GONE = 50
-"""It is remembered of at most this many sessions whether they are there: the newest."""
+"""Most sessions (the newest) whose presence is remembered."""
 MOST_STOPS = 200
 """A journey with more stops is rejected as nonsense."""
 MOST_RESTRICTIONS = 100
@@ -42,12 +41,11 @@ MOST_RESTRICTIONS = 100
 MOST_TARGETS = 100
 """A message with more targets is rejected as nonsense."""
 AHEAD_S = 60.0
-"""A message further ahead of the clock than this waits; taken at once, it would shut out all later ones."""
+"""Time (s) ahead of the clock above which a message waits: taken immediately, it would shut out all later ones."""
 TOKEN_AFTER_S = 2.0
-"""A publisher whose liveliness token was not seen for this long after its first message has none."""
+"""Time (s) after its first message by which a publisher without a seen liveliness token has none."""
 SILENT_S = STALE_AFTER_S
-"""A publisher of measurements that has been silent for this long gives way to another one. A position can be used
-for just as long."""
+"""Silence (s) after which a publisher of measurements gives way to another one; a position can be used for as long."""
 
 
 class Guard:

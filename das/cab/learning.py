@@ -16,9 +16,9 @@ from das.estimate.localisation import ClockDifference
 from das.estimate.ratios import Estimates, ForceDoubt
 
 CLOCKS_DIFFER_S: Final = 0.3
-"""Forces whose time stamps differ by more than this from those of the positions belong to other moments."""
+"""Difference (s) between the time stamps of forces and positions above which they belong to other moments."""
 REPORT_EVERY_S = 10.0
-"""The estimates are reported at this interval (s); a change in the trust in the forces no more often than that."""
+"""Interval (s) at which the estimates are reported; a change in the trust in the forces is reported no more often."""
 
 
 class Learning:

@@ -31,12 +31,12 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 SHORT_M: Final = 15.0
-"""A train that stood further than this before its stop and moves on is taken to move up to it, whatever the time:
-it is shown nothing until it is there."""
+"""Distance before its stop (m) beyond which a train that stood and moves on is taken to move up to it, whatever the
+time: it is shown nothing until it is there."""
 AHEAD_DEVIATIONS: Final = 2.0
-"""The train is assumed to be ahead of its estimated position by at most this many standard deviations."""
+"""Most standard deviations by which the train is assumed to be ahead of its estimated position."""
 LEAST_WAY_M = 2.0
-"""A point to pass lies at least this far from both ends of its section."""
+"""Least distance (m) of a timing point from both ends of its section."""
 
 
 class NoPlanError(DasError):
@@ -79,10 +79,10 @@ class Leg:
         self.goal = Goal()
         """The times that the train has to keep now; `refresh_goal` brings it up to date."""
         self.here: Estimate | None = None
-        """The last state of the train on this leg; None if that one cannot be used."""
+        """The last state of the train on the leg; None if it cannot be used."""
         self._arrived_ns: int | None = None
         self.progress = _Progress()
-        """How far the train has come on this leg."""
+        """Progress of the train on the leg."""
 
     @property
     def section(self) -> Section:

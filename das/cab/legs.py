@@ -27,8 +27,7 @@ from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
 
 BACK_M: Final = 200.0
-"""A train that has begun a section counts as back on the previous one only if its position lies further back than
-this."""
+"""Distance back on the previous section (m) beyond which a train that has begun a section counts as back there."""
 
 Moment = tuple[float, bool] | None
 """The position of the train (m) and whether it stands there; None if it is not known."""

@@ -16,7 +16,7 @@ from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 
 DAY_NS = 86_400 * 10**9
-"""A journey is of another day if all its times are further from the clock than this."""
+"""Distance of all its times from the clock (ns) above which a journey is of another day."""
 
 
 def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:

@@ -17,15 +17,15 @@ from das.domain.units import NS
 from das.estimate.estimate import Estimate
 
 MOST_A_SECOND = 5
-"""At most this many texts of one `Moderation` are reported each second; the others are only counted."""
+"""Most texts of one `Moderation` that are reported each second; the others are only counted."""
 PLAN_EVERY_S = 10.0
-"""A new plan is reported no sooner than this after the last one."""
+"""Least time (s) between reports of new plans."""
 LOSSES_EVERY_S = 1.0
-"""Messages lost in floods are reported no more often than this."""
+"""Least time (s) between reports of messages lost in floods."""
 CLOCKS_DIFFER_S = 0.5
-"""Clocks that differ by less than this are taken to agree."""
+"""Difference (s) below which clocks are taken to agree."""
 CLOCKS_EVERY_S = 10.0
-"""A difference of the clocks is reported no more often than this."""
+"""Least time (s) between reports of a difference of the clocks."""
 
 
 class Severity(IntEnum):

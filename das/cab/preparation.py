@@ -28,7 +28,8 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 TRY_AGAIN_S = 10.0
-"""A search that failed for an unforeseen reason is repeated after this time, and whenever something changes."""
+"""Time (s) after which a search that failed for an unforeseen reason is repeated; it is also repeated whenever
+something changes."""
 
 
 class News(NamedTuple):

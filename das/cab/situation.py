@@ -17,7 +17,7 @@ from das.solver.section import Section, SectionOptions, build_section, capped
 
 AS_PLANNED = Conditions()
 SAME_W = 1e-6
-"""Squares of speeds (m²/s²) nearer to each other than this count as equal."""
+"""Difference (m²/s²) below which squares of speeds count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +31,7 @@ class Situation:
     restrictions: tuple[Restriction, ...] = ()
     conditions: Conditions = AS_PLANNED
     braking: SiteBraking = USUAL
-    """How the drivers of this site brake."""
+    """Braking of the site's drivers."""
 
     def at(self, now_ns: int) -> Situation:
         """This situation at a moment (ns since 1970; 0: not known), with only the restrictions that count then.

@@ -21,9 +21,9 @@ from das.estimate.estimate import Estimate
 from das.estimate.plausibility import STANDSTILL_MPS
 
 LOST_BEYOND_M: Final = 500.0
-"""A train further beyond the end of the section than this is not on the section at all."""
+"""Distance beyond the end of the section (m) above which a lost train is not on the section at all."""
 REPORT_EVERY_S = 30.0
-"""A replaced part of the advice is reported once, and again only if it was not replaced for this long."""
+"""Time (s) without replacement after which a replaced part of the advice is reported again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class Trust:
     unheeded: str | None = None
     """Why the restrictions received last cannot be used; None if they can."""
     two_nodes: str = ""
-    """The name of another node that advises this train as well; empty if there is none."""
+    """Name of another node that advises the train as well; empty if there is none."""
     restrictions_received: bool = True
     """Whether a list of restrictions was received, possibly an empty one."""
     journey_refused: str = ""

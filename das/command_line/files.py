@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".pdf", ".svg")
 NO_MATPLOTLIB = "pictures need matplotlib: install the extra, pip install '.[view]' in the checkout"
 _warned: set[str] = set()
-"""Warnings that this process has printed."""
+"""Warnings that the process has printed."""
 
 
 def load_route(name_or_path: str) -> Route:

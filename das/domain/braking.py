@@ -14,7 +14,7 @@ DEVIATION_M = 5.0
 """Largest expected error of the estimated position (m): two standard deviations of a good localisation (assumption)."""
 
 SERVICE_SHARE = 0.9
-"""Service braking uses at most this share of the force of all the train's brakes, and of its largest deceleration, so
+"""Largest share of the force of all the train's brakes, and of its largest deceleration, that service braking uses, so
 that a reserve is left on descents as well (assumption)."""
 
 
@@ -35,9 +35,9 @@ class ServiceBraking:
     reaction_s: float = REACTION_S
     """The time from a change on the display until the driver acts on it."""
     deviation_m: float = DEVIATION_M
-    """A lower limit is planned from this far before its start until this far beyond its end."""
+    """Distance (m) before the start and beyond the end of a lower limit over which it is planned."""
     below_limit_mps: float = 0.0
-    """Plans stay below limits by this margin."""
+    """Margin (m/s) by which plans stay below limits."""
 
     @property
     def delay_s(self) -> float:

@@ -25,7 +25,7 @@ INSIST = f'if it is meant, say {ACCEPTED} = ["{{check}}"] in [%s]'
 SPEEDS = 200
 """Number of speeds, from standstill to the top speed, at which efforts are checked."""
 NOISE_OVER_M = 2000.0
-"""Altitudes are called noisy by what vanishes when they are smoothed over this length (m)."""
+"""Smoothing length (m) of altitudes; the difference that it makes is called noise."""
 NOISE_CLIMB_RATIO = 0.003
 """Climb per length that vanishes on a noisy line. Noise of 1 m every 100 m gives 0.0055, real lines below 0.002."""
 FLAT_ERROR = "energies are those of a flat line; on four real sections they were 1 to 29 % too low"
@@ -36,7 +36,7 @@ FEW_POINTS = (
 )
 SMOOTHED = "smoothed altitudes: noise of 4 m changed energies of four real sections by -3 to +3 %"
 NOISY = "raw altitudes: noise of 4 m changed energies of four real sections by -10 to +11 %; smooth them (--smooth-m)"
-"""What the altitudes of a line mean for energies; the figures are of docs/explanation/own-lines.md."""
+"""Meaning of a line's altitudes for energies; the figures are of docs/explanation/own-lines.md."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -89,4 +89,4 @@ class Plottable(Protocol):
 
 
 NEAR_M = 50.0
-"""A stop this far (m) beyond the ends of a run belongs to it: trains stand some metres off."""
+"""Distance (m) beyond the ends of a run within which a stop belongs to it: trains stand some metres off."""

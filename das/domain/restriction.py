@@ -17,13 +17,13 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 LEAST_RESTRICTION_MPS = 0.5
-"""A speed restriction below this (m/s) is refused, because a train could not get through."""
+"""Lowest speed restriction (m/s): a train could not get through a lower one."""
 COUNTS_BEFORE_S = 900.0
-"""Plans keep to a restriction from this long (s) before its window opens. No train needs as long to brake: from
-500 km/h at 0.2 m/s² it takes 700 s. So the train is slow enough, or past the restriction, when the window opens."""
+"""Time (s) before its window opens from which plans keep to a restriction. No train needs as long to brake: from 500
+km/h at 0.2 m/s² it takes 700 s, so the train is slow enough, or past the restriction, when the window opens."""
 COUNTS_AFTER_S = 10.0
-"""Plans keep to a restriction until this long (s) after its window has closed. The node goes on advising if its clock
-is set by up to 5 s; this is twice as much."""
+"""Time (s) after its window has closed until which plans keep to a restriction. The node goes on advising if its clock
+is set by up to 5 s; the margin is twice as much."""
 LONGEST_TEXT = 200
 """A message with a longer text, name or id (letters) is rejected as nonsense."""
 LATEST_NS = 2**63 - 1

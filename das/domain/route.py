@@ -20,9 +20,9 @@ from das.domain.units import KM, KMH, kmh
 Floats = NDArray[np.float64]
 
 POSITION_TOLERANCE_M = 1e-6
-"""Two positions nearer than this are the same point."""
+"""Distance (m) below which two positions are the same point."""
 AT_STOP_M = 1.0
-"""A stop is at a position if it is at most this far (m) from it."""
+"""Largest distance (m) between a stop and a position that is at the stop."""
 NO_REGENERATION = -1.0
 """Supply (see `Route.supply`) of a stretch on which the electric brake must not be used."""
 NEUTRAL = -2.0

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _Number = TypeVar("_Number", float, "NDArray[np.float64]")
 
 STANDARD_GRAVITY_MPS2: Final = 9.81
-"""Gravity used by the public benchmark and by this project (m/s²)."""
+"""Gravity (m/s²) of the public benchmark, used throughout."""
 
 KMH: Final = 1.0 / 3.6
 """1 km/h in m/s."""

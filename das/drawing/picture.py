@@ -31,13 +31,13 @@ Floats = NDArray[np.float64]
 
 WIDTH_IN: Final = 10.0
 LETTERS: Final = 100
-"""A line of the title has at most this many letters."""
+"""Most letters in a line of the title."""
 MINUTE_S: Final = 60.0
 NAME_APART: Final = 0.012
-"""A stop's name is left out if it would be nearer than this share of the axis to the name before it."""
+"""Share of the axis below which a stop's name is left out as too near to the name before it."""
 ALTITUDE_MARGIN_M: Final = 5.0
 LEAST_RISE_M: Final = 0.5
-"""A line that rises and falls by no more than this (m) is flat."""
+"""Largest rise and fall (m) of a line that is drawn as flat."""
 LIMITS, LIMITS_OF_FIRST = "limit", "limit of the first run"
 
 

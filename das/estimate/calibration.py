@@ -20,20 +20,20 @@ from das.estimate.ratios import CheckedLearner, Estimates
 from das.estimate.window import LONGEST_GAP_S, LineIntegral, Pairing, Sample
 
 SAMPLE_EVERY_S: Final = 0.9
-"""A sample nearer than this to the one before is left out: a window takes about one sample a second."""
+"""Least time (s) between samples; a nearer one is left out, so that a window takes about one a second."""
 SLOWEST_MPS: Final = 5.0
 """Samples at lower speeds do not count: there brakes are being released, couplers stretch, and the resistance does
 not follow Davis."""
 ADHESION_RATIO: Final = 0.9
-"""Samples with forces above this share of the adhesion limit of a dry rail do not count: wheels may slip."""
+"""Share of the adhesion limit of a dry rail above which samples of forces do not count: wheels may slip."""
 WINDOW_SAMPLES: Final = 20
 """Samples of a window: at 1 Hz and 0.05 m/s of noise their slope gives the acceleration to 0.002 m/s²."""
 IDLE_RATIO: Final = 0.005
-"""Forces below this share of the train's starting force are those of a coasting train."""
+"""Share of the train's starting force below which forces are those of a coasting train."""
 STANDS_FOR_S: Final = 20.0
-"""A train that stands for this long may have let passengers on and off."""
+"""Standstill (s) after which a train may have let passengers on and off."""
 REPLAN_EVERY_S: Final = 120.0
-"""Plans are made anew because of the estimates at most once in this time."""
+"""Least time (s) between new plans that follow from the estimates."""
 
 
 class Calibrator:

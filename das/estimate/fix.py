@@ -8,14 +8,16 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 LEAST_SD_M: Final = 0.5
-"""A stated standard deviation of the position below this is raised to it: no receiver is believed to be better."""
+"""Least standard deviation (m) of a position; a smaller stated one is raised to it, as no receiver is believed to be
+better."""
 LEAST_SD_MPS: Final = 0.02
-"""A stated standard deviation of the speed below this is raised to it: no odometer is believed to be better."""
+"""Least standard deviation (m/s) of a speed; a smaller stated one is raised to it, as no odometer is believed to be
+better."""
 SPEED_LATE_S: Final = 1.75
-"""A speed whose sender states no deviation is late by this: one standard deviation for receivers that filter their
-speeds (two recorded trips: 0.75 and 2.5 s)."""
+"""Delay (s) of a speed whose sender states no deviation: one standard deviation for receivers that filter their speeds
+(two recorded trips: 0.75 and 2.5 s)."""
 OVERSPEED_RATIO: Final = 1.3
-"""A speed above the train's largest one times this is a fault of the sensor."""
+"""Multiple of the train's largest speed above which a speed is a fault of the sensor."""
 
 
 class Quality(IntEnum):

@@ -30,29 +30,28 @@ from das.estimate.speed_scale import SpeedScale
 from das.estimate.track_filter import Track, TrainMotion
 
 STALE_AFTER_S: Final = 3.0
-"""An estimate is not used when its last fix is older than this, or is ahead of the clock by more
-than this."""
+"""Largest age (s) of the last fix, and largest time of it ahead of the clock, with which an estimate is used."""
 LARGEST_POSITION_SD_M: Final = 50.0
-"""An estimate is not used when one standard deviation of its position is larger than this."""
+"""Largest standard deviation (m) of the position with which an estimate is used."""
 LARGEST_SPEED_SD_MPS: Final = 2.0
-"""An estimate is not used when one standard deviation of its speed is larger than this."""
+"""Largest standard deviation (m/s) of the speed with which an estimate is used."""
 RECOVERED_RATIO: Final = 0.7
-"""An estimate that was too uncertain is used again below this share of the limits, so that advice does not
-come and go."""
+"""Share of the limits below which an estimate that was too uncertain is used again, so that advice does not come and
+go."""
 CLOCK_FIXES: Final = 15
-"""The difference is the median over this many fixes, so that single ones that were held up do not count."""
+"""Number of fixes whose median is the difference, so that single ones that were held up do not count."""
 CLOCK_MEMORY_S: Final = 30.0
-"""Fixes received longer ago than this do not count."""
+"""Time (s) after which received fixes do not count."""
 CLOCK_LARGEST_S: Final = 10.0
-"""A fix whose time stamp differs from the clock by more than this does not count: it was held up or replayed."""
+"""Difference (s) between its time stamp and the clock above which a fix does not count: it was held up or replayed."""
 RATE_FIXES: Final = 5
-"""The usual time between two fixes is the median of this many intervals between them."""
+"""Number of intervals whose median is the usual time between two fixes."""
 ODD_FIXES: Final = 1
-"""A receiver has a steady rate if at most this many of these intervals are not multiples of the usual one."""
+"""Most such intervals that are not multiples of the usual one if the rate of a receiver is steady."""
 LOST_FIXES: Final = 2
-"""Up to this many fixes may have been lost just when the clock was set."""
+"""Most fixes that may have been lost just when the clock was set."""
 JITTER_S: Final = 0.25
-"""A time stamp that is off the rate of its receiver by no more than this is jitter."""
+"""Largest deviation (s) of a time stamp from the rate of its receiver that is jitter."""
 LARGEST_STEP_S: Final = 5.0
 """After a larger step, the estimate begins anew instead of going on."""
 
@@ -231,7 +230,7 @@ class _Monitors:
 
 
 SPEED_DOUBTED_S = 0.5
-"""If the clocks differ by more than this (s), a train that slows down may still have the speed of its last fix."""
+"""Difference of the clocks (s) above which a train that slows down may still have the speed of its last fix."""
 
 
 class Localisation:

@@ -16,45 +16,44 @@ from das.estimate.fix import Deviations, PositionFix, Quality, deviations
 from das.estimate.track_filter import HARD_MPS2, Track, position_variance, speed_variance
 
 BACKWARDS_MPS: Final = -0.3
-"""A speed below this is a fault of the sensor; one between this and 0 is the noise of a standing train."""
+"""Speed (m/s) below which the sensor has a fault; between it and 0 lies the noise of a standing train."""
 LARGEST_M: Final = 1e7
-"""A position or a stated uncertainty beyond this is a fault of the sensor, because no line is 10 000 km long."""
+"""Largest position or stated uncertainty (m); beyond it the sensor has a fault, because no line is 10 000 km long."""
 LARGEST_STATED_SD_M: Final = 200.0
 """A fix that states a larger standard deviation is of no use: it could lie anywhere, and would hide any jump."""
 GATE_SDS: Final = 5.0
-"""A fix that is off by more than this many standard deviations is rejected: noise alone is off that far less
-than once in a million fixes."""
+"""Standard deviations above which a fix is rejected: noise alone is off that far less than once in a million fixes."""
 GATE_LEAST_M: Final = 10.0
-"""A position that is off by no more than this is never rejected, however exact the sensors claim to be."""
+"""Deviation (m) up to which a position is never rejected, however exact the sensors claim to be."""
 GATE_LEAST_MPS: Final = 1.0
-"""A speed that is off by no more than this is never rejected, however exact the sensors claim to be."""
+"""Deviation (m/s) up to which a speed is never rejected, however exact the sensors claim to be."""
 SLOW_MPS: Final = 0.1
-"""A measured speed up to this may be that of a standing train, however exact the odometer claims to be."""
+"""Measured speed (m/s) up to which a train may be standing, however exact the odometer claims to be."""
 SLOW_SDS: Final = 2.5
-"""A measured speed up to this many of its standard deviations may be that of a standing train."""
+"""Standard deviations up to which a measured speed may be that of a standing train."""
 EXPECTED_SLOW_MPS: Final = 0.5
-"""A train whose estimated speed is above this is not taken to stand, whatever speed was measured last."""
+"""Estimated speed (m/s) above which a train is not taken to stand, whatever speed was measured last."""
 STANDS_AFTER_S: Final = 2.0
-"""A train that may be standing for this long stands; one slow fix alone may be noise."""
+"""Time (s) after which a train that may be standing stands; one slow fix alone may be noise."""
 SETS_OFF_SDS: Final = 3.3
-"""One speed above this many standard deviations ends a standstill at once: noise alone is that large once in
-2 000 fixes."""
+"""Standard deviations above which one speed ends a standstill: noise alone is that large once in 2 000 fixes."""
 CREEP_FIXES: Final = 5
-"""The mean of this many speeds ends a standstill as well, where each alone is too slow to be told from noise."""
+"""Number of speeds whose mean ends a standstill as well, where each alone is too slow to be distinguished from
+noise."""
 FROZEN_WAY_M: Final = 2.0
-"""A position that stays the same while the train, by the measured speeds, runs further than this is frozen."""
+"""Distance (m) by the measured speeds above which a position that stays the same is frozen."""
 COARSE_SDS: Final = 4.0
-"""Where the speeds change, so that only the position stays the same, that distance must also exceed this many
-standard deviations of the position, because a coarse receiver repeats its position for a while."""
+"""Standard deviations of the position which that distance must also exceed where only the speeds change, because a
+coarse receiver repeats its position for a while."""
 SILENCE_S: Final = 30.0
-"""After this long without an accepted fix the estimate is dropped, and the next fix begins it anew."""
+"""Time (s) without an accepted fix after which the estimate is dropped; the next fix begins a new one."""
 AGREEING_FIXES: Final = 4
-"""This many rejected fixes in a row that agree with each other show that the estimate was wrong, not the fixes."""
+"""Rejected fixes in a row that, if they agree with each other, show that the estimate was wrong, not the fixes."""
 AGREEING_SPAN_S: Final = 2.0
-"""The rejected fixes that agree must span at least this long, because at 20 Hz four of them come
-within a fifth of a second."""
+"""Least time (s) spanned by the rejected fixes that agree, because at 20 Hz four of them come within a fifth of a
+second."""
 STANDSTILL_MPS: Final = 0.3
-"""A train with an estimated or measured speed below this counts as standing when stops and departures are judged."""
+"""Estimated or measured speed (m/s) below which a train counts as standing when stops and departures are judged."""
 
 
 def impossible(fix: PositionFix, *, fastest_mps: float, has_state: bool) -> Problem | None:

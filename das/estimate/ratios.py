@@ -32,25 +32,24 @@ class MassAndResistance(NamedTuple):
 LINE_SD_RATIO: Final = 2e-4
 """How well gradients and curves under the train are known, as a share of its weight (one standard deviation)."""
 TOO_STRONG_RATIO: Final = 1.06
-"""Noise of 2 % does not explain a measured force above this times the train's largest one at its speed."""
+"""Multiple of the train's largest force at its speed above which noise of 2 % does not explain a measured force."""
 TOO_STRONG_SAMPLES: Final = 5
-"""After this many samples in a row with forces that are too strong, the sensor is taken to measure too much."""
+"""Samples in a row with forces that are too strong after which the sensor is taken to measure too much."""
 COASTING_WINDOWS: Final = 4
-"""This many windows of coasting are compared with the estimate from windows with traction or braking."""
+"""Windows of coasting that are compared with the estimate from windows with traction or braking."""
 COASTING_SDS: Final = 3.0
-"""Coasting contradicts the measured forces if the coasting windows differ from that estimate by more than this many
-standard deviations on average."""
+"""Mean difference of the coasting windows from that estimate (standard deviations) above which coasting contradicts the
+measured forces."""
 GAIN_STEP: Final = 0.03
-"""A mass ratio nearer to 1 than this would not change the plan, so no wrong gain of the sensor is looked for."""
+"""Distance of the mass ratio from 1 below which the plan would not change, so that no wrong gain of the sensor is
+looked for."""
 GAIN_SDS: Final = 3.0
-"""If mass and resistance ratio are nearer to each other than this many standard deviations, a wrong gain of the
-force sensor may explain both."""
+"""Difference between mass and resistance ratio (standard deviations) below which a wrong gain of the force sensor may
+explain both."""
 NEAR_MASS_LEAST: Final = 0.7
-"""A mass ratio below this, or above `NEAR_MASS_MOST`, is reported with both explanations: another train than
-planned, or a wrong force sensor."""
+"""Mass ratio below which both explanations are reported: another train than planned, or a wrong force sensor."""
 NEAR_MASS_MOST: Final = 1.4
-"""A mass ratio above this, or below `NEAR_MASS_LEAST`, is reported with both explanations: another train than
-planned, or a wrong force sensor."""
+"""Mass ratio above which both explanations are reported: another train than planned, or a wrong force sensor."""
 PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
 """Standard deviations of the two ratios before anything is measured."""
 LEAST: Final = MassAndResistance(0.5, 0.4)
@@ -58,30 +57,30 @@ LEAST: Final = MassAndResistance(0.5, 0.4)
 MOST: Final = MassAndResistance(1.6, 2.5)
 """The largest values of the two estimates: an overloaded train, and a storm from ahead."""
 FORGETTING: Final = 0.98
-"""The weight of an observation is multiplied by this at every later one about the same ratio: the memory is about
-50 windows, 17 minutes."""
+"""Factor on the weight of an observation at every later one about the same ratio: the memory is about 50 windows, 17
+minutes."""
 INFORMATIVE_SDS: Final = 2.0
-"""A window counts if the prior spread of the ratios (`PRIOR_SD`) would show in it by at least this many standard
-deviations of its noise."""
+"""Least standard deviations of its noise by which the prior spread of the ratios (`PRIOR_SD`) would show in a window
+that counts."""
 SURPRISE_SDS: Final = 4.0
-"""A window further than this many standard deviations from what is expected is left out: wheels slipped, a sensor
+"""Distance from the expectation (standard deviations) above which a window is left out: wheels slipped, a sensor
 failed, or a force is unknown."""
 SURPRISES: Final = 3
-"""This many surprising windows in a row mean that conditions have changed: the resistance is learned anew."""
+"""Surprising windows in a row that mean changed conditions: the resistance is learned again."""
 MODEL_SD: Final = MassAndResistance(0.005, 0.015)
 """The uncertainty that no amount of measuring removes (one standard deviation): forces between samples are unknown,
 and so is the exact shape of the resistance."""
 USABLE_SD: Final = MassAndResistance(0.02, 0.08)
-"""The estimates are usable where both are known at least as well as this."""
+"""Largest standard deviations with which the estimates are usable."""
 LOAD_MASS_SD: Final = 0.05
-"""The mass after a stop that long differs by this share of the train's (one standard deviation): 500 people in a
-train of 440 t are 9 %."""
+"""Standard deviation of the mass after a stop that long, as a share of the train's: 500 people in a train of 440 t are
+9 %."""
 MASS_STEP: Final = 0.03
-"""A mass ratio nearer than this to the plan's is not worth another plan."""
+"""Difference from the plan's mass ratio below which another plan is not worth while."""
 RESISTANCE_STEP: Final = 0.05
-"""A resistance ratio nearer than this to the plan's is not worth another plan."""
+"""Difference from the plan's resistance ratio below which another plan is not worth while."""
 CERTAIN_SDS: Final = 3.0
-"""A difference of fewer standard deviations than this is too uncertain for another plan."""
+"""Standard deviations below which a difference is too uncertain for another plan."""
 
 
 class Belief(NamedTuple):

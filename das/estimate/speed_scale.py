@@ -20,23 +20,23 @@ from das.estimate.fix import SPEED_LATE_S, PositionFix, Quality, deviations
 from das.estimate.plausibility import EXPECTED_SLOW_MPS, LARGEST_M
 
 OFF_FACTOR: Final = 1.4
-"""The whole way and the median step must both give the factor within this factor: a jump of the position, or the
+"""Factor within which both the whole distance and the median step must give the scale: a jump of the position, or the
 spinning of a wheel, gives it by chance in one of the two only."""
 WINDOW_S: Final = 10.0
-"""The fixes of this last time are compared."""
+"""Time (s) whose fixes are compared."""
 FIRST_WINDOW_S: Final = 60.0
-"""The fixes of this last time are compared until the speeds are confirmed: a slow train needs longer."""
+"""Time (s) whose fixes are compared until the speeds are confirmed: a slow train needs longer."""
 OTHER_UNIT_PROBABILITY: Final = 0.5
-"""A sender may send another unit with this probability before anything is compared: nobody knows."""
+"""Probability, before anything is compared, that a sender sends another unit."""
 LEAST_FIXES: Final = 4
-"""At least this many fixes are compared, however rarely they come."""
+"""Least number of fixes that are compared, however rarely they come."""
 LONGEST_GAP_S: Final = 6.0
 """After a longer time without a fix, the comparison begins anew."""
 APART_SDS: Final = 4.0
-"""The way by the speeds must differ from the way by the positions by more than this many standard deviations of the
-difference of two positions, to find another unit or to rule all others out for good."""
+"""Standard deviations of the difference of two positions by which the distances by speeds and by positions must differ,
+to find another unit or to rule all others out for good."""
 APART_LEAST_M: Final = 10.0
-"""It must differ by at least this, however exact the sensors claim to be."""
+"""Least difference (m) of the two distances, however exact the sensors claim to be."""
 FACTORS: Final = (3.6, 1.0 / 3.6, 1000.0, 0.001)
 """Speeds in km/h for m/s, or m/s converted once too often; speeds in mm/s or positions in km, or the reverse."""
 NEAREST: Final = FACTORS[:2]

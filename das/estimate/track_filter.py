@@ -27,13 +27,13 @@ SPEED_SCALE_SD: Final = 0.04
 """Every speed is wrong by a share that the positions have to tell, whatever deviation its sender states: one
 standard deviation for worn wheels (8 % between new and worn: 2.3 %), a diameter set wrong and slip (3 %)."""
 HARD_MPS2: Final = 1.0
-"""Any train can brake about as hard as this, whatever its traction."""
+"""Braking (m/s²) of which any train is about capable, whatever its traction."""
 EFFORT_LASTS_S: Final = 60.0
-"""A driver holds an effort for about this long; the jerk density is 2·σ²/this, with σ half the hardest start or
+"""Time (s) for which a driver holds an effort; the jerk density is 2·σ² over it, with σ half the hardest start or
 braking."""
 MANOEUVRE_SDS: Final = 3.0
-"""Where a measured speed is off by more than this many standard deviations, the driver may have changed the effort:
-the acceleration counts as unknown again."""
+"""Deviation of a measured speed (standard deviations) above which the driver may have changed the effort: the
+acceleration counts as unknown again."""
 WANDER_S = 30.0
 """Time constant (s) with which the errors of a receiver's position and speed wander (assumption)."""
 SCALE_WANDER_S = 3600.0

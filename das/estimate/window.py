@@ -20,12 +20,11 @@ from das.estimate.fix import OVERSPEED_RATIO
 from das.solver.line_profile import LineProfile
 
 LONGEST_GAP_S: Final = 2.5
-"""After a longer gap between samples a window begins anew; efforts further apart than this say nothing about the
-forces between them."""
+"""Longest gap between samples (s) within a window; efforts further apart say nothing about the forces between them."""
 MOST_WAITING: Final = 100
-"""At most this many positions wait for the next effort; older ones are dropped, so that memory stays bounded."""
+"""Most positions that wait for the next effort; older ones are dropped, so that memory stays bounded."""
 POSSIBLE_FORCE_RATIO: Final = 1.5
-"""A force above this times the train's largest one is a fault of the sensor."""
+"""Multiple of the train's largest force above which a force is a fault of the sensor."""
 SPEED_SD_MPS: Final = 0.05
 """The least noise of a measured speed (one standard deviation); a window whose speeds scatter more is trusted
 less."""
@@ -35,9 +34,9 @@ FRICTION_SD_RATIO: Final = 0.1
 """The standing error of the measured friction brake force, as a share of it (one standard deviation): the force is
 known from cylinder pressures only."""
 ODOMETRY_M: Final = 40.0
-"""A window is left out if its positions and its speeds disagree about the distance run by more than this."""
+"""Disagreement (m) of positions and speeds about the distance run above which a window is left out."""
 NEUTRAL_MARGIN_M: Final = 30.0
-"""A window that comes nearer than this to a neutral section is left out."""
+"""Distance (m) to a neutral section below which a window is left out."""
 LINE_GRID_M: Final = 10.0
 """The step with which the line is integrated along the way."""
 NORMAL_MAD = 0.6745

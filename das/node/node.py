@@ -19,7 +19,7 @@ from das.domain.clocks import WALL, Clocks
 from das.domain.units import NS
 
 LEAST_STEP_S = 0.05
-"""A wall clock that steps this far (s) against the monotonic clock counts as set; a smaller step may come from the
+"""Step (s) of the wall clock against the monotonic clock from which it counts as set; a smaller one may come from the
 delay between the two readings."""
 
 

@@ -49,7 +49,8 @@ WAITING_SAID_EVERY_S = 1.0
 SWITCH_S = 0.0005
 """Python's switch interval (s): how long the thread that solves a front may hold up the one that advises."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
-"""For glibc's mallopt: a block of at least this size is mapped, and goes back to the system when it is freed."""
+"""Parameter of glibc's mallopt, and the least size (bytes) of a block that is mapped, and goes back to the system when
+it is freed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -27,7 +27,7 @@ TRAIN = "re460-ic"
 PRICE_W = 1e5
 """Any price of time will do."""
 SLOWER_RATIO = 1.2
-"""The run to bound has this many times the least time."""
+"""Time of the run to bound, as a multiple of the least time."""
 
 
 def main() -> None:

@@ -25,28 +25,28 @@ from das.solver.state import RollOut, State
 from das.solver.warm_up import warm_up
 
 LINES: Final = 3
-"""On each side of the trajectory there are this many lines. Seven lines in all find what thirteen do, in a third of
-the time."""
+"""Lines on each side of the trajectory. Seven lines in all find what thirteen do, in a third of the time."""
 REFERENCE_SPEED_MPS: Final = 20.0
-"""Lines are evenly spaced in v², because a shift in v² keeps the force; widths in m/s are meant at this speed."""
+"""Speed (m/s) at which widths in m/s are meant. Lines are evenly spaced in v², because a shift in v² keeps the
+force."""
 CLOSED_RATIO: Final = 2e-4
-"""A round that saves less than this share of the energy is the last."""
+"""Share of the energy below which the saving of a round makes it the last."""
 MOST_TRIALS: Final = 8
-"""At most this many prices of time are tried in a pass."""
+"""Most prices of time that are tried in a pass."""
 EARLY_S: Final = 1e-3
-"""The refined trajectory is never later than the given one, and earlier by at most about this (s)."""
+"""Earliness (s) of the refined trajectory against the given one, at most; it is never later."""
 MOST_BLENDS: Final = 20
-"""At most this many blends of two trajectories are tried in a pass."""
+"""Most blends of two trajectories that are tried in a pass."""
 TANGENT_RATIO: Final = 3e-4
-"""A refinement may begin with a blend that lies above the tangents at its neighbours by at most this share of its
-energy."""
+"""Share of its energy by which a blend may lie above the tangents at its neighbours for a refinement to begin with
+it."""
 
 Floats = NDArray[np.float64]
 
 LARGEST_SHARE = 0.8
-"""The outermost lines lower v² by at most this share, so that no line is at standstill."""
+"""Largest share by which the outermost lines lower v², so that no line is at standstill."""
 FIRST_FACTOR = 1.03
-"""The second price of time that a pass tries is the first one multiplied or divided by this."""
+"""Factor from the first to the second price of time that a pass tries, either way."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,18 +54,19 @@ class RefinementSettings:
     """How wide the tubes are, how they shrink, and when the refinement ends."""
 
     widest_mps: float = 2.0
-    """The outermost lines of the first pass differ from the trajectory by this (m/s) at `REFERENCE_SPEED_MPS`."""
+    """Distance of the outermost lines of the first pass from the trajectory, m/s at `REFERENCE_SPEED_MPS`."""
     shrink: float = 0.6
-    """Each pass is narrower than the one before by this factor."""
+    """Factor by which each pass is narrower than the one before."""
     passes: int = 12
     """Passes of a round; the last one has lines 2 mm/s apart."""
     knot_m: float = 100.0
-    """In the first pass the knots, where the train may change its line, are this far apart (m). Knots move together
-    as the lines do, so that a change of line stays a gentle change of force. In the end every node is a knot."""
+    """Distance (m) of the knots, where the train may change its line, in the first pass. Knots move together as the
+    lines do, so that a change of line stays a gentle change of force. In the end every node is a knot."""
     most_rounds: int = 3
-    """At most this many rounds of all passes; another follows while the last has saved more than `CLOSED_RATIO`."""
+    """Most rounds of all passes; another follows while the last has saved more than `CLOSED_RATIO`."""
     blend_loss_ratio: float = 1e-6
-    """Two trajectories of a pass are blended if no price between theirs could save more than this share of energy."""
+    """Share of energy that a price between those of two trajectories of a pass must be able to save for them not to be
+    blended."""
 
 
 SETTINGS: Final = RefinementSettings()

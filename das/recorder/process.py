@@ -27,9 +27,9 @@ MOST_WAITING = 20_000
 LISTENS_S = 0.1
 """Longest time (s) for which the recorder waits for a message before it looks at its clock."""
 SILENT_S = 10.0
-"""A bus on which nothing was heard for this long (s) is called silent."""
+"""Time (s) after which a bus without messages is called silent."""
 COUNTED_EVERY_S = 60.0
-"""The recorder says how many messages it has at this interval (s)."""
+"""Interval (s) at which the recorder reports its number of messages."""
 
 
 class LifeSigns:

@@ -22,19 +22,19 @@ from das.solver.solution import Fit, Solution
 from das.solver.state import RollOut, State, fastest, least_time_s
 
 MAX_ROLL_OUTS: Final = 12
-"""At most this number of multipliers is tried."""
+"""Most multipliers that are tried."""
 OVERSHOOT_S: Final = 0.15
-"""The next trial is aimed this far (s) beyond the wanted time, so that two trials enclose it."""
+"""Time (s) beyond the wanted one at which the next trial is aimed, so that two trials enclose it."""
 FIRST_STEP: Final = 0.05
-"""While all trials are on one side of the wanted time, the next trial is at least this part of a ladder step away
-from the last one, then four times as far, and so on."""
+"""Least part of a ladder step from the last trial to the next while all are on one side of the wanted time; then four
+times as far, and so on."""
 BLEND_LOSS_RATIO: Final = 2e-5
-"""Two trajectories are blended if no multiplier between theirs could save more than this share of the train's
-kinetic energy at the highest speed ahead."""
+"""Share of the train's kinetic energy at the highest speed ahead that a multiplier between those of two trajectories
+must be able to save for them not to be blended."""
 MAX_BLENDS: Final = 40
-"""At most this number of blends of two trajectories is tried."""
+"""Most blends of two trajectories that are tried."""
 LEAST_SHARE: Final = 0.02
-"""The next trial keeps at least this share of the interval away from both ends, so that the interval shrinks."""
+"""Least share of the interval by which the next trial keeps away from both ends, so that the interval shrinks."""
 
 Floats = NDArray[np.float64]
 

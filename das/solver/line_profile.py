@@ -75,7 +75,7 @@ def _over_train(stretches: Stretches, node_m: Floats, length_m: float) -> Floats
 
 
 _SLOWEST_MPS = 1.0
-"""Where the fastest trajectory is slower than this (near a stop), the steps are those for this speed."""
+"""Speed (m/s) whose steps are used where the fastest trajectory is slower (near a stop)."""
 
 
 def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, beside_m: float = 0.0) -> Floats:

@@ -164,15 +164,15 @@ class SectionOptions:
     """Rarely needed options of a section; the defaults are a real train from standstill to standstill."""
 
     start_speed_mps: float = 0.0
-    """The train enters the section at this speed (m/s); 0 is a departure from a stop."""
+    """Speed (m/s) at which the train enters the section; 0 is a departure from a stop."""
     end_speed_mps: float = 0.0
-    """The train leaves the section at this speed (m/s); 0 is a halt."""
+    """Speed (m/s) at which the train leaves the section; 0 is a halt."""
     point_mass: bool = False
     """The train's length is taken as 0, as in the public benchmark and in the paper."""
     brakes: BrakePolicy | None = None
     """The brakes that a trajectory may use; None: those of the vehicle at the level of the section."""
     longest_step_m: float | None = None
-    """The decision nodes are at most this far apart (m); None: as far as the settings of the solver say."""
+    """Largest distance (m) between decision nodes; None: by the settings of the solver."""
     braking: ServiceBraking | None = None
     """How limits and stops are braked for; None: with the train's full brakes, without any reserve."""
 

@@ -23,12 +23,12 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 BLOCK_NODES = 32
-"""Transitions of this many decision nodes are kept at a time: a few MB, and threads rarely wait for each other."""
+"""Decision nodes whose transitions are kept at a time: a few MB, and threads rarely wait for each other."""
 
 PACKED_ABOVE_BYTES = 300_000_000
-"""Policies that would take more bytes than this (on lines longer than 150 km) are packed into half the space."""
+"""Size (bytes) above which policies (on lines longer than 150 km) are packed into half the space."""
 BEHIND_M = 1_000.0
-"""The front of a train under way begins this far behind the train (m), further than its position is ever corrected."""
+"""Distance behind a train under way (m) at which its front begins, further than its position is ever corrected."""
 STATE_BYTES = 12
 """Size of the value and the time-to-go of a state under a multiplier (bytes), as the sweep writes them."""
 

@@ -32,7 +32,7 @@ LARGEST_NUMBER: Final = 1e300
 LARGEST_MPS: Final = 200.0
 SEAL: Final = "sha256"
 OLD: Final = "*/manifest.json"
-"""What tables of earlier releases look like in a folder of tables: they were folders."""
+"""Pattern of the tables of earlier releases in a folder of tables: they were folders."""
 KINDS: Final[Mapping[str, PhaseKind]] = {kind.name.lower(): kind for kind in PhaseKind}
 PHASE = f"[kind (one of {', '.join(KINDS)}), share of effort from 0 to 1, interval where it begins, speed in m/s]"
 

@@ -50,7 +50,7 @@ CELL_TOLERANCE: Final[Mapping[str, float]] = {
 }
 """Accepted relative deviation of a cell from the printed figure, by column."""
 EQUAL_ENERGY: Final = 5e-4
-"""Two energies this near (relative) count as equal if only their order matters."""
+"""Relative difference below which two energies count as equal if only their order matters."""
 
 ACCELERATION_BUFFERS: Final = (0.02, 0.15, 0.25, 0.40)
 DECELERATION_BUFFERS: Final = (0.02, 0.05, 0.10, 0.15, 0.30)
@@ -106,7 +106,7 @@ MAP_TARGETS: Final = (
     PublishedFigure("best efficiency: share of full power", "inside the map", 0.0, 0.9, "", "section 3.3, fig. 2b"),
     PublishedFigure("clock change: largest jump of efficiency", "visible", 0.5, 5.0, "%", "section 3.3, fig. 2b"),
 )
-"""What the map itself must show (vehicle with the GTO inverter)."""
+"""Targets for the map itself (vehicle with the GTO inverter)."""
 
 SAVING_TARGETS: Final = (
     PublishedFigure("acceleration, t+ 2 %: L3 saves", "2.5", 1.5, 3.5, "%", "section 4.3, fig. 6"),
@@ -166,7 +166,7 @@ STAGE_2_TARGETS: Final = (
     *(target for target in CELL_TARGETS if "igbt" not in target.name),
 )
 STAGE_2_MARGIN: Final = 0.05
-"""Stage 2 aims inside the accepted intervals by this share of their half-width."""
+"""Share of their half-width by which stage 2 aims inside the accepted intervals."""
 
 
 def map_figures(chain: LossChain, vehicle: Vehicle) -> Figures:

@@ -111,7 +111,7 @@ class PrintedSaving:
 CRUISING_MINIMUM_KMH: Final = 63.0
 """Speed of the least energy per kilometre at L2 (section 4.2, fig. 4d)."""
 LOWEST_CRUISE_KMH: Final = 20.0
-"""Below this the paper's grid only accelerates from, or brakes to, a standstill (section 4.1)."""
+"""Speed (km/h) below which the paper's grid only accelerates from, or brakes to, a standstill (section 4.1)."""
 BUFFERS_PERCENT: Final = (0.0, 2.0, 7.0, 15.0, 25.0)
 """Travel time buffers drawn in figs. 5, 7 and 9, besides the largest."""
 TABLE2_BUFFER_PERCENT: Final = 7.0
@@ -152,8 +152,8 @@ ENERGY_SHARES_PERCENT: Final = {
 """Shares of the energy net of regeneration: 49 measured Intercity runs Zürich–Luzern (60 km, 2 intermediate stops)."""
 
 ENERGY_MARGIN_RATIO = 2e-5
-"""Energies this near to the least (relative to the fastest run's at L3) count as the least: slower runs save
-nothing."""
+"""Difference from the least energy (relative to the fastest run's at L3) within which energies count as the least:
+slower runs save nothing."""
 START_WAY_M = 100.0
 """Distance to or from a standstill on which a run may be slower than 20 km/h."""
 TIE_RATIO = 1e-4
@@ -163,7 +163,7 @@ runs."""
 SLOWEST_SCAN = 80
 """Number of trip times at which the energy of a level is evaluated to find the least."""
 TIME_MARGIN_S = 0.05
-"""The time of the slowest run is found to within this."""
+"""Tolerance (s) of the time of the slowest run."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -58,7 +58,7 @@ MAP_COLOURS = ("#6f8ea6", "#ffffff")
 SHADES = 24
 """Number of shades along a run."""
 CROSS_STEP_M = 200.0
-"""Crosses along a run are this far apart."""
+"""Distance (m) between crosses along a run."""
 PANEL_GAP_IN = 0.09
 """Room at the left and right of each panel, so that labels do not touch the panel beside it."""
 

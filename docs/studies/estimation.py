@@ -22,7 +22,7 @@ from sim.plant.kernels import PlantState
 
 Floats = NDArray[np.float64]
 WANDER_S: Final = 30.0
-"""The error of a receiver wanders with this time constant."""
+"""Time constant (s) with which the error of a receiver wanders."""
 
 
 class Noise(NamedTuple):

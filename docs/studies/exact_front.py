@@ -28,7 +28,7 @@ BUFFERS: Final = (0.02, 0.05, 0.07, 0.1)
 LENGTHS_KM: Final = (2.0, 3.0, 4.0, 5.0, 6.0)
 SPEED_STEPS_KMH: Final = (0.5, 0.25, 0.1)
 STEP_BUFFER: Final = 0.07
-"""The steps of speed are compared at this share above the least time of the paper's own grid."""
+"""Share above the least time of the paper's own grid at which the steps of speed are compared."""
 BUCKET_MS: Final = 3.0
 MILLION: Final = 1e6
 

@@ -44,7 +44,7 @@ PROGRAMS: Final = {
     "das-precompute": ("-m", "precompute.cli"),
     "python": (),
 }
-"""Words that come after this Python for the first word of a command."""
+"""Words that stand for the first word of a command, after the running Python."""
 FIRST: Final = tuple(
     f"python -m docs.studies.{name}" for name in ("pictures first-minute", "bundled", "null_experiments", "guide_days")
 )

@@ -153,7 +153,7 @@ def _draw_energy(axes: Any, data: Cruising, speed: Floats, coarse: slice) -> Non
 
 
 SAVING_TOLERANCE_PERCENT = 1.0
-"""A printed saving counts as reached if ours is this near (percentage points); the bars of figs. 6 and 8."""
+"""Distance (percentage points) from a printed saving within which it counts as reached; the bars of figs. 6 and 8."""
 
 
 OTHER_LEVELS = (L0_NOREG, L1, L2)
@@ -184,7 +184,7 @@ def saving(bench: Workbench, printed: PrintedSaving) -> float:
 
 
 LEGEND_ROOM_RATIO = 1.25
-"""The axis of the savings ends at this multiple of the largest one, so that the legend covers no curve."""
+"""Multiple of the largest saving at which their axis ends, so that the legend covers no curve."""
 
 
 def savings_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> None:

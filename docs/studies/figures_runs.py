@@ -46,9 +46,9 @@ CURVE_POINTS = 81
 HIGHEST_ENERGY_PERCENT = 125.0
 """The energy axis ends here; a note gives what is above it (L0 NOREG counts the kinetic energy)."""
 HIGHEST_DRAWN_MPS = 165 * KMH
-"""Force over speed is drawn up to this speed."""
+"""Speed (m/s) up to which force over speed is drawn."""
 OTHER_SIDE_RATIO = 0.1
-"""When only driving (or braking), the force axis goes beyond zero by this share: cruising needs a little traction."""
+"""Share by which the force axis goes beyond zero when only driving (or braking): cruising needs a little traction."""
 MAX = "max"
 
 

@@ -51,7 +51,7 @@ LIMIT: Final = LIGHT.of[Meaning.LIMIT]
 ENTRY_M: Final = 18_000.0
 """From here on (m) both trips were much slower than the line allows, as if something had held them back."""
 LEAST_J: Final = 0.5 * KWH
-"""A cause that has less energy than this on every trip has no row."""
+"""Energy (J) below which, on every trip, a cause has no row."""
 PARTS: Final = (("start", 0.0, 3.0), ("middle", 3.0, 16.0), ("end", 16.0, 20.0))
 """Parts of the line (km from Kolbäck)."""
 

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 PICTURE: Final = Path("relaxed-loss.png")
 SPEEDS_MPS: Final = np.arange(79.0, 160.0, 0.2) * KMH
 KWH_PER_KM: Final = 1.0 / 3600.0
-"""1 N is 1 J/m, which is this many kWh/km."""
+"""Energy (kWh/km) of 1 N, which is 1 J/m."""
 
 
 def energy_per_metre(train: str = "re460-ic") -> Floats:

@@ -24,7 +24,7 @@ _STEPS = 60
 _TOLERANCE = 1e-13
 _ON_BASE_MPS = 1e-9
 _EARLY_SHARE = 0.25
-"""An arc may end early by up to this share of its planned nodes."""
+"""Share of its planned nodes by which an arc may end early."""
 _NO_FRICTION = 1.0 - 1e-9
 """Factor on the electric brake's limit, so that rounding does not bring in the friction brake."""
 

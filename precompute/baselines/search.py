@@ -24,22 +24,22 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LOWEST_CRUISE_MPS = 1.0
-"""No strategy holds a lower speed than this, or passes a crest more slowly."""
+"""Lowest speed (m/s) that a strategy holds or passes a crest with."""
 SPEED_ROUNDING_MPS = 1e-10
-"""Cruising speeds this near to each other are the same."""
+"""Difference (m/s) below which cruising speeds are the same."""
 SCANNED_SPEEDS = 8
 """Cruising speeds tried before the best one is narrowed down."""
 GOLDEN_STEPS = 9
 TRIED_SPEEDS, ENOUGH_RATIO = 20, 2e-3
-"""Largest number of cruising speeds for which runs on time are sought. The search ends earlier once the energy of a run
-is within this ratio of the dual value."""
+"""Largest number of cruising speeds for which runs on time are sought, and the ratio above the dual value within which
+the energy of a run ends the search earlier."""
 MAX_PRICES = 60
 HIGHEST_PRICE_RATIO = 1e3
 """Highest price of time tried for coasting, as a multiple of the traction power: at it, no loss of time pays."""
 SPARE_RATIO, SPARE_S = 1.2, 5.0
-"""An arc is given up if it loses more than this multiple of the time to spare plus this time (s)."""
+"""Multiple of the time to spare, and time (s) on top of it, whose loss makes an arc be given up."""
 NEAR_S = 0.7
-"""A set of arcs this near (s) to the wanted time is brought to it by changing the cruising speed."""
+"""Distance (s) from the wanted time within which a set of arcs is brought to it by changing the cruising speed."""
 EXCHANGES = 5
 """Largest number of arcs that are exchanged to come near the time wanted."""
 TUNED_RATIO = 0.05

@@ -34,11 +34,11 @@ BUFFERS = (0.005, 0.3)
 SHORT_STEP_M = 25.0
 RESOLVED_BUFFER = 0.1
 RESOLVED_SPEED_RATIO = 0.9
-"""The section is solved anew from half-way, at this share of the speed of the braking envelope."""
+"""Share of the speed of the braking envelope at which the section is solved again from half-way."""
 VEHICLE = "re460-ic"
 EXACT_ROUTE, EXACT_LEVEL = "flat-6km", Level.L1
 SHORT_KM = 30.0
-"""Fronts of lines up to this length are solved in many rounds, fronts of longer lines in few."""
+"""Length (km) of a line up to which its front is solved in many rounds; those of longer lines in few."""
 FRONT_BOUND = "the divisions of its transitions and the arithmetic of its sweep"
 
 

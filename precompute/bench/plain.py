@@ -21,7 +21,7 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 LADDER_TOLERANCE = 1e-4
-"""`bisected` ends when it has narrowed a jump to this part of a step of the ladder."""
+"""Part of a step of the ladder to which `bisected` narrows a jump."""
 
 
 def plain_front(section: Section, threads: int) -> Front:

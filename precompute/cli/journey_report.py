@@ -27,9 +27,9 @@ SPARE_LEGEND = {
     "available": "from the earliest departure to the latest arrival, or to the latest departure less the dwell",
 }
 FAST_MPS = 100.0
-"""No train runs faster than this (m/s) on average between two stops."""
+"""Fastest mean speed (m/s) of a train between two stops."""
 GUESSED_RATIO, GUESSED_DWELL_S = 1.3, 60.0
-"""Times of a template: the least time at the line's limits, times this, and this dwell."""
+"""Factor on the least time at the line's limits, and dwell (s), of the times of a template."""
 NEAR_M, AT_M = 1000.0, 20.0
 """A point with the name of a route's stop is meant to be there if it is near, and is there if it is at it (m)."""
 

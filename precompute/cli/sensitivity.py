@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from precompute.sensitivity import Followed, Variation, VariationOutcome
 
 DEFAULT = "mass=±5%,±10%, resistance=±10%,±20%, wind=-20..20, receptivity=0.5,0, adhesion=0.6,0.3"
-"""What is varied unless the user says something else."""
+"""Variations unless the user gives others."""
 
 
 def sensitivity(
@@ -196,10 +196,10 @@ MARK = "0.1"
 BAR_HEIGHT = 0.36
 """Height of a bar; each row has a height of 1 and two bars."""
 ROOM = 0.16
-"""The axis extends beyond the bars by this share of their span, so that the figures at their ends fit."""
+"""Share of the bars' span by which the axis extends beyond them, so that the figures at their ends fit."""
 
 SHOWN = 0.05
-"""A number below this is printed as 0.0."""
+"""Number below which 0.0 is printed."""
 
 
 class _Bar(NamedTuple):

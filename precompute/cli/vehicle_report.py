@@ -29,9 +29,9 @@ LEGEND = {
     "cruising": "energy at the current collector per kilometre at constant speed on the level",
 }
 RISES = 0.02
-"""A curve that rises with speed by more than this share of its largest force causes a warning."""
+"""Share of its largest force by which a curve that rises with speed causes a warning."""
 COARSE_MPS = 30.0 * KMH
-"""Points of an effort curve further apart than this (m/s) cause a warning."""
+"""Distance (m/s) of points of an effort curve above which there is a warning."""
 
 
 def facts(train: Vehicle) -> list[str]:

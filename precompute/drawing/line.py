@@ -14,7 +14,7 @@ from das.drawing.picture import ALTITUDE_MARGIN_M, LEAST_RISE_M, Picture, explai
 MAP_IN: Final = 3.6
 """Height (in) of the map."""
 LEAST_STRETCH: Final = 0.05
-"""Near a pole a degree of longitude is drawn as if it had at least this share of a degree of latitude."""
+"""Least share of a degree of latitude with which a degree of longitude is drawn near a pole."""
 MOST_STOPS_ON_MAP: Final = 25
 
 

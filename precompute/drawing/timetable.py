@@ -17,7 +17,7 @@ OPEN_S = 90.0
 NAME_LETTERS, NAME_IN = 30, 0.16
 """Longest name (letters), and least distance (inches) between two names."""
 SPEED_SHARE = 0.05
-"""The mean speed is written beside a way of at least this share of the whole."""
+"""Least share of the whole for a path beside which the mean speed is written."""
 ARRIVAL, DEPARTURE, PASSING = SEVERAL[1], SEVERAL[2], SEVERAL[3]
 TICKS_S = (60.0, 120.0, 300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 14400.0)
 

@@ -22,7 +22,7 @@ SPEEDS = 400
 GRADIENTS = (0.01, 0.02)
 """The resistance is also drawn on these gradients."""
 MOST_MODES = 6
-"""At most this number of other modes are drawn beside the one of the train."""
+"""Most other modes that are drawn with the one of the train."""
 MOST_LETTERS = 24
 """Longest name of a mode in the key of the picture."""
 TRACTION, BRAKE, RESISTANCE = SEVERAL[0], SEVERAL[1], INK

@@ -21,10 +21,10 @@ from das.solver.section import Section
 from precompute.exact.front import STATES, ExactFront, Limits, passes, solve_exact
 
 RECENT = 6
-"""This many of the latest layers of a pass show how much slower it is than the pass before."""
+"""Latest layers of a pass that show how much slower it is than the pass before."""
 MOST_GROWTH, MOST_MULTIPLE = 1.15, 12.0
-"""A layer's time is forecast as a multiple of its time in the pass before. That multiple may grow by this factor from
-layer to layer, up to this value."""
+"""Largest growth from layer to layer, and largest value, of the multiple of its time in the pass before with which a
+layer's time is forecast."""
 FACTORS = ((0.2, 1.5), (0.9, 2.0), (1.8, 6.0))
 """Range of the time of the second, third and fourth pass, each as a multiple of the time of the pass before it."""
 

@@ -16,8 +16,7 @@ from precompute.exact.kernels import MJ, NEVER, NS, grown, segment
 STRIDE = 16
 """Number of labels that are examined together when halves are joined."""
 ROOM = 1 << 18
-"""`join_labels` has room for this many runs, and returns once half is used, so that its caller can drop dominated
-runs."""
+"""Runs for which `join_labels` has room; it returns once half is used, so that its caller can drop dominated runs."""
 
 
 @kernel

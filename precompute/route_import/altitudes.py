@@ -25,10 +25,10 @@ from precompute.route_import.tables import LineTable, check_coordinates
 GRID_M: Final = 25.0
 """Distance (m) between the points at which altitudes are averaged."""
 STRETCHES_PER_LENGTH: Final = 4
-"""So many gradients for each length of smoothing: more would only make plans slower."""
+"""Gradients for each length of smoothing: more would only make plans slower."""
 SHORTEST_STRETCH_M: Final = 100.0
 FAR_M: Final = 500.0
-"""An altitude further than this (m) from the line is not of the line."""
+"""Distance (m) from the line beyond which an altitude is not of it."""
 LOWEST_M, HIGHEST_M = -500.0, 9000.0
 SAME_POINT_M: Final = 1.0
 

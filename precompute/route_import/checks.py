@@ -15,11 +15,11 @@ from das.domain.route import Route
 from das.domain.units import KM, KMH, PERMILLE, kmh
 
 OFF_LINE_M: Final = 500.0
-"""A stop whose coordinates are further than this (m) from the line at its position lies elsewhere."""
+"""Distance (m) from the line at its position beyond which a stop's coordinates lie elsewhere."""
 SHORT_LIMIT_M: Final = 20.0
-"""A limit on less than this length (m) is mostly a slip."""
+"""Length (m) below which a limit is mostly a slip."""
 KINK_RATIO: Final = 0.03
-"""A change of gradient by more than this (m/m) at one point is no track: real ones are rounded out."""
+"""Change of gradient (m/m) at one point above which it is no track: real ones are rounded out."""
 MOST_SIDEWAYS_MPS2: Final = 2.3
 """Sideways acceleration (m/s²) that a limit may give in a curve: 1.0 by cant (150 mm) and 1.3 uncompensated."""
 

@@ -20,9 +20,9 @@ from precompute.route_import.track_graph import JOINED_M, FoundWay, TrackGraph
 from precompute.route_import.track_map import FIRST_THAT_IS_NO_STOP, MapPlace, TrackMap
 
 BESIDE_M: Final = 150.0
-"""A station within this distance (m) of the way is a stop of it."""
+"""Distance (m) from the path within which a station is a stop of it."""
 STOPS_APART_M: Final = 50.0
-"""Two stops nearer to each other than this (m) are one."""
+"""Distance (m) below which two stops are one."""
 MOST_ODD: Final = 12
 """Most limits of an unusual form that a remark lists."""
 OSM_SOURCE: Final = "© OpenStreetMap contributors"

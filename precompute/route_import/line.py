@@ -20,7 +20,7 @@ from precompute.route_import.order import Words
 DECIMALS: Final = 3
 """Positions (m) are rounded to so many digits behind the point."""
 RESOLUTION_M: Final = 10.0**-DECIMALS
-"""Lengths below this (m) are none."""
+"""Least length (m) that counts."""
 _Zone = TypeVar("_Zone", bound=Zone)
 
 

@@ -16,7 +16,7 @@ from precompute.route_import.line import ImportedLine, made_route, stretches
 from precompute.route_import.order import Words
 
 MOST_SCALE_RATIO: Final = 0.02
-"""Routes whose lengths differ by more than this share are not the same line."""
+"""Share by which the lengths of routes of the same line may differ."""
 PARTS: Final = {
     "limits": ("limits_mps",),
     "gradients": ("gradients_ratio", "altitude_at_start_m", "altitudes"),
@@ -28,7 +28,7 @@ PARTS: Final = {
 }
 """The fields of a route that each option takes from another one."""
 OF_ONE_DIRECTION: Final = ("limits", "supply")
-"""What differs between the directions of a line. Gradients, curves and tunnels are the same, mirrored."""
+"""Properties that differ between the directions of a line; gradients, curves and tunnels are the same, mirrored."""
 
 
 def merged(base: Route, others: Mapping[str, Route], words: Words) -> ImportedLine:

@@ -14,9 +14,9 @@ from das.domain.units import KM
 from precompute.route_import.track_map import UNITS_PER_DEGREE, MapPlace, TrackMap, names_of
 
 MOST_SHOWN: Final = 25
-"""At most this many names stand in a message."""
+"""Most names in a message."""
 ONE_STATION_M: Final = 3000.0
-"""Places of one name that are farther apart than this (m) are different stations; the largest yards are that long."""
+"""Distance (m) beyond which places of one name are different stations; the largest yards are that long."""
 GENERIC: Final = frozenset(
     {
         *("station", "railway", "central", "halt", "of"),

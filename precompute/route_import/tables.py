@@ -26,7 +26,7 @@ MOST_ROWS: Final = 200_000
 SHORTEST_M: Final = 1.0
 """Tables of a shorter line (m) are refused: nothing of it would be left after rounding."""
 OFF_COURSE_M: Final = 500.0
-"""Coordinates farther than this (m) from the course of the line are not of the line."""
+"""Distance (m) from the course of the line beyond which coordinates are not of it."""
 QUANTITIES: Final = {
     **dict.fromkeys(("position", "altitude", "length", "radius", "radius_start", "radius_end"), "length"),
     "limit": "speed",

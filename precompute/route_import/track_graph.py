@@ -25,19 +25,19 @@ from precompute.route_import.track_map import UNITS_PER_DEGREE, Key, MapPlace, T
 Floats = NDArray[np.float64]
 
 NEAR_M: Final = 400.0
-"""All tracks within this distance (m) of a station are offered as its tracks."""
+"""Distance (m) from a station within which all tracks are offered as its tracks."""
 SHARPEST_TURN_COS: Final = math.cos(math.radians(40.0))
-"""A train does not turn by more than this angle (as its cosine) from one piece of track to the next."""
+"""Largest angle (as its cosine) by which a train turns from one piece of track to the next."""
 SHORT_M: Final = 15.0
-"""The direction of a piece shorter than this (m) is uncertain: where no track branches off, it may turn by 90°."""
+"""Length (m) below which the direction of a piece is uncertain: where no track branches off, it may turn by 90°."""
 JOINED_M: Final = 3.0
-"""The end of a track that ends this near (m) to another one is joined to it: some exports round coordinates."""
+"""Distance (m) within which the end of a track is joined to another one: some exports round coordinates."""
 UNITS_PER_M: Final = 400
 """10⁻⁷ degrees in a metre, at least, up to a latitude of 76°."""
 AT_VERTEX_M: Final = 0.5
-"""A place this near (m) to a vertex of the track beside it needs no vertex of its own."""
+"""Distance (m) from a vertex of the track beside it within which a place needs no vertex of its own."""
 PLANE_RATIO: Final = 0.99
-"""Distances in a straight line are lowered to this share in the search, so that they are never too long."""
+"""Share to which distances in a straight line are lowered in the search, so that they are never too long."""
 AGAINST_PREFERRED: Final = 3.0
 """A metre against the preferred direction of a track counts as so many."""
 AGAINST_ONE_WAY: Final = 30.0

@@ -23,7 +23,7 @@ MOST_BYTES_OF_MAP: Final = 100_000_000
 MOST_VERTICES: Final = 2_000_000
 """Largest number of vertices of all tracks of a map. Assumption: the tracks of a large country have fewer."""
 FASTEST_MPS: Final = RouteLimits().speed_limit.most
-"""A limit above this (m/s) is taken as not known: it is a slip of the mapper."""
+"""Limit (m/s) above which it is taken as not known: a slip of the mapper."""
 TRACKS: Final = frozenset({"rail", "narrow_gauge", "light_rail", "subway", "tram", "preserved", "monorail"})
 """Values of `railway=*` that are tracks in use."""
 STATIONS: Final = {

@@ -123,7 +123,7 @@ def write_report(folder: Path, facts: Mapping[str, Any], outcomes: Sequence[Outc
 
 
 REPORT_EVERY_S = 5.0
-"""While a build runs, the first outcome later than this (s) after the last report makes it write the report again."""
+"""Time (s) since the last report after which the next outcome of a build makes it write the report again."""
 
 
 def build(plan: BuildPlan, folder: Path, workers: Workers, watch: Callable[[Outcome], None]) -> dict[str, Any]:

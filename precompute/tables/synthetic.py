@@ -17,7 +17,7 @@ ROUNDING_M = 10.0
 LIMITS_KMH = (80.0, 90.0, 100.0, 110.0, 120.0, 125.0, 140.0, 160.0)
 TOWN_LIMITS_KMH = (60.0, 70.0, 80.0, 90.0)
 TOWN_M = 800.0
-"""Within this distance of a stop one of the town limits holds."""
+"""Distance (m) from a stop within which one of the town limits holds."""
 LIMIT_EVERY_M = 3.5 * KM
 """Mean length of the stretches with one limit between towns."""
 GRADIENT_EVERY_M = 1.2 * KM

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 STEEPEST = 5.0
-"""No line falls by more than this many times the mass: near a standstill, values fall without limit."""
+"""Steepest fall of a line, in multiples of the mass: near a standstill, values fall without limit."""
 
 
 class Cells(NamedTuple):

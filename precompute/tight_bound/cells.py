@@ -33,24 +33,24 @@ from precompute.tight_bound.link_kernels import CellEfforts, CellLine, CellTrain
 FIRST_WIDTH: Final = 0.03
 """First width of the cells, in the square root of the speed (m/s): 0.3 m/s at 25 m/s."""
 NARROWEST_WIDTH: Final = 0.0001
-"""No cells get narrower than this."""
+"""Narrowest width of a cell."""
 ENOUGH_GAP_RATIO: Final = 1e-3
-"""The search ends once the gap is at most this share of the energy."""
+"""Gap, as a share of the energy, at which the search ends."""
 SLOW_RATIO: Final = 0.9
-"""The search ends once a pass leaves more than this share of the gap."""
+"""Share of the gap above which a pass leaves too much, and the search ends."""
 GROWTH: Final = 1.3
-"""A pass is expected to take, per cell, at most this many times as long as the one before."""
+"""Factor on the time per cell that a pass is expected to take at most, against the one before."""
 
 Floats = NDArray[np.float64]
 
 FORCE_SLACK_N: Final = 0.01
-"""Runs keep the limits of their forces to within this (N)."""
+"""Slack (N) within which runs keep the limits of their forces."""
 SLACK_RATIO: Final = 1e-8
-"""Runs keep all limits to within this ratio."""
+"""Ratio within which runs keep all limits."""
 SLOWEST_TAU: Final = 1e6
 """Slowness (s/m) of the slowest row of a loss map: no run is that slow."""
 PARTS: Final = 2
-"""Each open cell is split into this number of parts after each pass."""
+"""Parts into which each open cell is split after each pass."""
 
 
 class Incumbent(NamedTuple):

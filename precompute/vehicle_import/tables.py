@@ -22,7 +22,7 @@ MOST_BYTES = 1_000_000
 MOST_COLUMNS = 50
 """Largest number of columns of a table: one for the speed, and one for each mode."""
 BRAKE = "brake"
-"""A column of forces whose name begins with this word holds those of the electric brake."""
+"""First word of the name of a column that holds forces of the electric brake."""
 _UNIT = re.compile(r"(.*?)[\s_,]*(?:[\[(]\s*([^\[\]()]+?)\s*[\])]|\bin\s+(\S+)|_(\w+)|\s(\S+/?\S*))\s*$")
 
 

@@ -19,7 +19,7 @@ from das.domain.units import KMH, KN, STANDARD_GRAVITY_MPS2, TONNE
 from das.domain.vehicle import Load, Resistance, Vehicle
 
 STEEPEST_RATIO = 0.04
-"""The assumed friction brake reaches the train's deceleration on a descent of up to this gradient."""
+"""Steepest descent on which the assumed friction brake reaches the train's deceleration."""
 LOSSLESS = "lossless"
 _WORDS_APART = re.compile(r"[\s/]+")
 Points = tuple[tuple[float, float], ...]

@@ -25,11 +25,11 @@ from sim.plant.kernels import PlantState
 from sim.plant.plant import Plant
 
 LOOK_S: Final = 0.2
-"""A driver looks and acts at this interval (s)."""
+"""Interval (s) at which a driver looks and acts."""
 LOOKS_A_STATE: Final = 5
-"""One state in this many looks is kept, which is one a second."""
+"""Looks for each state that is kept, which is one a second."""
 LONGEST_S: Final = 7200.0
-"""No trip of the example takes longer than this (s)."""
+"""Longest trip (s) of the example."""
 
 
 def drive(plant: Plant, driver: Driver, line: LineKnowledge, arrival_s: float) -> list[PlantState]:
@@ -72,7 +72,7 @@ KEPT: Final = (
 )
 """Files of the example that are the same for every seed."""
 POSTS_EVERY_M: Final = 100.0
-"""Kilometre posts stand this far apart, so that straight lines between them keep within some metres of the curves."""
+"""Distance (m) between kilometre posts, so that straight lines between them keep within some metres of the curves."""
 DEPARTURE: Final = datetime(2026, 11, 21, 8, 31, 0, tzinfo=UTC)
 """When the train of the recorded trip departs."""
 

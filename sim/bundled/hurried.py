@@ -17,9 +17,9 @@ from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 
 EFFORT_RATE_RATIO_PER_S = 0.25
-"""Effort builds up by this share of the largest force per second (assumption)."""
+"""Share of the largest force by which effort builds up per second (assumption)."""
 TRAIN_SAMPLES = 11
-"""The gradient is averaged over this many points along the train."""
+"""Points along the train over which the gradient is averaged."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,16 +88,17 @@ class DriverStyle:
     """How a driver drives; all figures are assumptions of a plausible size."""
 
     below_limit_mps: float = 3.0 * KMH
-    """The driver keeps this much (m/s) below the limit."""
+    """Margin (m/s) that the driver keeps below the limit."""
     braking_mps2: float = 0.45
-    """The driver plans braking with this deceleration (m/s²)."""
+    """Deceleration (m/s²) with which the driver plans braking."""
     approach_mps2: float = 0.35
-    """The driver plans the last braking to the stop with this deceleration (m/s²)."""
+    """Deceleration (m/s²) with which the driver plans the last braking to the stop."""
     full_effort_error_mps: float = 2.0
-    """The driver uses full effort when the train is this much (m/s) too slow or too fast."""
+    """Deviation of the speed (m/s) from which the driver uses full effort."""
     wander_mps: float = 2.0 * KMH
     wander_s: float = 40.0
-    """The speed that the driver aims at wanders by `wander_mps` (standard deviation) with this correlation time (s)."""
+    """Correlation time (s) of the wander of the speed that the driver aims at; its standard deviation is
+    `wander_mps`."""
 
 
 class HurriedDriver:

@@ -28,7 +28,7 @@ HANGS_ON: Final = (
     "He watches no clock when alone, does what the guide says, and brakes with the motors first: drivers who keep time "
     "by themselves save less (docs/explanation/guide.md)."
 )
-"""What the figures of the result hang on, in a sentence."""
+"""Conditions on which the figures of the result depend, in a sentence."""
 LOOK_AGAIN_S: Final = 0.2
 """How often the progress of the drive with the guide is shown (s)."""
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from das.domain.route import Route
 
 DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
-"""Where a run listens for an external driver."""
+"""Endpoint at which a run listens for an external driver."""
 
 TripArgument = Annotated[
     Path, typer.Argument(metavar="TRIP", help="Recorded trip: CSV, GPX, or a recording (.mcap) of das-sim.")

@@ -39,17 +39,17 @@ if TYPE_CHECKING:
 
 
 MOST_FIELDS = 12
-"""At most this many fields of the first message that differs are shown."""
+"""Most fields shown of the first message that differs."""
 WAYS = {
     WhatIfKind.OPEN_LOOP: "the recorded drive, and the advice that it would have had",
     WhatIfKind.DRIVEN_ANEW: "the recorded day, driven by a simulated driver",
 }
-"""What each kind of what-if keeps and what it makes anew."""
+"""Recorded and recomputed parts of each kind of what-if."""
 FROM_A_DRIVE = (
     "the day was made from what was heard: timetable, late departures, restrictions; what held the train up between "
     "stops, wind and rail are not in it. Two days driven anew tell what advice saved: with it, and with --advice none"
 )
-"""What a day that is driven anew from a real drive lacks."""
+"""Data that a day driven again from a real drive lacks."""
 
 
 def check(file: RecordingArgument, of_train: OfTrainOption = None, as_json: JsonOption = False) -> None:

@@ -121,7 +121,7 @@ LanguageOption = Annotated[
     Language, typer.Option("--language", help="The language of what the driver's display shows.")
 ]
 SHOWN = 8
-"""The table of a comparison shows this many stretches: those on which the drives differ most."""
+"""Stretches in the table of a comparison: those on which the drives differ most."""
 
 
 def report(

@@ -175,7 +175,7 @@ def bundled_recording() -> Path:
 
 
 TIMETABLE_STEP_S: Final = 6.0
-"""The times of a timetable are multiples of this (s), a tenth of a minute."""
+"""Step (s) of the times of a timetable, a tenth of a minute."""
 
 
 def make_trip(

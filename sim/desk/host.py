@@ -21,9 +21,9 @@ from sim.desk.messages import GIVEN, DeskGiven, encoded
 from sim.world.lockstep import Process
 
 LOOK_S: Final = 0.5
-"""The run looks this often (s) whether the server is still there."""
+"""Interval (s) at which the run checks whether the server is still there."""
 STARTS_S: Final = 10.0
-"""A server that ends sooner than this (s) after its start was not killed: something is wrong with it."""
+"""Time (s) after its start before which a server that ends was not killed: something is wrong with it."""
 MOST_FAILURES: Final = 3
 
 

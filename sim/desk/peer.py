@@ -20,11 +20,11 @@ from das.domain.clocks import WALL, Clocks
 from sim.desk.messages import DeskGiven, Lever, Marked
 
 CALLED_EVERY_S: Final = 0.1
-"""Before the run begins, the desk announces itself at this interval (s)."""
+"""Interval (s) at which the desk announces itself before the run begins."""
 UNSEEN_S: Final = 1.0
-"""A page that has drawn nothing for this long (s) is seen by nobody; the desk answers no more looks."""
+"""Time (s) without drawing after which a page has no viewer; the desk then answers no more looks."""
 SETTLES_S: Final = 0.01
-"""A newer setting of the controller within this time (s) replaces one that is not on the bus yet."""
+"""Time (s) within which a newer setting of the controller replaces one that is not on the bus yet."""
 DEVICES: Final = {
     name.removeprefix("DEVICE_").lower().replace("_", "-"): number for name, number in das_pb2.Action.Device.items()
 }

@@ -44,9 +44,10 @@ PAGE: Final = Path(__file__).parent / "page"
 FILES: Final = {path.name: path for path in sorted(PAGE.iterdir()) if path.is_file()}
 """The files of the page by name; nothing else can be asked for."""
 BEAT_S: Final = 0.5
-"""The page hears something at least this often (s)."""
+"""Longest time (s) between two messages to the page."""
 MOST_PER_S, MOST_AT_ONCE = 200.0, 400.0
-"""A page that sends more messages than this is cut off; our own page sends at most 60 a second."""
+"""Most messages from a page, per second and in one burst, before it is cut off; our own page sends at most 60 a
+second."""
 BAD, TAKEN, FLOOD = 4400, 4409, 4429
 """Codes with which a socket is closed: what came is no message of the page, a newer page drives, too many messages."""
 HEADERS: Final = {
@@ -60,7 +61,7 @@ HEADERS: Final = {
     "Cache-Control": "no-store",
 }
 PARENT_LOOK_S = 1.0
-"""The server looks this often (s) whether its parent is still there."""
+"""Interval (s) at which the server checks whether its parent is still there."""
 
 
 class Outbox:

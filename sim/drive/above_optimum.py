@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from das.solver.solution import Solution
 
 NOT_COMPARABLE: Final = "not comparable"
-"""Every command prints this if it cannot state the energy above the optimum."""
+"""Text that every command prints if it cannot state the energy above the optimum."""
 SAID_BY_THE_RECORDING: Final = "the recording says that its trip and the optimum cannot be compared"
 """Why, by a recording that is older than `Saving.not_comparable`."""
 NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the stops"
@@ -29,7 +29,7 @@ NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the s
 NO_PART: Final = f"{NOT_WHOLE}, nor does it have equal speeds 1 km apart"
 """Why, for a trip without such a departure and arrival, of which no part can be compared either."""
 IMPOSSIBLE_RATIO: Final = 0.05
-"""A trip that needs more force than the assumed train has for more than this share of the time was another train's."""
+"""Share of the time with more force than the assumed train has above which the trip was another train's."""
 RECORDED: Final = ("start", "end", "trip_s", "driven_j", "optimum_j")
 """The figures of a section that a recording states under the same names."""
 _PASSING: Final = re.compile(r"km \d+\.\d at \d+ km/h")

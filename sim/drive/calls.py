@@ -17,9 +17,9 @@ from sim.recording.course import DrivenCourse, known
 from sim.recording.stands import StandingTime, stood_ns
 
 NEAR_M: Final = 100.0
-"""A train that stands within this distance (m) of a stop may be at it; of several stands, the nearest counts."""
+"""Distance (m) within which a standing train may be at a stop; of several stands, the nearest counts."""
 NEAR_ON_THE_WAY_M: Final = 300.0
-"""A train within this distance (m) of a stop outside its journey may be at it: a long train may stand far off."""
+"""Distance (m) within which a train may be at a stop outside its journey: a long train may stand far off."""
 
 
 @dataclass(frozen=True, kw_only=True)

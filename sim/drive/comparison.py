@@ -136,11 +136,11 @@ def _way(table: DriveTable) -> str:
 STEP_M = 10.0
 """Default distance between two positions (m)."""
 SAME_ADVICE_MPS = 0.5 / 3.6
-"""Advised speeds that differ by less than this (m/s) are shown as the same."""
+"""Difference (m/s) below which advised speeds are shown as the same."""
 SAME_S, SAME_J = 1e-6, 1.0
-"""Drives that never differ by more than this (s, J) are the same: such differences are rounding."""
+"""Largest differences (s, J) between drives that are the same: such differences are rounding."""
 EDGE_M = 0.5
-"""An end of a stretch within this distance (m) of the end before it is left out."""
+"""Distance (m) from the end before it below which an end of a stretch is left out."""
 
 
 class Advised(NamedTuple):

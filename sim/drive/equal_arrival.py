@@ -29,12 +29,12 @@ SAME_BRAKES: Final = {
     True: "Both energies are those of the simulated train, with the same habit of braking.",
     False: "Both energies are estimates for the planned train: its mass, resistance, wind and brakes are not known.",
 }
-"""What a difference hangs on if both drives have the same brakes; the key tells whether their energy was measured."""
+"""Conditions of a difference if both drives have the same brakes; the key tells whether their energy was measured."""
 OTHER_BRAKES: Final = (
     "The brakes or the sources of the energies differ, so that both are estimates for the planned train with motors "
     "that brake first: what friction brakes took is in neither."
 )
-"""What a difference hangs on if the drives have other brakes."""
+"""Conditions of a difference if the drives have other brakes."""
 
 
 def run_of(drive: Drive) -> Mapping[str, str]:

@@ -130,13 +130,14 @@ class Filter:
 
 
 MUCH_OVER_KMH: Final = 3.0
-"""A train this much (km/h) above the limit was too fast by more than the error of a speedometer and of the sampling."""
+"""Excess over the limit (km/h) from which a train is too fast by more than the error of a speedometer and of the
+sampling."""
 LONG_OVER_S: Final = 5.0
-"""A train that is above the limit for this long (s) did not only touch it."""
+"""Time (s) above the limit from which a train did not only touch it."""
 LONG_AWAY_S: Final = 10.0
-"""Attention that is away for this long (s) is more than a look at something else."""
+"""Time (s) from which attention that is away is more than a look at something else."""
 LARGE_DEVIATION_S: Final = 60.0
-"""It is an event if the train is, or is expected to arrive, this much (s) off the timetable."""
+"""Deviation from the timetable (s), present or expected, from which it is an event."""
 
 
 def with_marks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
@@ -294,9 +295,9 @@ def points(table: DriveTable) -> tuple[Point, ...]:
 
 
 OFF_PLAN_MPS: Final = 0.3
-"""A train whose speed differs by at least this (m/s) from the plan has left the plan."""
+"""Deviation of the speed (m/s) from which a train has left the plan."""
 OFF_PLAN_S: Final = 1.0
-"""A train whose time at a place differs by this much (s) from the plan has left the plan."""
+"""Deviation of the time at a place (s) from which a train has left the plan."""
 
 REPLANS: Final = {
     2: "the time of arrival changed",
@@ -431,7 +432,7 @@ def place_text(s_m: float) -> str:
 
 
 DELAY_STEP_S: Final = 15.0
-"""A delay that differs by at least this (s) from that of the last such event is an event; smaller changes are many."""
+"""Change (s) since the last such event from which a delay is an event; smaller changes are many."""
 
 
 def events(table: DriveTable, made: tuple[KeptCall, ...], limit_mps: Floats) -> tuple[DriveEvent, ...]:
@@ -542,17 +543,17 @@ def _delays(table: DriveTable) -> Iterator[DriveEvent]:
 
 
 LEVER_RATIO: Final = 0.03
-"""A controller set to less than this share of the effort is at neutral."""
+"""Share of the effort below which a controller is at neutral."""
 LEAST_STOOD: Final = 5
-"""Advice shown for fewer seconds than this need not be followed: drivers take some seconds to react."""
+"""Seconds shown below which advice need not be followed: drivers take some seconds to react."""
 LONGEST_ANSWER_S: Final = 30.0
-"""What the driver does later than this (s) is no longer an answer to the advice."""
+"""Time (s) after which an act of the driver is no longer an answer to the advice."""
 LATE_ANSWER_S: Final = 10.0
-"""An answer later than this (s) is called late."""
+"""Time (s) after which an answer is called late."""
 LEAST_STAND_S: Final = 1.0
-"""A train that stops for less than this (s), on the way to its mark, has not come to stand."""
+"""Standstill (s) below which a train, on the way to its mark, has not come to stand."""
 PAUSE_NS: Final = 5_000_000_000
-"""A pause of the positions is an event if it is longer than this (ns); they usually come once a second."""
+"""Pause of the positions (ns) above which it is an event; they usually come once a second."""
 
 DECIDED: Final = {"followed": True, "refused": False}
 """A driver's decisions about advice, and whether each means that he follows it."""
@@ -565,7 +566,7 @@ WANTED: Final = {
     Regime.FULL_BRAKE: BRAKES,
     Regime.FRICTION_BRAKE: BRAKES,
 }
-"""What a driver who follows an advised mode sets the controller to; holding a speed may need any of the three."""
+"""Settings of the controller of a driver who follows an advised mode; holding a speed may need any of the three."""
 
 
 def call_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[DriveEvent]:

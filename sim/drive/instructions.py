@@ -22,27 +22,28 @@ from sim.drive.table import HOLDS_S, DriveTable
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 
 ANNOUNCED_S: Final = 8.0
-"""A change of kind is announced in time at least this long (s) before it is due."""
+"""Time (s) before it is due from which a change of kind is announced in time."""
 MOVED_S, MOVED_RATIO = 10.0, 0.35
-"""The time announced for a change may differ from the time at which it is due by this much (s), or by this share."""
+"""Difference (s, or share) that the time announced for a change may have from the time at which it is due."""
 LEAD_S: Final = 1.9
-"""A brake has a lead if it is shown this long (s) before it is due: 2 s, less what one advice a second rounds away."""
+"""Time (s) before it is due from which a brake has a lead: 2 s, less what one advice a second rounds away."""
 COAST_MISSES_MPS: Final = 5.5 * KMH
-"""Coasting that ends further than this from its speed has missed it."""
+"""Distance from its speed (m/s) beyond which coasting has missed it."""
 LEAST_COAST_S: Final = 5.0
-"""Coasting is judged only if the train has coasted for at least this long (s), and for half of the time shown."""
+"""Time (s) for which, and for half of the time shown, the train must have coasted for coasting to be judged."""
 ROLLS_N: Final = 2000.0
-"""A train whose wheel force is smaller than this coasts."""
+"""Wheel force (N) below which a train coasts."""
 PROMISED_S: Final = 8.0
-"""The next change counts as promised once it is announced for no later than this (s)."""
+"""Time (s) up to which an announced next change counts as promised."""
 OBEYED_S, OBEYED_RATIO = 5.0, 0.8
-"""A driver has obeyed if for this long (s) he kept to the speeds shown and braked with this share of the effort."""
+"""Time (s) for which, and share of the effort with which, a driver who has obeyed kept to the speeds shown and
+braked."""
 BRIEF_S, GAINS_S = 30.0, 1.0
 """An acceleration that a brake follows within `BRIEF_S` is in vain if it gains less than `GAINS_S` over holding."""
 MOVING_MPS: Final = 0.3
-"""A train slower than this stands."""
+"""Speed (m/s) below which a train stands."""
 REMEMBERED: Final = 60
-"""The announcements of this many seconds are remembered."""
+"""Seconds whose announcements are remembered."""
 
 
 _Task = tuple[InstructionKind, int]

@@ -21,9 +21,9 @@ from sim.drive.table import DriveTable
 from sim.recording.course import DrivenCourse, Floats, Times, stretches_of
 
 OVER_MPS: Final = 1.0 * KMH
-"""A speed that is more than this (m/s) above a limit is too fast; less is within the error of a speedometer."""
+"""Excess over a limit (m/s) above which a speed is too fast; less is within the error of a speedometer."""
 BEYOND_M: Final = 0.5
-"""A signal counts as passed when the train's head is further beyond it than this (m)."""
+"""Distance (m) of the train's head beyond a signal above which it counts as passed."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from sim.recording.course import known, minutes
 PASSINGS: Final = "passings"
 """The key of a recording's metadata for the passings of its journey."""
 KEPT_S: Final = 1.0
-"""A passing is still kept if it is missed by this (s) more than its tolerance: states are recorded once a second."""
+"""Time (s) beyond its tolerance by which a passing that is kept may be missed: states are recorded once a second."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sim.drive.energy import DriveEnergy
 
 UNKNOWN_S: Final = 10.0
-"""The curves of what was driven have a gap where nothing was recorded for longer than this (s)."""
+"""Time (s) without records above which the curves of the drive have a gap."""
 
 
 class Quantity(NamedTuple):
@@ -130,7 +130,7 @@ BUFFER_PERCENT: Final = (-5.0, 25.0)
 """Range of an axis of the buffer (%): at the end of a trip the buffer goes to infinity."""
 
 SAME_STOP_M = 1.0
-"""Plans whose ends are within this distance (m) of each other lead to the same stop."""
+"""Distance (m) of their ends below which plans lead to the same stop."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,11 +11,11 @@ from sim.drive.table import HOLDS_S, DriveTable
 from sim.drivers.presentations.presenter import Shown
 
 MOST_CHANGES_PER_MIN: Final = 2.0
-"""Advice that changes more often than this, on average, is restless."""
+"""Mean changes per minute above which advice is restless."""
 SHORTEST_MODE_S: Final = 8.0
-"""Advice is restless if a mode lasts for less than this (s)."""
+"""Duration of a mode (s) below which advice is restless."""
 REVERSAL_S: Final = 10.0
-"""Traction and braking, in either order, with less than this (s) between them are a reversal."""
+"""Time (s) between traction and braking, in either order, below which they are a reversal."""
 A_SECOND_NS: Final = 1_000_000_000
 
 

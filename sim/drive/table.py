@@ -54,8 +54,8 @@ NUMBERS: Final[Mapping[Topic, str]] = {
 
 
 HOLDS_S: Final = 3.0
-"""A message counts for this long (s) after its moment: messages come once a second, and two may be lost. What lasted no
-longer was not noticed, and what came no longer before a plan is its cause."""
+"""Time (s) after its moment for which a message counts: messages come once a second, and two may be lost. A shorter
+event was not noticed, and one that came within it before a plan is its cause."""
 HOLDS_NS: Final = round(HOLDS_S / NS)
 """`HOLDS_S` in ns."""
 

@@ -16,7 +16,8 @@ from sim.plant import kernels
 from sim.plant.kernels import Command, TrainNumbers
 
 AT_STOP_M = 10.0
-"""A train that stands this near (m) to its stop has arrived: its doors are at the platform; it does not creep on."""
+"""Distance from its stop (m) within which a standing train has arrived: its doors are at the platform; it does not
+creep on."""
 
 
 class Efforts(NamedTuple):

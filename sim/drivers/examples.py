@@ -18,9 +18,9 @@ from sim.plant.kernels import Command
 from sim.plant.plant import lever
 
 BY_EYE_M = 100.0
-"""They drive the last metres before a stop by eye."""
+"""Distance (m) before a stop from which they drive by eye."""
 LATE_S = 3.0
-"""One of them is late by this much (s)."""
+"""Lateness (s) of one of them."""
 
 
 class Attentive:

@@ -25,24 +25,24 @@ class HumanSettings:
     """Handling that all human drivers share. All values are assumptions, chosen so that the drives look realistic."""
 
     gain_per_s: float = 0.1
-    """A driver corrects this share of a speed error per second."""
+    """Share of a speed error that a driver corrects per second."""
     settled_ratio: float = 0.25
-    """A correction ends when the speed error is down to this share of the dead band."""
+    """Share of the dead band down to which the speed error is corrected."""
     roll_mps: float = 2.0
-    """A driver does not brake until the train is this much (m/s) above the speed that he means to hold."""
+    """Excess (m/s) over the speed that a driver means to hold at which he brakes."""
     released_ratio: float = 0.6
-    """The brakes stay applied while at least this share of the planned deceleration is still needed."""
+    """Share of the planned deceleration down to which the brakes stay applied."""
     settled_mps: float = 0.1
-    """Braking for a limit ends when the train is no more than this (m/s) above the limit."""
+    """Excess over a limit (m/s) at which braking for it ends."""
     regained_s: float = 10.0
-    """A driver keeps the brakes applied on a descent on which the train would gain the dead band within this time
-    (s)."""
+    """Time (s) within which a train on a descent would gain the dead band, so that its driver keeps the brakes
+    applied."""
     eased_s: float = 6.0
-    """A driver brakes away the excess over a limit within about this time (s)."""
+    """Time (s) in which a driver brakes away the excess over a limit."""
     nearest_m: float = 0.3
-    """Nearer to the mark than this (m), and beyond it, the driver brakes with the planned deceleration."""
+    """Distance from the mark (m) below which, and beyond the mark, the driver brakes with the planned deceleration."""
     missed_m: float = 0.5 * AT_STOP_M
-    """A driver misjudges the place of a mark by at most this (m). His braking adds an error of its own, and a train
+    """Largest misjudgement (m) of the place of a mark. The driver's braking adds an error of its own, and a train
     further off than `AT_STOP_M` has not arrived."""
 
 
@@ -51,21 +51,21 @@ class HeedingSettings:
     """How every human driver heeds limits and advice. All values are assumptions."""
 
     warning_mps: float = 1.5
-    """The train warns its driver when it is this much (m/s) above the braking curve; the warning ends any lapse."""
+    """Excess over the braking curve (m/s) at which the train warns its driver; the warning ends any lapse."""
     watched_mps: float = 1.5
-    """A driver within this margin (m/s) below the highest allowed speed minds that speed, whatever is advised."""
+    """Margin (m/s) below the highest allowed speed within which a driver minds that speed, whatever is advised."""
     eased_off_s: float = 1.5
-    """A driver who accelerates to a speed eases off this much (s) before the train reaches it."""
+    """Time (s) before the train reaches a speed at which a driver who accelerates to it eases off."""
     expected_within_s: float = 5.0
-    """A change of the advice within this time (s) of an announced change counts as announced."""
+    """Time (s) from an announced change within which a change of the advice counts as announced."""
     made_good_s: float = 20.0
-    """A driver who is shown to be this much (s) late drives as fast as allowed; one who is shown to be this much early
-    drives just in time."""
+    """Lateness (s) shown from which a driver drives as fast as allowed; one who is shown to be as early drives just in
+    time."""
     creeps_mps: float = 10.0 * KMH
-    """A driver who brakes for his stop by eye goes no slower than this before he must brake."""
+    """Lowest speed (m/s) of a driver who brakes for his stop by eye, before he must brake."""
     least_effort_s: float = 4.0
-    """A driver does not begin an acceleration that would be over within this time (s), but holds the speed. Instead of
-    braking for so short a time he lets the train roll."""
+    """Shortest acceleration (s) that a driver begins; otherwise he holds the speed. Instead of braking for so short a
+    time he lets the train roll."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,13 +73,13 @@ class HandSettings:
     """How every human driver moves the controller. All values are assumptions."""
 
     waits_s: float = 5.0
-    """A driver who has set the controller waits this long (s) to see the effect before he makes a small change. The
+    """Time (s) that a driver who has set the controller waits to see the effect before he makes a small change. The
     effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
     waits_ratio: float = 0.3
-    """A change by this share of the controller's scale is not small: it is one and a half steps of the effort on a
+    """Share of the controller's scale from which a change is not small: one and a half steps of the effort on a
     display."""
     end_stop_ratio: float = 0.99
-    """An effort above this share of the controller's scale is set at the end of the scale, where the hand feels a
+    """Share of the controller's scale above which an effort is set at the end of the scale, where the hand feels a
     stop."""
 
 

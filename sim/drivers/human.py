@@ -208,7 +208,7 @@ class DisplayReading:
 
 
 BEGUN_RATIO = 0.5
-"""A driver who has set this share of an effort has begun the acceleration or brake."""
+"""Share of an effort from which a driver who has set it has begun the acceleration or brake."""
 
 
 class Motion:

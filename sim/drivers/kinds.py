@@ -77,7 +77,7 @@ class Presentation(StrEnum):
     SPEED_AND_EFFORT = "speed-and-effort"
     """Speed and effort now, and for the next seconds."""
     GUIDE = "guide"
-    """What to do now, up to which speed and with what effort, and the next two changes."""
+    """The manner of driving now, its speed and effort, and the next two changes."""
     SHEET = "sheet"
     """On paper: what to do from which kilometre on; it never changes."""
 
@@ -90,7 +90,8 @@ class FrictionPolicy(StrEnum):
     ELECTRIC_FIRST = "electric-first"
     """Friction only where the motors cannot give what is asked."""
     BY_ADVICE = "by-advice"
-    """As measured, but electric first while the driver follows advice on effort: the advice changes the habit."""
+    """Friction as measured, but electric first while the driver follows advice on effort: the advice changes the
+    habit."""
 
 
 def as_now_called(run: Mapping[str, str]) -> dict[str, str]:

@@ -21,18 +21,18 @@ from sim.plant.kernels import TrainNumbers, brake_effort, running_resistance, tr
 from sim.plant.plant import train_numbers
 
 PLANNED_RATIO, PLANNED_AT_MPS = 0.8, 5.0
-"""A driver plans to brake with at most this share of what his train brakes with at this speed (m/s) on the level: what
-is left makes up for his errors and for the time until the brakes act."""
+"""Share of the train's braking at a speed (m/s) on the level with which a driver plans at most: the rest makes up for
+his errors and for the time until the brakes act."""
 CELL_M = 5.0
-"""The line is remembered in cells of this length (m), counted back from the halt."""
+"""Length (m) of the cells in which the line is remembered, counted back from the halt."""
 SLOWEST_CAP_MPS = 20.0 * KMH
 CAP_HALVINGS = 14
 
 
 _LEAST_BRAKING_MPS2 = 0.02
-"""A train is assumed to brake at least this much (m/s²), because the ceiling would otherwise rise without end."""
+"""Least braking (m/s²) that a train is assumed to have: the ceiling would otherwise rise without end."""
 _CRAWL_MPS = 0.5
-"""A train in front of a gradient that it cannot climb is assumed to crawl at this speed (m/s)."""
+"""Speed (m/s) at which a train in front of a gradient that it cannot climb is assumed to crawl."""
 
 
 @kernel

@@ -159,7 +159,7 @@ DEFAULT: Final = "default"
 """Name of the bundled population."""
 NORMAL: Final = NormalDist()
 MOST_CERTAIN: Final = 1e-12
-"""Probabilities are kept this far from 0 and 1, where the normal distribution has no finite value."""
+"""Least distance of probabilities from 0 and 1, where the normal distribution has no finite value."""
 
 
 class Shape(StrEnum):

@@ -14,7 +14,7 @@ from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import Shown
 
 ROUNDING_S: Final = 1e-6
-"""Times of ticks are compared with this margin."""
+"""Margin (s) with which times of ticks are compared."""
 LONGEST_S: Final = 600.0
 """Longest update interval and hold time (s); a slower display would advise nobody."""
 

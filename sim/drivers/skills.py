@@ -22,11 +22,11 @@ from sim.drivers.tracking import RULE, TRACKING, TimeRule, hold, stop_at, under_
 from sim.plant.kernels import Command, demanded
 
 LOOK_S: Final = 0.2
-"""A driver is asked for a setting at this interval (s)."""
+"""Interval (s) at which a driver is asked for a setting."""
 BEFORE_SIGNAL_M: Final = 15.0
-"""A train is stopped this far (m) before a signal at danger."""
+"""Distance (m) before a signal at danger at which a train is stopped."""
 CALM_PER_S: Final = 0.1
-"""This share of a speed error is corrected per second."""
+"""Share of a speed error that is corrected per second."""
 
 _Seen = TypeVar("_Seen")
 

@@ -22,13 +22,13 @@ class RuleSettings:
     easy_braking_mps2: float = 0.5
     """Deceleration (m/s²) of a driver who brakes comfortably."""
     anticipation_s: float = 0.8
-    """A practised driver acts this much (s) early: the dead time and half the build-up of an effort."""
+    """Time (s) by which a practised driver acts early: the dead time and half the build-up of an effort."""
     judged_every_s: float = 15.0
-    """A driver who keeps time compares the clock with the timetable at this interval (s)."""
+    """Interval (s) at which a driver who keeps time compares the clock with the timetable."""
     spare_s: float = 2.0
-    """A driver who keeps time means to arrive this much (s) early: the last metres take longer than one thinks."""
+    """Time (s) by which a driver who keeps time means to arrive early: the last metres take longer than expected."""
     roll_mps: float = 8.0 * KMH
-    """A driver who keeps time lets the train roll up to this much (m/s) above his top speed before he brakes."""
+    """Excess over his top speed (m/s) up to which a driver who keeps time lets the train roll before he brakes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,17 +36,17 @@ class TrackingSettings:
     """How drivers keep to a speed and stop at a mark; chosen so that trains neither hunt nor creep."""
 
     ahead_s: float = 0.2
-    """The slope of a ceiling is taken over the distance covered in this time (s), which is one look."""
+    """Time (s) over whose distance the slope of a ceiling is taken, which is one look."""
     gain_per_s: float = 0.5
-    """This share of a speed error is corrected per second."""
+    """Share of a speed error that is corrected per second."""
     stopping_mps: float = 10.0
-    """Below this speed (m/s) a train brakes for its halt with the deceleration that the distance left needs."""
+    """Speed (m/s) below which a train brakes for its halt with the deceleration that the distance left needs."""
     stopping_ratio: float = 0.85
-    """Such braking begins when the distance left needs this share of the planned deceleration."""
+    """Share of the planned deceleration, needed by the distance left, at which such braking begins."""
     last_m: float = 0.05
-    """Nearer to the halt (m) than this, and beyond it, the planned deceleration is used."""
+    """Distance from the halt (m) below which, and beyond the halt, the planned deceleration is used."""
     last_mps: float = 0.02
-    """Slower than this (m/s) at the halt, the planned deceleration is used: a train that resists more than known would
+    """Speed (m/s) at the halt below which the planned deceleration is used: a train that resists more than known would
     creep on for ever."""
 
 
@@ -55,22 +55,23 @@ class FollowingSettings:
     """How a perfect driver follows the advice. All values are assumptions."""
 
     stopping_s: float = 10.0
-    """When the advice ends in a standstill within this time (s), the driver brakes for the mark by himself."""
+    """Time (s) within which advice must end in a standstill for the driver to brake for the mark by himself."""
     minded_mps: float = 1.0
-    """This close (m/s) to the speed that a restriction or a signal allows, the driver no longer follows the advice."""
+    """Distance (m/s) from the speed that a restriction or a signal allows at which the driver no longer follows the
+    advice."""
     least_braking_mps2: float = 0.05
-    """A halt that needs less deceleration (m/s²) than this is still far away: the driver drives on by himself."""
+    """Deceleration (m/s²) below which a halt is still far away: the driver drives on by himself."""
     creeping_mps: float = 0.3
-    """Advice to brake to a speed below this (m/s) is advice to halt."""
+    """Speed (m/s) below which advice to brake is advice to halt."""
     rolling_mps: float = 0.3
-    """A coasting train may roll above a limit by up to this (m/s), the precision to which the display is read."""
+    """Excess over a limit (m/s) up to which a coasting train may roll, the precision to which the display is read."""
     read_mps: float = 0.3
-    """A driver who does nothing but what the card says takes a speed for reached within this (m/s): he reads it off."""
+    """Distance (m/s) within which a driver who only follows the card takes a speed for reached: he reads it off."""
     motors_ratio: float = 1.08
-    """The friction brake stays off while the braking needs no more than this times the force of the motors: it releases
-    slowly, and at a lower speed the motors give more."""
+    """Multiple of the force of the motors up to which the friction brake stays off: it releases slowly, and at a lower
+    speed the motors give more."""
     release_s: float = 0.4
-    """An effort is released this much (s) before it is due to end: half the time that it takes to fall."""
+    """Time (s) before it is due to end at which an effort is released: half the time that it takes to fall."""
 
 
 RULE: Final = RuleSettings()

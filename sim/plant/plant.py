@@ -27,11 +27,11 @@ from sim.plant.kernels import NO_LIMIT_N, Actuators, Command, LineNumbers, LossN
 __all__ = ["COAST", "Command", "Dynamics", "Patch", "Plant", "PlantState", "force", "lever", "speed", "train_numbers"]
 
 SHORTEST_STEP_S, LONGEST_STEP_S = 0.02, 0.1
-"""Range of the integration's step (s): within this range the results do not depend on the step."""
+"""Range of the integration's step (s), within which the results do not depend on it."""
 NO_LIMIT_MPS2 = 1e6
 """An acceleration no train reaches (finite, so that products stay defined)."""
 DRAWN_AT_MPS = 1.0
-"""At this speed (m/s) the power without effort, less the losses of the traction chain, is the power of the
+"""Speed (m/s) at which the power without effort, less the losses of the traction chain, is the power of the
 auxiliaries."""
 
 

@@ -51,20 +51,20 @@ def rate_of(recording: Recording, topic: Topic) -> Rate | None:
 
 
 LATE_AFTER_S = 1.0
-"""Advice recorded later than this (s) after its time stamp reached the driver late as well."""
+"""Time (s) after its time stamp from which advice that is recorded reached the driver late as well."""
 SLOW_AFTER_S = 1.0
-"""Advice that takes longer than this (s) to compute comes only when the next is due."""
+"""Time of computing (s) above which advice comes only when the next is due."""
 LONGEST_GAP_S = STALE_AFTER_S
 """After a longer gap (s) the node withdraws its advice for want of positions, and the display goes dark."""
 GAP_INTERVALS = 2.5
-"""A topic slower than once a second has a gap if this many of its usual intervals pass without a message."""
+"""Usual intervals without a message from which a topic slower than once a second has a gap."""
 CYCLIC = (topics.POSITION, topics.CONTROL, topics.ADVICE, topics.STATUS, topics.TRUTH, topics.CAB)
 """The topics on which messages come regularly."""
 OF_A_SESSION = (topics.JOURNEY, topics.RESTRICTION, topics.POSITION, topics.ADVICE, topics.STATUS)
 OF_A_TRIP = (topics.POSITION,)
 """Topics that a recording must have: `OF_A_SESSION` with a node at work, `OF_A_TRIP` for a trip without a node."""
 MOST_OF_A_KIND = 5
-"""Only this many gaps of a topic are reported one by one."""
+"""Most gaps of a topic that are reported one by one."""
 
 
 class CheckKind(StrEnum):

@@ -80,7 +80,7 @@ def known(value: float) -> float | None:
 
 
 OWN_DEPARTURE: Final = "the departure of the trip"
-"""What happens at the zero of the clock of a replay without a timetable."""
+"""Zero of the clock of a replay without a timetable."""
 MINUTE_S: Final = 60
 HOUR_S: Final = 3600
 DAY_S: Final = 86400
@@ -103,7 +103,7 @@ class DriveClock:
 
     zero_ns: int
     zero_is: str = "the timetable's departure"
-    """What happens at zero, in words for pages."""
+    """The event at zero, in words for pages."""
     zone: tzinfo = UTC
 
     @classmethod

@@ -60,7 +60,7 @@ def _loss_map_of(vehicle: Path) -> Path | None:
 
 
 DEEP: Final = PurePosixPath("a/b/c/d")
-"""Files are put this deep, so that a loss map in a folder above its vehicle file is still in the private folder."""
+"""Folders above the files, so that a loss map in a folder above its vehicle file is still in the private folder."""
 LOSS_MAP: Final = "loss_map"
 LOSS_MAPS, CURVES = "path", "curve"
 """Keys under which a vehicle file names its loss map and the CSV files of its effort curves."""

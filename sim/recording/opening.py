@@ -29,9 +29,9 @@ WHAT_IF: Final = "what_if"
 OF, OF_SHA256, CHANGED = "what_if_of", "what_if_of_sha256", "what_if_changed"
 """Keys of a what-if: the recording that it starts from, that file's hash, and the changes in words."""
 NOTHING: Final = "nothing"
-"""What is written of a day on which nothing happens, and of a what-if in which nothing changes."""
+"""Text for a day on which nothing happens, and for a what-if in which nothing changes."""
 _warned: set[str] = set()
-"""Warnings that this process has printed."""
+"""Warnings that the process has printed."""
 
 
 def open_recording(path: Path, train: str | None = None) -> Recording:

@@ -15,7 +15,7 @@ from das.domain.units import NS
 from sim.recording.course import DrivenCourse, stretches_of
 
 STANDING_MPS: Final = 0.3
-"""A train that is slower than this (m/s) stands: receivers report a few cm/s at rest."""
+"""Speed (m/s) below which a train stands: receivers report a few cm/s at rest."""
 POSITION_ERROR_M: Final = 3.0
 """Error of a receiver's positions (m): over a shorter distance they do not show when the train stopped."""
 

@@ -22,7 +22,7 @@ DIAL, CAB_CARD = "dial", "cab"
 STEP_KMH: Final = 20.0
 """Distance (km/h) of the figures on the scale."""
 START_DEG, SWEEP_DEG = 220.0, -260.0
-"""Where the scale begins, anticlockwise from the right, and how far it goes."""
+"""Start of the scale, anticlockwise from the right, and its extent."""
 RADIUS: Final = 100.0
 """Radius of the scale in the plane."""
 EXTENT: Final = 128.0

@@ -96,7 +96,7 @@ INK: Final = LIGHT.ink
 PAGE_WIDTH_IN: Final = 9.0
 TEXT_POINTS: Final = 8.5
 EDGE_M: Final = 50.0
-"""A stop beyond the ends of the drawn part of the line by no more than this (m) is drawn as well."""
+"""Distance (m) beyond the ends of the drawn part of the line within which a stop is drawn as well."""
 
 
 def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
@@ -166,7 +166,7 @@ SAID_IN, STRIP_IN = 1.14, 0.2
 SAID_SHARE: Final = 0.15
 """The coloured strip of such a panel, as a share of its height; the words stand above it."""
 WORDS_APART, MOST_CROWDED = 0.014, 1.5
-"""Words stand at least this share of the axis apart; where instructions are closer, the later words move on by up to
+"""Least distance between words, as a share of the axis; where instructions are closer, the later words move on by up to
 as much, or are left out. A display with more instructions than `MOST_CROWDED` times those with room has none."""
 
 

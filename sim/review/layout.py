@@ -63,7 +63,7 @@ HEIGHTS: Final = {"buffer": BUFFER_PERCENT, "lever": (-105.0, 105.0)}
 ALWAYS: Final = {"lost", "energy"}
 """Views that are never left out, because their series are found only after the layout is made."""
 LANE_SHARE: Final = 0.6
-"""Each lane adds this much to the share of its view in the height."""
+"""Height that each lane adds to the share of its view."""
 
 
 def blueprint(scene: ReviewScene) -> rrb.Blueprint:

@@ -50,7 +50,7 @@ SLOW, FAST = (np.array(list(bytes.fromhex(one[1:]))) for one in (STANDING_GREY, 
 """Colours of the track at standstill and at the highest speed: grey, and the blue of what was driven."""
 TRACK_PIECES: Final = 300
 REACHED_M: Final = 200.0
-"""A stop at most this far (m) beyond the ends of the train's course is drawn as well."""
+"""Distance (m) beyond the ends of the train's course within which a stop is drawn as well."""
 
 WIDTH: Final = 1600.0
 """Width of the trip in the plane."""
@@ -59,7 +59,7 @@ FURNITURE: Final = ("grid", "axes", "stops", "names", "key", "here")
 """Entities over distance that show nothing when a user points at them."""
 SIGNAL_SHARE: Final = 0.12
 LANE_LETTERS: Final = 137.0
-"""So many letters fit into a lane in the window that the layout is made for."""
+"""Letters that fit into a lane in the window that the layout is made for."""
 FIGURE: Final = re.compile(r"[+-]?\d[\d.]*")
 LETTER: Final = 6.0
 """Half the width of a letter and its bubble in the window that the layout is made for."""

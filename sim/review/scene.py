@@ -64,10 +64,10 @@ MEANINGS: Final = {
     EventKind.WITHDRAWAL: Meaning.NO_ADVICE,
     EventKind.LAPSE: Meaning.NO_ADVICE,
 }
-"""What the colours of marks and bookmarks mean; other kinds have the colour of the ink."""
+"""Meanings of the colours of marks and bookmarks; other kinds have the colour of the ink."""
 
 LEAST_KWH: Final = 0.05
-"""A span that cost less than this (kWh) is not in the lane of costs."""
+"""Least cost (kWh) of a span in the lane of costs."""
 OTHER_THAN_ADVISED: Final = (EnergyCause.AGAINST_ADVICE, EnergyCause.LATE_COASTING)
 """The causes by which the effort set differed from the effort advised."""
 COST_MEANINGS: Final = {
@@ -76,7 +76,7 @@ COST_MEANINGS: Final = {
     EnergyCause.AS_ADVISED: Meaning.ADVISED,
     **dict.fromkeys(OTHER_THAN_ADVISED, Meaning.AGAINST),
 }
-"""What the colours of costs mean; the other causes have the colour of energy lost."""
+"""Meanings of the colours of costs; the other causes have the colour of energy lost."""
 
 
 class LinePlace(NamedTuple):
@@ -152,7 +152,7 @@ class ReviewScene:
     filled_from: str = ""
     """A sentence about what is estimated because it was not recorded; empty if nothing is."""
     attribution: AttributionView | None = None
-    """Where the energy went; None until `with_attribution` has found it, or if it is not known."""
+    """Energy by cause and place; None until `with_attribution` has found it, or if it is not known."""
 
     @classmethod
     def of(cls, drive: Drive, beside: Drive | None = None) -> ReviewScene:
@@ -261,9 +261,9 @@ class ReviewScene:
 
 
 MOST_PARTED: Final = 3
-"""At most this many stretches are bookmarks."""
+"""Most stretches that are bookmarks."""
 LEAST_PARTED_KWH: Final = 0.5
-"""Stretches on which the drives part by less than this (kWh) are no bookmarks."""
+"""Least difference (kWh) of the drives on a stretch that is a bookmark."""
 
 
 def series_beside(drive: Drive, other: Drive | None) -> Found:

@@ -22,9 +22,9 @@ from das.domain.route import Floats
 from das.domain.units import MS, NS
 
 ROUNDING = 1e-6
-"""A negative speed that is this near to 0 (in its file's unit) comes from rounding."""
+"""Distance from 0 (in its file's unit) at which a negative speed comes from rounding."""
 NO_SPEED = -1.0
-"""What iOS writes as the speed if it knows none."""
+"""Speed that iOS writes if it knows none."""
 NO_VALUE = frozenset(("", "-", "n/a", "na", "nan", "none", "null"))
 """Texts of a cell, in small letters, that stand for a value that is not known."""
 Read = TypeVar("Read")

@@ -21,46 +21,47 @@ from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import LEAST_KEPT_RATIO, MAX_BACKWARD_M, STALL_HALF_WINDOW_S, STRAY_WEIGHT, WRONG_SPEED_MPS
 
 JUMP_M: Final = 50.0
-"""A position further (m) than this from where its neighbours put it is a jump if no change of speed explains it."""
+"""Distance (m) from the place that its neighbours give beyond which a position is a jump, if no change of speed
+explains it."""
 CHANGE_MPS2: Final = 1.0
-"""The speed of an unseen train may change by this (m/s²): no train brakes harder in service."""
+"""Change (m/s²) that the speed of an unseen train may have: no train brakes harder in service."""
 STEPS_AROUND: Final = 5
-"""The speed of the positions around a point is the median of this many steps on either side."""
+"""Steps on either side whose median is the speed of the positions around a point."""
 FROZEN_RATIO: Final = 0.5
-"""A repeated position was wrong if the next position is further on by at least this share of the distance that the
-reported speeds give."""
+"""Share of the distance by the reported speeds from which the next position is further on if a repeated position was
+wrong."""
 LATE_S: Final = 5.0
-"""Reported speeds may be this late (s), which makes their integral uncertain."""
+"""Delay (s) that reported speeds may have, which makes their integral uncertain."""
 SCALE_RATIO: Final = 0.02
-"""The integral of reported speeds may be wrong by this share of itself."""
+"""Share of itself by which the integral of reported speeds may be wrong."""
 POINTS_BACK: Final = 120
-"""Wrong positions are found if fewer than this many follow in a row: points further apart are not compared."""
+"""Longest row of wrong positions that is found: points further apart are not compared."""
 LONGEST_JUMP_S: Final = 120.0
-"""Wrong positions are found if they last at most this long (s): points further apart are not compared."""
+"""Longest time (s) of wrong positions that is found: points further apart are not compared."""
 TOP_SPEED_PERCENTILE: Final = 99.0
-"""The top speed of a trip is this percentile of the speeds around its points, because a few may be wrong."""
+"""Percentile of the speeds around its points that is the top speed of a trip, because a few may be wrong."""
 DERIVED_HALF_WINDOW_S: Final = 5.0
-"""The speed from positions is their mean slope over this time (s) on either side."""
+"""Time (s) on either side whose mean slope is the speed from positions."""
 WRONG_SPEED_RATIO: Final = 0.2
-"""A reported speed is wrong only if it also differs by more than this share of the speed that positions give."""
+"""Share of the speed from positions by which a reported speed that is wrong also differs."""
 EDGE_MPS: Final = 1.0
-"""Beside a wrong speed, one that still differs by this (m/s) is wrong as well if it jumps (`EDGE_MPS2`) or repeats
+"""Difference (m/s) from which a speed beside a wrong one is wrong as well if it jumps (`EDGE_MPS2`) or repeats
 (`SAME_MPS`)."""
 EDGE_MPS2: Final = 1.5
-"""A speed jumps if it changes faster than this (m/s²)."""
+"""Change (m/s²) above which a speed jumps."""
 SAME_MPS: Final = 0.05
-"""A speed repeats if it differs by less than this (m/s) from the one before."""
+"""Difference (m/s) from the one before below which a speed repeats."""
 GAP_S: Final = 5.0
-"""A time without points is a gap if it is longer than this (s) and than `GAP_STEPS` usual steps."""
+"""Time without points (s) above which, and above `GAP_STEPS` usual steps, it is a gap."""
 GAP_STEPS: Final = 3.0
-"""A time without points is a gap only if it is longer than this many usual steps between points."""
+"""Usual steps between points above which a time without points is a gap."""
 SPARSE_S: Final = 30.0
-"""A time without points that is longer than this (s) is a gap in any record, however sparse."""
+"""Time without points (s) that is a gap in any record, however sparse."""
 
 _Strays = Callable[[Ints, Any], Floats]
 """How badly later points j (one, or one for each i) fit earlier points i; two points fit if the value is at most 1."""
 _REMOVING = ("dropped", "cut")
-"""What is done about findings whose points are taken out of the record."""
+"""Outcomes of findings whose points are taken out of the record."""
 
 
 class FindingKind(StrEnum):

@@ -33,11 +33,11 @@ from sim.trips.settings import (
 )
 
 ESTIMATE_MIN_STEP_M: Final = 0.05
-"""Points nearer to each other (m) than this count as one, at which the train stands."""
+"""Distance (m) below which points count as one, at which the train stands."""
 ESTIMATE_MOST_DOUBT_RATIO: Final = 0.25
-"""For want of force, mass and resistance may be off by at most this share more: an empty or an overloaded train."""
+"""Largest further doubt of mass and resistance for want of force: an empty or an overloaded train."""
 ESTIMATE_SMOOTHING_RATIO: Final = 10.0
-"""The density of jerk may be this many times higher or lower: the window shrinks or grows by a factor of 1.8."""
+"""Factor by which the density of jerk may be higher or lower: the window shrinks or grows by a factor of 1.8."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,9 +41,9 @@ WINDOW_LINE_SD_RATIO: Final = 5e-4
 WINDOW_FULL_SD_RATIO: Final = 0.02
 """How exactly the full effort of the train is known (one standard deviation)."""
 WINDOW_HELD_SD_MPS2: Final = 0.02
-"""A driver who holds a speed accelerates by this (m/s², one standard deviation)."""
+"""Acceleration (m/s², one standard deviation) of a driver who holds a speed."""
 WINDOW_HARDEST_BRAKING_MPS2: Final = 1.0
-"""No driver brakes harder than this (m/s²) in service, however strong the brakes are."""
+"""Hardest braking (m/s²) of a driver in service, however strong the brakes are."""
 SHARE_COASTING: Final = 0.08
 SHARE_FULL: Final = 0.12
 """Full traction."""
@@ -68,20 +68,21 @@ RATIO_RESISTANCE_LOG_SD: Final = 0.15
 RATIO_MODEL_SD: Final = 0.015
 """The uncertainty of either ratio that no motion removes (one standard deviation)."""
 RATIO_KNOWN_SD_RATIO: Final = 0.6
-"""A record shows the mass if it reduces the standard deviation to this share of that beforehand."""
+"""Share of the prior standard deviation to which a record must reduce it to show the mass."""
 RATIO_EVIDENCE_WEIGHT: Final = 0.5
 """Weight of the evidence between trains, because windows of one driver are alike: the likeliest train is right
 about as often as its probability says on simulated drives."""
 CHOICE_CERTAIN_SDS: Final = 2.0
-"""A window needs more effort than the train has only if noise of this many standard deviations is no reason."""
+"""Standard deviations of noise that must not explain why a window needs more effort than the train has."""
 CHOICE_BEYOND_RATIO: Final = 0.02
-"""A train cannot have driven a trip that needs more effort in more than this share of the time …"""
+"""Share of the time with too much effort from which a train cannot have driven a trip, if `CHOICE_BEYOND_WINDOWS` holds
+too."""
 CHOICE_BEYOND_WINDOWS: Final = 3
-"""… and in at least this many windows."""
+"""Least number of windows with too much effort in a trip that a train cannot have driven."""
 CHOICE_HIGH_PERCENTILE: Final = 90.0
-"""The high speed of a trip is this percentile over its way, and the speed allowed likewise."""
+"""Percentile over its way that is the high speed of a trip, and the speed allowed likewise."""
 CHOICE_SLOWER_RATIO: Final = 0.1
-"""By this share (the mean of an exponential distribution) drivers stay below what line and train allow."""
+"""Share (the mean of an exponential distribution) by which drivers stay below what line and train allow."""
 CHOICE_PLACES: Final = 500
 """Places along the way at which speeds are compared."""
 

@@ -22,9 +22,9 @@ COLUMNS: Final = {
 }
 """The quantities in a list of kilometre posts, and the names that the column of each may have."""
 _LENGTH_TOLERANCE_RATIO: Final = 0.3
-"""The distance between two posts on the map may differ from their difference in kilometres by this share."""
+"""Share by which the distance between two posts on the map may differ from their difference in kilometres."""
 _PAIRS_AT_ONCE: Final = 1_000_000
-"""Largest number of pairs of a point and a segment that are projected at once; this bounds the memory."""
+"""Largest number of pairs of a point and a segment that are projected together, which bounds the memory."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

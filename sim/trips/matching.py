@@ -19,12 +19,12 @@ from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import AT_PLATFORM_M, LEAST_MOVED_M, MAX_BACKWARD_M, RECORD_STANDS_MPS, SCALE_TOLERANCE_RATIO
 
 STAND_KEPT_S: Final = 30.0
-"""This much (s) of a stand at the start or the end is kept."""
+"""Time (s) of a stand at the start or the end that is kept."""
 TOLD_M: Final = 0.01
-"""Positions that were moved by less than this (m) are not reported."""
+"""Least move (m) of a position that is reported."""
 
 SAME_TIME_S = 1e-6
-"""Times closer together than this (s) count as equal."""
+"""Difference (s) below which times count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)

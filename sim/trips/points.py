@@ -28,22 +28,22 @@ from sim.trips.settings import (
 )
 
 LONGEST_GAP_S: Final = 300.0
-"""A gap longer than this (s) splits the record if the train moved in it or beside it; the largest part is kept."""
+"""Gap (s) above which the record is split if the train moved in it or beside it; the largest part is kept."""
 STANDING_BY_POSITIONS_MPS: Final = 0.5
-"""Where no speed is reported, a train stands if its positions are slower than this (m/s): they wander by some
-metres in 10 s."""
+"""Speed of the positions (m/s) below which a train stands where no speed is reported: they wander by some metres in 10
+s."""
 LED_WINDOW_S: Final = 12.0
-"""Positions at an end of a record show a stand if they slow down to it over this time (s)."""
+"""Time (s) over which positions at an end of a record slow down to a stand."""
 LED_POINTS: Final = 4
-"""Positions at an end of a record show a stand only if there are at least this many within `LED_WINDOW_S`."""
+"""Least number of positions within `LED_WINDOW_S` at an end of a record that show a stand."""
 LED_SPEED_MPS: Final = 2.0
-"""Positions at an end of a record show a stand only if their speed there is no more than this (m/s)."""
+"""Largest speed (m/s) at an end of a record whose positions show a stand."""
 LED_CHANGE_MPS2: Final = 0.1
-"""Positions at an end of a record show a stand only if they slow down by at least this (m/s²): noise gives less."""
+"""Least slowing (m/s²) of positions at an end of a record that show a stand: noise gives less."""
 GENTLE_MPS2: Final = 0.3
-"""No train stops or starts more gently than this (m/s²), so v²/2a and v/a bound what may be left of its motion."""
+"""Gentlest stop or start (m/s²) of a train, so that v²/2a and v/a bound what may be left of its motion."""
 ONE_WAY_RATIO: Final = 0.5
-"""The ends of a trip in one direction are at least this share of its whole extent apart."""
+"""Least distance of the ends of a trip in one direction, as a share of its whole extent."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

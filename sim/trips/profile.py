@@ -22,13 +22,13 @@ SMOOTHING_SPEED_SIGMA_MPS: Final = 0.5
 SMOOTHING_EXACT: Final = 1e-3
 """Standard deviation of what is known exactly: the position of a stop (m), and the speed 0 there (m/s)."""
 SMOOTHING_MAX_SPEED_GAP_S: Final = 3.0
-"""Reported speeds further apart (s) than this are not joined; inertia leads through the gap."""
+"""Longest gap (s) over which reported speeds are joined; inertia leads through longer ones."""
 SMOOTHING_USUAL_STEPS_JOINED: Final = 2.0
-"""In a sparse record, points up to this many usual steps apart are joined nevertheless."""
+"""Usual steps up to which points of a sparse record are joined nevertheless."""
 SMOOTHING_MIN_LAG_GAIN_RATIO: Final = 0.2
-"""A lag of the speed must explain this share of the spread between integrated speed and position, else it is 0."""
+"""Share of the spread between integrated speed and position that a lag of the speed must explain, else it is 0."""
 SMOOTHING_MIN_LAG_GAIN_M: Final = 1.0
-"""A lag must also explain this much (m) of the spread."""
+"""Length (m) of the spread that a lag must also explain."""
 
 LAGS_S = np.arange(-2.0, 5.01, 0.25)
 """Lags (s) of the reported speed that are tried."""

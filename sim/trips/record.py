@@ -38,7 +38,7 @@ Ints = NDArray[np.int64]
 
 _BEFORE_XML = b"\xef\xbb\xbf\xff\xfe \t\r\n"
 BACKWARD_NOISE_MPS = 0.3
-"""A recorded speed below 0 by less than this (m/s) is taken for noise of the sensor at a standstill."""
+"""Speed below 0 (m/s) up to which a recorded one is taken for noise of the sensor at a standstill."""
 WITHOUT_HEADER = ("latitude_deg", "longitude_deg", "speed_kmh", "time_ms")
 COLUMNS = {
     "latitude": dict.fromkeys(LATITUDE_NAMES, 1.0),

@@ -47,7 +47,7 @@ LEGEND: Final = {"from, to": "what the energy may have been at least and at most
 PANEL_HEIGHTS = (3, 1, 2)
 """Relative heights of the panels of speeds, distances from the smooth run, and forces."""
 FORCES_SHOWN_RATIO = 1.3
-"""Forces are drawn up to this multiple of the strongest held force, so that no spike of a second sets the scale."""
+"""Multiple of the strongest held force up to which forces are drawn, so that no spike of a second sets the scale."""
 COLUMNS = ("time_ms", "position_m", "speed_mps", "speed_from_positions", "latitude_deg", "longitude_deg")
 _NS_PER_MS = round(MS / NS)
 

@@ -32,9 +32,9 @@ from sim.trips.record import Reading, Record, read_trip, reading_of
 from sim.trips.settings import AT_PLATFORM_M, LEAST_KEPT_RATIO, WANDER_M
 
 SHORTEST_STAND_S: Final = 5.0
-"""A stand on the way that is shorter than this (s) is not reported: at 1 Hz it may be a single slow point."""
+"""Shortest stand (s) on the way that is reported: at 1 Hz a shorter one may be a single slow point."""
 WHOLE_TRIP_M: Final = 100.0
-"""A trip is the whole section if it starts and ends this near (m) to the stops."""
+"""Distance (m) from the stops within which a trip that starts and ends there is the whole section."""
 FASTEST_MPS: Final = 400.0 * KMH
 """A record that leads to a higher speed (m/s) is no train's trip."""
 

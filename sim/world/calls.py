@@ -15,7 +15,7 @@ from sim.plant.kernels import PlantState
 from sim.world.service import Day
 
 PASSED_M: Final = 2000.0
-"""A train that is further (m) behind a stop than this has missed it."""
+"""Distance (m) behind a stop above which a train has missed it."""
 
 
 class Calls:

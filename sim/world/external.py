@@ -85,9 +85,9 @@ class DeadMan:
 
 
 LEAST_LISTENING: Final = 0.5
-"""When the run keeps a pace, the driver has at least this share of the time of a look to answer."""
+"""Least share of the time of a look that the driver has to answer when the run keeps a pace."""
 SLIPS_SAID_S: Final = 1.0
-"""A run that slips says so whenever it has lost this much more (s)."""
+"""Time (s) that a run that slips loses between two of its reports."""
 BRAKES: Final = lever(-1.0)
 
 
@@ -227,9 +227,9 @@ class ExternalDriver:
 HEARD = (CAB, CONTROL)
 """Topics that the process of an external driver must receive."""
 CALLED_EVERY_S: Final = 0.2
-"""Until the run begins, the driver's process announces itself at this interval (s)."""
+"""Interval (s) at which the driver's process announces itself until the run begins."""
 LOST_S: Final = 60.0
-"""A run that sends nothing for this long (s) is taken to be gone."""
+"""Silence (s) after which a run is taken to be gone."""
 
 
 def answer_looks(bus: Bus, driver: Driver, begun: Callable[[], None] = lambda: None) -> int:

@@ -37,7 +37,7 @@ from das.domain.errors import DasError
 from sim.recording.opening import NODE_ARGUMENTS
 
 STOP_TIMEOUT_S = 30.0
-"""A child process that has not ended this long (s) after SIGTERM is killed."""
+"""Time (s) after SIGTERM at which a child process that has not ended is killed."""
 
 
 class Process:
@@ -207,7 +207,7 @@ class Answers:
         self.reason = ""
         """Why the node is in that state, as the node puts it."""
         self.written = Written()
-        """What the recorder has written so far."""
+        """Record of what the recorder has written so far."""
         self.advice: Any | None = None
         """The last advice (the bus's message); None before the first."""
         self.controls: Any | None = None
@@ -251,9 +251,9 @@ START_TIMEOUT_S = 120.0
 ANSWER_TIMEOUT_S = 10.0
 """Longest wait (s) for an answer of node or recorder once both have started."""
 HEARD_EVERY_S = 0.2
-"""While no message comes, the simulator checks at this interval (s) that node and recorder still run."""
+"""Interval (s) at which the simulator, while no message comes, checks that node and recorder still run."""
 RECORDER_WINDOW = 50
-"""The recorder may be this many ticks behind before the simulation waits for it."""
+"""Ticks that the recorder may be behind before the simulation waits for it."""
 
 
 @dataclass(kw_only=True)

@@ -81,11 +81,11 @@ class Link(Protocol):
 
 TICK_S = 1.0
 LOOK_S = 0.2
-"""A driver looks and acts at this interval (s)."""
+"""Interval (s) at which a driver looks and acts."""
 BEFORE_S, AFTER_S = 10.0, 10.0
-"""A run begins this long (s) before the timetable's departure and ends this long after the arrival."""
+"""Times (s) before the timetable's departure and after the arrival at which a run begins and ends."""
 LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
-"""A run may take this many times the time of its timetable, and this much (s) more."""
+"""Longest run, as a multiple of the time of its timetable, and the time (s) beyond it."""
 
 Progress = Callable[[float, float], None]
 """Called at every tick with the distance driven so far and the whole distance (m)."""
@@ -282,7 +282,7 @@ class World:
 
 
 TRAIN = "train"
-"""Name of the train whose advice is computed in this process."""
+"""Name of the train whose advice is computed within the process."""
 
 
 class InProcess:

@@ -90,7 +90,7 @@ def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
 
 
 EARLY_S: Final = 0.5
-"""A departure that is earlier than this (s) is said to be early."""
+"""Earliness (s) above which a departure is called early."""
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
 """The ways in which energy is lost for good, comfort systems included, as in the paper's figure.
 

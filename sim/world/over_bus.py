@@ -102,7 +102,7 @@ class How:
     paced: bool = False
     screen: ScreenSettings = field(default_factory=ScreenSettings)
     metadata: Mapping[str, str] = field(default_factory=dict)
-    """What else the recording states about the run, for example what a what-if changed."""
+    """Further statements of the recording about the run, for example the changes of a what-if."""
 
 
 class DayRun(NamedTuple):

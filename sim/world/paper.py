@@ -21,9 +21,9 @@ from sim.world.service import Day, Service
 VALID_S = 3600.0
 """The driver's view of advice has an end of validity; a sheet, which does not expire, is read anew long before (s)."""
 LATE_S = 60.0
-"""A driver who leaves a stop later than this (s) drives as the boards allow to the next stop: so the sheet says."""
+"""Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet says."""
 SLOW_MPS = 5.0
-"""A driver who is slower than the sheet by more than this (m/s) does not coast or brake as it says."""
+"""Shortfall of the sheet's speed (m/s) above which a driver does not follow its coasting and braking instructions."""
 SHEETS_KEPT = 256
 _MODES = {
     InstructionKind.HOLD: Regime.CRUISE,

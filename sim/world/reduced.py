@@ -25,19 +25,18 @@ from das.solver.section import Section
 EASY_BRAKING_MPS2: Final = 0.5
 """The deceleration of comfortable service braking (assumption)."""
 JUDGED_EVERY_S: Final = 30.0
-"""The reduced maximum speed is computed anew this often."""
+"""Interval (s) at which the reduced maximum speed is computed."""
 SLOWEST_MPS: Final = 20.0 * KMH
-"""No lower speed is shown, except under a lower limit and in the last metres before a stop. Before a stop this is
-the speed shown; in the last metres it is halved, if need be several times."""
+"""Lowest speed shown (m/s), except under a lower limit and in the last metres before a stop, where it is halved, if
+need be several times."""
 HALVINGS: Final = 12
-"""The reduced maximum speed is found by halving an interval this many times."""
+"""Halvings of an interval that find the reduced maximum speed."""
 BELOW_RATIO: Final = 0.999
-"""For a train faster than comfortable braking allows, the computation starts from the allowed speed, divided by
-this ratio."""
+"""Divisor of the allowed speed from which the computation starts for a train faster than comfortable braking allows."""
 
 Floats = NDArray[np.float64]
 LEVEL_MPS = 1e-6
-"""A curve that falls by less than this over an interval counts as level."""
+"""Fall over an interval (m/s) below which a curve counts as level."""
 
 
 class Staircase:

@@ -46,7 +46,7 @@ from sim.world.true_train import check_train
 KEPT_BYTES = 300_000_000
 """Largest total size (bytes) of the fronts that runs without a bus keep."""
 TIMETABLE_STEP_S = 6.0
-"""Running times in timetables are rounded up to multiples of this (s), a tenth of a minute."""
+"""Step (s) to which running times in timetables are rounded up, a tenth of a minute."""
 LATEST_TIME_S = 10 * 86_400.0
 """Latest time (s) on a journey's clock in a simulated day."""
 PLANNED = (

@@ -153,7 +153,7 @@ class _LineSteps:
 
 
 NODE_DOWN_S = 2.0
-"""A node that is restarted does not answer for this long (s)."""
+"""Time (s) for which a node that is restarted does not answer."""
 
 
 class DayNews:
@@ -276,7 +276,7 @@ def _lasts(fault: SensorOutage | BusOutage, now_s: float) -> bool:
 
 
 CORRELATION_S = 30.0
-"""The error of a receiver's position wanders with this time constant (s, assumption)."""
+"""Time constant (s, assumption) with which the error of a receiver's position wanders."""
 STREAM, FORCE_STREAM = 2, 3
 """Streams of a seed's random numbers: positions and efforts. Stream 1 is for disturbances; drivers have their own."""
 

@@ -19,9 +19,9 @@ from das.domain.units import FACTORS, KMH, KN
 MOST_POINTS = 2000
 """Largest number of points of an effort curve."""
 LEAST_APART_MPS = 1e-3
-"""Two points of an effort curve are at least this far apart (m/s)."""
+"""Least difference (m/s) between two points of an effort curve."""
 HIGHEST_MPS, LARGEST_N = 250.0, 1e8
-"""No point of an effort curve is above this speed (m/s) or force (N)."""
+"""Highest speed (m/s) and largest force (N) of a point of an effort curve."""
 _ENVELOPE = {"max_force": "force", "max_power": "power"}
 _CURVE = {"speed": "speed", "force": "force"}
 _NO_EFFORT = EffortEnvelope(max_force_n=0.0, max_power_w=0.0)

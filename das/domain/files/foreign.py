@@ -15,11 +15,9 @@ from das.domain.errors import DasError
 MOST_BYTES: Final = 1_000_000
 """How much of a file is looked at (bytes)."""
 UNZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError)
-"""What `zipfile` raises for a damaged zip, besides a `UnicodeDecodeError` for a name that is not UTF-8.
-
+"""Errors that `zipfile` raises for a damaged zip, besides a `UnicodeDecodeError` for a name that is not UTF-8.
 `BadZipFile`: wrong headers or checksums; `zlib.error` and `EOFError`: damaged or missing content; `OSError`: a place
-before the begin of the file; `RuntimeError`: a zip of a later version, or one with a password.
-"""
+before the begin of the file; `RuntimeError`: a zip of a later version, or one with a password."""
 _JOURNEYS: Final = "das-precompute journey import {path} --trip ID -o journey.toml"
 ROUTES: Final = "das-precompute route import {path} -o route.toml"
 VEHICLES: Final = "das-precompute vehicle import {path} -o vehicle.toml"

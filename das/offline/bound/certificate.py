@@ -79,13 +79,13 @@ def _keeps_acceleration(task: Task) -> bool:
 
 
 MOST_STEPS: Final = 60
-"""At most this number of Newton steps; 25 to 35 are usual."""
+"""Most Newton steps; 25 to 35 are usual."""
 ENOUGH_RATIO: Final = 1e-5
-"""The search ends once no bound of the relaxation can be higher by more than this share of the energy."""
+"""Share of the energy by which a bound of the relaxation can be higher when the search ends."""
 MOST_CUTS: Final = 3
-"""A loss map gets further planes at most this number of times."""
+"""Most times that a loss map gets further planes."""
 ENOUGH_CUT_RATIO: Final = 5e-4
-"""A loss map gets no further planes once the last ones raised the bound by less than this share."""
+"""Share by which the last planes must have raised the bound for a loss map to get further ones."""
 INSIDE: Final = 0.05
 """How far from its bounds the first point is, as a share of their width."""
 ROUNDING_RATIO: Final = 1e-9

@@ -34,15 +34,15 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 
 LEAST_FORCE_N: Final = 0.1
-"""Where a train has no motors or no electric brake, the relaxation still allows it this force (N): the allowed forces
-then have an interior, as the method needs, and over 10 km this force is worth only 0.0003 kWh."""
+"""Force (N) that the relaxation allows a train without motors or electric brake: the allowed forces then have an
+interior, as the method needs, and over 10 km it is worth only 0.0003 kWh."""
 LEAST_POWER_W: Final = 1.0
 """The least power (W) of motors and of the electric brake, for the same reason."""
 LEAST_START_SHARE: Final = 0.05
-"""The cut of the power limit is used if the slower speed it stands for is at least this share of the faster one; if
-not, the force limit is the lower one."""
+"""Least share of the faster speed that the slower speed of a cut must have for the cut of the power limit to be used;
+otherwise the force limit is the lower one."""
 ROUNDING_RATIO: Final = 1e-9
-"""Runs keep their limits to about this ratio, which the relaxation therefore allows."""
+"""Ratio within which runs keep their limits, which the relaxation therefore allows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -252,11 +252,11 @@ def acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
 
 
 NEAR_FORCES_N: Final = (0.0, 8e3, -8e3)
-"""A loss map gets a plane at the force of the given run, and at forces this much (N) beside it."""
+"""Distances (N) from the force of the given run at which a loss map gets planes."""
 NEAR_COASTING_N: Final = (-500.0, 500.0)
 """A loss map gets planes at these forces (N) on both sides of coasting, and at half of the largest forces."""
 LIMIT_SLACK: Final = 1e-6
-"""Runs keep the limits of their forces to within this ratio."""
+"""Ratio within which runs keep the limits of their forces."""
 
 
 def efficiency_planes(loss: EfficiencyLoss, supply: Floats) -> Planes:

@@ -35,11 +35,11 @@ _LEAST_SLACK = 0.01
 _CENTRE = 0.1
 """Product of slack and multiplier of a constraint at the first point, per metre of the interval."""
 _PATIENCE = 5
-"""The search ends after this number of steps in a row without a higher bound, once it has a useful one."""
+"""Steps in a row without a higher bound after which the search ends, once it has a useful one."""
 _USEFUL = 2e-4
-"""A bound is useful where it is below the energy of the point by at most this ratio."""
+"""Ratio below the energy of the point within which a bound is useful."""
 _FEASIBLE = 1e-5
-"""A point counts as feasible if it violates no constraint by more than this."""
+"""Largest violation of a constraint with which a point counts as feasible."""
 
 
 class Iterate(NamedTuple):

@@ -19,10 +19,8 @@ from das.solver.kernels.forces import ADHESION_EXTRA, ADHESION_LEAST, ADHESION_O
 TURNED_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8)
 """Shares of the price of time (and of the loss) that a plane may shift to its term of the kinetic energy."""
 SECANTS = ((1, 0), (4, -1), (0, 3), (20, 0))
-"""A plane's slope in the slowness is that between two rows: this many before the state's own row and this many after.
-
-There are several such pairs, because the loss of a map jumps.
-"""
+"""Pairs of rows, before and after the state's own row, between which a plane's slope in the slowness is taken. There
+are several pairs, because the loss of a map jumps."""
 
 Floats = NDArray[np.float64]
 

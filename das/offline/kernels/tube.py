@@ -42,7 +42,7 @@ _ANY_SQUARED = 1.0
 """v² (m²/s²) that stands in for a barred pair, so that nothing is divided by 0."""
 _FORCE_STEPS = 6
 _SETTLED_RATIO = 1e-12
-"""A speed that changes by less than this ratio is settled."""
+"""Ratio of change below which a speed is settled."""
 
 
 class Tube(NamedTuple):

@@ -111,7 +111,7 @@ def _rising(s_m: Floats) -> NDArray[np.intp]:
 
 
 OTHER_TRAIN: Final = "the true train, wind and rail"
-"""What makes the optimum of the true train differ from that of the planned train, in words."""
+"""Reason, in words, why the optimum of the true train differs from that of the planned train."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

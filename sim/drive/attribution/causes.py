@@ -96,7 +96,7 @@ NEXT_TIME: Final = {
     EnergyCause.FRICTION: "Next time: brake with the motors alone, and be as fast at each place as the best run.",
 }
 NOT_THE_DRIVERS: Final = "Nothing for the driver to do otherwise."
-"""What is said of a cause that is not in `NEXT_TIME`."""
+"""Text for a cause that is not in `NEXT_TIME`."""
 BY_SPEED: Final = frozenset(
     {EnergyCause.TOO_MUCH_EFFORT, EnergyCause.LATE_COASTING, EnergyCause.TOO_LITTLE_EFFORT, EnergyCause.AGAINST_ADVICE}
 )
@@ -192,18 +192,18 @@ def _speed_is(number: int, mode: int) -> SpeedIs:
 
 
 APART_MPS: Final = 2.0 / 3.6
-"""A speed this far (m/s) from the advised one is against the advice: displays show whole km/h, drivers keep within one
-or two."""
+"""Deviation from the advised speed (m/s) from which a speed is against the advice: displays show whole km/h, drivers
+keep within one or two."""
 SAME_MPS: Final = 1.0 / 3.6
-"""A train this far (m/s) below the advised speed may need more effort than advised to reach it."""
+"""Shortfall of the advised speed (m/s) from which a train may need more effort than advised to reach it."""
 LASTS: Final = 3
-"""What the driver does at this many moments in a row is deliberate; what lasts for fewer is not."""
+"""Moments in a row from which an act of the driver is deliberate."""
 NEUTRAL_RATIO: Final = 0.03
-"""An effort below this share of the largest traction counts as none: the train coasts."""
+"""Share of the largest traction below which an effort counts as none: the train coasts."""
 EFFORT_RATIO: Final = 0.15
-"""Efforts that differ by more than this share of the largest traction are different."""
+"""Share of the largest traction by which different efforts differ."""
 AHEAD_S: Final = 2.0
-"""Driven and optimal effort are compared over this time (s), because forces take a second to build up."""
+"""Time (s) over which driven and optimal effort are compared, because forces take a second to build up."""
 
 PULLING: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKING: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)

@@ -32,7 +32,7 @@ from sim.recording.course import Floats
 from sim.recording.inputs import DriveInputs
 
 LATE_S = 0.1
-"""A trajectory that arrives more than this (s) later than wanted does not count."""
+"""Lateness (s) against the wanted time above which a trajectory does not count."""
 
 Told = frozenset[Restriction]
 
@@ -121,7 +121,7 @@ MOST_CUTS = 4000
 
 
 MISSED_S = 10.0
-"""A train that arrives more than this (s) later than the timetable has hurried for the arrival in vain."""
+"""Lateness (s) against the timetable above which a train has hurried for the arrival in vain."""
 HURRYING = (EnergyCause.AS_ADVISED, EnergyCause.TOO_MUCH_EFFORT)
 """Causes that become lateness if the driver hurried for an arrival that the train then missed."""
 
@@ -172,7 +172,7 @@ class Committed:
 
 
 MAIN_SHARE = 0.8
-"""A cause that lasted for this share of a time, or more, is the cause of all of it."""
+"""Share of a time from which a cause that lasted for it is the cause of all of it."""
 
 
 def together(causes: Sequence[EnergyCause]) -> EnergyCause:

@@ -45,11 +45,11 @@ from sim.trips.settings import CHOICE_OVERSPEED_RATIO, SMOOTHING_JERK_PSD_M2PS5
 from sim.trips.trip import recorded_trip
 
 EQUAL_MPS: Final = 0.5
-"""Two speeds count as equal if each is within this (m/s) of the same speed."""
+"""Largest distance (m/s) of two equal speeds from the same speed."""
 LEAST_PART_M: Final = 1000.0
-"""A part between equal speeds that is shorter than this (m) says nothing about the drive."""
+"""Length (m) below which a part between equal speeds says nothing about the drive."""
 LEAST_WAY_M = 100.0
-"""Two stands that are closer together than this (m) do not bound a leg: the train only moved up."""
+"""Distance (m) below which two stands do not bound a leg: the train only moved up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -26,20 +26,20 @@ class WorstPlace(NamedTuple):
 
 
 DENSE = 2.0
-"""A place is among the worst if it lost at least this many times the drive's average."""
+"""Multiple of the drive's average loss from which a place is among the worst."""
 DENSE_CAUSE = 3.0
-"""A place is one of a cause if the cause took at least this many times its average on the drive."""
+"""Multiple of its average on the drive from which a cause makes a place one of its own."""
 LARGE_SHARE = 0.2
-"""A cause is named if it took at least this share of the energy that all causes took on a stretch."""
+"""Share of the energy that all causes took on a stretch from which a cause is named."""
 LEAST_PART = 0.2
-"""A stretch is named if a cause took at least this part there of what it took on its worst stretch."""
+"""Part of the loss on its worst stretch from which a cause has a stretch named."""
 IDLE_RATIO, HELD_MPS2 = 0.02, 0.05
-"""A run coasts with less than this share of its largest force; else it holds its speed if that changes by less than
-this (m/s²)."""
+"""Share of its largest force below which a run coasts, and change of speed (m/s²) below which it otherwise holds its
+speed."""
 BRIEF_S = 5.0
-"""What a run does for less than this (s) in between does not end what it does around it."""
+"""Time (s) below which an act of a run does not end the one around it."""
 ACTIONS = (InstructionKind.HOLD, InstructionKind.COAST, InstructionKind.TRACTION, InstructionKind.BRAKE)
-"""What a run can do, by the numbers that `_actions` gives."""
+"""Acts of a run, by the numbers that `_actions` gives."""
 
 
 class ActionSpan(NamedTuple):

@@ -68,7 +68,7 @@ Texts are not kept, since reasons and remarks may name stops.
 POSITIONS: Final = ("s_m", "start_m", "end_m", "signal_m", "stop_m", "reason_at_m", "guide_reason_at_m")
 """Columns that are positions on the route; in an anonymous export they count from the first stop."""
 TIMES_END: Final = "_ns"
-"""Columns with this ending are moments; in an anonymous export they count from the departure, which hides the date."""
+"""Ending of columns that are moments; in an anonymous export they count from the departure, which hides the date."""
 
 
 def anonymous(table: DataTable, zero_ns: int, zero_m: float) -> DataTable | None:

@@ -155,7 +155,7 @@ def _steady(values: list[Any], time_ns: NDArray[np.int64], at_ns: NDArray[np.int
 
 
 STANDING_MPS: Final = 0.1
-"""A train slower than this stands."""
+"""Speed (m/s) below which a train stands."""
 LAST_NS: Final = 2**62
 
 

@@ -12,7 +12,7 @@ from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, whole
 
 DEVIATION_STEP_S: Final = 5.0
-"""The driver takes a deviation that differs by this much (s) for new advice."""
+"""Difference (s) from which the driver takes a deviation for new advice."""
 
 
 class DeviationPresenter(Presenter):

@@ -25,7 +25,7 @@ from sim.drivers.knowledge import Outlook
 from sim.plant.kernels import Command
 
 EFFORT_STEP_RATIO: Final = 0.2
-"""A driver reads effort in steps of this share of the controller's scale: nobody reads or sets it more closely."""
+"""Step, as a share of the controller's scale, in which a driver reads effort; finer steps are neither read nor set."""
 
 
 FOUR_MODES: Final = {
@@ -124,15 +124,15 @@ class Presenter(ABC):
     number: ClassVar[int]
     """The value of `Cab.Presentation` on the bus, which no other presentation has; das/bus/das.proto may name it."""
     phrase: ClassVar[str]
-    """What the driver was shown, in the words of a report."""
+    """Name of the presentation in the sentences of a report."""
     meaning: ClassVar[str]
-    """What the display shows, for readers of a study."""
+    """Contents of the display, for readers of a study."""
     is_simpler: ClassVar[bool] = False
     """Whether it is shown a `SimplerLook`, which the simulated cab computes from the advice, instead of the advice."""
     needs_guide: ClassVar[bool] = False
     """Whether the on-board system must have its guide enabled."""
     says_mode: ClassVar[bool] = True
-    """Whether the display says how to drive; a display that does not say this shows at most a top speed."""
+    """Whether the display has a driving regime; one without it shows at most a top speed."""
     says_effort: ClassVar[bool] = True
     """Whether the display says with what effort to drive."""
     lane: ClassVar[LaneState | None] = None

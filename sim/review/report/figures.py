@@ -30,18 +30,18 @@ FIRST_IN: Final = (7.2, 1.4, 0.4)
 NUMBERS_AT: Final = (1.18, 1.12, 1.06)
 """Heights of the numbers of the findings, as multiples of the highest speed."""
 LEAST_SHARE: Final = 0.004
-"""A finding is drawn at least this wide, as a share of the axis."""
+"""Least width of a drawn finding, as a share of the axis."""
 OTHERS: Final = ("speed/same_times", "speed/optimum", "speed/shown", "speed/advised")
-"""What the picture on the first page sets beside the drive: the first of these that there is."""
+"""Curves set beside the drive in the picture on the first page: the first of them that there is."""
 DRIVEN: Final = LIGHT.of[Meaning.DRIVEN]
 EFFICIENCIES: Final = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
 """Levels of the efficiency map."""
 GRID_POINTS: Final = 90
 LEAST_LATE_S: Final = 5.0
-"""The axis of punctuality reaches at least this far (s), so that fractions of a second do not look large."""
+"""Least range (s) of the axis of punctuality, so that fractions of a second do not look large."""
 BAR_IN: Final = 0.28
 MOST_APART_KMH: Final = 15.0
-"""Driven minus shown speed is drawn up to this (km/h); larger differences lie at the edge of the axis."""
+"""Largest difference (km/h) of driven minus shown speed that is drawn; larger ones lie at the edge of the axis."""
 FAINT: Final = 0.45
 """Opacity of the bar of a departure; the bar of an arrival is opaque."""
 

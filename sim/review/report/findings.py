@@ -19,25 +19,25 @@ from sim.review.report.sentences import NAMED_KWH, TOLD_S, friction_chosen_by, t
 
 MOST_FINDINGS: Final = 3
 TOLD_KMH: Final = 3.0
-"""Mean speeds that differ by less than this (km/h) are not told."""
+"""Difference of mean speeds (km/h) below which it is left out."""
 MOST_PLACES: Final = 3
-"""A finding names at most this many places."""
+"""Most places that a finding names."""
 BY_ADVICE: Final = "hurried by the advice"
 """The label of `EnergyCause.LATENESS` where advice was shown."""
 SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
 """The kinds of events that are findings about safety, each in words."""
 SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
 GAINED: Final = "Next time: keep a margin; a limit holds until the whole train has left it."
-"""What is said of a train that was not braking late, but gained speed while it was above the limit."""
+"""Advice to the driver of a train that was not braking late, but gained speed while it was above the limit."""
 GAINED_MPS: Final = 0.5
-"""A train gained speed if its highest speed above the limit is more than this (m/s) above its first one."""
+"""Gain (m/s) of the highest over the first speed above the limit from which a train gained speed."""
 DOES: Final = {
     InstructionKind.TRACTION: "accelerating",
     InstructionKind.HOLD: "holding",
     InstructionKind.COAST: "coasting",
     InstructionKind.BRAKE: "braking",
 }
-"""What the best run does, in words."""
+"""Acts of the best run, in words."""
 SIGNAL_PASSED: Final = "signal-passed"
 """The code of a finding about a signal that was passed at danger."""
 

@@ -33,7 +33,7 @@ NUMBERS: Final = "The numbers are those of the findings: where each happened, or
 LOST: Final = "Below: where more was then lost than by the optimum; its cause may lie before."
 OPTIMUM: Final = "The optimum has the same times, and knows of no signals and no temporary restrictions."
 MOST_CHANGES: Final = 2
-"""The page tells at most this many changes of the lateness, the largest."""
+"""Most changes of the lateness on the page, the largest."""
 
 
 class PageFigure(NamedTuple):

@@ -25,9 +25,9 @@ from sim.recording.course import spell
 from sim.recording.opening import CHANGED, NOTHING, OF, WHAT_IF
 
 MAIN_CAUSES: Final = 3
-"""The paragraph names at most this many causes."""
+"""Most causes that the paragraph names."""
 NAMED_KWH: Final = 0.1
-"""The paragraph does not name a cause of less than this (kWh)."""
+"""Least energy (kWh) of a cause that the paragraph names."""
 RIGHT_TRAIN: Final = "Is it the right train?"
 LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not bring its line along."
 DRIVERS: Final[Mapping[str, str]] = {
@@ -46,7 +46,7 @@ FRICTION: Final[Mapping[str, str]] = {
     FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while he follows advice on effort",
 }
 TOLD_S: Final = 3.0
-"""The sentences leave out changes of the lateness by less than this (s)."""
+"""Least change (s) of the lateness in the sentences."""
 HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
 """Events that hold the train up."""
 LEAST_STAND_S: Final = 10.0

@@ -21,9 +21,9 @@ from sim.review.report.sentences import compliance, friction_chosen_by, shown_s,
 from sim.review.words import line_rows, readable
 
 BEFORE_S: Final = 10.0
-"""The page lists changes of the advice that begin at most this long (s) before a bookmark."""
+"""Time (s) before a bookmark from which the page lists changes of the advice."""
 AFTER_S: Final = 5.0
-"""The page lists changes of the advice that begin at most this long (s) after the end of a bookmark."""
+"""Time (s) after the end of a bookmark up to which the page lists changes of the advice."""
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
 )

@@ -39,8 +39,8 @@ from sim.trips.settings import ESTIMATE_FOREIGN_RATIO, SMOOTHING_JERK_PSD_M2PS5
 from sim.trips.trip import Trip
 
 LEAST_CERTAIN_RATIO = 0.01
-"""An energy above the optimum of less than this share of the optimum is within the error of inverse dynamics, which
-finds 0.5 % for a driver who drove the optimum."""
+"""Share of the optimum below which an energy above it is within the error of inverse dynamics, which finds 0.5 % for a
+driver who drove the optimum."""
 
 TIMETABLE_FIGURES = (
     "timetable_time_left_s", "timetable_fit", "timetable_late_s", "timetable_energy_kwh", "departed_late_s", "late_s",

@@ -16,7 +16,7 @@ from sim.recording.course import OWN_TIMETABLE
 from sim.trips.trip import Trip
 
 LONGEST_S = 86400.0
-"""Running times and delays must be shorter than this (s): a day."""
+"""Upper bound (s) of running times and delays: a day."""
 DAY_NS = round(LONGEST_S / NS)
 
 

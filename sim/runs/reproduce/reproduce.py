@@ -45,10 +45,10 @@ TOLERANCES: Final = {
     "_ratio": 1e-4,
     "_ns": 1e7,
 }
-"""How far numbers may be apart, by the unit at the end of their names. Another machine rounds differently in the last
-digits; another decision changes numbers by more than this."""
+"""Largest differences of numbers, by the unit at the end of their names. Another machine rounds differently in the last
+digits; another decision changes numbers by more."""
 RELATIVE: Final = 1e-5
-"""Numbers without one of these units, such as energies, may differ by this share."""
+"""Share by which numbers without such a unit, like energies, may differ."""
 
 
 class FieldDifference(NamedTuple):
@@ -205,7 +205,7 @@ def _bare(path: str) -> str:
 EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
 """Metadata of an extract: a recording of everything that its node received, with a part of what the node sent."""
 CONTEXT_S = 5.0
-"""The messages received in this time (s) before the first difference are shown."""
+"""Time (s) before the first difference whose messages are shown."""
 BY_THE_WALL = (
     "the node went by the time of day and looked for its plans in the background: when it had them depended on its "
     "machine, and so does every plan made after that; differences do not mean that this version advises differently"

@@ -36,7 +36,7 @@ from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_s
 from sim.world.service import Day, make_day, prepare_service, with_disturbances
 
 LEAST_DELAY_S: Final = 1.0
-"""A departure that was late by less than this (s) was on time."""
+"""Lateness (s) below which a departure was on time."""
 EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 

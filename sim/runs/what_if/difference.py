@@ -30,7 +30,7 @@ from sim.recording.course import minutes
 from sim.recording.opening import open_contents
 
 LEAST_TOLD_KMH: Final = 0.05
-"""A mean difference of the advised speed below this is not stated: it would read 0.0."""
+"""Mean difference of the advised speed (km/h) below which it is not stated: it would read 0.0."""
 NAMES: Final = ("recorded", "what if")
 
 
