@@ -67,7 +67,7 @@ _IMPORT = re.compile(rb"^[ \t]*import[ \t]+([^\n#]*)", re.MULTILINE)
 def compiled(**options: Any) -> Callable[[Any], Any]:
     """A decorator that compiles a function without the GIL, with IEEE 754 division, and keeps the code on disk.
 
-    `options` are further options of `numba.njit`. If no folder can keep the code, every start compiles it anew.
+    `options` are further options of `numba.njit`. If no folder can keep the code, every start compiles it again.
     """
 
     def decorated(function: Any) -> Any:
@@ -237,7 +237,7 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
             os.close(claimed)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled function; if the disk is full or gone, the next start compiles it anew."""
+        """Keep a compiled function; if the disk is full or gone, the next start compiles it again."""
         with suppress(OSError):
             super().save_overload(sig, data)
 
@@ -259,7 +259,7 @@ def cache_root() -> Path | None:
             tempfile.TemporaryFile(dir=folder).close()
             return folder
     warnings.warn(
-        "compiled kernels cannot be kept, so every start compiles them anew (some 15 s): "
+        "compiled kernels cannot be kept, so every start compiles them again (some 15 s): "
         "set NUMBA_CACHE_DIR to a folder that can be written to",
         RuntimeWarning,
         stacklevel=2,

@@ -124,8 +124,7 @@ _LOWEST_SHOWN_EFFICIENCY = 0.70
 _LEVELS = 17
 _BAND_KW = 50.0
 _MOST_BANDS = 60
-"""A picture of losses has bands of 50 kW, or `_LEVELS` bands if there would be fewer than 4 or more than 60 of
-these."""
+"""Most bands of 50 kW in a picture of losses; one that would have more, or fewer than 4, has `_LEVELS` bands."""
 
 
 def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle) -> Any:

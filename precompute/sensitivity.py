@@ -241,7 +241,7 @@ class VariationOutcome:
 
 
 def assess(plan: Solution, variation: Variation, world: World) -> VariationOutcome:
-    """Drive a plan in another world, and plan anew there."""
+    """Drive a plan in another world, and replan there."""
     outcome = VariationOutcome(plan=plan, variation=variation)
     try:
         section = world(variation.conditions)

@@ -1,4 +1,4 @@
-"""The limits of the house: how large a package, and how long a function and a list of parameters may get.
+"""The limits of the house: how large a package, how long a function and its parameters may get; words of docstrings.
 
 The modules are read as text and parsed, nothing is imported, so that the test costs a second.
 """
@@ -6,6 +6,7 @@ The modules are read as text and parsed, nothing is imported, so that the test c
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from itertools import combinations, product
 from pathlib import Path
@@ -183,3 +184,53 @@ def test_numbered_cases_are_all_there_a_quarter_of_them_in_the_default_run(monke
     assert [mark.name for mark in rest.marks] == ["nightly"]
     monkeypatch.setenv("DAS_NO_SUCH", "5")
     assert [one.values for one in numbered("DAS_NO_SUCH", 10)] == [(range(5),)]
+
+
+NOUN_FIRST = re.compile(
+    r"\b(this|these)\b|^(as|but|by|from|how|it|so|such|they|what|when|where|which|who)\b", re.IGNORECASE
+)
+"""Words for the documented thing itself, and first words that are no noun."""
+TRANSLATED = re.compile(r"\b(advices|an advice|hangs? on|(?<!driven )anew)\b(?!`)", re.IGNORECASE)
+"""Words that are right in another language: advice is no count noun; say again, and depends on."""
+OF_THE_GUIDE = ("das/advice/guide/", "das/solver/guide/")
+"""Packages whose docstrings are not edited yet."""
+
+
+def docstrings(tree: ast.Module) -> Iterator[tuple[ast.Constant, bool]]:
+    """Every docstring, and whether it documents a constant or a field."""
+    for body in (body for node in ast.walk(tree) if isinstance(body := getattr(node, "body", None), list)):
+        for before, node in zip([None, *body], body, strict=False):
+            if (
+                isinstance(node, ast.Expr)
+                and isinstance(node.value, ast.Constant)
+                and isinstance(node.value.value, str)
+            ):
+                yield node.value, isinstance(before, ast.Assign | ast.AnnAssign)
+
+
+def stumbles(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """The lines of docstrings that do not read well, each with the word at which a reader stumbles."""
+    for node, of_a_constant in docstrings(tree):
+        text = str(node.value)
+        for found in (NOUN_FIRST.search(text) if of_a_constant else None, TRANSLATED.search(text)):
+            if found is not None:
+                yield node.lineno, found[0]
+
+
+def test_docstrings_begin_with_the_noun_and_speak_english(trees: dict[str, ast.Module]) -> None:
+    edited = {path: tree for path, tree in trees.items() if not path.startswith(OF_THE_GUIDE)}
+    found = [f"{path}:{line}: {word}" for path, tree in edited.items() for line, word in stumbles(tree)]
+    assert not found, report(found)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ('X = 1\n"""Largest speed."""\ndef f(): """How fast this train is, driven anew."""', []),
+        ('X = 1\n"""No train is faster than this."""', ["this"]),
+        ('class A:\n    x: int = 1\n    """What a job left."""', ["What"]),
+        ('"""Two advices hang on it."""\nX = 1\n"""Speed, computed anew."""', ["advices", "anew"]),
+    ],
+)
+def test_a_docstring_with_such_a_word_is_found(source: str, words: list[str]) -> None:
+    assert [word for _, word in stumbles(ast.parse(source))] == words

@@ -50,7 +50,7 @@ class Cause(IntEnum):
     PAST_STOP = 16
     """The train has run past its stop."""
     NO_PLAN = 17
-    """From the train's state the end of the section cannot be reached."""
+    """The end of the section cannot be reached from the train's state."""
     TWO_NODES = 18
     """Another node advises the train as well."""
     STANDS_ON_LINE = 19
@@ -160,7 +160,7 @@ class Replan:
     time_ns: int = 0
     gain_j: float = 0.0
     gain_s: float = 0.0
-    """By how much (s) the arrival is nearer to the wanted time."""
+    """Time (s) by which the arrival is nearer to the wanted one."""
 
 
 @dataclass(frozen=True, kw_only=True)

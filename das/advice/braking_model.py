@@ -268,7 +268,7 @@ class Consequences:
     def __init__(self, model: BrakingModel, here: Estimate, valid_s: float) -> None:
         self.model, self.v_mps = model, max(here.speed_mps, 0.0)
         self.valid_s = min(max(valid_s, kernels.STEP_S), LONGEST_S)
-        """How long the advice is still valid (s)."""
+        """Time (s) for which the advice is still valid."""
         deviation_m = SDS_AHEAD * here.position_sd_m
         self.behind_m, self.s_m = here.s_m - deviation_m, here.s_m
         self.ahead_m = min(here.s_m + deviation_m, max(here.s_m, model.end_m - BY_EYE_M))

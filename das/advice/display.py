@@ -32,7 +32,7 @@ LEAST_FOR_BUFFER_S: Final = 10.0
 
 
 class Scene(NamedTuple):
-    """What an advice is built from: state, estimated position and speed, planner, goal, and the guide's advice.
+    """What advice is built from: state, estimated position and speed, planner, goal, and the guide's advice.
 
     `late_s` is how late the train will be with the guide (s; NaN: as planned). `too_fast`: the driver is told that the
     train is too fast.

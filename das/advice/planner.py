@@ -98,7 +98,7 @@ class Planner:
     def plan_for(self, state: TrainState, goal: Goal, reference: Scheduled | None = None) -> Plan:
         """The plan for a state: the present one if the train follows it, else a new one.
 
-        If the guide has a `reference`, the plan keeps to it, so that all parts of an advice agree. Raises DasError for
+        If the guide has a `reference`, the plan keeps to it, so that all parts of the advice agree. Raises DasError for
         a state outside the section, InfeasibleError if the train cannot reach the end of the section.
         """
         schedule = None if reference is None else reference.schedule

@@ -38,7 +38,7 @@ SAMPLED_S: Final = 0.75
 ROUNDING_S: Final = 0.25
 """Earliness (s) with which advice that comes once a second may come."""
 SLOWING: Final = frozenset({*BRAKES, Regime.COAST})
-"""Instructions with these modes are always shown: a driver who brakes does not act against them."""
+"""Modes of instructions that are always shown: a driver who brakes does not act against them."""
 
 
 class _Sample(NamedTuple):
@@ -69,7 +69,7 @@ class Quiet:
         """The last sample before the train began to slow down steadily."""
         self._against = False
         self._advised_s = -math.inf
-        """When the advice last said to brake (s)."""
+        """Time of the last advice to brake (s)."""
 
     def forget(self) -> None:
         """Forget what the driver has done so far."""

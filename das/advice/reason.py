@@ -1,4 +1,4 @@
-"""Why an advice says what it says, as a code with its figures and names; `das.advice.wording` puts it into words."""
+"""The reason of advice, as a code with its figures and names; `das.advice.wording` puts it into words."""
 
 from __future__ import annotations
 

@@ -265,7 +265,7 @@ _WITH_ARRIVAL: Final = frozenset({
     *(ReasonCode.LIMIT, ReasonCode.RESTRICTION, ReasonCode.STOP, ReasonCode.ARRIVAL),
     *(ReasonCode.POINT_EARLIEST, ReasonCode.POINT_MISSED),
 })  # fmt: skip
-"""After these reasons the arrival is said, if it is known."""
+"""Reasons after which the arrival is given, if it is known."""
 
 
 def words(reason: Reason, language: Language = Language.EN, zone: tzinfo = UTC) -> str:

@@ -60,7 +60,7 @@ PUBLISHING = ["put", "reply", "declare_queryable", "liveliness_token"]
 LISTENERS = (Role.NODE, Role.SIMULATOR, Role.RECORDER)
 """The roles that listen, in the order of their ports: the node has the same port as without TLS."""
 CLOCK_SLACK = timedelta(minutes=5)
-"""Certificates are valid from this long before now, because the clocks of other machines may be slow."""
+"""Time before now from which certificates are valid, because the clocks of other machines may be slow."""
 AUTHORITY = "ca.pem"
 MOST_LETTERS = 64
 """The longest common name of a certificate (RFC 5280, ub-common-name-length)."""

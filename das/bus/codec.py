@@ -90,7 +90,7 @@ def encode_output(output: Output, tick: int = 0) -> Outgoing:
 
 
 def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
-    """The message of an advice; the field names are the same."""
+    """The message of advice; the field names are the same."""
     fields = dict(vars(advice))  # A deep copy would take half of the time between a position and its advice.
     fields["reason"] = vars(advice.reason)
     if advice.guide is not None:

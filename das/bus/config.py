@@ -21,10 +21,10 @@ from das.bus.access import Role
 from das.domain.errors import DasError, InputError
 
 LEASE_MS = 2000
-"""A peer that is silent for this long counts as gone."""
+"""Silence (ms) after which a peer counts as gone."""
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 LARGEST_BYTES = 1 << 20
-"""Larger messages are dropped while they arrive; the largest of this project, a plan, has some 100 kB."""
+"""Size above which messages are dropped while they arrive; our largest, a plan, has some 100 kB."""
 ALWAYS: dict[str, Any] = {
     "timestamping/enabled": True,
     "transport/shared_memory/enabled": False,  # a sender could alter a message after it was checked
@@ -57,9 +57,9 @@ SOURCE_PLACE = re.compile(r" at /\S+:\d+\.")
 SYNTAX_ERROR = re.compile(r"--> (\d+):(\d+) .*= (expected .*)")
 """The pattern of a syntax error, which Zenoh reports as a drawing over several lines."""
 LONGEST_ERROR = 200
-"""Errors of Zenoh are cut to this many letters."""
+"""Most letters of an error of Zenoh; the rest is cut."""
 DEEPEST = 64
-"""A file whose brackets are nested deeper than this is refused."""
+"""Deepest nesting of brackets in a file that is accepted."""
 
 
 @dataclass(frozen=True)

@@ -151,7 +151,7 @@ class Raw:
     def use_descriptions(self) -> None:
         """Add the channels that only metadata describe, unless the file's channels or schemas have other numbers there.
 
-        A program that rewrites or merges recordings numbers channels anew, and copies the metadata as they are.
+        A program that rewrites or merges recordings renumbers channels, and copies the metadata as they are.
         """
         topics = {channel.topic for channel in self.channels.values()}
         for number, (channel, schema) in self.described.items():

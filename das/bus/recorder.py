@@ -38,14 +38,14 @@ from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link, umask
 
 FLUSH_EVERY_S = 0.5
-"""The recorder puts the messages received on disk at this interval (s), or up to 0.1 s later. So a kill loses at most
+"""Interval (s) at which the recorder puts the messages received on disk, or up to 0.1 s later. So a kill loses at most
 1.0 s, even if a write takes a while."""
 CHUNK_BYTES = 1 << 18
-"""A chunk is written at the latest when it has this many bytes unpacked; damage to one chunk loses no more."""
+"""Most bytes of a chunk, unpacked, before it is written; damage to one chunk loses no more."""
 LIBRARY = f"driver-advisory-system {__version__}"
 """The program that wrote a recording, as the file states it."""
 REPORT_EVERY_S = 1.0
-"""The recorder reports its progress at least this often (s), also while there are no ticks."""
+"""Longest time (s) between reports of the recorder's progress, also while there are no ticks."""
 LAST_NS = 2**63 - 1
 """The latest time that the file can hold (ns since 1970); times beyond it stay in the message alone."""
 COMMENTS: Final = "das_comments.json"

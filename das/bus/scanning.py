@@ -25,7 +25,7 @@ from das.domain.errors import DasError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 MAGIC_BYTES_WRONG: Final = 2
-"""A file whose first bytes differ from those of an MCAP file in at most this many places counts as a damaged one."""
+"""Most places in which the first bytes of a damaged MCAP file may differ from those of a whole one."""
 RECORD: Final = struct.Struct("<BQ")
 """The head of a record: kind, length (bytes)."""
 CHUNK: Final = struct.Struct("<QQQII")
@@ -40,16 +40,16 @@ SIGNATURE_AT: Final = RECORD.size + CHUNK.size - 4
 KINDS: Final = {one: getattr(records, one.name.title().replace("_", "")) for one in Opcode}
 """The library's class of each kind of record."""
 PRIVATE: Final = 0x80
-"""Record kinds from this number on belong to other programs; a reader skips them."""
+"""First number of the record kinds of other programs, which a reader skips."""
 MOST_EXPANSION: Final = 100
-"""A file may unpack to at most this many times its size. Recordings of this project unpack to 3 to 10 times."""
+"""Most times its size to which a file may unpack. Recordings of this project unpack to 3 to 10 times."""
 ALWAYS_BYTES: Final = 16 << 20
-"""A file may always unpack to this many bytes, however small it is."""
+"""Size (bytes) to which a file may always unpack, however small it is."""
 MOST_MESSAGES: Final = 2_000_000
-"""At most this many messages (60 hours of recording) are read from a file; more would hold up the reader."""
+"""Most messages (60 hours of recording) that are read from a file; more would hold up the reader."""
 SOMEWHERE: Final = "wrong checksum of the data, whose messages are whole"
 MOST_LISTED = 5
-"""At most this many places of damage are listed one by one."""
+"""Most places of damage that are listed one by one."""
 CHECKSUM: Final = "crc32"
 """The key of the hexadecimal checksum over the name of a metadata record and its other entries."""
 UNCHECKED: Final = "unchecked "

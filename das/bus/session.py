@@ -30,15 +30,16 @@ from das.cab.heard import UNSTAMPED
 from das.domain.errors import DasError
 
 CAPACITY = 1_000
-"""At most this many messages wait: at 50 µs each, the newest is answered within 50 ms."""
+"""Most messages that wait: at 50 µs each, the newest is answered within 50 ms."""
 BYTES_EACH = 8_000
-"""The inbox has room for messages of this mean size (bytes); a few large ones fit as well."""
+"""Mean size (bytes) of the messages that the inbox has room for; a few large ones fit as well."""
 CONTROL_FACTOR = 10
-"""Messages that must not be dropped may fill the inbox up to this many times its capacity."""
+"""Factor on the capacity of the inbox for messages that must not be dropped."""
 MOST_SENDERS = 100
-"""The newest state of at most this many senders is remembered."""
+"""Most senders whose newest state is remembered."""
 HEARTBEAT_S = 1.0
-"""A latched topic announces its last message this often (s), so that one lost when a link closed is fetched again."""
+"""Interval (s) at which a latched topic announces its last message, so that one lost when a link closed is fetched
+again."""
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
 TOKENS = "/@adv/pub/"
 """A liveliness token has the key `<topic key>/@adv/pub/<session>/<publisher>/…`, with the session's name as in its time

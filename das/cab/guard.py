@@ -295,7 +295,7 @@ class Operator:
     other has sent a list since.
 
     A publisher without a liveliness token is never reported gone. A newer message of another session overtakes its own:
-    most often it was started anew. Should it speak again, both are there, and none overtakes any more.
+    most often it was restarted. Should it speak again, both are there, and none overtakes any more.
     """
 
     def __init__(self) -> None:

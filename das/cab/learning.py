@@ -47,14 +47,14 @@ class Learning:
             self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=good)
 
     def set_vehicle(self, vehicle: Vehicle) -> None:
-        """Take over the train of a new journey; the estimates begin anew if it is another train."""
+        """Take over the train of a new journey; the estimates restart if it is another train."""
         if self.calibrator is not None and not self.calibrator.is_of(vehicle):
             self.calibrator, self._recalibration = self.calibrator.anew(vehicle), Recalibration()
 
     def tick(self, now_ns: int, *, contested: bool) -> None:
         """Take note of the time, and of whether two publishers measure the forces (`contested`).
 
-        If two publishers measure the forces, or the clocks differ, the estimates begin anew.
+        If two publishers measure the forces, or the clocks differ, the estimates restart.
         """
         if self.calibrator is None:
             return

@@ -72,7 +72,7 @@ class Legs:
         return news
 
     def judged(self, advice: Advice, here: Estimate) -> Advice:
-        """An advice after the last word on it: unchanged, or with safe values in place of unsafe ones."""
+        """Advice after the last word on it: unchanged, or with safe values in place of unsafe ones."""
         leg = self.current
         if leg is None:
             return advice

@@ -116,7 +116,7 @@ class Moderation:
         return True
 
     def take_suppressed(self, now_ns: int) -> int:
-        """How many texts were held back, once their second is over (0 before); then the count begins anew."""
+        """How many texts were held back, once their second is over (0 before); then the count restarts."""
         self._turn(now_ns)
         if self._reported >= MOST_A_SECOND or not self._suppressed:
             return 0
@@ -138,7 +138,7 @@ class Reporting:
 
     def __init__(self) -> None:
         self.advices = 0
-        """How often advice was given or withdrawn."""
+        """Counts of advice given or withdrawn."""
         self._outputs: list[Output] = []
         self._complaints, self._news = Moderation(), Moderation()
         self._shown: tuple[Regime, Cause] | None = None
@@ -192,10 +192,10 @@ class Reporting:
         self._shown = Regime.NONE, Cause.INTERNAL_ERROR
 
     def rejections(self, here: Estimate) -> None:
-        """Report that positions begin to be rejected, or that the estimate has begun anew elsewhere."""
+        """Report that positions begin to be rejected, or that the estimate has restarted elsewhere."""
         rejected, restarts = self._counted
         if here.restarts > restarts:
-            self.event(here.time_ns, Severity.WARNING, f"position: taken up anew at {here.s_m:.0f} m")
+            self.event(here.time_ns, Severity.WARNING, f"position: taken up again at {here.s_m:.0f} m")
         rejecting = here.rejected > rejected
         if rejecting and not self._rejecting and here.rejection is not None:
             self.event(here.time_ns, Severity.WARNING, f"position: rejected, {wording.problem(here.rejection)}")

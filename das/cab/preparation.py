@@ -53,7 +53,7 @@ class _Answer(NamedTuple):
 class _Prepared:
     """The state of a leg's preparation.
 
-    `situation` is the one prepared for, `why` the reason for preparing anew, `refusal` why the leg cannot be driven.
+    `situation` is the one prepared for, `why` the reason for preparing again, `refusal` why the leg cannot be driven.
     """
 
     situation: Situation
@@ -62,17 +62,17 @@ class _Prepared:
     served: PassingTarget | None = None
     """The point to pass for which the front was found, or is being searched for."""
     held_from_m: float = math.inf
-    """From where on (m) the brakes hold the train, if the leg is refused for a descent; it is judged again there."""
+    """Place (m) from which the brakes hold the train, if the leg is refused for a descent; it is judged again there."""
     ready: bool = False
     search: Future[_Answer] | None = None
     guide: Future[FoundGuide | str] | None = None
     """The search for the guide's policies, which follows that for the front; a text says why there are
     none."""
     failed_ns: int | None = None
-    """When the last search failed for an unforeseen reason; None if it did not."""
+    """Time of the last search that failed for an unforeseen reason; None if it did not."""
 
     def give_up(self) -> None:
-        """Give up the searches under way: the leg has to be prepared anew."""
+        """Give up the searches under way: the leg has to be prepared again."""
         for search in (self.search, self.guide):
             if search is not None:
                 search.cancel()

@@ -133,7 +133,7 @@ class LastWords:
 
     def __init__(self) -> None:
         self.acts: Counter[Part] = Counter()
-        """How often each part of an advice was replaced since the start."""
+        """Replacements of each part of the advice since the start."""
         self._word = LastWord()
         self._replaced_ns: dict[Part, int] = {}
         self._news: list[str] = []
@@ -165,7 +165,7 @@ class LastWords:
 
 
 def words_of(act: Act) -> str:
-    """The text about a part of an advice that the last word replaced."""
+    """The text about a part of the advice that the last word replaced."""
     value = "not a number" if math.isnan(act.value_mps) else f"{act.value_mps / KMH:.1f} km/h"
     bound = "" if math.isnan(act.bound_mps) else f" where {act.bound_mps / KMH:.1f} km/h is the most"
     if math.isfinite(act.instead_n):

@@ -64,7 +64,7 @@ def keep_bytecode(folder: Path = BYTECODE) -> None:
     """Keep bytecode in a folder of our own if Python was told to write none beside its sources.
 
     PYTHONDONTWRITEBYTECODE, which containers often set, keeps folders of sources clean. But then every start compiles
-    the sources of numpy and numba anew, which takes longer than all else that a command does at its start. Nothing
+    the sources of numpy and numba again, which takes longer than all else that a command does at its start. Nothing
     changes if PYTHONPYCACHEPREFIX says where bytecode belongs, if numba was installed with its bytecode, or if the
     folder cannot be written to.
     """

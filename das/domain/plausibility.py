@@ -103,10 +103,8 @@ class RouteLimits:
     Chords of a curve of 90° are 10 % shorter than it. Assumption: below 0.6 it is the polyline of another line.
     """
     geometry_jump: Range = Range(usual_most=100.0, most=2000.0)
-    """How much further apart two neighbouring points lie on the map than by their positions (m).
-
-    A chord is never longer than its track. Assumption: 100 m is a matter of rounded positions.
-    """
+    """Excess (m) of the distance of two neighbouring points on the map over that by their positions. A chord is never
+    longer than its track. Assumption: 100 m is a matter of rounded positions."""
     geometry_missing: Range = Range(usual_most=0.02, most=0.5)
     """Share of the line before the first and after the last point of its geometry."""
 

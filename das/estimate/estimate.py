@@ -79,11 +79,11 @@ class Estimate:
     problem: Problem | None = NO_POSITION_YET
     """Why the estimate cannot be used; None if it can be used."""
     rejected: int = 0
-    """How many fixes were rejected since the localisation began."""
+    """Fixes that were rejected since the localisation began."""
     rejection: Problem | None = None
     """Why the last rejected fix was rejected; None if no fix was."""
     restarts: int = 0
-    """How many times the estimate began anew because rejected fixes agreed with each other."""
+    """Restarts of the estimate because rejected fixes agreed with each other."""
     clock_off_s: float = 0.0
     """The clock here less the time stamps of the fixes, as far as known (> 0: they are behind, or come late)."""
 

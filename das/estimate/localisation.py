@@ -53,7 +53,7 @@ LOST_FIXES: Final = 2
 JITTER_S: Final = 0.25
 """Largest deviation (s) of a time stamp from the rate of its receiver that is jitter."""
 LARGEST_STEP_S: Final = 5.0
-"""After a larger step, the estimate begins anew instead of going on."""
+"""After a larger step, the estimate restarts instead of going on."""
 
 
 class ClockDifference:
@@ -208,18 +208,18 @@ class Usability:
 
 @dataclass(kw_only=True)
 class _Tally:
-    """Counts since the localisation began; they go on when the estimate begins anew."""
+    """Counts since the localisation began; they go on when the estimate restarts."""
 
     rejected: int = 0
-    """How many fixes were rejected."""
+    """Fixes that were rejected."""
     rejection: Problem | None = None
     """Why the last of them was rejected."""
     restarts: int = 0
-    """How many times the estimate began anew where rejected fixes agreed."""
+    """Restarts of the estimate where rejected fixes agreed."""
 
 
 class _Monitors:
-    """The monitors that watch the fixes of one estimate; they begin anew with each estimate."""
+    """The monitors that watch the fixes of one estimate; they restart with each estimate."""
 
     def __init__(self, fastest_mps: float) -> None:
         self.doubts = Doubts(fastest_mps)
@@ -386,7 +386,7 @@ class Localisation:
         self._problem = self._tally.rejection = problem
 
     def _doubt(self, fix: PositionFix) -> None:
-        """Keep a rejected fix; if enough of them agree, the state was wrong and begins anew from this fix."""
+        """Keep a rejected fix; if enough of them agree, the state was wrong and restarts from this fix."""
         if self._monitors.doubts.add(fix):
             self._tally.restarts += 1
             self._begin(fix)

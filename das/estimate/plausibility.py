@@ -114,7 +114,7 @@ def follows(before: PositionFix, fix: PositionFix, fastest_mps: float) -> bool:
 
 
 class Doubts:
-    """Collects rejected fixes in a row that agree with each other; enough of them make the estimate begin anew."""
+    """Collects rejected fixes in a row that agree with each other; enough of them make the estimate restart."""
 
     def __init__(self, fastest_mps: float) -> None:
         self._fastest_mps = fastest_mps
@@ -128,7 +128,7 @@ class Doubts:
         return last is not None and (time_ns - last.time_ns) * NS <= SILENCE_S
 
     def add(self, fix: PositionFix) -> bool:
-        """Add a rejected fix; return whether the estimate has to begin anew with it.
+        """Add a rejected fix; return whether the estimate has to restart with it.
 
         A fix that does not agree with the first and the last collected one replaces them all. A fix that is not newer
         than the last one changes nothing.
@@ -170,7 +170,7 @@ class Standstill:
         self._since_ns: int | None = None
 
     def notice(self, fix: PositionFix, speed_sd_mps: float, expected_mps: float) -> None:
-        """Judge anew with the next fix, for which the estimate expects a speed (m/s)."""
+        """Judge again with the next fix, for which the estimate expects a speed (m/s)."""
         was_slow, self._slow = self._slow, fix.speed_mps <= slow_mps(speed_sd_mps)
         self._speeds_mps.append(fix.speed_mps)
         if self.stands:
@@ -217,7 +217,7 @@ class FrozenReceiver:
         return Problem(ProblemKind.FROZEN, fix.s_m) if self._way_m > most_m else None
 
     def accept(self, fix: PositionFix, *, begins: bool) -> None:
-        """Take note of a fix that was accepted. `begins` says that the estimate begins anew with it."""
+        """Take note of a fix that was accepted. `begins` says that the estimate restarts with it."""
         if begins or self._first is None or not fix.repeats(self._first):
             self._first = fix
         self._repeated_ns = fix.time_ns

@@ -30,7 +30,7 @@ class MassAndResistance(NamedTuple):
 
 
 LINE_SD_RATIO: Final = 2e-4
-"""How well gradients and curves under the train are known, as a share of its weight (one standard deviation)."""
+"""Uncertainty of gradients and curves under the train, as a share of its weight (one standard deviation)."""
 TOO_STRONG_RATIO: Final = 1.06
 """Multiple of the train's largest force at its speed above which noise of 2 % does not explain a measured force."""
 TOO_STRONG_SAMPLES: Final = 5
@@ -140,14 +140,14 @@ class Estimates:
     resistance_ratio: float
     resistance_sd: float
     samples: int
-    """How many windows the estimates rest on."""
+    """Windows on which the estimates rest."""
     usable: bool
     """Whether both ratios are known well enough and lie within their bounds, and the forces behind them are trusted."""
     doubt: ForceDoubt | None = None
     """Why the forces are not trusted; None if they are."""
 
     def differs(self, conditions: Conditions) -> bool:
-        """Whether the train certainly differs from one under these conditions, and by enough to plan anew."""
+        """Whether the train certainly differs from one under these conditions, and by enough to replan."""
         mass = abs(self.planned_mass_ratio - conditions.mass_ratio)
         resistance = abs(self.resistance_ratio - conditions.resistance_ratio)
         return self.usable and (

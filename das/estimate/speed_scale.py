@@ -31,7 +31,7 @@ OTHER_UNIT_PROBABILITY: Final = 0.5
 LEAST_FIXES: Final = 4
 """Least number of fixes that are compared, however rarely they come."""
 LONGEST_GAP_S: Final = 6.0
-"""After a longer time without a fix, the comparison begins anew."""
+"""After a longer time without a fix, the comparison restarts."""
 APART_SDS: Final = 4.0
 """Standard deviations of the difference of two positions by which the distances by speeds and by positions must differ,
 to find another unit or to rule all others out for good."""
@@ -40,7 +40,7 @@ APART_LEAST_M: Final = 10.0
 FACTORS: Final = (3.6, 1.0 / 3.6, 1000.0, 0.001)
 """Speeds in km/h for m/s, or m/s converted once too often; speeds in mm/s or positions in km, or the reverse."""
 NEAREST: Final = FACTORS[:2]
-"""The way rules out the other factors long before these."""
+"""Factors that are compared; the way rules out the other ones long before them."""
 
 
 class SpeedScale:

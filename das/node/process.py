@@ -41,7 +41,7 @@ from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, Tr
 LOOK_S = 0.1
 """Longest time (s) between two looks at the clock and for messages."""
 SEARCH_LOOK_S = 0.005
-"""Longest time (s) between two looks at the clock while a front is being solved or an advice is urgent."""
+"""Longest time (s) between two looks at the clock while a front is being solved or advice is urgent."""
 LEAST_GAP_S = 0.05
 """Least time (s) from one advice to the next if a change of the situation makes the next one early."""
 WAITING_SAID_EVERY_S = 1.0

@@ -3,7 +3,7 @@
 The table takes a decision every 150 m or more often, and among some two hundred speeds. A trajectory from it is near
 the optimum of the section, but not on it. `refined` lays a few lines beside the trajectory, finds the best one between
 them by a dynamic program on the section's own integration grid (`das.offline.kernels.tube`), lays narrower lines around
-that, and so on. The price of time is chosen anew in every pass, so that the arrival stays the same.
+that, and so on. The price of time is chosen again in every pass, so that the arrival stays the same.
 """
 
 from __future__ import annotations

@@ -174,7 +174,7 @@ class SectionOptions:
     longest_step_m: float | None = None
     """Largest distance (m) between decision nodes; None: by the settings of the solver."""
     braking: ServiceBraking | None = None
-    """How limits and stops are braked for; None: with the train's full brakes, without any reserve."""
+    """Braking for limits and stops; None: with the train's full brakes, without any reserve."""
 
 
 ORDINARY = SectionOptions()

@@ -26,7 +26,7 @@ On a section of 200 m, steps of 25 m cost 0.6 % of its energy."""
 
 # The decision grid of a section: nodes near stops, speeds, and the landings (speeds at the next node) tried.
 STOP_OFFSETS_M: Final = (2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 110.0, 160.0, 220.0, 300.0)
-"""A section has decision nodes at these distances (m) from both of its ends, where the speed changes fastest."""
+"""Distances (m) of decision nodes from both ends of a section, where the speed changes fastest."""
 SPEED_STEPS: Final = 160
 """Speed steps J of a decision node: its grid is v = v_floor + (v_envelope − v_floor)·j/J."""
 SHORT_SPEED_STEPS: Final = 320
@@ -56,12 +56,12 @@ LADDER_HIGH_RATIO: Final = 10.0
 """Multiple of the traction power usable on the section at which the geometric part of the ladder ends; there runs are
 almost the fastest."""
 LADDER_HIGHEST_RATIOS: Final = (20.0, 45.0, 100.0)
-"""The last multipliers, as multiples of the traction power usable on the section. With a buffer of 0.1 % the price
-of time is ten times that power and more: without these multipliers, such a run needs up to 1 % more energy."""
+"""The last multipliers, as multiples of the traction power usable on the section. With a buffer of 0.1 % the price of
+time is ten times that power and more: without them, such a run needs up to 1 % more energy."""
 LADDER_IDLE_RATIOS: Final = (0.99, 0.95, 0.8, 0.5, 0.2)
-"""The ladder of a journey also has negative multipliers: minus these multiples of the train's idle loss. They serve
-a time window that asks for a run slower than that of least energy. At minus the whole idle loss a standing train
-would cost nothing, so the first of them gives the slowest run."""
+"""Multiples of the train's idle loss that, negated, are the negative multipliers of a journey's ladder. They serve a
+time window that asks for a run slower than that of least energy. At minus the whole idle loss a standing train would
+cost nothing, so the first of them gives the slowest run."""
 
 # The planning of a journey of several sections.
 JOURNEY_FRONTS_BYTES: Final = 400_000_000

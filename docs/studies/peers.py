@@ -108,7 +108,7 @@ class Hard(NamedTuple):
 
 
 def hard_problems(rng: np.random.Generator) -> Iterator[Hard]:
-    """Ten kinds of hard problems for the Re 460, drawn anew at each call."""
+    """Ten kinds of hard problems for the Re 460, redrawn at each call."""
     train = load_vehicle("re460-ic")
 
     def drawn(length_m: float, every_m: float, steepest: float) -> Route:

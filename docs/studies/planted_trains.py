@@ -38,7 +38,7 @@ TRAINS: Final = (
 JOURNEYS: Final = ((None, None, False), (None, None, True), ("Zürich HB", "Zug", False), ("Luzern", "Thalwil", True))
 """First stop, last stop, and whether the line is driven from its end to its start."""
 MASS_RATIOS, RESISTANCE_RATIOS = (0.9, 1.2), (0.85, 1.2)
-"""The load and the resistance of a drive are drawn evenly between these, as ratios of the file's."""
+"""Ranges, as ratios of the file's, from which the load and the resistance of a drive are drawn evenly."""
 POSITION_SD_M, POSITION_MEMORY_S = 3.0, 30.0
 """Noise of the receiver's positions: one standard deviation, and the time over which it wanders."""
 SPEED_SD_MPS: Final = 0.1

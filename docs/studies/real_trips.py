@@ -49,7 +49,7 @@ TRAINS: Final = {
 FIRST: Final = "KISS"
 LIMIT: Final = LIGHT.of[Meaning.LIMIT]
 ENTRY_M: Final = 18_000.0
-"""From here on (m) both trips were much slower than the line allows, as if something had held them back."""
+"""Place (m) from which both trips were much slower than the line allows, as if something had held them back."""
 LEAST_J: Final = 0.5 * KWH
 """Energy (J) below which, on every trip, a cause has no row."""
 PARTS: Final = (("start", 0.0, 3.0), ("middle", 3.0, 16.0), ("end", 16.0, 20.0))

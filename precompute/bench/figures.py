@@ -239,7 +239,7 @@ def trajectory(reference: Reference) -> Iterator[Figure]:
 
 
 def resolve(reference: Reference) -> Iterator[Figure]:
-    """Solving anew from half-way (section, front and run), against a run from the existing front."""
+    """Solving again from half-way (section, front and run), against a run from the existing front."""
     section = reference.section
     i = len(section.node_m) // 2
     s_m, v_mps = float(section.node_m[i]), RESOLVED_SPEED_RATIO * float(section.envelope_mps[i])

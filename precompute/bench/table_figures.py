@@ -1,4 +1,4 @@
-"""Figures of tables: a departure looked up against one solved anew, and the throughput of a build."""
+"""Figures of tables: a departure looked up against one solved again, and the throughput of a build."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from precompute.workers import Workers
 
 SEED = 1
 BUFFERS = (0.03, 0.05, 0.08, 0.12)
-"""The departures that are looked up have these buffers, as shares of the least time."""
+"""Buffers of the departures that are looked up, as shares of the least time."""
 NOT_REFINED = TableSettings(buffers_percent=(0.0,), refine_s=0.0, proven=0)
 """The least front of a table; the cab does not need it."""
 
 
 def look_up(reference: Reference) -> Iterator[Figure]:
-    """A departure's reference looked up in a table, with the table known and just opened, against solving it anew."""
+    """A departure's reference looked up in a table, with the table known and just opened, against solving it again."""
     section, threads = reference.section, reference.threads
     least_s = float(section.fastest_run.time_to_go_s[0])
     departures = cycle(
@@ -49,7 +49,7 @@ def look_up(reference: Reference) -> Iterator[Figure]:
             references = Table.read(path).references_for(section, DEFAULT)
             return GuideFront(section, threads=threads, references=references)
 
-        front, rounds, baseline = opened(), reference.effort.rounds, "policies and reference solved anew"
+        front, rounds, baseline = opened(), reference.effort.rounds, "policies and reference solved again"
         known = in_turns(lambda: departing(front, next(departures)), solved, rounds=rounds)
         cold = in_turns(lambda: departing(opened(), next(departures)), solved, rounds=rounds)
     yield known.figure("look-up", f"a departure's reference from a table, {section.name}", "ms", baseline)

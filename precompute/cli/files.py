@@ -22,7 +22,7 @@ EXIT_WARNINGS = 1
 class Files:
     """The files that a command writes, and whether it prints JSON.
 
-    A group of options declares anew what the user can give; a command without such an option keeps the value here.
+    A group of options declares again what the user can give; a command without such an option keeps the value here.
     `field()` makes an option that the user must give. `suffix` is what the name of `out` must end in; "": anything.
     """
 

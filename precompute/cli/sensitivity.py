@@ -46,7 +46,7 @@ def sensitivity(
     """Show how time and energy of a planned run change when train, wind, line or rail differ from the plan.
 
     The plan is the least-energy run under the options given. In the changed world the driver follows its speed profile
-    as well as the train can, and brakes as early as the changed train needs. Beside it stands what planning anew would
+    as well as the train can, and brakes as early as the changed train needs. Beside it stands what replanning would
     give there, for the planned time ("on time") and for the time that following the plan took ("saved": what the stale
     plan wastes). All % are of the plan's energy at the current collector.
     """
@@ -286,7 +286,7 @@ def _handles() -> list[Any]:
     from matplotlib.patches import Patch
 
     mark = Line2D([], [], color=MARK, marker="|", markersize=11, markeredgewidth=2, linestyle="none")
-    mark.set_label("planned anew for the planned time")
+    mark.set_label("replanned for the planned time")
     return [
         Patch(color=LESS, label="parameter below the plan's"),
         Patch(color=MORE, label="parameter above the plan's"),

@@ -20,7 +20,7 @@ SIZE_IN = (10.0, 9.0)
 SPEEDS = 400
 """Number of speeds at which the curves are drawn."""
 GRADIENTS = (0.01, 0.02)
-"""The resistance is also drawn on these gradients."""
+"""Gradients on which the resistance is also drawn."""
 MOST_MODES = 6
 """Most other modes that are drawn with the one of the train."""
 MOST_LETTERS = 24

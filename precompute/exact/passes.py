@@ -31,7 +31,7 @@ BLOCKS = 24
 LADDER = 90
 FIRST_LADDER = 40
 FIRST_RATIOS = (0.01, 30.0)
-"""The first multipliers lie between these multiples of the train's power."""
+"""Multiples of the train's power between which the first multipliers lie."""
 STEEPER = tuple(2.0**i for i in range(1, 11))
 """Multiples of the refined ladder's largest multiplier that are added to it: the front is very steep near the least
 time."""

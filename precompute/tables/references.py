@@ -19,13 +19,14 @@ from das.solver.section import Section
 from das.solver.state import State
 
 FINE = replace(DEFAULT, line_mps=0.5 * DEFAULT.line_mps, ladder_ratio=1.015, kept_bytes=300_000_000)
-"""How finely references are solved: twice the speeds and twice the prices of time of a cab, and more memory."""
+"""Settings with which references are solved: twice the speeds and twice the prices of time of a cab, and more
+memory."""
 EVERY_RATIO = 0.002
 """Distance of the times for which runs are sought, as a share of the least time."""
 LONGEST_RATIO = 1.25
 """Multiple of the least time up to which runs are sought; a train with more time is given a plan of its own."""
 PARTS = 4
-"""The best run is kept for so many times in each of these steps."""
+"""Times in each step of `EVERY_RATIO` for which the best run is kept."""
 
 
 def finished_references(section: Section, *, threads: int = 1) -> References:

@@ -12,7 +12,7 @@ from das.domain.units import KM, KMH, PERMILLE
 
 SECTIONS_PER_LINE = 10
 SHORTEST_SECTION_M, LONGEST_SECTION_M = 1.0 * KM, 40.0 * KM
-"""A section's length is drawn between these two, with a uniform logarithm."""
+"""Range of a section's length, which is drawn with a uniform logarithm."""
 ROUNDING_M = 10.0
 LIMITS_KMH = (80.0, 90.0, 100.0, 110.0, 120.0, 125.0, 140.0, 160.0)
 TOWN_LIMITS_KMH = (60.0, 70.0, 80.0, 90.0)

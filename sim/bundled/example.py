@@ -74,7 +74,7 @@ KEPT: Final = (
 POSTS_EVERY_M: Final = 100.0
 """Distance (m) between kilometre posts, so that straight lines between them keep within some metres of the curves."""
 DEPARTURE: Final = datetime(2026, 11, 21, 8, 31, 0, tzinfo=UTC)
-"""When the train of the recorded trip departs."""
+"""Departure of the train of the recorded trip."""
 
 
 @dataclass(frozen=True, kw_only=True)

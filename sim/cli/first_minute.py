@@ -30,7 +30,7 @@ HANGS_ON: Final = (
 )
 """Conditions on which the figures of the result depend, in a sentence."""
 LOOK_AGAIN_S: Final = 0.2
-"""How often the progress of the drive with the guide is shown (s)."""
+"""Interval (s) at which the progress of the drive with the guide is shown."""
 
 
 def first_minute() -> None:
@@ -104,7 +104,7 @@ def _compared(recorded: Path, guided: Path) -> AlignedDrives:
 
 
 def _print(found: AlignedDrives) -> None:
-    """Print both drives beside each other, and in one sentence what the guide was worth and what that hangs on."""
+    """Print both drives beside each other, and in one sentence what the guide was worth and what that depends on."""
     before, after = (one.drive for one in found.drives)
     alone_j, guided_j = (float(one[-1]) for one in found.energy_j)
     start, end = before.calls[0], before.calls[-1]

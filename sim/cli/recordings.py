@@ -241,7 +241,7 @@ class WhatIfAsked:
         bool | None,
         typer.Option(
             "--driven-anew/--open-loop",
-            help="Drive the day anew, or keep the drive as it was [default: anew where a driver or display is named].",
+            help="Drive the day again, or keep the drive as it was [default: again if a driver or display is named].",
         ),
     ] = None
 
@@ -299,7 +299,7 @@ def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
         anew = new.driven.asks_for_a_driver or not origin.has_advice
     if anew:
         return WhatIfKind.DRIVEN_ANEW
-    refuse_given("nobody drives anew in an open loop", "--driver", "--friction", "--participant", "--population")
+    refuse_given("no driver drives in an open loop", "--driver", "--friction", "--participant", "--population")
     if new.driven.advice not in (None, Presentation.GUIDE, Presentation.SPEED_AND_EFFORT):
         refuse_given("no display in an open loop: expected guide or speed-and-effort, or --driven-anew", "--advice")
     return WhatIfKind.OPEN_LOOP
@@ -329,7 +329,7 @@ def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeS
         again = day_again(origin, new, said.node)
     with (
         naming_recorded(out),
-        progress_bar(f"driving {origin.path.name} anew", "starting node and recorder", "m") as progress,
+        progress_bar(f"driving {origin.path.name} again", "starting node and recorder", "m") as progress,
     ):
         drive_again(again, out, progress)
     return [] if origin.is_simulated else [FROM_A_DRIVE]

@@ -236,7 +236,7 @@ def _print_energy(drive: Drive) -> None:
     _print_causes(attribution)
     _print_places(attribution)
     if not attribution.above.measured:
-        tell("The energies are estimates by inverse dynamics from positions: nobody measured them.")
+        tell("The energies are estimates by inverse dynamics from positions, not measured.")
     tell_energy_range(drive.table.inputs.route)
 
 

@@ -321,7 +321,7 @@ def _said(mode: int, speed_mps: float, digits: int) -> str:
 
 
 TOLD_S, TOLD_KWH = 0.5, 0.05
-"""The sentences ignore smaller differences of time (s) and energy (kWh) than these."""
+"""Differences of time (s) and energy (kWh) up to which the sentences ignore them."""
 
 
 def as_dict(aligned: AlignedDrives) -> dict[str, Any]:
@@ -430,6 +430,6 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
 
 
 def energy_sentences(aligned: AlignedDrives, index: int) -> list[str]:
-    """How much more energy a drive took than the first at equal arrival, what that hangs on, and what advice saved."""
+    """How much more energy a drive took than the first at equal arrival, on what it depends, and what advice saved."""
     found = aligned.equal_arrival(index)
     return [found.sentence(aligned.drives[0].label), found.hangs_on, aligned.saved_by_advice(index).sentence]

@@ -53,7 +53,7 @@ class EventKind(StrEnum):
     BEYOND_TRAIN = "beyond-train"
     """The train was faster than its vehicle file says that it can go: it may be another train."""
     DRIVER = "driver"
-    """How the driver answered a change of the advice."""
+    """The driver's answer to a change of the advice."""
     LAPSE = "lapse"
     """A message stream paused: no positions, or no advice, came for a while."""
     DEVIATION = "deviation"
@@ -340,7 +340,7 @@ def new_plans(table: DriveTable) -> tuple[NewPlan, ...]:
 
 
 def _news(table: DriveTable) -> list[tuple[int, str]]:
-    """The messages that make the node plan anew: time (ns) and cause in words, in order of time."""
+    """The messages that make the node replan: time (ns) and cause in words, in order of time."""
     found = [(one.time_ns, "restrictions were received or lifted") for one in table.said.restrictions]
     found += [(one.told_ns, "traffic management wants another time") for one in table.said.targets]
     found += [(one.time_ns, "a journey was received") for one in table.said.journeys]

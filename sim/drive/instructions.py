@@ -139,7 +139,7 @@ class _ByEye(NamedTuple):
 
     @classmethod
     def begun(cls, told: _Told, advice: Any) -> _ByEye:
-        """A brake by eye that begins with an advice."""
+        """A brake by eye that begins with advice."""
         return cls(told.s_m, told.speed_mps, float(advice.limit_mps), told.s_m + advice.guide.target_m)
 
     def speed_at(self, s_m: float) -> float:
@@ -163,7 +163,7 @@ class _RelianceWatch:
         return RelianceFigures(**self._counts)
 
     def look(self, told: _Told | None, advice: Any, force_n: float) -> None:
-        """Take in an advice, the instruction in it for a moving train, and the wheel force (N)."""
+        """Take in advice, the instruction in it for a moving train, and the wheel force (N)."""
         time_s = advice.time_ns * NS
         self._count_time(advice, time_s)
         self._at_s = time_s
@@ -230,7 +230,7 @@ class InstructionWatch:
         return InstructionFigures(**self._counts, shortest_s=self._shortest_s, reliance=self._reliance.found)
 
     def look(self, advice: Any, force_n: float) -> None:
-        """Take in an advice (`Advice`, or its message), and the train's wheel force (N) at that moment."""
+        """Take in advice (`Advice`, or its message), and the train's wheel force (N) at that moment."""
         told, time_s = _told(advice), advice.time_ns * NS
         if told is not None and advice.speed_mps < MOVING_MPS:
             self._counts["standing_s"] += told.kind is InstructionKind.TRACTION
@@ -285,7 +285,7 @@ class InstructionWatch:
 
 
 class _AdviceRow(NamedTuple):
-    """An advice of a table, with what `InstructionWatch` looks at."""
+    """Advice of a table, with what `InstructionWatch` looks at."""
 
     time_ns: int
     s_m: float
@@ -309,7 +309,7 @@ def instructions(table: DriveTable) -> InstructionFigures:
 
 
 def _told(advice: Any) -> _Told | None:
-    """The guide's instruction in an advice; None if there is none for a moving train."""
+    """The guide's instruction in advice; None if there is none for a moving train."""
     guide = advice.guide
     kind = None if guide is None else KIND_OF.get(int(guide.now.mode))
     if kind is None or math.isnan(advice.speed_mps):

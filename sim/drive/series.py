@@ -339,7 +339,7 @@ def _estimate(table: DriveTable, motion: DrivenMotion) -> FilledIn:
         found["force/driven"] = (at[:-1][within[:-1]], force_n / KN)
     return FilledIn(
         series=found,
-        source=f"force and energy are estimated from positions, nobody measured them ({inputs.source})",
+        source=f"force and energy are estimated from positions, not measured ({inputs.source})",
         way=_way(inputs.route, trip),
     )
 

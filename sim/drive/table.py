@@ -138,7 +138,7 @@ class Occasional:
     places: tuple[Times, Floats]
     saving: AboveOptimum | None
     status: str
-    """Version and advices of the node, in words; empty if it stated neither."""
+    """Version of the node and number of its advice messages, in words; empty if it stated neither."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -300,7 +300,7 @@ def _said(recording: Recording) -> Occasional:
     )
     stops_m = {stop.name: stop.s_m for one in journeys for stop in one.stops}
     fixes = list(messages(topics.LOCATION))
-    last = next((f"version {one.version}, {one.advices} advices" for one in reversed([*messages(topics.STATUS)])), "")
+    last = next((f"version {one.version}, advice {one.advices} times" for one in [*messages(topics.STATUS)][::-1]), "")
     return Occasional(
         journeys=journeys,
         plans=tuple(

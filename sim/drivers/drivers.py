@@ -77,7 +77,7 @@ class TopSpeedDriver(FastDriver):
 
 
 class TimetableDriver(FastDriver):
-    """Keeps time without advice: estimates the top speed anew now and then, and lets the train roll above it."""
+    """Keeps time without advice: estimates the top speed again now and then, and lets the train roll above it."""
 
     def __init__(self, line: LineKnowledge, habit: Habit = EASY_BRAKING) -> None:
         super().__init__(line, habit)

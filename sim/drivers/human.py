@@ -59,7 +59,7 @@ def advice_kind(view: AdviceView) -> InstructionKind | None:
 
 
 def _shown_mode(view: AdviceView) -> int:
-    """The driving regime that an advice asks for; advice without a regime counts as advice to hold a speed."""
+    """The driving regime that advice asks for; advice without a regime counts as advice to hold a speed."""
     return view.mode if says_mode(view) else int(Regime.CRUISE)
 
 
@@ -137,7 +137,7 @@ class DisplayReading:
         self.heeded = self.heeded._replace(reached=True)
 
     def depart(self, cab: CabView) -> None:
-        """Look at the display anew as the train departs; his reaction time is already over, so he acts at once."""
+        """Look at the display again as the train departs; his reaction time is already over, so he acts at once."""
         self.heeded, self._judged, self._pending = Heeded(), None, None
         self._glance(cab)
         if self._pending is not None:
@@ -284,7 +284,7 @@ class HumanDriver:
         self._display = DisplayReading(human, chance, times, diary)
         mark = StopMark(human, settings, chance.marks)
         self.handling = Handling(human, settings, self._errors, mark, line.train, friction)
-        """How he holds a speed and brakes."""
+        """The driver's way of holding a speed and braking."""
         self._hand = Hand(human, diary)
 
     @property

@@ -69,7 +69,7 @@ class Presentation(StrEnum):
 
     NONE = "none"
     DEVIATION = "deviation"
-    """How many seconds early or late the train is, renewed every 35 s; nothing about how to drive."""
+    """Seconds early or late, renewed every 35 s; nothing about how to drive."""
     TOP_SPEED = "top-speed"
     """One reduced maximum speed."""
     FOUR_MODE = "four-mode"

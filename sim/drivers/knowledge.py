@@ -228,7 +228,7 @@ class Outlook:
 
 
 class Foresight:
-    """The outlook of a driver, made anew when the halt or the restrictions change."""
+    """The outlook of a driver, made again when the halt or the restrictions change."""
 
     def __init__(self, line: LineKnowledge, habit: Habit) -> None:
         self.line, self.habit = line, habit

@@ -28,9 +28,9 @@ from sim.world.loop import AFTER_S, BEFORE_S
 MINUTE_S: Final = 60.0
 HOUR_S: Final = 3600.0
 DAYS_TRIED: Final = 5
-"""A factor is admitted if it changes what the driver does on at least one of this many days."""
+"""Days on at least one of which a factor must change what the driver does to be admitted."""
 FAILED_SHOWN: Final = 5
-"""At most this number of failed trials is printed; the table of failed trials has all."""
+"""Most failed trials that are printed; the table of failed trials has all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ class SensingTest:
     said: Callable[[int], None]
     clock: Callable[[], float]
     timed: list[tuple[Setting, float]] = field(default_factory=list)
-    """What was driven, and how long that took by the stopwatch (s)."""
+    """Settings that were driven, and the time that each took by the stopwatch (s)."""
     _traces: dict[tuple[Setting, int], str | None] = field(default_factory=dict)
     _failed: str | None = None
 

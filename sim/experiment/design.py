@@ -68,10 +68,10 @@ class Days(StrEnum):
 
 
 class Chances(StrEnum):
-    """Whether a participant's reaction times, glances, errors and lapses are drawn anew for every trial."""
+    """Whether a participant's reaction times, glances, errors and lapses are redrawn for every trial."""
 
     NEW = "new"
-    """Drawn anew for every trial, as with people."""
+    """Redrawn for every trial, as with people."""
     PAIRED = "paired"
     """The same for all trials of a participant on one day, which takes chance out of comparisons."""
 

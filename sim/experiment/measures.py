@@ -20,11 +20,11 @@ from sim.world.loop import TICK_S
 from sim.world.outcome import SHARES
 
 BAND_MPS: Final = 3.0 * KMH
-"""A speed is in band if it differs from the shown speed by at most this."""
+"""Largest difference (m/s) from the shown speed of a speed in band."""
 LEAST_FORCE_N: Final = 1000.0
-"""Wheel forces below this are neither traction nor braking."""
+"""Wheel force (N) below which there is neither traction nor braking."""
 LEAST_MOVE_RATIO: Final = 1e-9
-"""A controller that moves less than this between two looks stands still."""
+"""Movement between two looks below which a controller stands still."""
 NOLD: Final = "as in Nold & Corman (2024)"
 BALANCE: Final = "energy balance of the simulated train (docs/reference/train-model.md)"
 OWN: Final = "own definition"

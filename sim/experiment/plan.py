@@ -27,7 +27,7 @@ TRIALS_TABLE: Final = "trials.csv"
 A value that is missing is empty. No column depends on the wall clock: the same design gives the same bytes.
 """
 TRIALS_SIDECAR: Final = "trials.json"
-"""What every column of the table means: column → {LongName, Description, Units}, as in BIDS."""
+"""File with the meaning of every column of the table: column → {LongName, Description, Units}, as in BIDS."""
 
 FAILED_TABLE: Final = "failed.csv"
 """The table of the trials that failed, each with the reason; written only if there are any."""
@@ -45,14 +45,14 @@ CHECKED_TABLES: Final = (TRIALS_TABLE, PEOPLE_TABLE)
 """The tables whose hashes are kept."""
 
 CHECK_RESULT: Final = "check.json"
-"""What the check of the frozen design found."""
+"""Name of the file with the findings of the check of the frozen design."""
 
 PROVENANCE: Final = "provenance.json"
-"""Which program made the data from which files, when and how."""
+"""Name of the file with the program and the files that made the data, when and how."""
 
 DEFAULT_ALPHA: Final = 0.05
 CORRECTIONS: Final = ("holm", "bonferroni", "none")
-"""How planned comparisons are corrected for their number; the first is the default."""
+"""Corrections of planned comparisons for their number; the first is the default."""
 LEAST_PARTICIPANTS: Final = 6
 """With fewer participants no difference of pairs can have a p below 0.05, and no spread has an interval."""
 MOST_COMPARISONS: Final = 200
@@ -72,7 +72,7 @@ PROCEDURE_WORDS: Final = {
     "days own": "each driver has their own days, and meets the same day under every condition",
     "days common": "all drivers meet the same days, under every condition",
     "days new": "every trial has a day of its own",
-    "chances new": "reactions, errors and lapses are drawn anew on every trial",
+    "chances new": "reactions, errors and lapses are redrawn on every trial",
     "chances paired": "reactions, errors and lapses are the same for all trials of a driver on one day",
 }
 

@@ -47,7 +47,7 @@ Sidecar = dict[str, dict[str, Any]]
 BIDS_VERSION: Final = "1.10.0"
 TASK: Final = "drive"
 MISSING_TEXT: Final = "n/a"
-"""What BIDS writes for a missing value, and for a number without a unit."""
+"""Text of BIDS for a missing value, and for a number without a unit."""
 IGNORED: Final = (
     *("*.parquet", "*.mcap", "*.jsonl", "*.csv", "*.toml", "*.html"),
     *(DESIGN_JSON, TRIALS_SIDECAR, CHECK_RESULT, CHECKSUMS, PROVENANCE, f"task-{TASK}_series.json"),

@@ -255,7 +255,7 @@ def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
 
 
 _files_here = cache(setting_files)
-"""The hashes of a setting's files on this machine, read once."""
+"""The hashes of a setting's files on the running machine, read once."""
 
 
 def make_trial(job: TrialJob) -> JobResult:

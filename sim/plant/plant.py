@@ -319,7 +319,7 @@ def _loss_numbers(loss: LossModel) -> LossNumbers:
         ratios = (float(loss.traction_ratio), float(loss.brake_ratio), float(loss.idle_w))
         return LossNumbers(False, *ratios, 1.0, 0.0, 1.0, np.zeros((2, 2)))
     steps = (1.0 / loss.speed_step_mps, float(loss.force_n[0]), 1.0 / loss.force_step_n)
-    # A writable copy: numba compiles anew for read-only arrays.
+    # A writable copy: numba compiles again for read-only arrays.
     return LossNumbers(True, 0.0, 0.0, 0.0, *steps, np.array(loss.filled_w))
 
 

@@ -178,7 +178,7 @@ def _stale(recording: Recording) -> Iterator[CheckFinding]:
     time_ns, age_s = _position_ages(recording)
     stale = np.nonzero(age_s > STALE_AFTER_S)[0]
     if len(stale):
-        text = f"{len(stale)} advices were given on a position older than {STALE_AFTER_S:g} s"
+        text = f"{len(stale)} advice messages were given on a position older than {STALE_AFTER_S:g} s"
         text += f", the oldest of {age_s.max():.1f} s"
         yield CheckFinding(kind=CheckKind.STALE, text=text, time_ns=int(time_ns[stale[0]]))
 
@@ -204,7 +204,7 @@ def _late(recording: Recording) -> Iterator[CheckFinding]:
     late_s = to_recorder_s(recording)
     late = np.nonzero(late_s > LATE_AFTER_S)[0]
     if len(late):
-        text = f"{len(late)} advices came later than {LATE_AFTER_S:g} s after their time, by up to {late_s.max():.1f} s"
+        text = f"{len(late)} advice messages came over {LATE_AFTER_S:g} s late, by up to {late_s.max():.1f} s"
         yield CheckFinding(
             kind=CheckKind.LATE, text=text, time_ns=int(recording.columns(topics.ADVICE)["time_ns"][late[0]])
         )
@@ -222,7 +222,7 @@ def _slow(recording: Recording) -> Iterator[CheckFinding]:
     data = recording.columns(topics.STATUS, "time_ns", "last_advice_s")
     slow = np.nonzero(data["last_advice_s"] > SLOW_AFTER_S)[0]
     if len(slow):
-        text = f"{len(slow)} advices took longer than {SLOW_AFTER_S:g} s, up to {data['last_advice_s'].max():.1f} s"
+        text = f"{len(slow)} advice messages took over {SLOW_AFTER_S:g} s, up to {data['last_advice_s'].max():.1f} s"
         yield CheckFinding(kind=CheckKind.SLOW, text=text, time_ns=int(data["time_ns"][slow[0]]))
 
 
@@ -359,9 +359,9 @@ def _numbers(missing: int | None) -> str:
 
 TIMES: Final = {
     "solve_s": "solving a section",
-    "advice_s": "computing an advice",
+    "advice_s": "computing advice",
     "advice_to_recorder_s": "advice, from its time to the recorder",
-    "position_age_s": "age of the position behind an advice",
+    "position_age_s": "age of the position behind the advice",
 }
 """The times of the node, by name and in words."""
 
@@ -398,7 +398,7 @@ def _notes(contents: Contents, recording: Recording) -> list[str]:
     notes = []
     restarts = len(restarts_of(recording.of(topics.STATUS)))
     if restarts:
-        notes.append(f"the node was started anew {restarts} time{'s' if restarts > 1 else ''}")
+        notes.append(f"the node was restarted {restarts} time{'s' if restarts > 1 else ''}")
     others = [name for name in recording.trains if name != recording.train]
     if others:
         notes.append(f"also recorded, not checked: {', '.join(others)} (--of-train)")

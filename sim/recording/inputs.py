@@ -197,7 +197,7 @@ def inputs_of(recording: Recording) -> DriveInputs:
     """Line, train and loss level with which a recorded drive was planned; DasError if the recording lacks them."""
     journeys = [entry.message for entry in recording.of(topics.JOURNEY)]
     if not journeys:
-        raise DasError(f"{recording.path}: holds no journey, so that nobody knows its line and train")
+        raise DasError(f"{recording.path}: holds no journey: line and train are not known")
     journey, run = journeys[-1], recording.metadata.get("run", {})
     vehicle_id, _, load = journey.vehicle_id.partition("/")
     with tempfile.TemporaryDirectory(prefix="das-inputs-") as folder:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 APPLICATION: Final = "das-review"
 CLOSING_S: Final = 5.0
-"""How long (s) a viewer may take to end before it is killed."""
+"""Time (s) that a viewer may take to end before it is killed."""
 
 
 class ViewerChoice(NamedTuple):

@@ -23,7 +23,7 @@ from sim.drivers.presentations.presenter import mode_words, presenter_of, speed_
 from sim.recording.course import DrivenCourse
 
 NO_ADVICE: Final = "# No advice is shown"
-NODE_ALONE: Final = "*Nobody recorded the display: this is what the node advised.*"
+NODE_ALONE: Final = "*The display was not recorded: this is what the node advised.*"
 
 
 def summary(drive: Drive, filled_from: str = "") -> str:
@@ -49,7 +49,7 @@ def attribution_text(attribution: Attribution) -> str:
     """The energy attribution as a table (Markdown)."""
     rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in attribution.by_cause.items()]
     meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
-    source = "of the simulated train" if attribution.above.measured else "estimated from positions; nobody measured it"
+    source = "of the simulated train" if attribution.above.measured else "estimated from positions; not measured"
     return "\n".join(
         [
             f"### Above the optimum for the same times: {attribution.above.words}",
@@ -192,7 +192,7 @@ class CabRow(NamedTuple):
 
 
 class AdviceRow(NamedTuple):
-    """What a card tells of an advice of the node, if no display was recorded."""
+    """What a card tells of advice of the node, if no display was recorded."""
 
     mode: int
     reason: Reason

@@ -59,7 +59,7 @@ SPARSE_S: Final = 30.0
 """Time without points (s) that is a gap in any record, however sparse."""
 
 _Strays = Callable[[Ints, Any], Floats]
-"""How badly later points j (one, or one for each i) fit earlier points i; two points fit if the value is at most 1."""
+"""Misfit of later points j (one, or one for each i) with earlier points i; two points fit if it is at most 1."""
 _REMOVING = ("dropped", "cut")
 """Outcomes of findings whose points are taken out of the record."""
 

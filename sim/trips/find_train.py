@@ -37,9 +37,9 @@ WINDOW_LEAST: Final = 8
 WINDOW_UNMEASURED_SPEED_SD_MPS: Final = 0.3
 """Noise (m/s) of the speeds of a record that reports none."""
 WINDOW_LINE_SD_RATIO: Final = 5e-4
-"""How well gradients and curves are known, as a share of the weight (one standard deviation)."""
+"""Uncertainty of gradients and curves, as a share of the weight (one standard deviation)."""
 WINDOW_FULL_SD_RATIO: Final = 0.02
-"""How exactly the full effort of the train is known (one standard deviation)."""
+"""Uncertainty of the train's full effort (one standard deviation)."""
 WINDOW_HELD_SD_MPS2: Final = 0.02
 """Acceleration (m/s², one standard deviation) of a driver who holds a speed."""
 WINDOW_HARDEST_BRAKING_MPS2: Final = 1.0

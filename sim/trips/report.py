@@ -41,7 +41,7 @@ from sim.trips.settings import (
 from sim.trips.trip import Trip
 
 BEST: Final = {"color": LIGHT.of[Meaning.NO_ADVICE], "linewidth": 1, "linestyle": "--"}
-"""How the most that the vehicle can do is drawn."""
+"""Style in which the most that the vehicle can do is drawn."""
 LEGEND: Final = {"from, to": "what the energy may have been at least and at most, whatever the unknowns are"}
 """Explanations that are printed below the table of energies."""
 PANEL_HEIGHTS = (3, 1, 2)

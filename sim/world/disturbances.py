@@ -141,7 +141,7 @@ class BusOutage:
 
 @dataclass(frozen=True, kw_only=True)
 class NodeRestart:
-    """The node is killed at `at_s` on the run's clock and started anew."""
+    """The node is killed at `at_s` on the run's clock and restarted."""
 
     at_s: float
 

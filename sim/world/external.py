@@ -167,7 +167,7 @@ class ExternalDriver:
             told = self._dead_man.silent(self._patience.silent_s if self._pace is None else LOOK_S)
         self._tell(now_ns, told)
         if self._dead_man.braking:
-            self._lockstep.answers.driver = ""  # the driver may have been started anew
+            self._lockstep.answers.driver = ""  # the driver may have been restarted
             self._command = BRAKES
         elif answer is not None:
             self._command = command_of(answer, cab.time_s)

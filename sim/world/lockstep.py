@@ -264,7 +264,7 @@ class Traffic:
 
     ticks: int = 0
     start_s: float = 0.0
-    """How long node and recorder took to start (s)."""
+    """Time (s) that node and recorder took to start."""
     sent: Counter[str] = field(default_factory=Counter)
     recorded: Counter[str] = field(default_factory=Counter)
     advices_given: int = 0
@@ -312,7 +312,7 @@ class Lockstep:
         self.traffic.start_s = time.perf_counter() - began
 
     def restart_node(self) -> None:
-        """Kill the node, start it anew, and wait until it has accepted the journey, which the bus keeps, again.
+        """Kill the node, restart it, and wait until it has accepted the journey, which the bus keeps, again.
 
         At a pace there is no wait: there is no advice until the new node gives some.
         """

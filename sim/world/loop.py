@@ -76,7 +76,7 @@ class Link(Protocol):
         """Record what the on-board system does not receive."""
 
     def restart(self) -> None:
-        """Kill the on-board system and start it anew."""
+        """Kill the on-board system and restart it."""
 
 
 TICK_S = 1.0
@@ -244,7 +244,7 @@ class World:
         around = self._around
         measured = around.measure(state)
         if around.news.restart_due(state.time_s):
-            self._events.append("the node is killed and started anew")
+            self._events.append("the node is killed and restarted")
             self.link.restart()
         if around.news.cut_off(state.time_s):
             self._show(state, now_ns, None)

@@ -383,7 +383,7 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     ]
     rows += _balance_rows(found)
     counts, recorded = found.counts, result.recorded
-    rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
+    rows.append(("advice", f"given {counts.advised} times, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
     rows += found.figures.rows()
     if recorded is not None:
         rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
@@ -427,5 +427,5 @@ def _notes(result: DayResult) -> list[str]:
     if why := found.energies.no_own_braking:
         notes.append(f"optimum with such braking not known: {why}")
     if found.counts.above_limit:
-        notes.append(f"{found.counts.above_limit} advices were above the limit: please report this")
+        notes.append(f"{found.counts.above_limit} advice messages were above the limit: please report this")
     return notes

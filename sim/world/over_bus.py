@@ -79,7 +79,7 @@ class OverBus:
             self._lockstep.send(DECISION, _decision(self._day, event))
 
     def restart(self) -> None:
-        """Kill the node and start it anew."""
+        """Kill the node and restart it."""
         self._lockstep.restart_node()
 
 

@@ -19,7 +19,7 @@ from sim.world.calls import Calls
 from sim.world.service import Day, Service
 
 VALID_S = 3600.0
-"""The driver's view of advice has an end of validity; a sheet, which does not expire, is read anew long before (s)."""
+"""The driver's view of advice has an end of validity; a sheet, which does not expire, is re-read long before (s)."""
 LATE_S = 60.0
 """Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet says."""
 SLOW_MPS = 5.0

@@ -156,7 +156,7 @@ class ReducedSpeed:
         return self._staircase.at(s_m, v_mps, self.judged_mps(s_m, v_mps, now_ns, arrival_ns))
 
     def judged_mps(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
-        """The reduced maximum speed (m/s) for the rest of the section; computed anew only if the last one is old."""
+        """The reduced maximum speed (m/s) for the rest of the section; computed again only if the last one is old."""
         age_s = (now_ns - self._judged_ns) * NS
         if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < JUDGED_EVERY_S:
             before_mps = self._speed_mps if arrival_ns == self._for_ns else math.nan

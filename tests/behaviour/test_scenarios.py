@@ -482,7 +482,7 @@ def test_node_restart_leaves_the_driver_without_advice_for_seconds() -> None:
     silent = list(takewhile(lambda one: one.mode is Regime.NONE, after))
     assert 0 < len(silent) <= 5, "until the way between positions confirms the unit of the speeds"
     assert {one.cause for one in silent} == {Cause.POSITION_UNCERTAIN}
-    assert "the node is killed and started anew" in driven.events()
+    assert "the node is killed and restarted" in driven.events()
     assert abs(driven.late_s()[-1]) <= 2.0
 
 

@@ -5,7 +5,7 @@ with another one.
 
 Drivers do exactly what one of the presentations shows (the guide's, the full advice, the top speed, the four modes) up
 to 2 s late, and have no eyes of their own. On each day restrictions come, overlap and go, often nearer than the train
-can brake for; operators are lost, doubled or replaced; the journey is changed, the node started anew, the force sensor
+can brake for; operators are lost, doubled or replaced; the journey is changed, the node restarted, the force sensor
 has a gain of 0.5 to 1.5; on four days of ten positions, speeds or clocks are wrong as well. No part of any advice may
 be above limit or brake curve; who follows it is nowhere more than 1 m/s too fast, and stops within 10 m. Positions
 count within twice the deviation that the advice states.

@@ -41,7 +41,7 @@ SEED = int(os.environ.get("DAS_FUZZ_SEED", "20261121"))
 TICK_EVERY = 25
 """One Control per so many inputs: the time it takes is that of the advice."""
 RESTART_EVERY = 2_500
-"""A lie that a simulator could tell (the first journey is of the far future) silences a node until it starts anew."""
+"""A lie that a simulator could tell (the first journey is of the far future) silences a node until it restarts."""
 HEARD = (JOURNEY, POSITION, DELAY, RESTRICTION, TARGET, EFFORT, CONTROL)
 WEIGHTS = (20, 30, 10, 3, 5, 5, 10)
 """Few lies about restrictions: one that cannot be read silences the node until the next that can."""

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from das.domain.errors import DasError
 
 MOST_BYTES: Final = 1_000_000
-"""How much of a file is looked at (bytes)."""
+"""Size (bytes) of the part of a file that is looked at."""
 UNZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError)
 """Errors that `zipfile` raises for a damaged zip, besides a `UnicodeDecodeError` for a name that is not UTF-8.
 `BadZipFile`: wrong headers or checksums; `zlib.error` and `EOFError`: damaged or missing content; `OSError`: a place

@@ -87,12 +87,12 @@ MOST_CUTS: Final = 3
 ENOUGH_CUT_RATIO: Final = 5e-4
 """Share by which the last planes must have raised the bound for a loss map to get further ones."""
 INSIDE: Final = 0.05
-"""How far from its bounds the first point is, as a share of their width."""
+"""Distance of the first point from its bounds, as a share of their width."""
 ROUNDING_RATIO: Final = 1e-9
-"""The bound is lowered by this share of the sizes of its terms, which is more than their rounding."""
+"""Share of the sizes of its terms by which the bound is lowered: more than their rounding."""
 LEAST_PRICE: Final = 1e-3
 LARGEST_PRICE: Final = 1e3
-"""The first price of time is between these, in units of force times speed."""
+"""Range of the first price of time, in units of force times speed."""
 
 
 class ProvenBound(NamedTuple):

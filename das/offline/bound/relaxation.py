@@ -254,7 +254,8 @@ def acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
 NEAR_FORCES_N: Final = (0.0, 8e3, -8e3)
 """Distances (N) from the force of the given run at which a loss map gets planes."""
 NEAR_COASTING_N: Final = (-500.0, 500.0)
-"""A loss map gets planes at these forces (N) on both sides of coasting, and at half of the largest forces."""
+"""Forces (N) at which a loss map gets planes on both sides of coasting; it also gets them at half of the largest
+forces."""
 LIMIT_SLACK: Final = 1e-6
 """Ratio within which runs keep the limits of their forces."""
 

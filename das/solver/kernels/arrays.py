@@ -1,7 +1,7 @@
 """Copying and adding arrays in kernels.
 
 Numba compiles `into[:] = values` and `into += share * values` as well. But both check that the shapes fit, and numba
-then compiles some 30 functions that write the message of the error, anew in every kernel that Python calls.
+then compiles some 30 functions that write the message of the error, again in every kernel that Python calls.
 """
 
 from __future__ import annotations

@@ -21,15 +21,15 @@ from das.solver.kernels.landings import landing_under
 from das.solver.kernels.tuples import ServiceParams
 
 SLOW_MPS = 5.0
-"""Below this speed (m/s) the brakes' delay needs no further reserve: the driver sees the mark and brakes already."""
+"""Speed (m/s) below which the brakes' delay needs no further reserve: the driver sees the mark and brakes already."""
 FULL_BRAKES = ServiceParams(1e9, 0.0, 1.0, 1e9)
 """Full brakes as a service: no limit below the train's own, and no delay."""
 _ROUNDING_W = 1e-9
-"""A v² above the envelope's by no more than this comes from rounding in the iterations."""
+"""Excess of a v² over the envelope's that comes from rounding in the iterations."""
 _FIXED_POINT_STEPS = 60
 """Largest number of iterations in the search for a speed that is its own image under a step."""
 _FIXED_POINT_TOLERANCE = 1e-13
-"""A speed has been found when an iteration changes it by at most this share."""
+"""Share by which an iteration changes a speed that has been found."""
 
 
 @kernel

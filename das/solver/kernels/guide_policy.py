@@ -31,15 +31,17 @@ FROM_ABOVE, COLUMNS, LANDED = 10, 11, 11
 """Holding has two moves: column `HOLDS` gets up to a far higher X, column `FROM_ABOVE` comes down to a lower one.
 Row `LANDED` of the costs is that of all manners for the speeds X that are reached within the step."""
 NEAR_MPS = 2.5 * KMH
-"""A speed nearer to the train's own than this, half a step of what is told, is held and not gone to."""
+"""Distance from the train's own speed (m/s), half a step of what is told, below which a speed is held and not gone
+to."""
 BAND_MPS = 10.0 * KMH
-"""A train faster than the speed to hold by up to this comes down to it by coasting; a faster one is told otherwise."""
+"""Excess over the speed to hold (m/s) up to which a train comes down to it by coasting; a faster one is told
+otherwise."""
 STANDS_S = 8.0
-"""An instruction is to stand this long: about what a driver needs to read it, act and check."""
+"""Time (s) for which an instruction is to stand: about what a driver needs to read it, act and check."""
 SAME_MPS = 1e-5
 """Speeds that differ by less are equal; moves are kept in single precision."""
 CONTACT_MPS = 1e-3
-"""A train that is nearer to the braking curve than this is on it."""
+"""Distance from the braking curve (m/s) below which a train is on it."""
 NO_INSTRUCTION = 65535
 WORD = 32
 """Speeds X for which a word of `GuidePolicy.stay` has bits."""

@@ -12,11 +12,11 @@ from das.solver.kernels.landings import speed_under_force
 TRACTION, HOLD, COAST, BRAKE, CURVE = 0, 1, 2, 3, 4
 """The numbers of `das.solver.guide.phases.PhaseKind`."""
 CREEP_MPS, CREEP_M = 0.5, 1.0
-"""A train that brakes to a stop and is slower than this (m/s) creeps on while there is more than this (m) to go."""
+"""Speed (m/s) below which, and distance to go (m) above which, a train that brakes to a stop creeps on."""
 BELOW_MPS = 0.5
-"""A train that is slower than the speed to hold by more than this (m/s) accelerates first."""
+"""Shortfall of the speed to hold (m/s) above which a train accelerates first."""
 _STEPS = 6
-"""`speed_under` finds a speed in this number of steps; more find the same."""
+"""Steps in which `speed_under` finds a speed; more find the same."""
 
 
 @kernel

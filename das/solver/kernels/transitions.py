@@ -24,7 +24,7 @@ from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT, S
 
 _ELECTRIC_BRAKE = -1
 _ROUNDING = 1e-9
-"""A place on the grid that is below a line by no more than this counts as on the line."""
+"""Distance below a line at which a place on the grid counts as on the line."""
 
 
 @compiled(fastmath=True)
@@ -186,7 +186,7 @@ def locations(landings, floor, top, steps, line, share, energy_j):
 _COAST = LANDINGS_BRAKE + LANDINGS_EFFORT
 _HOLD = _COAST + 1
 _STANDING_MPS = 1e-3
-"""A train that stands is calculated as if it moved this slowly (m/s); its moves are left out afterwards."""
+"""Speed (m/s) with which a train that stands is calculated; its moves are left out afterwards."""
 
 
 @kernel

@@ -127,7 +127,7 @@ def loss_params(loss: LossModel) -> LossParams:
         1.0 / loss.speed_step_mps,
         float(loss.force_n[0]),
         1.0 / loss.force_step_n,
-        np.array(loss.filled_w),  # a writable copy: numba compiles anew for read-only arrays
+        np.array(loss.filled_w),  # a writable copy: numba compiles again for read-only arrays
     )
 
 

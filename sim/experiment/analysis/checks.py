@@ -14,13 +14,13 @@ from sim.experiment.analysis.reading import SAME, Floats, Ints, RunStudy, ShownM
 from sim.experiment.plan import PlannedComparison
 
 SURE: Final = 0.01
-"""An assumption counts as broken if the p value of its test is below this."""
+"""P value of its test below which an assumption counts as broken."""
 ENOUGH: Final = 5
-"""This many participants are enough for a statistical test, and this many days are enough to stand for other days."""
+"""Participants that are enough for a statistical test, and days that are enough to stand for other days."""
 ENOUGH_FOR_SKEWNESS: Final = 8
 """With fewer values the test of skewness is not defined."""
 EVEN_NOISE: Final = 2.0
-"""Conditions count as equally noisy if their standard deviations differ by at most this factor."""
+"""Largest ratio of standard deviations of conditions that count as equally noisy."""
 
 
 @dataclass(frozen=True, kw_only=True)

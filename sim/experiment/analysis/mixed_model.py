@@ -25,12 +25,12 @@ from sim.experiment.analysis.reading import Floats, RunStudy, Texts
 from sim.experiment.plan import PlannedComparison
 
 BOUNDARY: Final = 0.01
-"""A variance below this share of the residual variance counts as 0, and the fit as singular: the optimizer ends near
+"""Share of the residual variance below which a variance counts as 0, and the fit as singular: the optimizer ends near
 0, not at 0. statsmodels warns of the boundary at the same share."""
 CERTAIN: Final = 0.999
-"""A fit in which the drivers' level and effect correlate by more than this (±) counts as singular as well."""
+"""Correlation (±) of the drivers' level and effect above which a fit counts as singular as well."""
 STILL: Final = 1e-5
-"""A condition whose variance is below this share of the other's counts as one that does not scatter."""
+"""Share of the other's variance below which a condition counts as one that does not scatter."""
 LEAST_DRIVERS: Final = 5
 """Fewest drivers for which a model is fitted."""
 METHODS: Final = ("bfgs", "lbfgs", "powell")
@@ -239,7 +239,7 @@ def _check(result: Any, form: _Form) -> None:
     if not (math.isfinite(error) and error > 0):
         raise DasError("the fit has no standard error")
     if found.residual < STILL * found.noise:
-        raise DasError("the fit hangs on rounding, as one condition hardly scatters")
+        raise DasError("the fit depends on rounding, as one condition hardly scatters")
     if found.level < BOUNDARY * found.residual:
         raise DasError("the fit is singular: drivers do not differ in their level by more than chance explains")
     if found.effect < BOUNDARY * found.residual:

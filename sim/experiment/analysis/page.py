@@ -38,7 +38,7 @@ BLUE, ORANGE = SEVERAL[0], SEVERAL[1]
 FAINT: Final = "#9aa0a6"
 ROW_IN: Final = 0.5
 SCATTER: Final = 0.16
-"""Points of drivers lie at most this far (rows) beside their row, so that equal values do not hide each other."""
+"""Largest distance (rows) of drivers' points from their row, so that equal values do not hide each other."""
 
 
 def page(found: StudyFindings) -> str:

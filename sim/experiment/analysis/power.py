@@ -28,7 +28,7 @@ STUDIES: Final = 2000
 PATTERNS_EACH: Final = 1024
 """Patterns of signs for the test of each made-up study."""
 MOST_ROWS: Final = 50
-"""The power is given for at most this many numbers of participants."""
+"""Most numbers of participants for which the power is given."""
 MOST_PARTICIPANTS: Final = 2000
 """Largest number of participants (in each group) for which experiments are simulated."""
 AT_ONCE: Final = 250
@@ -89,11 +89,8 @@ class PilotGroups:
 
 
 MadeUpDifferences = BellCurves | PilotDifferences | PilotGroups
-"""Where the differences of made-up participants come from; their true mean is 0.
-
-With `groups` each participant drives one of two conditions. `draw` then gives their values, the first group before the
-second.
-"""
+"""Sources of the differences of made-up participants; their true mean is 0. With `groups` each participant drives one
+of two conditions. `draw` then gives their values, the first group before the second."""
 
 
 def of_pilot_groups(groups: TwoGroups) -> PilotGroups:

@@ -20,14 +20,14 @@ import numpy as np
 from sim.experiment.analysis.reading import Floats
 
 MOST_EXACT: Final = 16
-"""With up to this many drivers all patterns are counted."""
+"""Most drivers for whom all patterns are counted."""
 ALL_PATTERNS: Final = 2 ** (MOST_EXACT - 1)
 PATTERNS: Final = 20_000
 """Patterns of an analysis with more drivers, the one found among them: a p of 0.05 is known to 0.003."""
 MOST_CELLS: Final = 20_000_000
 """Most signs of a table of patterns (160 MB): with very many drivers there are fewer patterns, but at least 1000."""
 ROUNDING: Final = 1e-10
-"""Means that differ by less than this share of the mean magnitude count as equal."""
+"""Share of the mean magnitude below which a difference of means counts as none."""
 
 
 def signs_of(drivers: int, rng: np.random.Generator, patterns: int = ALL_PATTERNS) -> Floats:

@@ -19,8 +19,8 @@ SD_RESAMPLES: Final = 1999
 """Resamples for the interval of a standard deviation."""
 NO_RANGE: Final = (math.nan, math.nan)
 WIDEST: Final = 5.0
-"""An interval of a standard deviation whose upper end is more than this many times its lower one is not given: the
-drivers are too few. At the ends of a wider one, the numbers of participants needed differ more than 25-fold."""
+"""Largest ratio of the ends of a given interval of a standard deviation; beyond it the drivers are too few. At the ends
+of a wider one, the numbers of participants needed differ more than 25-fold."""
 
 
 @dataclass(frozen=True, kw_only=True)

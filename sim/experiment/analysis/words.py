@@ -15,7 +15,7 @@ from sim.experiment.analysis.reading import SAME, RunStudy, ShownMeasure, probab
 from sim.experiment.plan import FIXED, StudyPlan
 
 MOST_COUNTED: Final = 10_000
-"""Larger numbers of participants are all given as "over" this one."""
+"""Number of participants above which all are given as "over" it."""
 SIGNALS: Final = "signals_passed"
 CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni", "none": ""}
 MOST_FAILED: Final = 3

@@ -174,7 +174,7 @@ def _over_limit(drive: Drive) -> PageFigure:
 
 
 def how_sure(drive: Drive) -> list[str]:
-    """What the figures hang on, in sentences: energy measured or computed, train known or assumed, unknowns."""
+    """What the figures depend on, in sentences: energy measured or computed, train known or assumed, unknowns."""
     told = [] if drive.recording.complete else ["The recording was cut off, so that its end is missing."]
     told += [*_energy_sure(drive), *_range_sure(drive)]
     if drive.violations.over_limit_s:
@@ -195,7 +195,7 @@ def _energy_sure(drive: Drive) -> list[str]:
     told = [
         "The energy is that of the simulated train."
         if drive.energy.measured
-        else "Nobody measured the energy; it is computed from positions."
+        else "The energy was not measured; it is computed from positions."
     ]
     if train_known(drive):
         return [*told, "The train is known: the optimum is that of the true train, as the simulator recorded it."]
@@ -229,7 +229,7 @@ def _range_sure(drive: Drive) -> list[str]:
     if largest is not None:
         told.append(f"That range hangs most on the {largest.name}.")
     if not math.isnan(drive.energy.likely.by_friction_j):
-        told.append("Far more hangs on which brakes were used, which was not recorded: the findings assume the motors.")
+        told.append("More depends on which brakes were used, which was not recorded: the findings assume the motors.")
     return told
 
 

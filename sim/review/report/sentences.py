@@ -109,7 +109,7 @@ def came_about(drive: Drive, *, short: bool = False) -> list[str]:
         happens = run.get("happens", NOTHING)
         told.append("Nothing was to go wrong on this day." if happens == NOTHING else f"On this day: {happens}.")
     elif run.get("kind") == "replay":
-        told.append(f"It is a replay of {run.get('trip', 'a trip')}: nobody saw the advice.")
+        told.append(f"It is a replay of {run.get('trip', 'a trip')}: the driver did not see the advice.")
     if WHAT_IF in run:
         of, changed = run.get(OF, "?"), run.get(CHANGED, "?")
         told.append(f"It is a what-if of {of}, {run[WHAT_IF]}; otherwise: {changed}.")

@@ -109,9 +109,7 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
     if attribution is not None:
         vehicle = attribution.inputs.vehicle
         measured = (
-            "those of the simulated train"
-            if attribution.above.measured
-            else "estimated from positions; nobody measured them"
+            "those of the simulated train" if attribution.above.measured else "estimated from positions; not measured"
         )
         rows += [
             ("planned mass", f"{vehicle.mass_kg / 1000:.0f} t, train length {vehicle.train_length_m:.0f} m"),

@@ -45,7 +45,7 @@ driver who drove the optimum."""
 TIMETABLE_FIGURES = (
     "timetable_time_left_s", "timetable_fit", "timetable_late_s", "timetable_energy_kwh", "departed_late_s", "late_s",
 )  # fmt: skip
-"""The figures of a replay that hang on its timetable; each is None without one."""
+"""The figures of a replay that depend on its timetable; each is None without one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -247,7 +247,7 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("trip time", f"{found['trip_time_s']:.0f} s"),
         *late_rows(found),
         ("least possible time", f"{found['min_time_s']:.0f} s"),
-        ("advices sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
+        ("advice messages sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
         ("energy as driven (estimated)", f"{found['energy_kwh']:.1f} kWh"),
         ("  it may have been", f"{found['energy_low_kwh']:.0f} to {found['energy_high_kwh']:.0f} kWh"),
         (
@@ -328,7 +328,7 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     if found["above_optimum_cases_left_out"]:
         notes.append("a train heavier or more resisted could not have driven so: the range is without it")
     if found["advices_above_limit"]:
-        notes.append(f"{found['advices_above_limit']} advices were above the limit: please report this")
+        notes.append(f"{found['advices_above_limit']} advice messages were above the limit: please report this")
     return notes
 
 

@@ -153,7 +153,7 @@ def by_bus_clock(options: NodeOptions) -> bool:
 
 
 STATES = (JOURNEY, RESTRICTION, TARGET)
-"""The topics whose last message the bus keeps for a node that starts anew."""
+"""The topics whose last message the bus keeps for a node that restarts."""
 HeardAgain = Callable[[float, float], None]
 """Called with the number of messages received so far and the number of all messages."""
 

@@ -1,4 +1,4 @@
-"""Driven anew: the scenario of a recorded day, with its timetable, disturbances and seed, and who drives it again."""
+"""The day again: the scenario of a recorded day, with its timetable, disturbances and seed, and who drives it again."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ def _on_the_day(one: AnnouncedRestriction) -> list[str]:
 TRUE_LEVEL: Final = "what_if_true_level"
 """The key of the metadata for the loss level of the simulated train, if its advice is planned with another level."""
 BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
-"""How human drivers braked in recordings that are older than the choice of a `FrictionPolicy`."""
+"""Braking of human drivers in recordings that are older than the choice of a `FrictionPolicy`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -290,7 +290,7 @@ def _how(origin: Origin, new: Otherwise) -> How:
     if isinstance(driver, External):
         if driven.driver is not None:
             raise DasError(f"--driver {driver}: expected a driver who drives within this process")
-        raise DasError(f"{origin.path}: was driven by a process of its own: say who drives it anew (--driver)")
+        raise DasError(f"{origin.path}: was driven by a process of its own: say who drives it again (--driver)")
     if driven.friction is not None and driver is not DriverKind.HUMAN:
         raise DasError(f"--friction {driven.friction}: needs --driver {DriverKind.HUMAN}")
     shown = Presentation.GUIDE if origin.has_guide else Presentation.SPEED_AND_EFFORT

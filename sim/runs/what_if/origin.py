@@ -35,7 +35,7 @@ class Origin:
         contents = open_contents(path)
         recording = recording_of(contents, train)
         if not recording.of(topics.JOURNEY):
-            raise DasError(f"{path}: holds no journey, so that nobody knows its line and timetable")
+            raise DasError(f"{path}: holds no journey: line and timetable are not known")
         return cls(path=path, contents=contents, recording=recording, folder=folder)
 
     @property

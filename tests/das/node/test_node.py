@@ -256,7 +256,7 @@ def test_node_says_that_positions_are_rejected_and_taken_up_anew() -> None:
         driven.tick(second, 20.0 * second + (500.0 if second > 63 else 0.0))
     assert [text for text in driven.sink.events().splitlines() if text.startswith("position")] == [
         "position: rejected, the position jumped by 500 m",
-        "position: taken up anew at 1840 m",
+        "position: taken up again at 1840 m",
     ]
 
 

@@ -377,7 +377,7 @@ def test_a_time_that_is_too_tight_is_named_with_its_seconds() -> None:
     late = refused(journey(start(), stop(4_000.0, 30.0), end(9_000.0, first_s + 30.0 + second_s - 12.3)))
     assert late.startswith("test: arrival at Z (latest 0:0")
     assert ") is 12.3 s too tight: after departure from A (fixed 0:00:00.0) the fastest run is there at 0:0" in late
-    # The clock starts anew where the train may not be earlier.
+    # The clock restarts where the train may not be earlier.
     waits = stop(4_000.0, 30.0, departure=Window(earliest_s=400.0))
     late = refused(journey(start(), waits, end(9_000.0, 400.0 + second_s - 7.5)))
     assert " is 7.5 s too tight: after departure from at 4000 (earliest 0:06:40.0) the fastest run" in late

@@ -26,7 +26,7 @@ def test_senders_silence_and_counts_are_said_once_each() -> None:
         signs.take(received(topic, source))
     assert said[1:] == [
         "das-record T1: hears the node (status)",
-        "das-record T1: hears the node (status)",  # another session: a second node, or the first one started anew
+        "das-record T1: hears the node (status)",  # another session: a second node, or the first one restarted
         "das-record T1: hears the localisation (position)",
     ]
     now_s[0] = COUNTED_EVERY_S - 1.0

@@ -104,7 +104,7 @@ def test_drives_of_another_line_are_refused_and_other_trains_are_said_to_be() ->
     assert aligned.trains_differ
     assert "They are different trains: re460-ic and other-train." in sentences(aligned, 1)
     journey.route_id = "elsewhere"
-    elsewhere = replace(other, drive=replace(other.drive))  # read anew
+    elsewhere = replace(other, drive=replace(other.drive))  # re-read
     assert elsewhere.drive.recording.of(topics.JOURNEY)[-1].message.route_id == "elsewhere"
     with pytest.raises(DasError, match="drives elsewhere"):
         AlignedDrives.of([calm(), elsewhere])

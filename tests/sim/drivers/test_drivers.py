@@ -107,7 +107,7 @@ def zug_luzern() -> Case:
 
 
 def displayed(plan: Trajectory) -> Advise:
-    """A display that shows a plan as it stands, read at the train's place and never made anew."""
+    """A display that shows a plan as it stands, read at the train's place and never made again."""
     force_n = np.append(plan.force_el_n + plan.force_friction_n, 0.0)
 
     def advise(state: PlantState) -> AdviceView:

@@ -74,7 +74,7 @@ def test_nothing_is_wrong(tmp_path: Path) -> None:
     assert found.findings == ()
     assert found.rates["advice"].messages == SECONDS
     assert found.rates["advice"].per_s == pytest.approx(1.0)
-    assert found.figures["computing an advice"] == "median 10 ms, at most 10 ms"
+    assert found.figures["computing advice"] == "median 10 ms, at most 10 ms"
     assert found.figures["advice, from its time to the recorder"] == "median 20 ms, at most 20 ms"
 
 

@@ -285,7 +285,7 @@ def above_in_all_cases(
 def test_the_range_above_the_optimum_is_that_of_all_trains_it_may_have_been(
     driven: tuple[Trip, Section, EnergyRange],
 ) -> None:
-    """By brute force: every corner solved anew, and ∫(m·a + R)ds, of it what is above 0 where friction alone brakes."""
+    """By brute force: every corner solved again, and the part above 0 of ∫(m·a + R)ds where friction alone brakes."""
     trip, section, _ = driven
     run, ends = trip.run, {}
     trip_s = float(run.time_s[-1])

@@ -255,7 +255,7 @@ def test_without_the_line_it_is_not_known_whether_limits_were_kept() -> None:
 
 def test_the_page_says_what_its_figures_hang_on() -> None:
     computed = " ".join(how_sure(bundled().drive))
-    assert "Nobody measured the energy" in computed
+    assert "The energy was not measured" in computed
     assert re.search(r"The train is assumed: .* t, .* m\.", computed)
     assert re.search(r"That range hangs most on the \w+", computed)
     likely = page_figures(bundled().drive)[2].beside

@@ -164,7 +164,7 @@ def test_the_paragraph_says_how_the_drive_came_about() -> None:
         in text
     )
     assert "On this day: a signal at danger." in text
-    assert "It is a replay of trip.csv: nobody saw the advice." in told_of(kind="replay", trip="trip.csv")
+    assert "It is a replay of trip.csv: the driver did not see the advice." in told_of(kind="replay", trip="trip.csv")
     text = told_of(what_if="open loop", what_if_of="day.mcap", what_if_changed="loss level l1")
     assert "It is a what-if of day.mcap, open loop; otherwise: loss level l1." in text
 
