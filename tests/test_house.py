@@ -30,9 +30,9 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(29_850, 175),
+    "das": Budget(29_890, 175),
     "precompute": Budget(14_470, 83),
-    "sim": Budget(37_390, 177),
+    "sim": Budget(37_400, 177),
     "docs/studies": Budget(4_640, 30),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

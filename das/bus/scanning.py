@@ -42,7 +42,7 @@ KINDS: Final = {one: getattr(records, one.name.title().replace("_", "")) for one
 PRIVATE: Final = 0x80
 """First number of the record kinds of other programs, which a reader skips."""
 MOST_EXPANSION: Final = 100
-"""Most times its size to which a file may unpack. Recordings of this project unpack to 3 to 10 times."""
+"""Most times its size to which a file may unpack. The project's recordings unpack to 3 to 10 times."""
 ALWAYS_BYTES: Final = 16 << 20
 """Size (bytes) to which a file may always unpack, however small it is."""
 MOST_MESSAGES: Final = 2_000_000

@@ -24,15 +24,15 @@ from sim.world.reduced import ReducedSpeed
 from sim.world.service import Service
 
 BEFORE_S: Final = 4.0
-"""Full braking is shown this long before it is needed: advice is valid for 3 s, and the brakes need time to act."""
+"""Time (s) before it is needed at which full braking is shown: advice is valid for 3 s, and brakes need time to act."""
 SLOW_MPS: Final = 4.0
-"""For a train slower than this, `BEFORE_M` and `LEAST_S` count instead of `BEFORE_S`."""
+"""Speed (m/s) below which `BEFORE_M` and `LEAST_S` count instead of `BEFORE_S`."""
 BEFORE_M: Final = 5.0
-"""A slow train is shown full braking this far before it is needed, so that it stops at most this far short."""
+"""Distance (m) before it is needed at which a slow train is shown full braking; it stops at most so far short."""
 LEAST_S: Final = 2.0
-"""A slow train is shown full braking at least this long before it is needed: a driver takes this long to act."""
+"""Least time (s) before it is needed at which a slow train is shown full braking: a driver takes as long to act."""
 WEAK_BRAKE_RATIO: Final = 0.6
-"""Electric braking below this share of the full effort is shown as coasting: the only brake of the four modes is the
+"""Share of the full effort below which electric braking is shown as coasting: the only brake of the four modes is the
 full one, with which the driver would brake too early."""
 
 
@@ -97,7 +97,7 @@ class SimplerDisplay:
 
 
 class SimplerDisplays:
-    """The display of a whole day: a `SimplerDisplay` for each section, made anew when the restrictions change."""
+    """The display of a whole day: a `SimplerDisplay` for each section, another one when the restrictions change."""
 
     def __init__(self, service: Service) -> None:
         self._service = service

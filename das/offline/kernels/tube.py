@@ -37,7 +37,7 @@ LINE, TRACTION, COAST, BRAKE, IDLE = 0, 1, 2, 3, 4
 SPECIALS = 4
 
 ROUNDING_RATIO, ROUNDING_N, ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
-"""Forces and accelerations that exceed their bounds by no more than this are taken for rounding errors."""
+"""Largest excess of a force (share, N) or acceleration (m/s²) over its bound that is taken for a rounding error."""
 _ANY_SQUARED = 1.0
 """v² (m²/s²) that stands in for a barred pair, so that nothing is divided by 0."""
 _FORCE_STEPS = 6

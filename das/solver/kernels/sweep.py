@@ -12,7 +12,7 @@ from das.compiling import compiled
 from das.solver.tolerances import INFEASIBLE, UNREACHABLE
 
 LANES = 8
-"""Multipliers in the widest vectors of a processor; threads share the multipliers in multiples of this."""
+"""Multipliers in the widest vectors of a processor; threads share the multipliers in multiples of them."""
 
 
 @compiled(fastmath={"contract", "nnan", "ninf", "nsz"})
