@@ -26,7 +26,6 @@ from sim.drivers.kinds import DriverKind, OwnClass, Presentation, named_driver
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import Participant, participant_of
 from sim.drivers.presentations.presenter import presenter_of
-from sim.experiment.plan import FAILED_TABLE
 from sim.options import PageFiles, ReplayOptions, TripOptions
 from sim.plant.kernels import PlantState
 from sim.world.loop import InProcess, World
@@ -310,8 +309,8 @@ def run_experiment(design: str | Path, folder: str | Path, *, workers: int | Non
     experiment goes on. `workers` is the number of processes (default: one a core): a script calls this function under
     `if __name__ == "__main__":`, because each of them imports the script.
 
-    Raises DasError for a design that is refused, a folder of another design, a failed trial, and if scipy or
-    statsmodels is not installed.
+    Raises DasError for a design that is refused, a folder of another design, a failed trial, and if scipy is
+    not installed.
 
         study = sim.run_experiment("smoke", "smoke")
         das.to_pandas(study.differences())
@@ -324,11 +323,12 @@ def run_experiment(design: str | Path, folder: str | Path, *, workers: int | Non
     from sim.experiment.analysis.reading import read_study
     from sim.experiment.checking import checked_in
     from sim.experiment.design import load_design
-    from sim.experiment.trials import Keep, jobs_of, run_study
+    from sim.experiment.study_files import FAILED_TABLE
+    from sim.experiment.trials import jobs_of, run_study
 
     asked, made_in = load_design(str(design)), Path(folder)
     checked_in(asked, made_in)
-    run = run_study(asked, jobs_of(asked, Keep.MEASURES, made_in), made_in, Workers.asked(workers))
+    run = run_study(asked, jobs_of(asked, made_in), made_in, Workers.asked(workers))
     if run.failed:
         raise DasError(f"{folder}: {len(run.failed)} of {run.trials} trials failed: see {FAILED_TABLE} there")
     return StudyTables(findings=analyse_study(read_study(made_in)))

@@ -28,7 +28,6 @@ from das.command_line.options import (
     PointMassOption,
     RecordedRouteOption,
     RecordedVehicleOption,
-    SeedOption,
     StrictOption,
     TablesOption,
     ToOption,
@@ -181,74 +180,6 @@ class ReplayOptions:
     train: TrainOption = DEFAULT_TRAIN
     bus: BusFolderOption = None
     insecure_bus: InsecureBusOption = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class PowerAsked:
-    """What `das-sim experiment power` is asked; `effect` and `sd` are in the unit of the report."""
-
-    effect: Annotated[
-        float,
-        typer.Option(
-            "--effect", metavar="X", help="True difference to be found, in the unit of the report (points for a ratio)."
-        ),
-    ]
-    source: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="DIR|DESIGN",
-            help="Folder of a pilot study, whose drivers are drawn again; or a design (design file, frozen design.json "
-            "or bundled study), for its level and number of comparisons (then --sd is needed).",
-        ),
-    ] = None
-    comparison: Annotated[
-        str | None, typer.Option("--comparison", metavar="NAME", help="Planned comparison [default: the first].")
-    ] = None
-    participants: Annotated[
-        str, typer.Option("--participants", metavar="LIST", help="Numbers of participants, separated by commas.")
-    ] = "12,24,36,48,76,100,150"
-    wanted: Annotated[
-        float, typer.Option("--power", metavar="X", help="Share of studies that are to find the difference.")
-    ] = 0.8
-    sd: Annotated[
-        float | None,
-        typer.Option(
-            "--sd",
-            metavar="X",
-            help="Standard deviation between participants (bell curve) of their difference, or with --groups of their "
-            "means; instead of a pilot's drivers.",
-        ),
-    ] = None
-    sd_of_pairs: Annotated[
-        float | None,
-        typer.Option(
-            "--sd-pairs",
-            metavar="X",
-            help="With --sd: standard deviation between pairs of one participant [default: 0].",
-        ),
-    ] = None
-    pairs: Annotated[
-        int | None,
-        typer.Option(
-            "--pairs",
-            metavar="N",
-            min=1,
-            help="Pairs of trials that each participant drives; beside --sd it needs --sd-pairs [default: as in the "
-            "pilot, or 1].",
-        ),
-    ] = None
-    groups: Annotated[
-        bool,
-        typer.Option(
-            "--groups",
-            help="With --sd: each participant drives one of the two conditions, and numbers are those of each group.",
-        ),
-    ] = False
-    alpha: Annotated[
-        float | None,
-        typer.Option("--alpha", metavar="X", help="Level of the test [default: the design's, or 0.05]."),
-    ] = None
-    seed: SeedOption = 0
 
 
 class WhatIfKind(StrEnum):

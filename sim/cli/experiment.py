@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption
-from das.command_line.printing import busy, new_table, paragraph, print_table
+from das.command_line.printing import busy, paragraph
 from das.domain.errors import DasError
 from precompute.workers import Workers
 from sim.cli.options import WorkersOption, check_packages, tell_written
-from sim.experiment.plan import DESIGN_JSON, FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
-from sim.options import PageFiles, PowerAsked
-
-if TYPE_CHECKING:
-    from sim.experiment.analysis.power import PowerAnswer
-
+from sim.options import PageFiles
 
 DesignArgument = Annotated[
     str,
@@ -34,10 +28,9 @@ def check(
     out: OutFolderOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a design: trials, balance, duration, and whether the driver senses every factor; freeze it in a folder.
+    """Check a design: trials, balance, duration, and factors that no driver can sense; freeze it in a folder.
 
-    A factor is refused if the driver asks the same of the train whatever its level is, on five days. With --out, the
-    design is frozen there, and only this design can be run in that folder.
+    Nothing is driven. With --out, the design is frozen there, and only this design can be run in that folder.
     """
     with busy("reading the design …"):
         from sim.experiment.checking import check_design, made_folder, print_check
@@ -48,7 +41,6 @@ def check(
         found = check_design(asked)
         if out is not None and not found.refusals:
             freeze(asked, out)
-            found.keep(out)
     print(json.dumps(found.as_dict())) if as_json else print_check(asked, found, out)
     if found.refusals:
         raise DasError(f"{asked.source}: {found.refusals[0]}")
@@ -69,8 +61,8 @@ def run(
 ) -> None:
     """Drive all trials of a design; a stopped experiment continues where it left off and tries failed trials again.
 
-    The folder holds trials.csv with one row a trial, and for each trial its events and a series. The design is checked
-    and frozen there first, unless it was before.
+    The folder holds trials.csv with one row a trial, the design, a README, and recordings if they are asked for. The
+    design is checked and frozen there first, unless it was before.
     """
     hands = Workers.asked(workers, scheduler)
     if recordings and scheduler is not None:
@@ -78,13 +70,11 @@ def run(
     with busy("reading the design …"):
         from sim.experiment.checking import checked_in
         from sim.experiment.design import load_design
-        from sim.experiment.trials import Keep, jobs_of, run_study
+        from sim.experiment.trials import jobs_of, run_study
 
-        check_packages("batch", "pyarrow")
         asked = load_design(design)
     checked_in(asked, out)
-    jobs = jobs_of(asked, Keep.RECORDINGS if recordings else Keep.SERIES, out)
-    found = run_study(asked, jobs, out, hands)
+    found = run_study(asked, jobs_of(asked, out, record=recordings), out, hands)
     if as_json:
         print(json.dumps(found.as_dict()))
     else:
@@ -92,6 +82,8 @@ def run(
 
         print_run(asked, found)
     if found.failed:
+        from sim.experiment.study_files import FAILED_TABLE
+
         print(f"{len(found.failed)} of {found.trials} trials failed: see {out / FAILED_TABLE}", file=sys.stderr)
         raise typer.Exit(1)
 
@@ -112,38 +104,27 @@ def studies(as_json: JsonOption = False) -> None:
 StudyArgument = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of a study that das-sim experiment run made.")
 ]
-EffectsOption = Annotated[
-    list[float] | None,
-    typer.Option(
-        "--effect",
-        metavar="X",
-        help="Also say how many participants would show a difference of X, in the unit of the report (points for a "
-        "ratio); may be given several times.",
-    ),
-]
 
 
 def analyse(
     folder: StudyArgument,
     written: PageFiles,
-    effect: EffectsOption = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse a study that was run: paired differences with intervals, a mixed model, checks."""
-    check_packages("experiment", "jinja2", "matplotlib", "scipy", "statsmodels")
-    read = [folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)]
-    written.check(read, overwrite=overwrite)
-    for one in effect or ():
-        _check_effect(one)
+    """Analyse a study that was run: planned differences with intervals, corrected p, effect sizes, a forest plot."""
+    check_packages("experiment", "jinja2", "matplotlib", "scipy")
     from sim.experiment.analysis.comparing import analyse_study
     from sim.experiment.analysis.page import as_dict, page
     from sim.experiment.analysis.reading import read_study
     from sim.experiment.analysis.words import hangs_on, in_short
+    from sim.experiment.design import DESIGN_JSON
+    from sim.experiment.study_files import TRIALS_TABLE
 
+    written.check([folder / name for name in (DESIGN_JSON, TRIALS_TABLE)], overwrite=overwrite)
     study = read_study(folder)
     with busy("analysing the trials …"):
-        found = analyse_study(study, tuple(effect or ()))
+        found = analyse_study(study)
     written.write(lambda: page(found))
     if as_json:
         print(json.dumps(as_dict(found)))
@@ -153,41 +134,3 @@ def analyse(
     for name, line in in_short(found):
         paragraph(f"{name}: {line}" if name else line)
     tell_written(*written.paths)
-
-
-def _check_effect(effect: float) -> None:
-    if not (math.isfinite(effect) and effect > 0):
-        raise DasError(f"--effect {effect:g}: expected a number above 0")
-
-
-def power(asked: PowerAsked, as_json: JsonOption = False) -> None:
-    """Say how often an experiment would find a difference, and how many participants it needs."""
-    check_packages("experiment", "scipy")
-    _check_effect(asked.effect)
-    from sim.experiment.analysis.power import answer
-
-    with busy("simulating experiments …"):
-        found = answer(asked)
-    if as_json:
-        print(json.dumps(found.as_dict()))
-        return
-    _print_power(found)
-
-
-def _print_power(found: PowerAnswer) -> None:
-    paragraph(found.about)
-    heads = ("in each group" if found.groups else "participants", "power", "95 %", "corrected")
-    table = new_table("", (), heads if found.strict else heads[:3], lines=True)
-    for index, one in enumerate(found.points):
-        low, high = one.interval
-        cells = [str(one.participants), f"{one.power:.0%}", f"{low:.0%} to {high:.0%}"]
-        table.add_row(*cells, *([f"{found.strict[index].power:.0%}"] if found.strict else []))
-    legend = {
-        "power": "share of simulated experiments that find the difference",
-        "95 %": "how well that share is known",
-    }
-    if found.strict:
-        legend["corrected"] = "power where only this one of the planned comparisons is true, and p is corrected"
-    print_table(table, legend)
-    for line in found.sentences:
-        paragraph(line)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from das.command_line.application import Entry, Group, application, run_app
+from typer.core import TyperGroup
+
+from das.command_line.application import Entry, Group, _GoneCommand, application, run_app
 
 EXPERIMENTS: Final = (
     Entry(
         name="check",
         where="sim.cli.experiment:check",
-        summary="Check a design: trials, balance, duration, and whether the driver senses every factor; freeze it.",
+        summary="Check a design: trials, balance, duration, factors that no driver can sense; freeze it.",
         examples=("das-sim experiment check smoke", "das-sim experiment check design.toml -o study"),
     ),
     Entry(
@@ -28,19 +30,27 @@ EXPERIMENTS: Final = (
     Entry(
         name="analyse",
         where="sim.cli.experiment:analyse",
-        summary="Analyse a study that was run: paired differences with intervals, a mixed model, checks.",
-        examples=("das-sim experiment analyse study -o report.html", "das-sim experiment analyse study --effect 0.78"),
-    ),
-    Entry(
-        name="power",
-        where="sim.cli.experiment:power",
-        summary="Say how often an experiment would find a difference, and how many participants it needs.",
-        examples=(
-            "das-sim experiment power pilot --effect 1 --participants 24,48,76",
-            "das-sim experiment power --effect 0.78 --sd 2.4",
-        ),
+        summary="Analyse a study that was run: differences with intervals, corrected p, effect sizes.",
+        examples=("das-sim experiment analyse study -o report.html",),
     ),
 )
+
+
+GONE_EXPERIMENTS: Final = {
+    "power": "the notebook docs/tutorials/notebook-study-statistics.ipynb, which has simulated power as a function",
+}
+"""Former commands of the group, each with what to run instead."""
+
+
+class _Experiments(Group):
+    """The group of experiments, which knows its former commands."""
+
+    def load(self) -> TyperGroup:
+        """The group with its commands, and the former ones as errors."""
+        group = super().load()
+        for word, instead in GONE_EXPERIMENTS.items():
+            group.add_command(_GoneCommand(word, instead))
+        return group
 
 
 NAME: Final = "das-sim"
@@ -81,7 +91,7 @@ ENTRIES: Final = (
         summary="Simulate many days on all cores, into one table.",
         examples=("das-sim batch clear-day signal-stop --seeds 0-9 --advice speed-and-effort,none -o runs",),
     ),
-    Group(
+    _Experiments(
         name="experiment",
         summary="Human-factors experiments: check a design, drive its trials, analyse the data.",
         where="sim.cli.program:EXPERIMENTS",

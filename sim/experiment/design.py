@@ -1,7 +1,8 @@
-"""The design of an experiment: factors, participants, order and measures, read from a TOML file, and frozen.
+"""The design of an experiment: factors, participants, order, measures and planned comparisons, and the file it is in.
 
-The format: docs/reference/experiments.md. A design is frozen as JSON with every default written out. Its hash shows
-whether anything in it was changed afterwards.
+The format: docs/reference/experiments.md. A design is frozen in its study's folder as JSON with the same keys, every
+default written out, and with its hash, which shows whether anything in it was changed afterwards. The frozen form is
+read by the same functions; it needs no file besides itself.
 """
 
 from __future__ import annotations
@@ -9,10 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, Final
@@ -22,20 +23,19 @@ from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, number, read_json, read_text, read_toml
 from das.domain.files.writing import make_folder, write_whole
 from sim.drivers.parameters import DEFAULT, load_population
+from sim.experiment.driving import participant_name
 from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel, Setting, setting_files
 from sim.experiment.measures import MEASURES
-from sim.experiment.plan import (
-    CORRECTIONS,
-    DEFAULT_ALPHA,
-    DESIGN_JSON,
-    DESIGN_TEXT,
-    PlannedComparison,
-    as_json,
-    read_comparisons,
-    read_correction,
-)
 from sim.recording.inputs import sha256
 
+DESIGN_TEXT: Final = "design.toml"
+"""The frozen design as the user wrote it, with its comments."""
+DESIGN_JSON: Final = "design.json"
+"""The frozen design: every default written out, the hashes of its files, and the hash of all that."""
+DEFAULT_ALPHA: Final = 0.05
+CORRECTIONS: Final = ("holm", "bonferroni", "none")
+"""How planned comparisons are corrected for their number; the first is the default."""
+MOST_COMPARISONS: Final = 200
 SCHEMA_VERSION: Final = 1
 MOST_PARTICIPANTS: Final = 10_000
 MOST_TRIALS_EACH: Final = 1000
@@ -77,6 +77,30 @@ class Chances(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlannedComparison:
+    """A comparison that was planned before the run: `measure` at level `a` of `factor` minus `measure` at level `b`.
+
+    `where` fixes the levels of other factors. A factor that it does not name enters with all its levels.
+    """
+
+    name: str
+    measure: str
+    factor: str
+    a: str
+    b: str
+    where: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """The name of the comparison; its contrast where the design gave it no name of its own."""
+        return self.contrast() if self.name.startswith(f"{self.measure}: ") else self.name
+
+    def contrast(self, between: str = ", ") -> str:
+        """The difference in words: a minus b, and the levels that are fixed, each after `between`."""
+        return f"{self.a} minus {self.b}" + "".join(f"{between}{name}: {level}" for name, level in self.where.items())
+
+
+@dataclass(frozen=True, kw_only=True)
 class Factor:
     """A factor that varies: its name, its levels, and whether each participant drives all of them (`within`) or one."""
 
@@ -84,13 +108,18 @@ class Factor:
     levels: tuple[FactorLevel, ...]
     within: bool
 
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The levels as tables write them."""
+        return tuple(level.text for level in self.levels)
+
 
 @dataclass(frozen=True, kw_only=True)
 class People:
     """The participants: how many, from which number of the population on, and how practised they are.
 
-    With `learning`, a participant has made `trips_before` trips before the first trial, and each trial counts as one
-    more.
+    With `average`, the only one has the default of every parameter, as in `das-sim run`, instead of being drawn. With
+    `learning`, a participant has made `trips_before` trips before the first trial, and each trial counts as one more.
     """
 
     count: int
@@ -98,13 +127,15 @@ class People:
     population: str = DEFAULT
     trips_before: float = 0.0
     learning: bool = False
+    average: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Procedure:
     """The procedure for a participant: order, repetitions of all conditions, practice trials, breaks, days, chances.
 
-    After every `break_after` trials (0: never) there is a break of `break_s`, and another session begins.
+    After every `break_after` trials (0: never) there is a break of `break_s`, and another session begins. `seeds` are
+    those of common days, one for each repetition; they are drawn where it is empty.
     """
 
     order: ConditionOrder = ConditionOrder.WILLIAMS
@@ -114,24 +145,17 @@ class Procedure:
     break_s: float = 600.0
     days: Days = Days.OWN
     chances: Chances = Chances.NEW
-
-
-@dataclass(frozen=True, kw_only=True)
-class AnalysisPlan:
-    """What is analysed: the measures, the planned comparisons, and how these are corrected for their number."""
-
-    measures: tuple[str, ...] = tuple(MEASURES)
-    comparisons: tuple[PlannedComparison, ...] = ()
-    alpha: float = DEFAULT_ALPHA
-    correction: str = CORRECTIONS[0]
+    seeds: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
     """An experiment: its factors, what is the same for all trials, its participants, their procedure, and its analysis.
 
-    `fixed` has the level of each factor that does not vary, by name; a train or loss level that is neither
-    fixed nor a factor is the scenario's. `seed` decides everything that is drawn; `source` is the design's file.
+    `fixed` has the level of each factor that does not vary, by name; a train or loss level that is neither fixed nor a
+    factor is the scenario's. `seed` decides everything that is drawn; `source` is the design's file. `measures` are
+    analysed; `comparisons` were planned, and their p are corrected for their number by `correction`. `hash` is that of
+    a frozen design, and empty for a design that was read from the user's file.
     """
 
     name: str
@@ -143,7 +167,11 @@ class Design:
     factors: tuple[Factor, ...]
     people: People
     procedure: Procedure
-    plan: AnalysisPlan
+    measures: tuple[str, ...] = tuple(MEASURES)
+    comparisons: tuple[PlannedComparison, ...] = ()
+    alpha: float = DEFAULT_ALPHA
+    correction: str = CORRECTIONS[0]
+    hash: str = ""
 
     def conditions(self, *, within: bool) -> list[dict[str, FactorLevel]]:
         """All combinations of levels of the factors within (or between) participants; if none exist, an empty one."""
@@ -152,6 +180,28 @@ class Design:
             {factor.name: level for factor, level in zip(some, levels, strict=True)}
             for levels in product(*(factor.levels for factor in some))
         ]
+
+    def factor(self, name: str) -> Factor:
+        """The factor with this name; KeyError if there is none."""
+        return {one.name: one for one in self.factors}[name]
+
+    @property
+    def planned(self) -> Counter[tuple[str, str]]:
+        """How many trials without practice are planned, by participant and condition.
+
+        A condition is the texts of the levels of all factors, in the order of the design, with spaces between them.
+        """
+        groups = self.conditions(within=False)
+        return Counter(
+            {
+                (participant_name(who + 1), self._named(groups[who % len(groups)] | inside)): self.procedure.repetitions
+                for who in range(self.people.count)
+                for inside in self.conditions(within=True)
+            }
+        )
+
+    def _named(self, condition: Mapping[str, FactorLevel]) -> str:
+        return " ".join(condition[one.name].text for one in self.factors)
 
     def setting(self, condition: Mapping[str, FactorLevel]) -> Setting:
         """How a trial under a condition is driven; a factor that the condition does not name keeps its fixed level."""
@@ -174,28 +224,87 @@ def load_design(name_or_path: str) -> Design:
     return read_design(locate(name_or_path, "study", bundled_studies()))
 
 
+TABLES: Final = ("experiment", "participants", "procedure", "fixed", "factors", "analysis", "comparisons")
+FROZEN_KEYS: Final = ("hash", "files")
+"""Keys that only a frozen design has."""
+
+
 def read_design(path: Path) -> Design:
     """Read a design; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
-    fields = read_toml(path)
+    return _design(read_toml(path), _Vocabulary())
+
+
+def read_frozen(path: Path) -> Design:
+    """Read the frozen design of a study's folder, whose factors and measures may be those of another program.
+
+    Raises DasError or InputError for anything unusable.
+    """
+    fields = read_json(path / DESIGN_JSON if path.is_dir() else path)
+    if "experiment" not in fields.data and "name" in fields.data:
+        raise DasError(f"{fields.source}: frozen by an earlier version: run the design again in a new folder")
+    return _design(fields, _Vocabulary(frozen=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Vocabulary:
+    """Which factors, levels and measures a design may name: those of this program; of a `frozen` one, any."""
+
+    frozen: bool = False
+
+    @property
+    def factors(self) -> list[str]:
+        return [] if self.frozen else list(FACTORS)
+
+    @property
+    def measures(self) -> list[str]:
+        return [] if self.frozen else list(MEASURES)
+
+    def level(self, factor: str, table: Fields, key: str, value: Any) -> FactorLevel:
+        """A level of a factor; InputError for a value that is not allowed."""
+        if not self.frozen:
+            return FACTORS[factor].read(table, key, value)
+        return FactorLevel(text=as_text(value), value=None)
+
+
+def as_text(level: object) -> str:
+    """A level as the table of trials writes it; equal numbers give the same text."""
+    if isinstance(level, bool):
+        return str(level).lower()
+    try:
+        return f"{float(level):.12g}" if isinstance(level, int | float | str) else str(level)
+    except ValueError:
+        return str(level)
+
+
+def _design(fields: Fields, known: _Vocabulary) -> Design:
     fields.check_schema_version(SCHEMA_VERSION)
-    tables = ("experiment", "participants", "procedure", "fixed", "factors", "analysis", "comparisons")
-    fields.check_keys(["schema_version", *tables])
+    fields.check_keys(["schema_version", *TABLES, *(FROZEN_KEYS if known.frozen else ())])
     main = fields.table("experiment")
     main.check_keys(["name", "title", "description", "seed"])
-    name, factors = main.text("name"), _factors(fields)
+    name, factors = main.text("name"), _factors(fields, known)
     if not _NAME.fullmatch(name):
         raise main.error("name", name, "1 to 64 small letters, digits and '-', not beginning with '-'")
+    analysis = fields.optional_table("analysis")
+    analysis.check_keys(["measures", "alpha", "correction"])
+    measures = _measures(analysis, known)
+    correction = analysis.text("correction", CORRECTIONS[0])
+    if correction not in CORRECTIONS:
+        raise analysis.error("correction", correction, f"one of {', '.join(CORRECTIONS)}")
     return Design(
         name=name,
         title=main.name("title"),
         description=main.text("description", ""),
-        source=path,
+        source=fields.source,
         seed=main.whole("seed", (0, 2**31), 1),
-        fixed=_fixed(fields.optional_table("fixed"), factors),
+        fixed=_fixed(fields.optional_table("fixed"), factors, known),
         factors=factors,
-        people=_people(fields.table("participants")),
+        people=_people(fields.table("participants"), known),
         procedure=_procedure(fields.optional_table("procedure"), factors),
-        plan=_plan(fields, factors),
+        measures=measures,
+        comparisons=_comparisons(fields, factors, measures, known),
+        alpha=_real(analysis, "alpha", (1e-6, 0.5), DEFAULT_ALPHA),
+        correction=correction,
+        hash=fields.text("hash", ""),
     )
 
 
@@ -206,61 +315,127 @@ def _real(table: Fields, key: str, ends: tuple[float, float], default: float) ->
     return value
 
 
-def _factors(fields: Fields) -> tuple[Factor, ...]:
+def _factors(fields: Fields, known: _Vocabulary) -> tuple[Factor, ...]:
     found: dict[str, Factor] = {}
     for i, row in enumerate(fields.rows("factors", "a list of [[factors]], at least one")):
         table = Fields.of(fields.source, row, f"factors[{i}].")
         table.check_keys(["name", "levels", "within"])
         name = table.text("name")
-        if name not in FACTORS:
-            raise table.error("name", name, f"one of {', '.join(FACTORS)}")
+        if known.factors and name not in known.factors:
+            raise table.error("name", name, f"one of {', '.join(known.factors)}")
         if name in found:
             raise table.error("name", name, "each factor once")
         values = table.rows("levels", "a list of at least 2 levels")
-        levels = tuple(FACTORS[name].read(table, "levels", value) for value in values)
-        if len(levels) < 2 or len({level.text for level in levels}) < len(levels):
+        levels = tuple(known.level(name, table, "levels", value) for value in values)
+        if len(levels) < (1 if known.frozen else 2) or len({level.text for level in levels}) < len(levels):
             raise table.error("levels", values, "at least 2 levels, each once")
         found[name] = Factor(name=name, levels=levels, within=table.flag("within", True))
     return tuple(found.values())
 
 
-def _fixed(table: Fields, factors: tuple[Factor, ...]) -> dict[str, FactorLevel]:
+def _fixed(table: Fields, factors: tuple[Factor, ...], known: _Vocabulary) -> dict[str, FactorLevel]:
     """What is the same for all trials, defaults included; InputError for a factor that varies as well."""
-    table.check_keys(list(FACTORS))
+    if known.factors:
+        table.check_keys(known.factors)
     for factor in factors:
         if table.has(factor.name):
             raise table.error(factor.name, table.data[factor.name], "nothing, because it is a factor of the design")
     varied = {factor.name for factor in factors}
-    given = {name: value for name, value in DEFAULTS.items() if name not in varied} | dict(table.data)
-    return {name: FACTORS[name].read(table, name, value) for name, value in given.items()}
+    defaults = {name: value for name, value in DEFAULTS.items() if name not in varied and not known.frozen}
+    return {name: known.level(name, table, name, value) for name, value in {**defaults, **table.data}.items()}
 
 
-def _people(table: Fields) -> People:
+def _measures(table: Fields, known: _Vocabulary) -> tuple[str, ...]:
+    names = table.rows("measures", "a list of measures") if table.has("measures") else list(MEASURES)
+    for name in names:
+        if not isinstance(name, str) or names.count(name) > 1 or (known.measures and name not in known.measures):
+            raise table.error("measures", name, f"each once, of {', '.join(known.measures or ['the columns'])}")
+    return tuple(names)
+
+
+def _comparisons(
+    fields: Fields, factors: Sequence[Factor], measures: Sequence[str], known: _Vocabulary
+) -> tuple[PlannedComparison, ...]:
+    """The planned comparisons of a design; there are none if the study merely describes its conditions."""
+    listed = fields.data.get("comparisons", [])
+    if not isinstance(listed, list):
+        raise fields.error("comparisons", listed, "a list of tables")
+    fields.check_count("comparisons", listed, MOST_COMPARISONS)
+    tables = (Fields.of(fields.source, one, f"comparisons[{i}].") for i, one in enumerate(listed))
+    found = tuple(_comparison(one, {factor.name: factor for factor in factors}, measures, known) for one in tables)
+    names = [one.name for one in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise fields.error("comparisons", name, "a name of its own for each comparison")
+    return found
+
+
+def _comparison(
+    table: Fields, factors: Mapping[str, Factor], measures: Sequence[str], known: _Vocabulary
+) -> PlannedComparison:
+    table.check_keys(list(PlannedComparison.__dataclass_fields__))
+    factor, measure = table.text("factor"), table.text("measure")
+    if factor not in factors:
+        raise table.error("factor", factor, f"one of the factors {', '.join(factors)}")
+    if measure not in measures:
+        raise table.error("measure", measure, f"one of the measures {', '.join(measures)}")
+    a, b = (_level_text(factors[factor], table, key, known) for key in ("a", "b"))
+    if a == b:
+        raise table.error("b", table.data["b"], "a level other than that of a")
+    where = table.optional_table("where")
+    where.check_keys([name for name in factors if name != factor])
+    fixed = {name: _level_text(factors[name], where, name, known) for name in where.data}
+    only = "".join(f", {name} {level}" for name, level in fixed.items())
+    name = table.name("name", f"{measure}: {a} - {b}{only}")
+    return PlannedComparison(name=name, measure=measure, factor=factor, a=a, b=b, where=fixed)
+
+
+def _level_text(factor: Factor, table: Fields, key: str, known: _Vocabulary) -> str:
+    """The text of a level that is given as its text, or as its value in the list of levels."""
+    value = table.data.get(key, MISSING)
+    if isinstance(value, str) and value in factor.texts:
+        return value
+    read = None if value is MISSING else known.level(factor.name, table, key, value).text
+    if read not in factor.texts:
+        raise table.error(key, value, f"one of the levels {', '.join(factor.texts)}")
+    return read
+
+
+def _people(table: Fields, known: _Vocabulary) -> People:
     table.check_keys(list(People.__dataclass_fields__))
-    text = table.text("population", DEFAULT)
-    population = str((table.source.parent / text).resolve()) if text.endswith(".toml") else text
-    load_population(population)
-    return People(
+    population = table.text("population", DEFAULT)
+    if not known.frozen:
+        population = str((table.source.parent / population).resolve()) if population.endswith(".toml") else population
+        load_population(population)
+    found = People(
         count=table.whole("count", (1, MOST_PARTICIPANTS)),
         first=table.whole("first", (0, 10**9), People.first),
         population=population,
         trips_before=_real(table, "trips_before", (0.0, 1e5), People.trips_before),
         learning=table.flag("learning", People.learning),
+        average=table.flag("average", People.average),
     )
+    if found.average and found.count > 1:
+        raise table.error("count", found.count, "1, because participants.average = true")
+    return found
 
 
 def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
     keys = [name for name in Procedure.__dataclass_fields__ if name != "break_s"]
     table.check_keys([*keys, *table.quantity_keys({"break": "time"})])
+    seeds = _seeds(table)
     found = Procedure(
         order=table.choice("order", ConditionOrder, Procedure.order),
-        repetitions=table.whole("repetitions", (1, MOST_TRIALS_EACH), Procedure.repetitions),
+        repetitions=table.whole("repetitions", (1, MOST_TRIALS_EACH), len(seeds) or Procedure.repetitions),
         practice_trials=table.whole("practice_trials", (0, MOST_TRIALS_EACH), Procedure.practice_trials),
         break_after=table.whole("break_after", (0, MOST_TRIALS_EACH), Procedure.break_after),
         break_s=table.within("break", "time", Procedure.break_s, (0.0, LONGEST_BREAK_S)),
-        days=table.choice("days", Days, Procedure.days),
+        days=table.choice("days", Days, Days.COMMON if seeds else Procedure.days),
         chances=table.choice("chances", Chances, Procedure.chances),
+        seeds=seeds,
     )
+    if seeds and (found.repetitions, found.days) != (len(seeds), Days.COMMON):
+        raise table.error("seeds", list(seeds), f"{found.repetitions} seeds of days = 'common', one for a repetition")
     each = found.repetitions
     for factor in factors:
         each *= len(factor.levels) if factor.within else 1
@@ -269,65 +444,48 @@ def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
     return found
 
 
-def _plan(fields: Fields, factors: tuple[Factor, ...]) -> AnalysisPlan:
-    table = fields.optional_table("analysis")
-    table.check_keys(["measures", "alpha", "correction"])
-    names = table.rows("measures", "a list of measures") if table.has("measures") else list(MEASURES)
-    for name in names:
-        if not isinstance(name, str) or name not in MEASURES or names.count(name) > 1:
-            raise table.error("measures", name, f"each once, of {', '.join(MEASURES)}")
-    alpha = _real(table, "alpha", (1e-6, 0.5), DEFAULT_ALPHA)
-    levels = {factor.name: partial(_level_text, factor) for factor in factors}
-    comparisons = read_comparisons(fields, levels, names)
-    return AnalysisPlan(measures=tuple(names), comparisons=comparisons, alpha=alpha, correction=read_correction(table))
-
-
-def _level_text(factor: Factor, table: Fields, key: str) -> str:
-    """The text of a level that is given as its text, or as its value in the list of levels."""
-    texts = [level.text for level in factor.levels]
-    value = table.data.get(key, MISSING)
-    if isinstance(value, str) and value in texts:
-        return value
-    read = None if value is MISSING else FACTORS[factor.name].read(table, key, value).text
-    if read not in texts:
-        raise table.error(key, value, f"one of the levels {', '.join(texts)}")
-    return read
+def _seeds(table: Fields) -> tuple[int, ...]:
+    listed = table.data.get("seeds", [])
+    if not isinstance(listed, list) or any(isinstance(one, bool) or not isinstance(one, int) for one in listed):
+        raise table.error("seeds", listed, "a list of whole numbers")
+    if any(not 0 <= one < 2**31 for one in listed) or len(set(listed)) < len(listed):
+        raise table.error("seeds", listed, "whole numbers from 0 to 2147483647, each once")
+    return tuple(listed)
 
 
 def resolved(design: Design) -> dict[str, Any]:
     """The design with all defaults, the hashes of its files and its own hash; raises DasError for a missing file.
 
-    It holds no path, so that the same design has the same hash on every machine.
+    The keys are those of a design file. It holds no path, so that the same design has the same hash on every machine.
     """
     found: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
-        "name": design.name,
-        "title": design.title,
-        "description": design.description,
-        "seed": design.seed,
+        "experiment": {
+            "name": design.name,
+            "title": design.title,
+            "description": design.description,
+            "seed": design.seed,
+        },
         "participants": {**asdict(design.people), "population": load_population(design.people.population).id},
         "procedure": asdict(design.procedure),
         "fixed": {name: level.text for name, level in sorted(design.fixed.items())},
-        "factors": {
-            factor.name: {"levels": [level.text for level in factor.levels], "within": factor.within}
-            for factor in design.factors
+        "factors": [
+            {"name": factor.name, "levels": list(factor.texts), "within": factor.within} for factor in design.factors
+        ],
+        "analysis": {
+            "measures": list(design.measures),
+            "alpha": design.alpha,
+            "correction": design.correction,
         },
-        "measures": list(design.plan.measures),
-        "comparisons": [asdict(one) for one in design.plan.comparisons],
-        "alpha": design.plan.alpha,
-        "correction": design.plan.correction,
+        "comparisons": [asdict(one) for one in design.comparisons],
         "files": design_files(design),
     }
     return {"hash": design_sha256(found), **found}
 
 
 def design_sha256(found: Mapping[str, Any]) -> str:
-    """SHA-256 of a resolved design without its hash, in one canonical form: keys sorted, no white space.
-
-    The order of the factors is part of it, because it decides the names of the conditions.
-    """
+    """SHA-256 of a resolved design without its hash, in one canonical form: keys sorted, no white space."""
     content = {key: value for key, value in found.items() if key != "hash"}
-    content["factor_order"] = list(found["factors"])
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
@@ -351,7 +509,7 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
         check_frozen(design, folder, found["hash"])
     else:
         write_whole(folder / DESIGN_TEXT, read_text(design.source).encode())
-        write_whole(kept, as_json(found))
+        write_whole(kept, json.dumps(found, indent=2, ensure_ascii=False).encode() + b"\n")
     return found
 
 

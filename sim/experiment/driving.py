@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, Final, NamedTuple
-
-import numpy as np
 
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
@@ -17,7 +14,6 @@ from das.domain.units import NS
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
 from sim.drivers.parameters import Participant, load_population
 from sim.experiment.factors import Setting
-from sim.experiment.plan import participant_name
 from sim.jobs.runner import JobRecording, ServiceMemory, whole_run
 from sim.plant import kernels
 from sim.plant.kernels import Command, PlantState
@@ -35,9 +31,16 @@ _services = ServiceMemory(most=LINES_KEPT)
 _population = cache(load_population)
 
 
+def participant_name(who: int) -> str:
+    """The name of a participant (from 1) in the tables of a study."""
+    return f"sub-{who:02d}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class StudyTrial:
-    """One trial. `person` is the participant's number in the population, `who` the number in the study (from 1).
+    """One trial. `who` is the participant's number in the study (from 1), `person` that in the population.
+
+    `person` is None for the driver who has the default of every parameter.
 
     `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
     factors' levels in the order of the design. `seed` is the seed of the day, `chance` differs between trials of a
@@ -47,7 +50,7 @@ class StudyTrial:
 
     number: int
     who: int
-    person: int
+    person: int | None
     session: int
     position: int
     practice: bool
@@ -60,7 +63,7 @@ class StudyTrial:
     @property
     def stream(self) -> int:
         """Number of the participant's random stream on the day."""
-        return self.person + 1 + APART * self.chance
+        return (0 if self.person is None else self.person + 1) + APART * self.chance
 
     @property
     def participant(self) -> str:
@@ -118,11 +121,6 @@ class WatchedDriver:
         return asked
 
 
-def lever_trace_sha256(looks: Sequence[DriverLook]) -> str:
-    """Hash of all commands of a driver, look by look; equal hashes mean equal use of the controller."""
-    return hashlib.sha256(np.array([look.command for look in looks], dtype=np.float64).tobytes()).hexdigest()
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Driven:
     """A driven trial: the day, the run, its outcome, and all looks of the driver."""
@@ -167,7 +165,8 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
 
     Raises DasError for files that cannot be used, and if the train does not arrive.
     """
-    day = _day(trial, Participant(population=_population(population), number=trial.person))
+    person = trial.person
+    day = _day(trial, None if person is None else Participant(population=_population(population), number=person))
     setting = trial.setting
     driver = WatchedDriver(day.driver(setting.driver, setting.friction))
     how = How(
@@ -207,7 +206,7 @@ def service_of(setting: Setting) -> Service:
     return service
 
 
-def _day(trial: StudyTrial, who: Participant) -> Day:
+def _day(trial: StudyTrial, who: Participant | None) -> Day:
     """The day of a trial, with the participant's own random stream and the number of trips made before."""
     day = make_day(service_of(trial.setting), trial.seed, who)
     day = replace(day, stream=trial.stream)

@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from enum import StrEnum
 from functools import cache
 from itertools import islice, permutations
 from math import factorial
@@ -27,25 +25,20 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from precompute.workers import Workers, source_sha256
 from sim.drivers.parameters import load_population
-from sim.experiment.design import Chances, ConditionOrder, Days, Design, resolved
+from sim.experiment.design import Chances, ConditionOrder, Days, Design
 from sim.experiment.driving import LINES_KEPT, StudyTrial, drive
 from sim.experiment.factors import Setting, setting_files
 from sim.experiment.measures import measured
-from sim.experiment.plan import CHECKSUMS, FAILED_TABLE, PROVENANCE, TRIALS_TABLE, as_json
 from sim.experiment.study_files import (
-    EVENTS,
-    RECORDING,
-    SERIES,
-    SETTING,
-    checksums,
-    study_files,
+    FAILED_TABLE,
+    README,
+    TRIALS_TABLE,
+    readme,
+    recording_file,
     table_text,
-    trial_file,
-    trial_files,
     trials_table,
 )
-from sim.jobs.runner import JobRecording, JobResult, JobWords, Rows, Runner, write_files
-from sim.options import typed_command
+from sim.jobs.runner import JobRecording, JobResult, JobWords, Rows, Runner
 from sim.recording.inputs import sha256
 from sim.world.service import PLANNED
 
@@ -83,7 +76,7 @@ def _of_participant(design: Design, who: int, before: int) -> Iterator[StudyTria
         yield StudyTrial(
             number=before + place + 1,
             who=who + 1,
-            person=people.first + who,
+            person=None if people.average else people.first + who,
             session=1 + (place // procedure.break_after if procedure.break_after else 0),
             position=place + 1,
             practice=turn < 0,
@@ -97,7 +90,9 @@ def _of_participant(design: Design, who: int, before: int) -> Iterator[StudyTria
 
 def _day_seed(design: Design, who: int, turn: int, place: int) -> int:
     """The seed of a trial's day, below 2**31; `turn` is the repetition, negative for practice."""
-    days = design.procedure.days
+    days, seeds = design.procedure.days, design.procedure.seeds
+    if seeds and turn >= 0:
+        return seeds[turn]
     key = (
         EVERYBODY if days is Days.COMMON else who,
         1 + 2 * turn if turn >= 0 else -2 * turn,
@@ -176,28 +171,18 @@ ONE_AT_A_TIME: Final = Lock()
 """Held while a trial is driven: the threads of a cluster's worker share their solved lines."""
 
 
-class Keep(StrEnum):
-    """What is kept of a trial besides its measures."""
-
-    MEASURES = "measures"
-    SERIES = "series"
-    RECORDINGS = "recordings"
-
-
 @dataclass(frozen=True, kw_only=True)
 class TrialJob:
-    """A trial to drive, and what to compute and keep of it.
+    """A trial to drive, the measures to compute of it, and the file to record it in (None: it is not recorded).
 
-    `files` has the name and hash of each input file, `measures` the names of the wanted measures; `folder` is the
-    study's.
+    `files` has the name and hash of each input file, `measures` the names of the wanted measures.
     """
 
     trial: StudyTrial
     population: str
     measures: tuple[str, ...]
     files: tuple[tuple[str, str], ...]
-    keep: Keep
-    folder: Path
+    record: Path | None
 
     @property
     def inputs_sha256(self) -> str:
@@ -217,22 +202,17 @@ class TrialJob:
         return {"inputs_sha256": self.inputs_sha256, **who}
 
     @property
-    def kept_files(self) -> tuple[str, ...]:
-        """The files that a finished trial has besides its recording, as paths within the study's folder."""
-        wanted = () if self.keep is Keep.MEASURES else (EVENTS, SETTING, SERIES)
-        return tuple(trial_file(self.trial, what) for what in wanted)
-
-    @property
     def recording(self) -> JobRecording | None:
         """Where the trial is recorded; None if it is not."""
-        if self.keep is not Keep.RECORDINGS:
-            return None
         command = f"das-sim experiment run: trial {self.trial.number}, inputs {self.inputs_sha256}"
-        return JobRecording(self.folder / trial_file(self.trial, RECORDING), command)
+        return None if self.record is None else JobRecording(self.record, command)
 
 
-def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
-    """The jobs of a design in the order of its trials; raises DasError for files that cannot be used."""
+def jobs_of(design: Design, folder: Path, *, record: bool = False) -> list[TrialJob]:
+    """The jobs of a design in the order of its trials, recorded in the study's folder if asked.
+
+    Raises DasError for files that cannot be used.
+    """
     population = design.people.population
     common = {"version": __version__, "code": source_sha256(), "population": sha256(load_population(population).source)}
     by_setting: dict[Any, dict[str, str]] = {}
@@ -245,10 +225,9 @@ def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
             TrialJob(
                 trial=trial,
                 population=population,
-                measures=design.plan.measures,
+                measures=design.measures,
                 files=tuple(files.items()),
-                keep=keep,
-                folder=folder,
+                record=folder / recording_file(trial) if record else None,
             )
         )
     return found
@@ -259,7 +238,7 @@ _files_here = cache(setting_files)
 
 
 def make_trial(job: TrialJob) -> JobResult:
-    """Drive a trial, find its measures and make its files; raises DasError if it cannot be driven.
+    """Drive a trial and find its measures; raises DasError if it cannot be driven.
 
     DasError is also raised if a file of the trial is not the one with which the jobs were made: it was changed
     afterwards, or this is another machine with another file at the same path.
@@ -271,8 +250,7 @@ def make_trial(job: TrialJob) -> JobResult:
         raise DasError(f"a worker has another file: {', '.join(others)}; expected the same file at the same path")
     with ONE_AT_A_TIME:
         driven = drive(job.trial, job.population, job.recording)
-        files = {} if job.keep is Keep.MEASURES else trial_files(job.trial, driven)
-        return JobResult({"measures": measured(driven, list(job.measures)), "error": None}, files)
+        return JobResult({"measures": measured(driven, list(job.measures)), "error": None})
 
 
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
@@ -313,15 +291,14 @@ def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: W
 
     Raises DasError if files cannot be written, a worker is killed or a cluster cannot be used.
     """
-    write_files(folder, study_files(design, [job.trial for job in jobs]))
     began = datetime.now(UTC)
     failed: list[Mapping[str, Any]] = []
 
     def write(rows: Rows, made: int) -> None:
         of_trials = {job.trial.number: rows.get(job.inputs_sha256) for job in jobs}
         failed.extend(_write_results(design, jobs, folder, of_trials))
-        if made:
-            _write_provenance(design, folder, workers, began)
+        if made or not (folder / README).exists():
+            write_whole(folder / README, readme(design, workers, began, datetime.now(UTC)))
 
     words = JobWords("experiment", "trials", "drive")
     runner = Runner(make=make_trial, folder=folder, workers=workers, words=words)
@@ -332,7 +309,7 @@ def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: W
 def _write_results(
     design: Design, jobs: Sequence[TrialJob], folder: Path, rows: Mapping[int, Mapping[str, Any] | None]
 ) -> list[Mapping[str, Any]]:
-    """Write the table of trials, the list of failed trials and the checksums; returns the rows of failed trials."""
+    """Write the table of trials and the list of failed trials; returns the rows of failed trials."""
     known = {number: row for number, row in rows.items() if row is not None}
     good = {number: row["measures"] for number, row in known.items() if row.get("error") is None}
     failed = [row for row in known.values() if row.get("error") is not None]
@@ -341,23 +318,4 @@ def _write_results(
         write_whole(folder / FAILED_TABLE, table_text(FAILED, ([row[name] for name in FAILED] for row in failed)))
     else:
         (folder / FAILED_TABLE).unlink(missing_ok=True)
-    write_whole(folder / CHECKSUMS, checksums(folder))
     return failed
-
-
-def _write_provenance(design: Design, folder: Path, workers: Workers, began: datetime) -> None:
-    found = resolved(design)
-    content = {
-        "design_sha256": found["hash"],
-        "files": found["files"],
-        "program": "das-sim",
-        "version": __version__,
-        "code_sha256": source_sha256(),
-        "python": platform.python_version(),
-        "machine": platform.platform(),
-        "command": typed_command(),
-        **workers.facts,
-        "began_utc": began.isoformat(timespec="seconds"),
-        "ended_utc": datetime.now(UTC).isoformat(timespec="seconds"),
-    }
-    write_whole(folder / PROVENANCE, as_json(content))

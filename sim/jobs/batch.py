@@ -89,11 +89,6 @@ class BatchJob:
         }
 
     @property
-    def kept_files(self) -> tuple[str, ...]:
-        """Empty: a run makes no files other than its recording, if it has one."""
-        return ()
-
-    @property
     def recording(self) -> JobRecording | None:
         """Where the run is recorded; None if it is not."""
         return None if self.record is None else JobRecording(self.record, self.command)
@@ -189,7 +184,7 @@ def make_run(job: BatchJob) -> JobResult:
         **{f"passing_{name}": [passing[name] for passing in passings] for name in PASSING_COLUMNS},
         **{f"decision_{name}": [getattr(one, name) for one in run.decisions] for name in DriverEvent._fields},
     }
-    return JobResult(row, {})
+    return JobResult(row)
 
 
 TEXTS = (

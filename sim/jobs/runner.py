@@ -1,7 +1,7 @@
 """Does many jobs on all workers and keeps the results in a folder; a stopped command goes on with the unfinished jobs.
 
 A job has an identity: the hash of everything on which its result depends. Its result is one row in the journal of the
-folder, and perhaps files. Results do not depend on the number or the place of the workers.
+folder, and perhaps a recording. Results do not depend on the number or the place of the workers.
 """
 
 from __future__ import annotations
@@ -67,10 +67,6 @@ class RunnerJob(Protocol):
         """The entries of the job's row that are known before it is done, `inputs_sha256` among them."""
 
     @property
-    def kept_files(self) -> Sequence[str]:
-        """The files that a finished job has in the folder, besides its recording."""
-
-    @property
     def recording(self) -> JobRecording | None:
         """Where the job's drive is recorded; None if it is not."""
 
@@ -81,10 +77,9 @@ AnyResult = TypeVar("AnyResult")
 
 
 class JobResult(NamedTuple):
-    """The result of a job: entries of its row, and the contents of its files by their paths within the folder."""
+    """The result of a job: entries of its row."""
 
     row: dict[str, Any]
-    files: Mapping[str, bytes]
 
 
 class JobWords(NamedTuple):
@@ -182,12 +177,12 @@ class Runner(Generic[Job]):
         """
         words = self.words
         with Journal(self.folder, holds=f"another {words.command}") as journal:
-            left = [job for job in jobs if not is_finished(job, self.folder, journal.rows)]
+            left = [job for job in jobs if not is_finished(job, journal.rows)]
             try:
                 with interrupted_by_termination():
                     self._make(left, len(jobs), journal)
             except KeyboardInterrupt:
-                done = sum(is_finished(job, self.folder, journal.rows) for job in jobs)
+                done = sum(is_finished(job, journal.rows) for job in jobs)
                 said = f"{done} of {len(jobs)} {words.jobs} are finished; the same command goes on from there"
                 print(said, file=sys.stderr)
                 raise
@@ -196,7 +191,7 @@ class Runner(Generic[Job]):
         return len(left)
 
     def _make(self, left: Sequence[Job], of: int, journal: Journal) -> None:
-        """Do the jobs that are left; the files of a job are written before its row."""
+        """Do the jobs that are left."""
         for job in left:
             if job.recording is not None:
                 make_folder(job.recording.file.parent)
@@ -205,7 +200,6 @@ class Runner(Generic[Job]):
         with closing(made_with_progress(make, left, self.workers, self.words, first, done=of - len(left))) as coming:
             for made in coming:
                 came = made.result or _failed(made.job, str(made.error))
-                write_files(self.folder, came.files)
                 journal.add(came.row)
 
 
@@ -237,8 +231,7 @@ def made_with_progress(
 def attempted(make: Callable[[Job], JobResult], job: Job) -> JobResult:
     """The result of a job with its whole row. If the job fails, the row says why, so that other jobs can go on."""
     try:
-        row, files = make(job)
-        return JobResult(job.row | row, files)
+        return JobResult(job.row | make(job).row)
     except DasError as error:
         return _failed(job, str(error))
     except Exception as error:
@@ -246,24 +239,14 @@ def attempted(make: Callable[[Job], JobResult], job: Job) -> JobResult:
 
 
 def _failed(job: RunnerJob, why: str) -> JobResult:
-    return JobResult(job.row | {"error": " ".join(why.split())}, {})
+    return JobResult(job.row | {"error": " ".join(why.split())})
 
 
-def is_finished(job: RunnerJob, folder: Path, rows: Rows) -> bool:
-    """Whether a job was done without error and all its files exist; a failed job is done again."""
+def is_finished(job: RunnerJob, rows: Rows) -> bool:
+    """Whether a job was done without error and its recording is whole; a failed job is done again."""
     row = rows.get(job.inputs_sha256)
-    if row is None or row.get("error") is not None:
-        return False
-    kept = all((folder / name).is_file() for name in job.kept_files)
-    return kept and (job.recording is None or job.recording.is_whole)
-
-
-def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files by their paths within a folder, each whole or not at all; DasError if that fails."""
-    for name, content in files.items():
-        path = folder / name
-        make_folder(path.parent)
-        write_whole(path, content)
+    done = row is not None and row.get("error") is None
+    return done and (job.recording is None or job.recording.is_whole)
 
 
 class ServiceMemory:

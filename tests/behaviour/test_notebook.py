@@ -24,6 +24,7 @@ PICTURES = {
     "notebook-own-experiment": 1,
     "notebook-own-line": 3,
     "notebook-real-trip": 1,
+    "notebook-study-statistics": 0,
 }
 
 

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.experiment.analysis.checks import AssumptionCheck, checks_of
 from sim.experiment.analysis.comparing import generator
-from sim.experiment.analysis.differences import compared_trials, paired_estimate, paired_trials
-from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfColumn, RunStudy, ShownMeasure
-from sim.experiment.plan import PlannedComparison, StudyPlan, VariedFactor
+from sim.experiment.analysis.differences import paired_estimate, paired_trials
+from sim.experiment.analysis.reading import FinishedTrials, Floats, RunStudy
+from sim.experiment.design import Design, Factor, People, PlannedComparison, Procedure
+from sim.experiment.factors import FactorLevel
 
 MEASURE = "gap_to_optimum_ratio"
 LEVELS = ("none", "top-speed", "speed-and-effort")
@@ -68,33 +68,41 @@ def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedComparison,
     names = LEVELS[:levels]
     return RunStudy(
         folder=Path("made-up"),
-        plan=StudyPlan(
-            name="made-up", hash="0" * 64, seed=1, measures=(MEASURE,),
-            factors=(VariedFactor(name="presentation", levels=names, within=True),),
-            comparisons=comparisons or (compared("speed-and-effort" if levels > 2 else names[1], "none"),),
+        design=Design(
+            name="made-up", title="Made up", description="", source=Path("made-up"), hash="0" * 64, seed=1, fixed={},
+            measures=(MEASURE,),
+            factors=(presentations(*names),),
+            people=People(count=n),
+            procedure=Procedure(repetitions=k),
+            comparisons=comparisons or (compared("vector" if levels > 2 else names[1], "none"),),
         ),
         trials=FinishedTrials(
-            participant=np.array([f"sub-{one + 1:03d}" for one in driver.ravel()]),
+            participant=np.array([f"sub-{one + 1:02d}" for one in driver.ravel()]),
             position=position.ravel() + 1,
             practice=np.zeros(n * k * levels, dtype=bool),
             day=np.array([str(one) for one in (day if truth.shared_days else driver * k + day).ravel()]),
             levels={"presentation": np.array(names)[which.ravel()]},
             values={MEASURE: values.ravel()},
         ),
-        meanings={MEASURE: MeaningOfColumn(name="Gap to the optimum", text="E / E_opt − 1.", unit="1")},
     )  # fmt: skip
+
+
+def presentations(*names: str, within: bool = True) -> Factor:
+    """The factor of made-up studies, with these levels."""
+    levels = tuple(FactorLevel(text=name, value=None) for name in names)
+    return Factor(name="presentation", levels=levels, within=within)
 
 
 def made_up_groups(truth: Truth, seed: int) -> RunStudy:
     """A study of two levels in which each driver drives only one: odd drivers the first, even drivers the second."""
     whole = made_up_study(truth, seed)
-    trials, plan = whole.trials, whole.plan
+    trials, design = whole.trials, whole.design
     names, level = list(np.unique(trials.participant)), trials.levels["presentation"]
     wanted = np.array([LEVELS[names.index(one) % 2] for one in trials.participant])
     kept = level == wanted
     return replace(
         whole,
-        plan=replace(plan, factors=tuple(replace(one, within=False) for one in plan.factors)),
+        design=replace(design, factors=tuple(replace(one, within=False) for one in design.factors)),
         trials=replace(
             trials, participant=trials.participant[kept], practice=trials.practice[kept], day=trials.day[kept],
             position=np.arange(kept.sum()) % truth.days + 1, levels={"presentation": level[kept]},
@@ -153,29 +161,22 @@ def positive(truth: Truth, a: str, b: str, studies: int = STUDIES) -> float:
     return float(np.mean([probability(made_up_study(truth, seed), a, b) < 0.05 for seed in range(studies)]))
 
 
-def checked(study: RunStudy, comparison: PlannedComparison) -> list[AssumptionCheck]:
-    """The checks of assumptions for one comparison of a made-up study."""
-    shown = ShownMeasure.of(MEASURE, study.meanings[MEASURE], study.trials.values[MEASURE])
-    return checks_of(study, comparison, compared_trials(study, comparison), shown)
-
-
 def design_of(study: RunStudy) -> dict[str, Any]:
     """The content of `design.json`, as `das-sim experiment run` writes it."""
-    plan = study.plan
+    design = study.design
     return {
-        "hash": plan.hash,
-        "name": plan.name,
-        "seed": plan.seed,
-        "participants": {"count": 24, "population": "default"},
+        "schema_version": 1,
+        "hash": design.hash,
+        "experiment": {"name": design.name, "title": design.title, "description": "", "seed": design.seed},
+        "participants": {"count": design.people.count, "population": "default"},
+        "procedure": {"repetitions": design.procedure.repetitions},
         "fixed": {"scenario": "clear-day"},
-        "factors": {one.name: {"levels": list(one.levels), "within": one.within} for one in plan.factors},
-        "measures": list(plan.measures),
+        "factors": [{"name": one.name, "levels": list(one.texts), "within": one.within} for one in design.factors],
+        "analysis": {"measures": list(design.measures), "alpha": design.alpha, "correction": design.correction},
         "comparisons": [
             {"name": one.name, "measure": one.measure, "factor": one.factor, "a": one.a, "b": one.b, "where": {}}
-            for one in plan.comparisons
+            for one in design.comparisons
         ],
-        "alpha": plan.alpha,
-        "correction": plan.correction,
     }
 
 
@@ -193,8 +194,4 @@ def write_study(study: RunStudy, folder: Path) -> Path:
         start = [row + 1, trials.participant[row], "ses-01", trials.position[row], int(trials.practice[row])]
         table.writerow([*start, "_".join(levels), *levels, trials.day[row], *values])
     (folder / "trials.csv").write_text(text.getvalue(), encoding="utf-8")
-    meanings = {
-        name: {"LongName": one.name, "Description": one.text, "Units": one.unit} for name, one in study.meanings.items()
-    }
-    (folder / "trials.json").write_text(json.dumps(meanings), encoding="utf-8")
     return folder

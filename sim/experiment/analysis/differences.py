@@ -16,16 +16,15 @@ import numpy as np
 
 from das.domain.errors import DasError
 from sim.experiment.analysis import sign_flips
-from sim.experiment.analysis.reading import Bools, Floats, Ints, RunStudy, Texts
-from sim.experiment.analysis.spread import NO_RANGE
-from sim.experiment.plan import PlannedComparison
-from sim.jobs.report import LEAST_VALUES
+from sim.experiment.analysis.reading import Floats, Ints, RunStudy
+from sim.experiment.design import PlannedComparison
 
 CONFIDENCE: Final = 0.95
 FLIPS, SOME_FLIPS, WELCH = "exact sign flips", "sign flips drawn at random", "Welch's t"
 """The methods that decide."""
-LEAST_IN_GROUP: Final = LEAST_VALUES
-"""Fewest participants of a group whose mean has an interval."""
+NO_RANGE: Final = (math.nan, math.nan)
+LEAST_IN_GROUP: Final = 3
+"""Fewest participants whose mean has an interval by Student's t, and fewest of a group."""
 
 
 class _Cell(NamedTuple):
@@ -40,20 +39,15 @@ class _Cell(NamedTuple):
 class PairedTrials:
     """The pairs of a comparison between conditions that every participant drove.
 
-    Each array has an entry for each pair: `owner` is the index of its participant in `participants`, `others` names the
-    levels of the other factors, `cell` names these and its day, `a` and `b` are the values (means where a trial was
-    driven twice), `a_first` says whether the trial at level a came first. `unpaired` counts trials without a partner,
-    which are left out. `same_day` is False where no two trials had a day in common, so that pairs were made by
-    participant alone.
+    Each array has an entry for each pair: `owner` is the index of its participant in `participants`, `a` and `b` are
+    the values (means where a trial was driven twice). `unpaired` counts trials without a partner, which are left out.
+    `same_day` is False where no two trials had a day in common, so that pairs were made by participant alone.
     """
 
     participants: tuple[str, ...]
     owner: Ints
-    others: Texts
-    cell: Texts
     a: Floats
     b: Floats
-    a_first: Bools
     unpaired: int
     same_day: bool
 
@@ -66,11 +60,6 @@ class PairedTrials:
     def means(self) -> Floats:
         """Mean difference of each participant, (participants,)."""
         return self.by_participant(self.differences)
-
-    @property
-    def spread(self) -> Floats:
-        """The values whose standard deviation says how far participants differ, (participants,)."""
-        return self.means
 
     def by_participant(self, values: Floats) -> Floats:
         """Mean over the pairs of each participant, (participants,)."""
@@ -87,11 +76,6 @@ class TwoGroups:
     b_names: tuple[str, ...]
 
     @property
-    def spread(self) -> Floats:
-        """The values whose standard deviation says how far participants differ: each mean minus that of its group."""
-        return np.concatenate([self.a - self.a.mean(), self.b - self.b.mean()])
-
-    @property
     def by_driver(self) -> dict[str, dict[str, float]]:
         """The means of the participants of both groups, by name."""
         both = {"a": (self.a_names, self.a), "b": (self.b_names, self.b)}
@@ -103,7 +87,7 @@ ComparedTrials = PairedTrials | TwoGroups
 
 def compared_trials(study: RunStudy, comparison: PlannedComparison) -> ComparedTrials:
     """The pairs of a comparison, or its two groups where each participant drove one of its conditions."""
-    within = study.plan.factor(comparison.factor).within
+    within = study.design.factor(comparison.factor).within
     return paired_trials(study, comparison) if within else two_groups(study, comparison)
 
 
@@ -132,13 +116,8 @@ def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -
     return PairedTrials(
         participants=names,
         owner=np.array([number[cell.participant] for cell in whole], dtype=np.int64),
-        others=np.array([cell.others for cell in whole], dtype=np.str_),
-        cell=np.array([f"{cell.others} {cell.day}" for cell in whole], dtype=np.str_),
         a=np.array([values[a].mean() for a, _ in whole.values()]),
         b=np.array([values[b].mean() for _, b in whole.values()]),
-        a_first=np.array(
-            [trials.position[a].mean() < trials.position[b].mean() for a, b in whole.values()], dtype=bool
-        ),
         unpaired=len(rows) - sum(len(a) + len(b) for a, b in whole.values()),
         same_day=with_day,
     )
@@ -166,8 +145,7 @@ class DifferenceEstimate:
     """A mean difference between two conditions, in the unit of its measure.
 
     `interval` (95 %) and `probability` are those of `method`, which decides. `t_interval` is Student's (Welch's for two
-    groups). `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups); its
-    interval is that of the noncentral t distribution, for two groups Bonett's.
+    groups). `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups).
     """
 
     mean: float
@@ -177,7 +155,6 @@ class DifferenceEstimate:
     probability: float = math.nan
     t_interval: tuple[float, float] = NO_RANGE
     size: float = math.nan
-    size_interval: tuple[float, float] = NO_RANGE
     method: str
 
     @property
@@ -208,13 +185,12 @@ def paired_estimate(differences: Floats, rng: np.random.Generator) -> Difference
         return DifferenceEstimate(mean=mean, sd=sd, participants=count, probability=same, method=method)
     sd, test = float(differences.std(ddof=1)), stats.ttest_1samp(differences, 0.0)
     low, high = sign_flips.interval(differences, signs, CONFIDENCE)
-    enough, reach = count >= LEAST_VALUES, test.confidence_interval(CONFIDENCE)
+    enough, reach = count >= LEAST_IN_GROUP, test.confidence_interval(CONFIDENCE)
     return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=(low, high) if math.isfinite(low) else NO_RANGE,
         probability=float(sign_flips.probabilities(differences[None], signs)[0]),
         t_interval=(float(reach.low), float(reach.high)) if enough else NO_RANGE,
-        size=mean / sd, size_interval=size_interval(mean / sd, count) if enough else NO_RANGE,
-        method=method,
+        size=mean / sd, method=method,
     )  # fmt: skip
 
 
@@ -233,47 +209,8 @@ def group_estimate(a: Floats, b: Floats) -> DifferenceEstimate:
     interval = (float(low), float(high))
     return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=interval, probability=float(test.pvalue), t_interval=interval,
-        size=mean / sd, size_interval=group_size_interval(a, b), method=WELCH,
+        size=mean / sd, method=WELCH,
     )  # fmt: skip
-
-
-def group_size_interval(a: Floats, b: Floats) -> tuple[float, float]:
-    """The 95 % interval of the difference of two groups in standard deviations (root of their mean variance).
-
-    The groups may differ in variance: Bonett, Psychological Methods 13 (2008) 99–109, equations 8 and 9.
-    """
-    from scipy import stats
-
-    variances = [float(one.var(ddof=1)) for one in (a, b)]
-    freedoms = [len(one) - 1 for one in (a, b)]
-    middle = 0.5 * sum(variances)
-    size = float(a.mean() - b.mean()) / math.sqrt(middle)
-    of_size = size**2 * sum(one**2 / free for one, free in zip(variances, freedoms, strict=True)) / (8.0 * middle**2)
-    of_means = sum(one / free for one, free in zip(variances, freedoms, strict=True)) / middle
-    reach = float(stats.norm.ppf(0.5 + CONFIDENCE / 2)) * math.sqrt(of_size + of_means)
-    return size - reach, size + reach
-
-
-def size_interval(size: float, participants: int) -> tuple[float, float]:
-    """The 95 % interval of an effect in standard deviations, from the noncentral t distribution.
-
-    Cumming and Finch, Educational and Psychological Measurement 61 (2001) 532–574.
-    """
-    from scipy import optimize, stats
-
-    root, freedom = math.sqrt(participants), participants - 1
-    found = abs(size) * root
-    around = 6.0 * math.sqrt(1.0 + found**2 / (2.0 * freedom))
-
-    def bound(share: float) -> float:
-        centre = optimize.brentq(lambda one: stats.nct.cdf(found, freedom, one) - share, found - around, found + around)
-        return float(centre) / root
-
-    try:
-        low, high = bound(0.5 + CONFIDENCE / 2), bound(0.5 - CONFIDENCE / 2)
-    except ValueError:  # no sign change: the effect is so large that the distribution cannot be computed
-        return NO_RANGE
-    return (low, high) if size >= 0 else (-high, -low)
 
 
 def _without_spread(values: Floats) -> bool:
@@ -287,10 +224,12 @@ def corrected(probabilities: Floats, correction: str) -> Floats:
     `holm`: Holm, Scandinavian Journal of Statistics 6 (1979) 65–70. `bonferroni`: each times the number of
     comparisons. `none`: as they are.
     """
-    from statsmodels.stats.multitest import multipletests
-
     if correction == "none" or not len(probabilities):
         return probabilities
-    unknown = np.isnan(probabilities)
-    raised = multipletests(np.where(unknown, 1.0, probabilities), method=correction)[1]
-    return np.asarray(np.where(unknown, np.nan, raised))
+    count = len(probabilities)
+    raised = np.minimum(count * probabilities, 1.0)
+    if correction == "holm":
+        order = np.argsort(np.nan_to_num(probabilities, nan=1.0), kind="stable")
+        steps = np.minimum((count - np.arange(count)) * np.nan_to_num(probabilities, nan=1.0)[order], 1.0)
+        raised[order] = np.maximum.accumulate(steps)
+    return np.where(np.isnan(probabilities), np.nan, raised)

@@ -1,4 +1,4 @@
-"""A study that was run, read from its folder: its plan, its trials, and what their columns mean in the report."""
+"""A study that was run, read from its folder: its design, its trials, and how their columns are shown in the report."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import io
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -15,24 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError, InputError
-from das.domain.files.reading import read_json, read_text
+from das.domain.files.reading import read_text
 from das.domain.units import kmh
-from sim.experiment.plan import (
-    CHECKED_TABLES,
-    CHECKSUMS,
-    FAILED_TABLE,
-    PEOPLE_TABLE,
-    PERSON_ID,
-    PERSON_NUMBER,
-    PROVENANCE,
-    TRIALS_SIDECAR,
-    TRIALS_TABLE,
-    PlannedComparison,
-    StudyPlan,
-    as_text,
-    read_plan,
-)
-from sim.recording.inputs import sha256
+from sim.experiment.design import Design, PlannedComparison, as_text, read_frozen
+from sim.experiment.measures import MEASURES
+from sim.experiment.study_files import FAILED_TABLE, TRIALS_TABLE
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -58,15 +45,6 @@ PERCENT: Final = 100.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeaningOfColumn:
-    """What a column of the table of trials holds: a name for people, a sentence and its unit."""
-
-    name: str
-    text: str
-    unit: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class ShownMeasure:
     """A measure as the report shows it: values times `factor`, in `unit`; differences are in `difference_unit`.
 
@@ -82,17 +60,24 @@ class ShownMeasure:
     digits: int
 
     @classmethod
-    def of(cls, column: str, meaning: MeaningOfColumn, values: Floats) -> ShownMeasure:
-        """How to show a column with this meaning; the spread of its values decides the digits."""
-        ratio = meaning.unit in RATIOS and column.endswith("_ratio")
-        unit = SHOWN_UNITS.get(meaning.unit, meaning.unit)
-        factor = PERCENT if ratio else float(kmh(1.0)) if meaning.unit in SPEEDS else 1.0
+    def of(cls, column: str, values: Floats) -> ShownMeasure:
+        """How to show a column: a measure of this program by its definition, another by the unit in its name.
+
+        The spread of the values decides the digits.
+        """
+        known = MEASURES.get(column)
+        plain, _, suffix = column.rpartition("_")
+        unit = suffix if known is None else known.unit
+        ratio = unit in RATIOS and column.endswith("_ratio")
+        shown = SHOWN_UNITS.get(unit, unit)
+        factor = PERCENT if ratio else float(kmh(1.0)) if unit in SPEEDS else 1.0
         finite = values[np.isfinite(values)]
         spread = factor * float(finite.std()) if len(finite) else 0.0
         digits = 2 if spread == 0 else min(max(2 - math.floor(math.log10(spread)), 0), 4)
         return cls(
-            column=column, name=meaning.name, text=meaning.text, unit="%" if ratio else unit,
-            difference_unit="points" if ratio else unit, factor=factor, digits=digits,
+            column=column, name=(plain or suffix).replace("_", " ") if known is None else known.title,
+            text="" if known is None else f"{known.formula} ({known.source})", unit="%" if ratio else shown,
+            difference_unit="points" if ratio else shown, factor=factor, digits=digits,
         )  # fmt: skip
 
     def value(self, value: float) -> str:
@@ -152,21 +137,15 @@ class FinishedTrials:
 
 @dataclass(frozen=True, kw_only=True)
 class RunStudy:
-    """A study that was run: where its files are, its plan of analysis, its trials, and what their columns mean.
+    """A study that was run: where its files are, its frozen design, and its trials.
 
-    `failed` has a sentence for each trial that failed: who drove it, its condition and why. `people` has the numbers of
-    participants.tsv, by participant and column; empty without that file. `level_words` says what the levels of each
-    factor mean, and `made` when and how the data were made; both are empty if the folder does not say it.
+    `failed` has a sentence for each trial that failed: who drove it, its condition and why.
     """
 
     folder: Path
-    plan: StudyPlan
+    design: Design
     trials: FinishedTrials
-    meanings: Mapping[str, MeaningOfColumn]
     failed: tuple[str, ...] = ()
-    people: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    level_words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    made: Mapping[str, str] = field(default_factory=dict)
 
     def chosen(self, comparison: PlannedComparison) -> Bools:
         """Which trials belong to a comparison: no practice, at its levels, with a value of its measure."""
@@ -190,87 +169,25 @@ class RunStudy:
     def missing(self) -> Counter[tuple[str, str]]:
         """How many planned trials are not among the finished ones, by participant and condition."""
         names = self.trials.participant[self.driven].tolist()
-        return self.plan.planned - Counter(zip(names, self.conditions(self.driven).tolist(), strict=True))
+        return self.design.planned - Counter(zip(names, self.conditions(self.driven).tolist(), strict=True))
 
     def conditions(self, rows: Ints, without: str = "") -> Texts:
         """The condition of each trial of `rows` as one text: its levels of all factors except the one `without`."""
-        levels = [self.trials.levels[one.name] for one in self.plan.factors if one.name != without]
+        levels = [self.trials.levels[one.name] for one in self.design.factors if one.name != without]
         return np.array([" ".join(str(one[row]) for one in levels) for row in rows], dtype=np.str_)
 
 
 def read_study(folder: Path) -> RunStudy:
-    """Read a study's folder: `design.json`, `trials.csv` and, if there, `trials.json` and `failed.csv`.
-
-    DasError if one of them cannot be used, or if a table differs from its hash in `checksums.json`.
-    """
+    """Read a study's folder: `design.json`, `trials.csv` and, if there, `failed.csv`; DasError if one is unusable."""
     if not folder.is_dir():
         raise DasError(f"{folder}: expected the folder of a study that was run")
-    plan = read_plan(folder)
-    _check_sums(folder)
+    design = read_frozen(folder)
     return RunStudy(
         folder=folder,
-        plan=plan,
-        trials=_trials(folder / TRIALS_TABLE, plan),
-        meanings=_meanings(folder / TRIALS_SIDECAR, plan),
+        design=design,
+        trials=_trials(folder / TRIALS_TABLE, design),
         failed=_failed(folder / FAILED_TABLE),
-        people=_people(folder / PEOPLE_TABLE, plan),
-        level_words=_level_words(folder / TRIALS_SIDECAR, plan),
-        made=_made(folder / PROVENANCE),
     )
-
-
-def _check_sums(folder: Path) -> None:
-    """InputError if a table is not the one that the run wrote; a study of an older version has no checksums."""
-    kept = folder / CHECKSUMS
-    if not kept.is_file():
-        return
-    sums = read_json(kept)
-    for name in CHECKED_TABLES:
-        wanted, path = sums.text(name), folder / name
-        found = sha256(path) if path.is_file() else MISSING
-        if found != wanted:
-            how = f"{wanted} ({CHECKSUMS}): the file was altered after the study was run"
-            raise InputError(path, "SHA-256", found, how)
-
-
-def _level_words(path: Path, plan: StudyPlan) -> dict[str, dict[str, str]]:
-    """What the levels of each factor mean, from the table's sidecar."""
-    fields = read_json(path) if path.is_file() else None
-    found: dict[str, dict[str, str]] = {}
-    for one in plan.factors:
-        about = fields.data.get(one.name) if fields is not None else None
-        words = about.get("Levels") if isinstance(about, Mapping) else None
-        if isinstance(words, Mapping):
-            found[one.name] = {as_text(level): str(text) for level, text in words.items() if text}
-    return found
-
-
-def _made(path: Path) -> dict[str, str]:
-    """When and by which command the data were made."""
-    if not path.is_file():
-        return {}
-    data = read_json(path).data
-    wanted = {"command": "command", "begun (UTC)": "began_utc", "version": "version", "code (SHA-256)": "code_sha256"}
-    return {name: str(data[key]) for name, key in wanted.items() if key in data}
-
-
-def _people(path: Path, plan: StudyPlan) -> dict[str, dict[str, float]]:
-    """By participant, the columns of participants.tsv that are numbers for everybody; empty without that file."""
-    if not path.is_file():
-        return {}
-    reader = csv.DictReader(io.StringIO(read_text(path)), delimiter="\t")
-    rows = [row for row in reader if row.get(PERSON_ID)]
-    left_out = {PERSON_ID, PERSON_NUMBER, *(one.name for one in plan.factors)}
-    names = [name for name in reader.fieldnames or [] if name not in left_out]
-    kept = [name for name in names if all(_is_number(row.get(name)) for row in rows)]
-    return {str(row[PERSON_ID]): {name: float(row[name]) for name in kept} for row in rows}
-
-
-def _is_number(text: object) -> bool:
-    try:
-        return math.isfinite(float(str(text)))
-    except ValueError:
-        return False
 
 
 def _failed(path: Path) -> tuple[str, ...]:
@@ -281,10 +198,10 @@ def _failed(path: Path) -> tuple[str, ...]:
     return tuple(f"{row.get('participant')} with {row.get('condition')}: {row.get('error')}" for row in rows)
 
 
-def _trials(path: Path, plan: StudyPlan) -> FinishedTrials:
+def _trials(path: Path, design: Design) -> FinishedTrials:
     reader = csv.reader(io.StringIO(read_text(path)))
     header = next(reader, [])
-    wanted = [*NAMED, *(one.name for one in plan.factors), *plan.measures]
+    wanted = [*NAMED, *(one.name for one in design.factors), *design.measures]
     for name in wanted:
         if name not in header:
             raise InputError(path, f"column {name}", MISSING, f"a column of this name among {', '.join(header)}")
@@ -302,8 +219,8 @@ def _trials(path: Path, plan: StudyPlan) -> FinishedTrials:
         position=_whole(path, "position", cells["position"]),
         practice=_whole(path, "practice", cells["practice"], most=1) == 1,
         day=np.array([as_text(one) for one in cells["seed"]], dtype=np.str_),
-        levels={one.name: _levels(path, one.name, cells[one.name], one.levels) for one in plan.factors},
-        values={name: _numbers(path, name, cells[name]) for name in plan.measures},
+        levels={one.name: _levels(path, one.name, cells[one.name], one.texts) for one in design.factors},
+        values={name: _numbers(path, name, cells[name]) for name in design.measures},
     )
     if not len(trials) or trials.practice.all():
         raise DasError(f"{path}: no finished trial that is not practice, so there is nothing to analyse")
@@ -348,18 +265,3 @@ def _numbers(path: Path, name: str, texts: list[str]) -> Floats:
         if not math.isfinite(values[row]):
             raise InputError(path, f"line {row + 2}, {name}", text, "a finite number, or nothing where it is missing")
     return values
-
-
-def _meanings(path: Path, plan: StudyPlan) -> dict[str, MeaningOfColumn]:
-    """What each measure means: from the table's sidecar, or from the column's name if the sidecar lacks it."""
-    fields = read_json(path) if path.is_file() else None
-    found = {}
-    for name in plan.measures:
-        about = fields.table(name) if fields is not None and fields.has(name) else None
-        plain, _, suffix = name.rpartition("_")
-        found[name] = MeaningOfColumn(
-            name=(plain or suffix).replace("_", " ") if about is None else about.text("LongName", name),
-            text="" if about is None else about.text("Description", ""),
-            unit=suffix if about is None else about.text("Units", suffix),
-        )
-    return found

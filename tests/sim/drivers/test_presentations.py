@@ -19,7 +19,6 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.messages import cab_view
 from sim.drivers.presentations.presenter import Shown, presenter_of, shown_presentation
-from sim.experiment.factors import FactorLevel
 from sim.experiment.study_files import level_words
 from sim.meanings import DARK
 from sim.review.lanes import lanes
@@ -65,7 +64,7 @@ def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentat
     assert {change.state for change in lane.changes} == {"", "a light", "depart", "stop"}
     assert lane.color("a light", DARK) == "#123456"
     assert {"green", "amber", "red"} <= {card.text.splitlines()[0].removeprefix("# ") for card in cards(drive.table)}
-    assert level_words("presentation", FactorLevel(text="traffic-light", value=traffic_light)) == "green, amber or red"
+    assert level_words("presentation", "traffic-light") == "green, amber or red"
 
 
 def test_every_presentation_has_a_number_of_its_own_and_the_one_that_the_bus_names() -> None:

@@ -18,6 +18,7 @@ from das.domain.levels import Level
 from sim.drivers.kinds import Presentation
 from sim.experiment import design as design_module
 from sim.experiment.design import (
+    DESIGN_JSON,
     Chances,
     ConditionOrder,
     Days,
@@ -25,9 +26,9 @@ from sim.experiment.design import (
     freeze,
     load_design,
     read_design,
+    read_frozen,
     resolved,
 )
-from sim.experiment.plan import DESIGN_JSON
 
 FACTORS = """
 schema_version = 1
@@ -67,11 +68,11 @@ def test_a_design_has_its_defaults(write: Path) -> None:
     assert (design.seed, design.people.count, design.people.learning) == (1, 4, False)
     procedure = design.procedure
     assert (procedure.order, procedure.days, procedure.chances) == (ConditionOrder.WILLIAMS, Days.OWN, Chances.NEW)
-    assert design.plan.alpha == 0.05
-    assert design.plan.correction == "holm"
+    assert design.alpha == 0.05
+    assert design.correction == "holm"
     assert [level.text for level in design.factors[1].levels] == ["0", "5.5"]
-    comparison = design.plan.comparisons[0]
-    assert comparison.name == "energy_kwh: none - speed-and-effort, hold_s 5.5"
+    comparison = design.comparisons[0]
+    assert comparison.name == "energy_kwh: none - vector, hold_s 5.5"
     assert comparison.where == {"hold_s": "5.5"}
     settings = list(design.settings())
     assert [(one.presentation, one.hold_s) for one in settings] == [
@@ -108,6 +109,9 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ("[fixed]", "[procedure]\nbreak_min = -1\n[fixed]", "procedure.break_min = -1: expected a number from 0 to"),
         ("[fixed]", "[analysis]\nalpha = 2\n[fixed]", "analysis.alpha = 2.0: expected a number from 1e-06 to 0.5"),
         ("[fixed]", "[analysis]\ncorrection = 'wish'\n[fixed]", "analysis.correction = 'wish': expected one of holm"),
+        ("[fixed]", "[procedure]\nseeds = [1, 1]\n[fixed]", "seeds = [1, 1]: expected whole numbers from 0 to"),
+        ("[fixed]", "[procedure]\nseeds = [1, 2]\ndays = 'own'\n[fixed]", "expected 2 seeds of days = 'common'"),
+        ("count = 4", "count = 4\naverage = true", "participants.count = 4: expected 1, because participants.average"),
         ("[fixed]", "[procedure]\nrepetitions = 999\n[fixed]", "at most 1000 trials for each participant"),
     ],
 )  # fmt: skip
@@ -169,6 +173,10 @@ def test_a_frozen_design_cannot_be_changed_in_its_folder(write: Path, tmp_path: 
     assert freeze(read_design(write), folder) == found
     assert json.loads((folder / DESIGN_JSON).read_text()) == json.loads(json.dumps(found))
     assert (folder / "design.toml").read_text() == DESIGN
+    frozen, design = read_frozen(folder), read_design(write)
+    assert (frozen.hash, frozen.people, frozen.procedure) == (found["hash"], design.people, design.procedure)
+    assert [one.texts for one in frozen.factors] == [one.texts for one in design.factors]
+    assert (frozen.comparisons, frozen.measures) == (design.comparisons, design.measures)
     write.write_text(DESIGN.replace("count = 4", "count = 6"))
     with pytest.raises(DasError, match="holds the frozen design"):
         freeze(read_design(write), folder)
@@ -185,12 +193,12 @@ def test_the_bundled_studies_are_sound() -> None:
     for name in names:
         design = load_design(name)
         assert design.name == name
-        assert design.plan.comparisons
+        assert design.comparisons
     presentations = load_design("presentations")
     assert [len(factor.levels) for factor in presentations.factors] == [6, 3]
     assert presentations.people.count == 24
     levels = load_design("level-through-a-driver")
     assert [level.value for level in levels.factors[0].levels] == [Level.L2, Level.L3]
-    assert [level.value for level in levels.factors[1].levels] == [Presentation.SPEED_AND_EFFORT, Presentation.GUIDE]
-    where = {tuple(sorted(one.where.items())) for one in levels.plan.comparisons}
+    assert [level.value for level in levels.factors[1].levels] == [Presentation.VECTOR, Presentation.GUIDE]
+    where = {tuple(sorted(one.where.items())) for one in levels.comparisons}
     assert len(where) == 6, "each display with a perfect follower and with people of either brakes"

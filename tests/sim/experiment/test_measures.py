@@ -1,12 +1,8 @@
-"""Measures of a trial: against witnesses from its own series, and the page that defines them."""
+"""Measures of a trial: against witnesses from its own seconds, and the page that defines them."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +13,7 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.experiment.driving import Driven, StudyTrial, drive, service_of
 from sim.experiment.factors import Setting
 from sim.experiment.measures import MEASURES, measured
-from sim.experiment.study_files import EVENTS, SERIES, setting_sidecar, trial_file, trial_files
+from sim.experiment.study_files import recording_file
 from tests.support.making import REPOSITORY
 
 UNITS = {"kwh": "kWh", "s": "s", "m": "m", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "per_min": "1/min"}
@@ -53,20 +49,9 @@ def driven() -> Driven:
     return driven_with(Setting(scenario="flat-6km", presentation=Presentation.SPEED_AND_EFFORT))
 
 
-@pytest.fixture(scope="module")
-def series(driven: Driven) -> dict[str, list[float]]:
-    """The series of the trial, read back from its file."""
-    parquet = pytest.importorskip("pyarrow.parquet")
-    files = trial_files(trial(Setting(scenario="flat-6km", presentation=Presentation.SPEED_AND_EFFORT)), driven)
-    found: dict[str, list[float]] = parquet.read_table(
-        io.BytesIO(files[trial_file(trial(Setting()), SERIES)])
-    ).to_pydict()
-    return found
-
-
-def events(driven: Driven) -> list[dict[str, str]]:
-    content = trial_files(trial(Setting()), driven)[trial_file(trial(Setting()), EVENTS)]
-    return list(csv.DictReader(io.StringIO(content.decode()), delimiter="\t"))
+def shown(driven: Driven, name: str) -> list[float]:
+    """A figure of the display at every second; NaN where it shows no advice."""
+    return [math.nan if look.shown is None else getattr(look.shown, name) for _, look in driven.seconds]
 
 
 def test_every_measure_has_a_value_and_its_unit_in_its_name(driven: Driven) -> None:
@@ -79,14 +64,8 @@ def test_every_measure_has_a_value_and_its_unit_in_its_name(driven: Driven) -> N
         assert measure.source
 
 
-def test_a_trial_says_how_it_was_set_up_with_units(driven: Driven) -> None:
-    setting = setting_sidecar(Setting(scenario="flat-6km", hold_s=5.0), driven)
-    assert setting["hold_s"] | {"Description": ""} == {"Value": 5.0, "Units": "s", "Description": ""}
-    assert (setting["scenario"]["Units"], setting["preview_s"]["Value"]) == ("n/a", "all")
-
-
-def test_every_figure_of_a_run_is_a_measure(driven: Driven) -> None:
-    figures = driven.outcome.as_dict()
+def test_every_figure_of_a_run_is_a_measure(vector: Driven) -> None:
+    figures = vector.outcome.as_dict()
     assert figures.keys() - MEASURES.keys() == NO_MEASURES
     assert measured(driven, list(figures.keys() - NO_MEASURES)) == {
         name: value for name, value in figures.items() if name not in NO_MEASURES
@@ -94,24 +73,8 @@ def test_every_figure_of_a_run_is_a_measure(driven: Driven) -> None:
     assert measured(driven, ["gap_to_optimum_ratio"]) == {"gap_to_optimum_ratio": figures["above_optimum_ratio"]}
 
 
-def test_events_of_the_kind_shown_say_what_was_shown_and_why() -> None:
-    setting = Setting(scenario="flat-6km", presentation=Presentation.GUIDE)
-    shown = [row for row in events(driven_with(setting)) if row["trial_type"] == "shown"]
-    told = [row for row in shown if row["replan_cause"] != "n/a"]
-    assert told[0]["replan_cause"] == "start"
-    assert {row["next_mode"] for row in told} > {"coast", "reduced brake"}
-    assert "stop" in {row["shown_reason"] for row in told}
-    for row in told:
-        assert float(row["shown_speed_mps"]) >= 0
-        assert float(row["replan_age_s"]) >= 0
-        assert (row["next_change_s"] == "n/a") or row["next_mode"] != "n/a"
-    ages, anew = zip(*((float(row["replan_age_s"]), row["replan_cause"]) for row in told), strict=True)
-    for (before, cause), (after, other) in pairwise(zip(ages, anew, strict=True)):
-        assert after >= before or other != cause or after == 0.0  # A younger reference has a cause of its own.
-
-
-def test_the_energy_is_split_without_rest(driven: Driven) -> None:
-    found = measured(driven, list(MEASURES))
+def test_the_energy_is_split_without_rest(vector: Driven) -> None:
+    found = measured(vector, list(MEASURES))
     parts = [found[f"energy_{part}_kwh"] for part in ("optimum", "blending", "profile")]
     assert sum(parts) == pytest.approx(found["energy_kwh"])
     assert found["gap_to_optimum_ratio"] == pytest.approx(found["energy_kwh"] / found["energy_optimum_kwh"] - 1.0)
@@ -122,54 +85,39 @@ def test_the_energy_is_split_without_rest(driven: Driven) -> None:
     assert found["energy_at_equal_arrival_kwh"] == pytest.approx(equal)
 
 
-def test_tracking_against_the_series(driven: Driven, series: dict[str, list[float]]) -> None:
-    speed, shown = np.array(series["speed_mps"]), np.array(series["shown_speed_mps"], dtype=np.float64)
-    counted = (speed > 0) & ~np.isnan(shown)
-    error = (speed - shown)[counted]
-    found = measured(driven, list(MEASURES))
+def test_tracking_against_the_seconds(vector: Driven) -> None:
+    speed = np.array([state.speed_mps for state, _ in vector.seconds])
+    error = speed - np.array(shown(vector, "shown_speed_mps"))
+    error = error[(speed > 0) & ~np.isnan(error)]
+    found = measured(vector, list(MEASURES))
     assert found["speed_rmse_mps"] == pytest.approx(math.sqrt(np.mean(error**2)), rel=1e-12)
     assert found["speed_in_band_ratio"] == pytest.approx(np.mean(np.abs(error) <= 3 * KMH))
-    effort, lever = (np.array(series[name], dtype=np.float64) for name in ("shown_effort_ratio", "lever_ratio"))
-    both = (speed > 0) & ~np.isnan(effort)
-    assert found["effort_rmse_ratio"] == pytest.approx(math.sqrt(np.mean((lever - effort)[both] ** 2)), rel=1e-12)
-    jerk = np.diff(series["acceleration_mps2"])[(speed[:-1] > 0) & (speed[1:] > 0)]
+    lever = np.array([look.lever_ratio for _, look in vector.seconds])
+    effort = lever - np.array(shown(vector, "lever_ratio"))
+    effort = effort[(speed > 0) & ~np.isnan(effort)]
+    assert found["effort_rmse_ratio"] == pytest.approx(math.sqrt(np.mean(effort**2)), rel=1e-12)
+    acceleration = [state.acceleration_mps2 for state, _ in vector.seconds]
+    jerk = np.diff(acceleration)[(speed[:-1] > 0) & (speed[1:] > 0)]
     assert found["jerk_rms_mps3"] == pytest.approx(math.sqrt(np.mean(jerk**2)), rel=1e-12)
 
 
-def test_decisions_against_the_file_of_events(driven: Driven) -> None:
-    rows, found = events(driven), measured(driven, list(MEASURES))
-    kinds = [row["trial_type"] for row in rows]
+def test_decisions_against_the_diary(vector: Driven) -> None:
+    found = measured(vector, list(MEASURES))
+    kinds = [one.what for one in vector.run.decisions]
     followed, refused = kinds.count("followed"), kinds.count("refused")
     assert found["compliance_ratio"] == pytest.approx(followed / (followed + refused))
     assert found["lapses"] == kinds.count("lapse")
-    moving_min = driven.moving_min
-    under_way = [float(row["time_s"]) for row in rows if row["trial_type"] in ("departure", "arrival")]
-    glances = [float(row["time_s"]) for row in rows if row["trial_type"] == "glance"]
-    on_the_way = sum(under_way[0] <= time_s <= under_way[1] for time_s in glances)
-    assert found["glances_per_min"] == pytest.approx(on_the_way / moving_min, abs=1.1 / moving_min)
-    levers = [float(row["time_s"]) for row in rows if row["trial_type"] == "lever"]
-    moved = sum(under_way[0] <= time_s <= under_way[1] for time_s in levers)
-    # The file has each order to the controller; orders while it still moves are one movement.
-    assert 0.85 * moved <= found["control_movements_per_min"] * moving_min <= moved
+    ((departed, arrived),) = vector.run.legs
+    on_the_way = {
+        what: sum(one.what == what and departed.time_s <= one.time_s <= arrived.time_s for one in vector.run.decisions)
+        for what in ("glance", "lever")
+    }
+    moving_min = vector.moving_min
+    assert found["glances_per_min"] == pytest.approx(on_the_way["glance"] / moving_min, abs=1.1 / moving_min)
+    # The diary has each order to the controller; orders while it still moves are one movement.
+    assert 0.85 * on_the_way["lever"] <= found["control_movements_per_min"] * moving_min <= on_the_way["lever"]
     assert 0.5 < found["reaction_s"] < 8.0
     assert found["response_s"] >= found["reaction_s"]
-    assert kinds.count("departure") == kinds.count("arrival") == 1
-    arrival = next(row for row in rows if row["trial_type"] == "arrival")
-    assert float(arrival["value"]) == pytest.approx(found["late_s"])
-
-
-def test_clocks_agree(driven: Driven, series: dict[str, list[float]]) -> None:
-    onsets = [float(row["onset"]) for row in events(driven)]
-    assert onsets == sorted(onsets)
-    assert onsets[0] >= 0
-    for row in events(driven):
-        assert float(row["onset"]) == pytest.approx(int(row["monotonic_ns"]) * 1e-9, abs=1e-6)
-        since_s = float(row["time_s"]) - float(series["time_s"][0])
-        assert float(row["onset"]) == pytest.approx(since_s, abs=1e-6)
-        assert int(row["utc_ns"]) - int(row["monotonic_ns"]) == int(series["utc_ns"][0])
-    assert series["monotonic_ns"][0] == 0
-    assert np.all(np.diff(series["monotonic_ns"]) == 10**9)
-    assert int(series["utc_ns"][0]) == driven.day.service.moment_ns(-10.0)
 
 
 def test_without_advice_there_is_nothing_to_track() -> None:
@@ -222,6 +170,5 @@ def test_the_pages_show_the_tables_of_the_program() -> None:
         assert f"{{{{ figures: python -m docs.studies.reference -> {table}.md }}}}" in text
 
 
-def test_the_folder_of_a_trial_is_that_of_bids() -> None:
-    assert trial_file(trial(Setting()), EVENTS) == "sub-01/ses-01/beh/sub-01_ses-01_task-drive_run-001_events.tsv"
-    assert Path(trial_file(trial(Setting()), SERIES)).parent == Path("sub-01/ses-01/beh")
+def test_a_recording_is_named_by_driver_condition_and_day() -> None:
+    assert recording_file(trial(Setting())) == "recordings/sub-01_run-001_x_seed-2.mcap"

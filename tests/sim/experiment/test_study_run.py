@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 import re
 import signal
@@ -12,7 +11,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -20,9 +18,8 @@ from mcap.reader import make_reader
 from precompute.workers import Workers
 from sim.drivers.screen import ScreenSettings, screen_metadata
 from sim.experiment.design import Design, read_design
-from sim.experiment.factors import FACTORS
-from sim.experiment.plan import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
-from sim.experiment.trials import Keep, TrialJob, jobs_of, make_trial, run_study
+from sim.experiment.study_files import FAILED_TABLE, README, TRIALS_TABLE, column_meanings
+from sim.experiment.trials import TrialJob, jobs_of, make_trial, run_study
 from sim.jobs.runner import Journal, attempted
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal, wait_until
@@ -31,7 +28,6 @@ from tests.support.needs import need_r
 pytestmark = pytest.mark.slow
 
 pandas = pytest.importorskip("pandas")
-parquet = pytest.importorskip("pyarrow.parquet")
 
 DESIGN = """
 schema_version = 1
@@ -76,8 +72,6 @@ def test_the_table_has_a_row_for_every_trial(study: Path) -> None:
     assert list(table.practice) == [1, 0, 0] * 2
     assert table.gap_to_optimum_ratio.between(0.0, 2.0).all()
     assert list(table.speed_rmse_mps.isna()) == list(table.presentation == "none")
-    people = pandas.read_csv(study / "participants.tsv", sep="\t")
-    assert list(people.participant_id) == ["sub-01", "sub-02"]
 
 
 def test_what_is_finished_is_not_driven_again_and_the_bytes_are_the_same(place: Path, study: Path) -> None:
@@ -113,83 +107,42 @@ def test_a_factor_that_is_not_sensed_is_refused_before_anything_is_driven(place:
     )
     done = das_sim("experiment", "run", "idle.toml", "-o", "idle", cwd=place)
     assert done.returncode == 2
-    assert "factor reason: levels shown and hidden give the same lever trace on 5 of 5 days" in done.stderr
+    assert "factor reason: human drivers ignore reasons" in done.stderr
     assert not (place / "idle").exists()
 
 
-def _of_table(path: Path) -> list[str]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return next(csv.reader(file, delimiter="\t" if path.suffix == ".tsv" else ","))
-
-
-def test_every_column_of_the_folder_is_described(study: Path) -> None:
-    events = sorted(study.rglob("*_events.tsv"))
-    series = sorted(study.rglob("*_series.parquet"))
-    assert len(events) == len(series) == 6
-    tables = {study / TRIALS_TABLE: TRIALS_SIDECAR, study / "participants.tsv": "participants.json"}
-    described: dict[Path, tuple[list[str], str]] = {path: (_of_table(path), side) for path, side in tables.items()}
-    described |= {path: (_of_table(path), "task-drive_events.json") for path in events}
-    described |= {path: (parquet.read_schema(path).names, "task-drive_series.json") for path in series}
-    for path, (names, side) in described.items():
-        sidecar: dict[str, Any] = json.loads((study / side).read_text(encoding="utf-8"))
-        assert set(names) == set(sidecar), path
-        for name in names:
-            assert all(sidecar[name][key] for key in ("LongName", "Description")), name
-    sidecar = json.loads((study / "task-drive_series.json").read_text(encoding="utf-8"))
-    for entry in parquet.read_schema(series[0]):
-        metadata = {key.decode(): text.decode() for key, text in entry.metadata.items()}
-        assert metadata["meaning"] == sidecar[entry.name]["Description"]
-        assert metadata.get("unit", "n/a") == sidecar[entry.name].get("Units", "n/a")
-
-
-def test_the_validator_of_bids_finds_no_error(study: Path) -> None:
-    validator = Path(sys.executable).with_name("bids-validator-deno")
-    done = subprocess.run([validator, study, "--json"], capture_output=True, text=True, timeout=120, check=False)
-    found = json.loads(done.stdout)
-    assert [one for one in found["issues"]["issues"] if one["severity"] == "error"] == []
-    assert (len(found["summary"]["subjects"]), found["summary"]["modalities"]) == (2, ["beh"])
-    assert found["summary"]["totalFiles"] >= 16  # what BIDS has no place for is ignored, the rest is not
+def test_the_folder_has_the_table_the_design_and_a_readme(place: Path, study: Path) -> None:
+    kept = {path.name for path in study.iterdir() if not path.name.startswith(".")}
+    assert kept == {TRIALS_TABLE, "design.toml", "design.json", README, "finished.jsonl"}
+    assert (study / "design.toml").read_text() == DESIGN
+    readme = (study / README).read_text(encoding="utf-8")
+    assert readme.startswith("A small study\n")
+    with (study / TRIALS_TABLE).open(newline="", encoding="utf-8") as file:
+        columns = next(csv.reader(file))
+    assert list(column_meanings(designed(place))) == columns
+    assert all(f"\n{name}: " in readme for name in (*columns, "command", "version", "begun (UTC)"))
 
 
 @pytest.mark.nightly
-def test_the_tables_open_in_one_line_of_r(study: Path) -> None:
-    """The lines are those of the page; a table of Parquet needs a package that is rarely there."""
+def test_the_table_opens_in_one_line_of_r(study: Path) -> None:
+    """The line is that of the page."""
     need_r()
     page = (REPOSITORY / "docs" / "how-to" / "run-an-experiment.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```r\n(.*?)```", page, re.DOTALL)
-    lines = [line for line in code.splitlines() if "parquet" not in line]
-    lines = [line.replace("study/", f"{study.name}/") for line in lines]
-    told = [f"cat(dim({name}), names({name}), '\\n')" for name in ("trials", "participants", "events")]
     done = subprocess.run(
-        ["Rscript", "--vanilla", "-e", "\n".join([*lines, *told, "cat(class(events$value))"])], cwd=study.parent,
-        capture_output=True, text=True, timeout=60, check=False,
+        ["Rscript", "--vanilla", "-e", code.replace("study/", f"{study.name}/") + "cat(dim(trials), names(trials))"],
+        cwd=study.parent, capture_output=True, text=True, timeout=60, check=False,
         env={**os.environ, "LC_ALL": "C.UTF-8"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    *shapes, kind = [line.split() for line in done.stdout.splitlines()]
-    events = study / "sub-01" / "ses-01" / "beh" / "sub-01_ses-01_task-drive_run-001_events.tsv"
-    for shape, path in zip(shapes, (study / TRIALS_TABLE, study / "participants.tsv", events), strict=True):
-        table = pandas.read_csv(path, sep="\t" if path.suffix == ".tsv" else ",")
-        assert shape == [*map(str, table.shape), *table.columns]
-    assert kind == ["numeric"]
-
-
-def test_provenance_and_design_are_kept(study: Path) -> None:
-    provenance = json.loads((study / "provenance.json").read_text())
-    design = json.loads((study / "design.json").read_text())
-    assert provenance["design_sha256"] == design["hash"]
-    assert provenance["files"] == design["files"]
-    assert {"flat-6km: scenario", "flat-6km: route", "flat-6km: vehicle", "population"} <= set(design["files"])
-    assert (study / "design.toml").read_text() == DESIGN
-    assert json.loads((study / "check.json").read_text())["refused"] == []
-    description = json.loads((study / "dataset_description.json").read_text())
-    assert (bool(description["BIDSVersion"]), description["Name"]) == (True, "A small study")
+    table = pandas.read_csv(study / TRIALS_TABLE)
+    assert done.stdout.split() == [*map(str, table.shape), *table.columns]
 
 
 @pytest.mark.nightly
 def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp_path: Path) -> None:
     design = designed(place)
-    jobs = jobs_of(design, Keep.MEASURES, tmp_path)
+    jobs = jobs_of(design, tmp_path)
     lost = replace(jobs[1], population="martians")
     assert lost.inputs_sha256 == jobs[1].inputs_sha256
     with Journal(tmp_path) as journal:
@@ -209,7 +162,7 @@ def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp
     assert not (tmp_path / FAILED_TABLE).exists()
     whole = (study / TRIALS_TABLE).read_text().splitlines()
     assert (tmp_path / TRIALS_TABLE).read_text().splitlines() == whole[:3]
-    assert not list(tmp_path.rglob("*_series.parquet"))
+    assert not list(tmp_path.rglob("*.mcap"))
 
 
 @pytest.mark.nightly
@@ -220,27 +173,19 @@ def test_a_cluster_drives_the_same(place: Path, study: Path, tmp_path: Path) -> 
         )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert (place / "far" / TRIALS_TABLE).read_bytes() == (study / TRIALS_TABLE).read_bytes()
-    assert len(list((place / "far").rglob("*_series.parquet"))) == 6
 
 
 @pytest.mark.nightly
 def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: Path, tmp_path: Path) -> None:
-    jobs = jobs_of(designed(place), Keep.RECORDINGS, tmp_path)
-    some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("speed-and-effort",)][:1]
+    jobs = jobs_of(designed(place), tmp_path, record=True)
+    some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("vector",)][:1]
     found = run_study(designed(place), some, tmp_path, Workers(count=1))
     assert found.failed == ()
-    (recording,) = tmp_path.rglob("*_recording.mcap")
+    (recording,) = tmp_path.rglob("*.mcap")
     with recording.open("rb") as file:
         run = next(one.metadata for one in make_reader(file).iter_metadata() if one.name == "run")
     shown = {name: text for name, text in run.items() if name.startswith("screen_")}
     assert shown == screen_metadata(ScreenSettings(hold_s=5.0, preview_s=600.0))
-    (sidecar,) = tmp_path.rglob("*run-*_events.json")
-    setting = json.loads(sidecar.read_text(encoding="utf-8"))["Setting"]
-    assert {name: setting[name]["Value"] for name in ("hold_s", "preview_s", "reason", "update_interval_s")} == {
-        "hold_s": 5.0, "preview_s": 600.0, "reason": True, "update_interval_s": 0.0,
-    }  # fmt: skip
-    assert set(setting) == set(FACTORS)
-    assert all(one["Description"] and one["Units"] for one in setting.values())
     whole = {row["trial"]: row for row in csv.DictReader(io.StringIO((study / TRIALS_TABLE).read_text()))}
     (own,) = csv.DictReader(io.StringIO((tmp_path / TRIALS_TABLE).read_text()))
     assert own == whole[own["trial"]]  # to the last bit: the node on the bus is the same cab

@@ -12,7 +12,7 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.checking import group_notes, pair_notes
 from sim.experiment.design import ConditionOrder, Design
-from sim.experiment.trials import Keep, imbalances, in_order_of_work, jobs_of, order_of, trials_of, williams
+from sim.experiment.trials import imbalances, in_order_of_work, jobs_of, order_of, trials_of, williams
 
 Designed = Callable[[str], Design]
 FLAT = "[fixed]\nscenario = 'flat-6km'\n"
@@ -62,6 +62,15 @@ def test_days_can_be_common_or_new_and_chances_paired(designed: Designed) -> Non
     assert len({trial.seed for trial in new}) == 18
 
 
+def test_days_can_be_given_and_the_driver_be_the_average_one(designed: Designed) -> None:
+    text = (
+        "[participants]\ncount = 1\naverage = true\n[procedure]\nseeds = [3, 9]\nchances = 'paired'\norder = 'listed'\n"
+    )
+    trials = trials_of(designed(FLAT + text + THREE))
+    assert [trial.seed for trial in trials] == [3, 3, 3, 9, 9, 9]
+    assert {(trial.person, trial.stream) for trial in trials} == {(None, 0)}  # as das-sim run drives
+
+
 def test_practice_comes_first_and_breaks_begin_sessions(designed: Designed) -> None:
     text = "[participants]\ncount = 2\nlearning = true\ntrips_before = 5\n"
     text += f"[procedure]\norder = 'listed'\npractice_trials = 2\nbreak_after = 3\n{THREE}"
@@ -109,7 +118,7 @@ def test_a_study_is_driven_line_by_line_and_balanced_within_a_line(designed: Des
     text = "[participants]\ncount = 2\n"
     text += "[[factors]]\nname = 'scenario'\nlevels = ['clear-day', 'flat-6km', 'signal-stop']\n"
     text += "[[factors]]\nname = 'loss_level'\nlevels = ['l2', 'l3']\n"
-    jobs = in_order_of_work(jobs_of(designed(text), Keep.MEASURES, tmp_path))
+    jobs = in_order_of_work(jobs_of(designed(text), tmp_path))
     lines = [job.trial.setting.scenario == "flat-6km" for job in jobs]
     assert lines == sorted(lines) or lines == sorted(lines, reverse=True)
     numbers = [job.trial.number for job in jobs]

@@ -168,12 +168,11 @@ def test_a_batch_is_refused_if_no_day_can_be_driven_else_the_day_is_an_error(
 
 
 @pytest.mark.parametrize("truth", ["mass_ratio = 1.5", DRAWN])
-def test_an_experiment_is_refused_before_any_trial(folder: Path, truth: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_experiment_is_refused_before_any_trial(folder: Path, truth: str) -> None:
     day(folder, truth)
     design = folder / "design.toml"
     factor = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'speed-and-effort']\n"
     head = "schema_version = 1\n[experiment]\nname = 'try'\ntitle = 'T'\nseed = 7\n[participants]\ncount = 8\n"
     design.write_text(f"{head}[fixed]\nscenario = 'day.toml'\n[procedure]\ndays = 'own'\n{factor}")
-    monkeypatch.setattr("sim.experiment.checking.drive", never)
     with pytest.raises(DasError, match=PLACE):
         check_design(read_design(design))

@@ -11,12 +11,8 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.reading import read_study
-from sim.experiment.plan import read_plan
-from sim.experiment.study_files import checksums
-from sim.recording.inputs import sha256
+from sim.experiment.analysis.reading import ShownMeasure, read_study
 from tests.support.made_up_study import MEASURE, Truth, compared, made_up_study, write_study
-from tests.support.making import das_sim
 
 STUDY = made_up_study(
     Truth(drivers=3, days=2), 1, (compared("speed-and-effort", "none"), compared("speed-and-effort", "top-speed"))
@@ -30,12 +26,9 @@ def folder(tmp_path: Path) -> Path:
 
 def test_a_study_is_read_as_it_was_written(folder: Path) -> None:
     read = read_study(folder)
-    assert read.plan.comparisons == STUDY.plan.comparisons
-    assert read.plan.setting == (
-        ("drivers drawn from the population", "default"),
-        ("not varied", "scenario: clear-day"),
-    )
-    assert read.meanings == STUDY.meanings
+    assert read.design.comparisons == STUDY.design.comparisons
+    assert read.design.people == STUDY.design.people
+    assert {name: level.text for name, level in read.design.fixed.items()} == {"scenario": "clear-day"}
     assert read.trials.values[MEASURE] == pytest.approx(STUDY.trials.values[MEASURE])
     assert read.trials.participant.tolist() == STUDY.trials.participant.tolist()
     assert read.trials.levels["presentation"].tolist() == STUDY.trials.levels["presentation"].tolist()
@@ -55,7 +48,7 @@ def test_a_missing_value_is_empty_or_as_pandas_and_r_write_it(folder: Path) -> N
 def test_levels_that_are_numbers_may_be_written_in_several_ways(folder: Path) -> None:
     """An update interval of 1 s in the design is 1.0 in the table of a program that reads numbers."""
     design = json.loads((folder / "design.json").read_text())
-    design["factors"]["update_interval_s"] = {"levels": [1, 2.5], "within": True}
+    design["factors"].append({"name": "update_interval_s", "levels": [1, 2.5], "within": True})
     design["comparisons"][0] |= {"where": {"update_interval_s": 1.0}}
     (folder / "design.json").write_text(json.dumps(design))
     table = folder / "trials.csv"
@@ -63,28 +56,20 @@ def test_levels_that_are_numbers_may_be_written_in_several_ways(folder: Path) ->
     table.write_text("\n".join([f"{head},update_interval_s", *(f"{row},1.0" for row in rows)]), encoding="utf-8")
     study = read_study(folder)
     assert set(study.trials.levels["update_interval_s"]) == {"1"}
-    assert study.chosen(study.plan.comparisons[0]).sum() == 12
+    assert study.chosen(study.design.comparisons[0]).sum() == 12
 
 
-@pytest.mark.parametrize("table", ["trials.csv", "participants.tsv"])
-def test_a_table_that_was_altered_after_the_run_is_refused(folder: Path, table: str) -> None:
-    (folder / "participants.tsv").write_text("participant_id\tperson\nsub-001\t1\n")
-    (folder / "checksums.json").write_bytes(checksums(folder))
-    assert len(read_study(folder).trials) == len(STUDY.trials)
-    wanted, path = sha256(folder / table), folder / table
-    path.write_text(path.read_text().replace("1", "2", 1))
-    done = das_sim("experiment", "analyse", "study", "-o", "report.html", cwd=folder.parent)
-    said = f"study/{table}: SHA-256 = {sha256(path)!r}: expected {wanted} (checksums.json): the file was altered"
-    assert (done.returncode, said in done.stderr, len(done.stderr.splitlines())) == (2, True, 1), done.stderr
-    path.unlink()
-    with pytest.raises(DasError, match=f"{table}: SHA-256 is missing"):
+def test_a_column_of_another_program_is_shown_by_the_unit_in_its_name() -> None:
+    shown = ShownMeasure.of("heart_rate_per_min", np.array([60.0, 70.0]))
+    assert (shown.name, shown.unit) == ("heart rate per", "per minute")
+    known = ShownMeasure.of(MEASURE, np.array([0.2, 0.3]))
+    assert (known.name, known.unit, known.difference_unit) == ("Gap to the optimum", "%", "points")
+
+
+def test_a_design_of_an_earlier_version_is_refused(folder: Path) -> None:
+    (folder / "design.json").write_text(json.dumps({"name": "old", "hash": "0", "factors": {}}))
+    with pytest.raises(DasError, match="frozen by an earlier version: run the design again"):
         read_study(folder)
-
-
-def test_without_a_sidecar_the_names_of_columns_must_do(folder: Path) -> None:
-    (folder / "trials.json").unlink()
-    meaning = read_study(folder).meanings[MEASURE]
-    assert (meaning.name, meaning.unit) == ("gap to optimum", "ratio")
 
 
 def of_design(change: Callable[[dict[str, Any]], Any]) -> Callable[[Path], None]:
@@ -119,9 +104,9 @@ def cell(column: int, text: str) -> Callable[[list[str]], list[str]]:
 BAD = {
     "no design": (lambda folder: (folder / "design.json").unlink(), "design.json: cannot be read"),
     "no table": (lambda folder: (folder / "trials.csv").unlink(), "trials.csv: cannot be read"),
-    "alpha": (of_design(lambda one: one.update(alpha=5)), "alpha = 5.0: expected a probability between 0 and 1"),
-    "seed": (of_design(lambda one: one.update(seed=-1)), "seed = -1: expected a whole number of at least 0"),
-    "measures": (of_design(lambda one: one.update(measures=[3])), "measures = 3: expected a string"),
+    "alpha": (of_design(lambda one: one["analysis"].update(alpha=5)), "analysis.alpha = 5.0: expected a number from"),
+    "seed": (of_design(lambda one: one["experiment"].update(seed=-1)), "experiment.seed = -1: expected a whole number"),
+    "measures": (of_design(lambda one: one["analysis"].update(measures=[3])), "analysis.measures = 3: expected each"),
     "column": (of_table(lambda lines: [lines[0].replace("participant", "who"), *lines[1:]]), "column participant"),
     "two columns": (
         of_table(lambda lines: [lines[0].replace("session", "trial"), *lines[1:]]),
@@ -146,9 +131,6 @@ def test_what_is_wrong_is_named(case: str, folder: Path) -> None:
         read_study(folder)
 
 
-def test_a_plan_may_have_no_comparisons(folder: Path) -> None:
+def test_a_design_may_have_no_comparisons(folder: Path) -> None:
     of_design(lambda one: one.pop("comparisons"))(folder)
-    plan = read_plan(folder)
-    assert plan.comparisons == ()
-    with pytest.raises(DasError, match="none is planned"):
-        plan.chosen(None)
+    assert read_study(folder).design.comparisons == ()
