@@ -1,6 +1,6 @@
 """Workers for many jobs: processes of this machine, or the workers of an existing Dask cluster.
 
-They make tables (`precompute/tables`) and simulated days (`sim/jobs`). How to start a cluster:
+They make tables (`precompute/tables`) and simulated days (`sim/experiment`). How to start a cluster:
 docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us: results travel to this machine. Only a few
 jobs are submitted at a time, so that few results wait there.
 """

@@ -14,22 +14,21 @@ import csv
 import io
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
 from das import __version__
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
+from das.domain.units import kmh
 from docs.studies.output import DOCS, plain, write_table
 from precompute.workers import Workers
 from sim.drivers.examples import Belated, Doubting, Lazy, WeakBraking
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
-from sim.drivers.parameters import DEFAULT, Participant, load_population
-from sim.jobs.batch import Batch, BatchJob, make_run
-from sim.jobs.runner import JobWords, Rows, Runner
+from sim.experiment.one_line import DaysAsked, row_of
+from sim.experiment.runner import JobWords, Rows, Runner
+from sim.experiment.trials import TrialJob, jobs_of, make_trial
 
 FOLDER: Final = DOCS / "results" / "0.2"
 TABLE: Final = FOLDER / "driver_days.csv"
@@ -55,63 +54,73 @@ COLUMNS: Final = (
     *("missed_coasts", "vain_accelerations", "odd_speeds", "hidden_limits", "last_word_acts", "availability_ratio"),
     *("over_limit_s", "over_limit_kmh", "above_limit_obeying_s", "signals_passed"),
 )
-"""The columns, all with the meaning that they have in the table of a batch (docs/reference/batch-table.md)."""
+"""The columns: what tells a drive from the others, and measures (docs/reference/measures.md)."""
 
 PERSONS: Final = FOLDER / "populations.csv"
 PERSON_NUMBERS: Final = tuple(range(1, 31))
 PERSON_COLUMNS: Final = ("participant", "late_s", "energy_kwh", "energy_optimum_kwh")
 
 
-def batches(seeds: Sequence[int] = SEEDS, folder: Path = KEPT) -> Iterator[Batch]:
+def parts(seeds: Sequence[int] = SEEDS) -> Iterator[DaysAsked]:
     """The four parts: every presentation; the guide with motors first; the example drivers; the perfect driver."""
     human, motors, clear = (DriverKind.HUMAN,), FrictionPolicy.ELECTRIC_FIRST, SCENARIOS[:1]
-    of = partial(Batch, level=None, record=False, folder=folder)
-    yield of(scenarios=SCENARIOS, drivers=human, advice=tuple(Presentation), seeds=seeds)
-    yield of(scenarios=SCENARIOS, drivers=human, advice=COMPARED, seeds=seeds, friction=motors)
-    few = tuple(seed for seed in seeds if seed in EXAMPLE_SEEDS)
-    yield of(scenarios=clear, drivers=EXAMPLES, advice=COMPARED, seeds=few)
-    one = tuple(seed for seed in seeds if seed in PERFECT_SEEDS)
-    yield of(scenarios=clear, drivers=(DriverKind.PERFECT,), advice=FOLLOWED, seeds=one)
+    yield DaysAsked(scenarios=SCENARIOS, drivers=human, advice=tuple(Presentation), seeds=seeds)
+    yield DaysAsked(scenarios=SCENARIOS, drivers=human, advice=COMPARED, seeds=seeds, friction=motors)
+    if few := tuple(seed for seed in seeds if seed in EXAMPLE_SEEDS):
+        yield DaysAsked(scenarios=clear, drivers=EXAMPLES, advice=COMPARED, seeds=few)
+    if one := tuple(seed for seed in seeds if seed in PERFECT_SEEDS):
+        yield DaysAsked(scenarios=clear, drivers=(DriverKind.PERFECT,), advice=FOLLOWED, seeds=one)
 
 
-def person_jobs(numbers: Sequence[int] = PERSON_NUMBERS) -> list[BatchJob]:
+def jobs(asked: DaysAsked) -> list[TrialJob]:
+    """The drives of a part."""
+    return jobs_of(asked.design(), KEPT)
+
+
+def person_jobs(numbers: Sequence[int] = PERSON_NUMBERS) -> list[TrialJob]:
     """The drives of persons of the default population on one clear day, without advice."""
-    people = load_population(DEFAULT)
-    batch = Batch(
-        scenarios=SCENARIOS[:1],
-        drivers=(DriverKind.HUMAN,),
-        participants=[Participant(population=people, number=number) for number in numbers],
-        advice=(Presentation.NONE,),
-        seeds=SEEDS[:1],
-        level=None,
-        record=False,
-        folder=KEPT,
-    )
-    return list(batch.jobs())
+    return jobs(
+        DaysAsked(
+            scenarios=SCENARIOS[:1], drivers=(DriverKind.HUMAN,), advice=(Presentation.NONE,), seeds=SEEDS[:1],
+            participants=(numbers[0], len(numbers)),
+        )
+    )  # fmt: skip
 
 
-def all_jobs() -> list[BatchJob]:
+def all_jobs() -> list[TrialJob]:
     """Every drive, half of the seeds first: a command that is stopped leaves drives that can be compared.
 
     Drives of one scenario follow each other, because its plans are solved once for all of them.
     """
     half = len(SEEDS) // 2
-    found: list[BatchJob] = []
+    found: list[TrialJob] = []
     for seeds in (SEEDS[:half], SEEDS[half:]):
-        jobs = (job for batch in batches(seeds) for job in batch.jobs())
-        found += sorted(jobs, key=lambda job: SCENARIOS.index(job.scenario_id))
+        some = (job for part in parts(seeds) for job in jobs(part))
+        found += sorted(some, key=lambda job: SCENARIOS.index(row_of(job)["scenario"]))
     return found
 
 
-def rows_of(job_list: Sequence[BatchJob], finished: Rows, columns: Sequence[str] = COLUMNS) -> Iterator[dict[str, Any]]:
+def driven_row(job: TrialJob, measures: Mapping[str, Any]) -> dict[str, Any]:
+    """The row of a drive: what tells it from the others, and its measures."""
+    comparable = measures["above_optimum_kwh"] is not None
+    return {
+        **row_of(job),
+        **measures,
+        "over_limit_kmh": kmh(measures["over_limit_mps"]),
+        "not_comparable": None if comparable else "it takes less than the optimum, or has none",
+    }
+
+
+def rows_of(job_list: Sequence[TrialJob], finished: Rows, columns: Sequence[str] = COLUMNS) -> Iterator[dict[str, Any]]:
     """The rows of the table of all finished jobs, in the order of the jobs; DasError if one failed."""
     for job in job_list:
         row = finished.get(job.inputs_sha256)
         if row is None:
             continue
         if row.get("error") is not None:
-            raise DasError(f"{job.name}: {row['error']}")
-        yield {name: row[name] for name in columns}
+            raise DasError(f"{job.trial.condition}, seed {job.trial.seed}: {row['error']}")
+        whole = driven_row(job, row["measures"])
+        yield {name: whole[name] for name in columns}
 
 
 def csv_bytes(rows: Sequence[dict[str, Any]], columns: Sequence[str] = COLUMNS) -> bytes:
@@ -143,19 +152,19 @@ def main(args: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
     parser.add_argument("--persons", action="store_true", help="Persons of the population, not the driver days.")
     asked = parser.parse_args(args)
-    jobs = person_jobs() if asked.persons else all_jobs()
+    wanted = person_jobs() if asked.persons else all_jobs()
 
     def write(finished: Rows, _: int) -> None:
         if asked.persons:
-            write_whole(PERSONS, csv_bytes(list(rows_of(jobs, finished, PERSON_COLUMNS)), PERSON_COLUMNS))
+            write_whole(PERSONS, csv_bytes(list(rows_of(wanted, finished, PERSON_COLUMNS)), PERSON_COLUMNS))
             return
-        rows = list(rows_of(jobs, finished))
+        rows = list(rows_of(wanted, finished))
         write_whole(TABLE, csv_bytes(rows))
-        write_table(PAGE, "facts", facts(rows, len(jobs)))
+        write_table(PAGE, "facts", facts(rows, len(wanted)))
 
     words = JobWords("driver-days", "drives", "make")
     try:
-        Runner(make=make_run, folder=KEPT, workers=Workers.asked(asked.workers), words=words).run(jobs, write)
+        Runner(make=make_trial, folder=KEPT, workers=Workers.asked(asked.workers), words=words).run(wanted, write)
     except KeyboardInterrupt:
         sys.exit(130)
 

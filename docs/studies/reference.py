@@ -30,7 +30,7 @@ from das.advice.reason import ReasonCode
 from das.bus.topics import TOPICS
 from das.command_line.application import Entry, single_command
 from sim.drivers.parameters import DEFAULT, NORMAL, HumanParameters, Population, load_population, parameter_table
-from sim.experiment.factors import FACTORS
+from sim.experiment.factors import FACTORS, OF_HUMAN
 from sim.experiment.measures import MEASURES
 
 EVERYWHERE = {"--help", "-h", "--version", "--install-completion", "--show-completion"}
@@ -109,8 +109,9 @@ def measures() -> str:
 
 
 def factors() -> str:
-    """The factors of an experiment."""
-    rows = ((f"`{one.name}`", one.meaning, one.expected) for one in FACTORS.values())
+    """The factors of an experiment, without the parameters of the driver."""
+    some = [one for one in FACTORS.values() if not one.name.startswith(OF_HUMAN)]
+    rows = ((f"`{one.name}`", one.meaning, one.expected) for one in some)
     return _table(("factor", "what it varies", "levels"), "|---|---|---|", rows)
 
 
@@ -197,7 +198,7 @@ if __name__ == "__main__":
     tables = {name: program(name) for name in PROGRAMS}
     tables |= {"parameters": parameters(), "population": population(load_population(DEFAULT))}
     tables |= {"measures": measures(), "factors": factors()}
-    tables |= {name: as_markdown(name) for name in ("batch", "plausibility", "safety-rules", "seam", "trips")}
+    tables |= {name: as_markdown(name) for name in ("plausibility", "safety-rules", "seam", "trips")}
     tables |= {"topics": topics(), "causes": causes(), "reasons": reasons()}
     for name, table in tables.items():
         Path(f"{name}.md").write_text(table, encoding="utf-8")

@@ -5,17 +5,33 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption
 from das.command_line.printing import busy, paragraph
 from das.domain.errors import DasError
 from precompute.workers import Workers
-from sim.cli.options import WorkersOption, check_packages, tell_written
-from sim.options import PageFiles
+from sim.cli.options import (
+    AdviceListOption,
+    DriversOption,
+    FrictionOption,
+    ParticipantsOption,
+    WorkersOption,
+    check_packages,
+    chosen,
+    tell_written,
+)
+from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
+from sim.options import PageFiles, PopulationOption
+
+if TYPE_CHECKING:
+    from sim.experiment.design import Design
+    from sim.experiment.trials import StudyRun, TrialJob
 
 DesignArgument = Annotated[
     str,
@@ -46,45 +62,121 @@ def check(
         raise DasError(f"{asked.source}: {found.refusals[0]}")
 
 
+OneOfTwo = Annotated[
+    str | None,
+    typer.Argument(metavar="[DESIGN]", help="Design file (TOML) or bundled study; or say --scenario."),
+]
+ScenariosOption = Annotated[
+    str | None,
+    typer.Option("--scenario", metavar="LIST", help="Without a design: scenarios or files, separated by commas."),
+]
+SeedsOption = Annotated[str, typer.Option(metavar="LIST", help="Seeds of the days, like 0-99 or 1,5,10-19.")]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Dask scheduler that drives the trials, like tcp://10.0.0.1:8786."),
+]
+RecordingsOption = Annotated[
+    bool, typer.Option("--recordings", help="Drive over the bus and keep a recording of every trial (slower).")
+]
+ONE_LINE: Final = ("--driver", "--advice", "--seeds", "--friction", "--participants", "--population")
+"""Options of `run` that go with --scenario, instead of a design."""
+
+
 def run(
-    design: DesignArgument,
     out: OutFolder,
+    design: OneOfTwo = None,
+    scenario: ScenariosOption = None,
+    driver: DriversOption = "human",
+    advice: AdviceListOption = "guide",
+    seeds: SeedsOption = "0-9",
+    friction: FrictionOption = FrictionPolicy.AS_MEASURED,
+    participants: ParticipantsOption = None,
+    population: PopulationOption = None,
     workers: WorkersOption = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Dask scheduler that drives the trials, like tcp://10.0.0.1:8786."),
-    ] = None,
-    recordings: Annotated[
-        bool, typer.Option("--recordings", help="Drive over the bus and keep a recording of every trial (slower).")
-    ] = False,
+    scheduler: SchedulerOption = None,
+    recordings: RecordingsOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive all trials of a design; a stopped experiment continues where it left off and tries failed trials again.
+    """Drive all trials of a design, or every scenario with every driver, presentation and seed.
 
-    The folder holds trials.csv with one row a trial, the design, a README, and recordings if they are asked for. The
-    design is checked and frozen there first, unless it was before.
+    A stopped experiment continues where it left off and tries failed trials again. The folder holds trials.csv with one
+    row a trial, the design, a README, and recordings if they are asked for. A design is checked and frozen there first,
+    unless it was before. Without one, means over the seeds and what advice saved are printed.
     """
     hands = Workers.asked(workers, scheduler)
     if recordings and scheduler is not None:
         raise DasError("--recordings: not together with --scheduler, because recordings are written on this machine")
+    if scenario is None:
+        refuse_given("needs --scenario; a design says it itself", *ONE_LINE)
+        if design is None:
+            raise DasError("expected a design (das-sim experiment studies lists the bundled ones), or --scenario")
+    elif design is not None:
+        raise DasError(f"--scenario {scenario}: not together with a design ({design})")
     with busy("reading the design …"):
-        from sim.experiment.checking import checked_in
-        from sim.experiment.design import load_design
+        from sim.experiment.checking import checked_in, made_folder
+        from sim.experiment.design import freeze, load_design
         from sim.experiment.trials import jobs_of, run_study
 
-        asked = load_design(design)
-    checked_in(asked, out)
-    found = run_study(asked, jobs_of(asked, out, record=recordings), out, hands)
-    if as_json:
-        print(json.dumps(found.as_dict()))
+        asked = load_design(str(design)) if scenario is None else _days(scenario, driver, advice, seeds, friction,
+            participants, population)  # fmt: skip
+    if scenario is None:
+        checked_in(asked, out)
     else:
-        from sim.experiment.checking import print_run
+        with made_folder(out):
+            freeze(asked, out)
+    jobs = jobs_of(asked, out, record=recordings)
+    _tell_run(asked, jobs, run_study(asked, jobs, out, hands), as_json=as_json)
 
-        print_run(asked, found)
+
+def _days(*given: Any) -> Design:
+    """The design that the options describe; DasError for any that cannot be used."""
+    from sim.drivers.parameters import DEFAULT
+    from sim.experiment.one_line import DaysAsked, parse_participants, parse_seeds
+
+    scenario, driver, advice, seeds, friction, participants, population = given
+    drivers = _drivers(driver)
+    if DriverKind.HUMAN not in drivers:
+        refuse_given(f"needs --driver {DriverKind.HUMAN}: only this driver has habits", "--participants", "--friction")
+    if participants is None:
+        refuse_given("needs --participants", "--population")
+    return DaysAsked(
+        scenarios=[part.strip() for part in scenario.split(",")],
+        drivers=drivers,
+        advice=list(dict.fromkeys(chosen(Presentation, "--advice", part.strip()) for part in advice.split(","))),
+        seeds=parse_seeds(seeds),
+        friction=friction,
+        participants=None if participants is None else parse_participants(participants),
+        population=DEFAULT if population is None else population,
+    ).design()
+
+
+def _drivers(text: str) -> list[DriverKind | OwnClass]:
+    """The drivers of a list; DasError for an unknown name, and for a driver that is a process of its own."""
+    found: dict[DriverKind | OwnClass, None] = {}
+    for part in text.split(","):
+        driver = named_driver("--driver", part.strip())
+        if not isinstance(driver, DriverKind | OwnClass):
+            raise DasError(f"--driver {driver}: an experiment cannot use an external driver; use das-sim run")
+        found[driver] = None
+    return list(found)
+
+
+def _tell_run(design: Design, jobs: Sequence[TrialJob], found: StudyRun, *, as_json: bool) -> None:
+    """Print what was driven; exit with 1 where trials failed."""
+    from sim.experiment.checking import print_run
+    from sim.experiment.one_line import told
+    from sim.experiment.savings import print_summary
+    from sim.experiment.study_files import FAILED_TABLE
+
+    if design.source.is_file():
+        print(json.dumps(found.as_dict())) if as_json else print_run(design, found)
+    else:
+        said = told(jobs, found)
+        plain = {**said, "savings": [one.as_dict() for one in said["savings"]]}
+        print(json.dumps(plain)) if as_json else print_summary(said)
     if found.failed:
-        from sim.experiment.study_files import FAILED_TABLE
-
-        print(f"{len(found.failed)} of {found.trials} trials failed: see {out / FAILED_TABLE}", file=sys.stderr)
+        where = found.folder / FAILED_TABLE
+        print(f"{len(found.failed)} of {found.trials} trials failed: see {where}", file=sys.stderr)
         raise typer.Exit(1)
 
 

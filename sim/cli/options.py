@@ -89,7 +89,7 @@ RunAtOption = Annotated[
 DriversOption = Annotated[
     str,
     typer.Option(
-        "--drivers",
+        "--driver",
         metavar="LIST",
         help="The drivers, separated by commas: names (das-sim drivers lists them) or classes of your own "
         "(package.module:Class).",
@@ -114,8 +114,8 @@ ParticipantsOption = Annotated[
     str | None,
     typer.Option(
         "--participants",
-        metavar="LIST",
-        help="Human drivers of the population, like 1-30, each on every day [default: the seed draws the driver].",
+        metavar="RANGE",
+        help="Human drivers of the population, like 1-30, each on every day [default: the average driver].",
     ),
 ]
 

@@ -18,8 +18,11 @@ EXPERIMENTS: Final = (
     Entry(
         name="run",
         where="sim.cli.experiment:run",
-        summary="Drive all trials of a design; a stopped experiment continues where it left off.",
-        examples=("das-sim experiment run smoke -o study", "das-sim experiment run design.toml -o study --workers 4"),
+        summary="Drive all trials of a design, or days of scenarios, drivers, presentations and seeds.",
+        examples=(
+            "das-sim experiment run smoke -o study",
+            "das-sim experiment run --scenario clear-day,signal-stop --seeds 0-9 --advice guide,none -o runs",
+        ),
     ),
     Entry(
         name="studies",
@@ -85,22 +88,10 @@ ENTRIES: Final = (
         summary="Be the driver of a simulated run, as a separate process on the bus.",
         examples=("das-sim drive clear-day --driver human --seed 3",),
     ),
-    Entry(
-        name="batch",
-        where="sim.cli.batch:batch",
-        summary="Simulate many days on all cores, into one table.",
-        examples=("das-sim batch clear-day signal-stop --seeds 0-9 --advice speed-and-effort,none -o runs",),
-    ),
     _Experiments(
         name="experiment",
         summary="Human-factors experiments: check a design, drive its trials, analyse the data.",
         where="sim.cli.program:EXPERIMENTS",
-    ),
-    Entry(
-        name="sensitivity",
-        where="sim.cli.batch:sensitivity",
-        summary="Say how much each parameter of the human driver matters for the energy.",
-        examples=("das-sim sensitivity clear-day --advice speed-and-effort,guide --seeds 0-3",),
     ),
     Entry(
         name="view",
@@ -179,6 +170,8 @@ ENTRIES: Final = (
     ),
 )
 GONE: Final = {
+    "batch": "das-sim experiment run --scenario LIST --driver LIST --advice LIST --seeds LIST -o DIR",
+    "sensitivity": "python -m docs.studies.sensitivity in a checkout, or an experiment with factors like human.headway",
     "compare": "das-sim report FIRST OTHER…, with --table for the table that --out wrote",
     "energy": "das-sim report RECORDING --show energy",
     "events": "das-sim report RECORDING --show events, or --show bookmarks",

@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from itertools import product
@@ -24,7 +24,7 @@ from das.domain.files.reading import Fields, number, read_json, read_text, read_
 from das.domain.files.writing import make_folder, write_whole
 from sim.drivers.parameters import DEFAULT, load_population
 from sim.experiment.driving import participant_name
-from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel, Setting, setting_files
+from sim.experiment.factors import DEFAULTS, FACTORS, OF_HUMAN, FactorLevel, Setting, setting_files
 from sim.experiment.measures import MEASURES
 from sim.recording.inputs import sha256
 
@@ -38,7 +38,7 @@ CORRECTIONS: Final = ("holm", "bonferroni", "none")
 MOST_COMPARISONS: Final = 200
 SCHEMA_VERSION: Final = 1
 MOST_PARTICIPANTS: Final = 10_000
-MOST_TRIALS_EACH: Final = 1000
+MOST_TRIALS_EACH: Final = 100_000
 LONGEST_BREAK_S: Final = 86_400.0
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
@@ -206,7 +206,9 @@ class Design:
     def setting(self, condition: Mapping[str, FactorLevel]) -> Setting:
         """How a trial under a condition is driven; a factor that the condition does not name keeps its fixed level."""
         values: dict[str, Any] = {name: level.value for name, level in (dict(self.fixed) | dict(condition)).items()}
-        return Setting(**values)
+        of_human = sorted(name for name in values if name.startswith(OF_HUMAN))
+        human = tuple((name.removeprefix(OF_HUMAN), values.pop(name)) for name in of_human)
+        return Setting(**values, human=human)
 
     def settings(self) -> Iterator[Setting]:
         """The settings of all combinations of levels."""
@@ -340,9 +342,14 @@ def _fixed(table: Fields, factors: tuple[Factor, ...], known: _Vocabulary) -> di
     for factor in factors:
         if table.has(factor.name):
             raise table.error(factor.name, table.data[factor.name], "nothing, because it is a factor of the design")
-    varied = {factor.name for factor in factors}
-    defaults = {name: value for name, value in DEFAULTS.items() if name not in varied and not known.frozen}
-    return {name: known.level(name, table, name, value) for name, value in {**defaults, **table.data}.items()}
+    given = {name: known.level(name, table, name, value) for name, value in table.data.items()}
+    return given if known.frozen else {**defaults({factor.name for factor in factors} | given.keys()), **given}
+
+
+def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
+    """The levels of all factors that a design does not mention, without some of them."""
+    nowhere = Fields.of(Path(), {})
+    return {name: FACTORS[name].read(nowhere, name, value) for name, value in DEFAULTS.items() if name not in but}
 
 
 def _measures(table: Fields, known: _Vocabulary) -> tuple[str, ...]:
@@ -500,16 +507,17 @@ def design_files(design: Design) -> dict[str, str]:
 def freeze(design: Design, folder: Path) -> dict[str, Any]:
     """Write the design into a study's folder, which is made if needed, and return its resolved form.
 
-    Raises DasError if the folder holds another frozen design.
+    Raises DasError if the folder holds another frozen design; one that no file holds was not planned, and replaces it.
     """
     found = resolved(design)
     make_folder(folder)
     kept = folder / DESIGN_JSON
-    if kept.exists():
-        check_frozen(design, folder, found["hash"])
-    else:
+    if design.source.is_file():
+        if kept.exists():
+            check_frozen(design, folder, found["hash"])
+            return found
         write_whole(folder / DESIGN_TEXT, read_text(design.source).encode())
-        write_whole(kept, json.dumps(found, indent=2, ensure_ascii=False).encode() + b"\n")
+    write_whole(kept, json.dumps(found, indent=2, ensure_ascii=False).encode() + b"\n")
     return found
 
 

@@ -14,7 +14,7 @@ from das.domain.units import NS
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
 from sim.drivers.parameters import Participant, load_population
 from sim.experiment.factors import Setting
-from sim.jobs.runner import JobRecording, ServiceMemory, whole_run
+from sim.experiment.runner import JobRecording, ServiceMemory, whole_run
 from sim.plant import kernels
 from sim.plant.kernels import Command, PlantState
 from sim.world.loop import LOOK_S, TICK_S, Run
@@ -211,8 +211,14 @@ def _day(trial: StudyTrial, who: Participant | None) -> Day:
     day = make_day(service_of(trial.setting), trial.seed, who)
     day = replace(day, stream=trial.stream)
     if trial.trips is None:
-        return day
+        return _with_parameters(day, trial.setting)
     if "trips" in day.service.scenario.human.given:
         source = day.service.scenario.source
         raise DasError(f"{source}: human.trips: expected no trips here, because the design counts them (learning)")
-    return replace(day, human=day.human.after(trial.trips))
+    return _with_parameters(replace(day, human=day.human.after(trial.trips)), trial.setting)
+
+
+def _with_parameters(day: Day, setting: Setting) -> Day:
+    """The day with the parameters of its human driver that the design states."""
+    changed: dict[str, Any] = dict(setting.human)
+    return replace(day, human=replace(day.human, **changed)) if changed else day

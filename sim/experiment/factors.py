@@ -15,12 +15,15 @@ from das.domain.files.reading import Fields
 from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.drivers.own_class import driver_versions
+from sim.drivers.parameters import HumanParameters
 from sim.drivers.screen import LONGEST_S, ScreenSettings
 from sim.recording.inputs import sha256
 from sim.world.scenario import Scenario, bundled_scenarios, load_scenario
 from sim.world.service import scenario_files
 
 LONGEST_PREVIEW_S: Final = 3600.0
+OF_HUMAN: Final = "human_"
+"""Factors whose names begin so are parameters of the human driver, which are then the same for all participants."""
 
 
 def study_days() -> dict[str, Path]:
@@ -40,7 +43,8 @@ class Setting:
 
     `loss_level` is the level of losses that the advice is planned with (None: the train's own); the losses of the true
     train do not change with it. `scenario` and `train` are names of bundled files or paths; `train` None is the
-    scenario's train. Times are in s; `preview_s` is infinite if the display shows everything ahead.
+    scenario's train. Times are in s; `preview_s` is infinite if the display shows everything ahead. `human` has
+    parameters of a human driver that are not the participant's own, by name.
     """
 
     scenario: str = "clear-day"
@@ -53,6 +57,7 @@ class Setting:
     hold_s: float = 0.0
     preview_s: float = math.inf
     reason: bool = True
+    human: tuple[tuple[str, float], ...] = ()
 
     @property
     def screen(self) -> ScreenSettings:
@@ -108,6 +113,22 @@ class KnownFactor:
     unit: str
     expected: str
     read: Callable[[Fields, str, Any], FactorLevel]
+
+
+def _parameter(name: str) -> KnownFactor:
+    """The factor of a parameter of human drivers."""
+    about = HumanParameters.__dataclass_fields__[name].metadata
+    low, high, unit = about["low"], about["high"], about["unit"].replace("–", "")
+
+    def read(table: Fields, key: str, value: Any) -> FactorLevel:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise table.error(key, value, f"a number from {low:g} to {high:g} ({unit or 'a ratio'})")
+        return FactorLevel(text=f"{value:.12g}", value=float(value))
+
+    return KnownFactor(
+        name=f"{OF_HUMAN}{name}", title=name, unit=unit, read=read, expected=f"{low:g} to {high:g}",
+        meaning=f"of human drivers: {about['meaning']}",
+    )  # fmt: skip
 
 
 def _choice(kind: Any) -> Callable[[Fields, str, Any], FactorLevel]:
@@ -218,10 +239,11 @@ FACTORS: Final = {
             meaning="who drives: a human, a perfect follower of the advice, or another simulated driver",
             expected=f"{', '.join(DriverKind)}, or a class of your own",
         ),
+        *map(_parameter, HumanParameters.__dataclass_fields__),
     )
 }  # fmt: skip
-"""Every factor by its name, which is also the name of its column and of its field in a `Setting`."""
+"""Every factor by its name, which is also that of its column and, but for parameters, of its field in a `Setting`."""
 
 _OF_A_SETTING: Final = {**Setting().figures(), "preview_s": "all"}
-DEFAULTS: Final = {name: value for name, value in _OF_A_SETTING.items() if value is not None}
-"""The levels of factors that a design does not mention; train and loss level are then the scenario's."""
+DEFAULTS: Final = {name: value for name, value in _OF_A_SETTING.items() if name in FACTORS and value is not None}
+"""The levels of factors that a design does not mention; others are then those of scenario and participant."""

@@ -24,11 +24,13 @@ from das import __version__
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from precompute.workers import Workers, source_sha256
+from sim.drivers.kinds import DriverKind
 from sim.drivers.parameters import load_population
 from sim.experiment.design import Chances, ConditionOrder, Days, Design
 from sim.experiment.driving import LINES_KEPT, StudyTrial, drive
 from sim.experiment.factors import Setting, setting_files
 from sim.experiment.measures import measured
+from sim.experiment.runner import JobRecording, JobWords, Rows, Runner
 from sim.experiment.study_files import (
     FAILED_TABLE,
     README,
@@ -38,7 +40,6 @@ from sim.experiment.study_files import (
     table_text,
     trials_table,
 )
-from sim.jobs.runner import JobRecording, JobResult, JobWords, Rows, Runner
 from sim.recording.inputs import sha256
 from sim.world.service import PLANNED
 
@@ -186,11 +187,16 @@ class TrialJob:
 
     @property
     def inputs_sha256(self) -> str:
-        """The hash of everything that decides the result; a trial with an equal hash need not be driven again."""
-        trial = self.trial
+        """The hash of everything that decides the result; a trial with an equal hash need not be driven again.
+
+        Who takes part does not matter to a driver without habits.
+        """
+        trial, setting = self.trial, self.trial.setting
+        human = not isinstance(setting.driver, DriverKind) or setting.driver is DriverKind.HUMAN
         decides = [
-            *(trial.number, trial.person, trial.position, list(trial.levels), trial.seed, trial.stream, trial.trips),
-            *(trial.setting.figures() | {"scenario": None, "train": None}, list(self.measures), sorted(self.files)),
+            *((trial.person, trial.stream, trial.trips) if human else (None, None, None)),
+            *(trial.seed, setting.figures() | {"scenario": None, "train": None}, list(self.measures)),
+            sorted(self.files),
         ]
         return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
 
@@ -237,7 +243,7 @@ _files_here = cache(setting_files)
 """The hashes of a setting's files on the running machine, read once."""
 
 
-def make_trial(job: TrialJob) -> JobResult:
+def make_trial(job: TrialJob) -> dict[str, Any]:
     """Drive a trial and find its measures; raises DasError if it cannot be driven.
 
     DasError is also raised if a file of the trial is not the one with which the jobs were made: it was changed
@@ -250,7 +256,7 @@ def make_trial(job: TrialJob) -> JobResult:
         raise DasError(f"a worker has another file: {', '.join(others)}; expected the same file at the same path")
     with ONE_AT_A_TIME:
         driven = drive(job.trial, job.population, job.recording)
-        return JobResult({"measures": measured(driven, list(job.measures)), "error": None})
+        return {"measures": measured(driven, list(job.measures)), "error": None}
 
 
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
@@ -273,12 +279,16 @@ def _line_of(setting: Setting, *, by_level: bool) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyRun:
-    """A finished run of a study: how many trials it has, how many were driven now, and the rows of failed ones."""
+    """A finished run of a study: how many trials it has, how many were driven now, and the rows of failed ones.
+
+    `measures` has those of each finished trial by its number.
+    """
 
     folder: Path
     trials: int
     made: int
     failed: tuple[Mapping[str, Any], ...]
+    measures: Mapping[int, Mapping[str, Any]]
 
     def as_dict(self) -> dict[str, Any]:
         """The figures, for programs."""
@@ -292,30 +302,42 @@ def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: W
     Raises DasError if files cannot be written, a worker is killed or a cluster cannot be used.
     """
     began = datetime.now(UTC)
+    good: dict[int, Mapping[str, Any]] = {}
     failed: list[Mapping[str, Any]] = []
 
     def write(rows: Rows, made: int) -> None:
-        of_trials = {job.trial.number: rows.get(job.inputs_sha256) for job in jobs}
-        failed.extend(_write_results(design, jobs, folder, of_trials))
+        for job in jobs:
+            row = rows.get(job.inputs_sha256)
+            if row is not None and row.get("error") is None:
+                good[job.trial.number] = row["measures"]
+            elif row is not None:
+                failed.append(job.row | {"error": row["error"]})
+        _write_results(design, jobs, folder, (good, failed))
         if made or not (folder / README).exists():
             write_whole(folder / README, readme(design, workers, began, datetime.now(UTC)))
 
     words = JobWords("experiment", "trials", "drive")
-    runner = Runner(make=make_trial, folder=folder, workers=workers, words=words)
-    made = runner.run(in_order_of_work(jobs), write)
-    return StudyRun(folder=folder, trials=len(jobs), made=made, failed=tuple(failed))
+    made = Runner(make=make_trial, folder=folder, workers=workers, words=words).run(
+        in_order_of_work(_driven_once(jobs)), write
+    )
+    return StudyRun(folder=folder, trials=len(jobs), made=made, failed=tuple(failed), measures=good)
+
+
+def _driven_once(jobs: Sequence[TrialJob]) -> list[TrialJob]:
+    """The jobs without those that repeat another, which drivers without habits do for each participant."""
+    return list({(job.inputs_sha256, job.record): job for job in reversed(jobs)}.values())
 
 
 def _write_results(
-    design: Design, jobs: Sequence[TrialJob], folder: Path, rows: Mapping[int, Mapping[str, Any] | None]
-) -> list[Mapping[str, Any]]:
-    """Write the table of trials and the list of failed trials; returns the rows of failed trials."""
-    known = {number: row for number, row in rows.items() if row is not None}
-    good = {number: row["measures"] for number, row in known.items() if row.get("error") is None}
-    failed = [row for row in known.values() if row.get("error") is not None]
+    design: Design,
+    jobs: Sequence[TrialJob],
+    folder: Path,
+    found: tuple[Mapping[int, Mapping[str, Any]], Sequence[Mapping[str, Any]]],
+) -> None:
+    """Write the table of trials and the list of failed trials."""
+    good, failed = found
     write_whole(folder / TRIALS_TABLE, trials_table(design, [job.trial for job in jobs], good))
     if failed:
         write_whole(folder / FAILED_TABLE, table_text(FAILED, ([row[name] for name in FAILED] for row in failed)))
     else:
         (folder / FAILED_TABLE).unlink(missing_ok=True)
-    return failed

@@ -1,4 +1,4 @@
-"""What a driver did and decided can be read from the recording and from the batch's table alone."""
+"""What a driver did and decided can be read from the recording alone, and from the diary of a run."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from sim.drive.events import EventKind
 from sim.drivers.cab import KINDS
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.jobs.batch import Batch, make_run
-from sim.jobs.runner import attempted
+from sim.experiment.driving import drive
+from sim.experiment.one_line import DaysAsked
+from sim.experiment.trials import trials_of
 from sim.world.over_bus import How, drive_day
 from sim.world.service import make_day
 from tests.support.flat_days import service_of
@@ -59,17 +60,15 @@ def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path
 
 
 @pytest.mark.slow
-def test_the_table_of_a_batch_gives_back_reactions_and_compliance(flat: Callable[[str], Path], tmp_path: Path) -> None:
+def test_the_diaries_of_days_give_back_reactions_and_compliance(flat: Callable[[str], Path]) -> None:
     """A driver who acts at once on what he sees often enough for statistics: 6 days of the 6 km line."""
     path = flat("[human]\nglance_mean_s = 0.5\nglance_least_s = 0.2\nreaction_median_s = 1.0\nlapses_per_h = 0")
-    batch = Batch(
-        scenarios=[str(path)], drivers=[DriverKind.HUMAN], advice=[Presentation.SPEED_AND_EFFORT], seeds=list(range(6)),
-        level=None, record=False, folder=tmp_path,
+    asked = DaysAsked(
+        scenarios=[str(path)], drivers=[DriverKind.HUMAN], advice=[Presentation.VECTOR], seeds=list(range(6))
     )  # fmt: skip
-    rows = [attempted(make_run, job).row for job in batch.jobs()]
-    assert all("error" not in row for row in rows)
-    what = np.concatenate([row["decision_what"] for row in rows])
-    value = np.concatenate([row["decision_value"] for row in rows])
+    diaries = [drive(trial, asked.population).run.decisions for trial in trials_of(asked.design())]
+    what = np.array([one.what for diary in diaries for one in diary])
+    value = np.array([one.value for diary in diaries for one in diary])
     at = np.flatnonzero(what == "reaction")
     # A reaction to what was announced is shorter, by the share that is noted just before it.
     reactions, times = value[at] / np.where(what[at - 1] == "expected", value[at - 1], 1.0), len(at)
@@ -80,7 +79,7 @@ def test_the_table_of_a_batch_gives_back_reactions_and_compliance(flat: Callable
     followed, refused = (int((what == name).sum()) for name in ("followed", "refused"))
     ratio = followed / (followed + refused)
     assert ratio == pytest.approx(0.89, abs=3 * (0.89 * 0.11 / (followed + refused)) ** 0.5)
-    for row in rows:
-        decided = np.array(row["decision_time_s"])[np.isin(row["decision_what"], ("followed", "refused"))]
-        acted = np.array(row["decision_time_s"])[np.array(row["decision_what"]) == "acted"]
-        assert len(acted) <= len(decided) + sum(one == "noticed" for one in row["decision_what"])
+    for diary in diaries:
+        kinds = [one.what for one in diary]
+        decided = kinds.count("followed") + kinds.count("refused")
+        assert kinds.count("acted") <= decided + kinds.count("noticed")

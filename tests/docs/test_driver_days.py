@@ -5,11 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from docs.studies.driver_days import PERSON_COLUMNS, PERSON_NUMBERS, PERSONS, SEEDS, batches, person_jobs
+from docs.studies.driver_days import (
+    PERSON_COLUMNS,
+    PERSON_NUMBERS,
+    PERSONS,
+    SEEDS,
+    driven_row,
+    jobs,
+    parts,
+    person_jobs,
+)
 from docs.studies.driver_tables import AT_EQUAL_ARRIVAL, Row, groups, less, presentations, read, tables
 from docs.studies.output import csv_lines, plain
 from sim.drivers.kinds import Presentation
-from sim.jobs.batch import make_run
+from sim.experiment.one_line import row_of
+from sim.experiment.trials import make_trial
 
 ROWS, PERSON_ROWS = read(), read(PERSONS)
 NONE, GUIDE = Presentation.NONE, Presentation.GUIDE
@@ -52,8 +62,9 @@ def test_presentations_are_compared_on_the_days_that_all_have() -> None:
 @pytest.mark.slow
 def test_the_program_still_drives_as_the_rows_say() -> None:
     """The probe: one drive with the guide. If it fails, make the data set again and read the sentences around it."""
-    (job,) = (job for job in next(batches(SEEDS[:1])).jobs() if (job.scenario_id, job.advice) == ("clear-day", GUIDE))
-    made = plain(make_run(job).row)
+    some = jobs(next(parts(SEEDS[:1])))
+    (job,) = (job for job in some if (row_of(job)["scenario"], row_of(job)["advice"]) == ("clear-day", GUIDE))
+    made = plain(driven_row(job, make_trial(job)["measures"]))
     (kept,) = groups(ROWS, (GUIDE,))
     off = {name: float(np.abs(made[name] - kept[SEEDS[0]][name])) for name in TOLERANCES}
     assert {name: by for name, by in off.items() if by > TOLERANCES[name]} == {}
@@ -68,6 +79,6 @@ def test_every_person_of_the_release_has_a_row() -> None:
 def test_the_program_still_drives_the_first_two_persons_as_their_rows_say() -> None:
     """The probe. If it fails, make populations.csv again and read the sentences around its tables."""
     for job, kept in zip(person_jobs(PERSON_NUMBERS[:2]), PERSON_ROWS, strict=False):
-        made = plain(make_run(job).row)
+        made = plain(driven_row(job, make_trial(job)["measures"]))
         off = {name: abs(made[name] - kept[name]) for name in PERSON_COLUMNS[1:]}
         assert {name: by for name, by in off.items() if by > TOLERANCES[name]} == {}

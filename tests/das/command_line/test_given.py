@@ -75,6 +75,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 FLAT = ("flat-6km", "re460-ic")
 DRIVE, TO_SEE = ("run", "clear-day"), "is a recording to look at; nothing is driven, nothing is recorded"
+DAYS = ("experiment", "run", "--scenario", "clear-day", "-o", "b")
 OF_SIM = [
     ((*DRIVE, "--driver", "perfect", "--friction", "as-measured"), "--friction as-measured: needs --driver human"),
     ((*DRIVE, "--driver", "desk", "--friction", "by-advice"), "--friction by-advice: needs --driver human"),
@@ -96,10 +97,10 @@ OF_SIM = [
             *("--insecure-bus", "--json"),
         )
     ),
-    (("batch", "clear-day", "-o", "b", "--drivers", "fast", "--friction", "by-advice"), "needs --drivers human"),
-    (("batch", "clear-day", "-o", "b", "--drivers", "fast", "--participants", "1"), "needs --drivers human"),
-    (("batch", "clear-day", "-o", "b", "--population", "usual"), "--population usual: needs --participants"),
-    (("sensitivity", "clear-day", "--markdown", "--json"), "--markdown: --json prints no table"),
+    ((*DAYS, "--driver", "fast", "--friction", "by-advice"), "needs --driver human"),
+    ((*DAYS, "--driver", "fast", "--participants", "1"), "needs --driver human"),
+    ((*DAYS, "--population", "usual"), "--population usual: needs --participants"),
+    (("experiment", "run", "smoke", "-o", "b", "--seeds", "1"), "--seeds 1: needs --scenario"),
     (("trip", "trip.csv", "--route", "flat-6km", "--level", "l1"), "--level l1: needs --vehicle or --vehicles"),
     (("trip", "trip.csv", "--route", "flat-6km", "--point-mass"), "--point-mass: needs --vehicle or --vehicles"),
     (("trip", "trip.csv", "--of-train", "IC1"), "--of-train IC1: trip.csv is no recording"),

@@ -227,11 +227,11 @@ def test_tables_are_built_shown_and_verified_and_a_node_starts_with_them(folder:
 
 
 @pytest.mark.nightly
-def test_a_day_is_driven_drawn_and_batched(folder: Path) -> None:
-    for line in commands(folder, "das-sim run", "das-sim view day", "das-sim batch"):
+def test_a_day_is_driven_and_drawn_and_many_are(folder: Path) -> None:
+    for line in commands(folder, "das-sim run", "das-sim view day", "das-sim experiment run"):
         assert run(folder, line)
     assert (folder / "day.png").read_bytes().startswith(b"\x89PNG")
-    assert (folder / "runs" / "runs.parquet").is_file()
+    assert (folder / "runs" / "trials.csv").is_file()
 
 
 @pytest.mark.nightly

@@ -17,8 +17,9 @@ from das.domain.levels import Level
 from das.domain.losses import LossMap
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.parameters import HumanParameters
-from sim.jobs.batch import Batch, make_run
-from sim.jobs.runner import attempted
+from sim.experiment.driving import drive
+from sim.experiment.one_line import DaysAsked
+from sim.experiment.trials import trials_of
 from sim.world.loop import InProcess, Told, World
 from sim.world.outcome import outcome
 from sim.world.scenario import read_scenario
@@ -136,24 +137,22 @@ def test_the_driver_of_the_scenario_drives(flat: Callable[[str], Path]) -> None:
 
 
 @pytest.mark.slow
-def test_a_row_and_a_run_say_what_was_drawn(flat: Callable[[str], Path], tmp_path: Path) -> None:
+def test_a_trial_and_a_run_drew_the_same(flat: Callable[[str], Path], tmp_path: Path) -> None:
     path = flat(
         "[human]\nreaction_median_s = {min = 1, max = 4}\ntrips = 3\n"
         "[truth]\nresistance_ratio = {min = 0.9, max = 1.2}\n"
         "[[disturbances]]\nkind = 'dwell-overrun'\nstop = 'A'\ndelay_s = 7"
     )
-    batch = Batch(
+    asked = DaysAsked(
         scenarios=[str(path)],
         drivers=[DriverKind.HUMAN, DriverKind.PERFECT],
         advice=[Presentation.SPEED_AND_EFFORT],
         seeds=[5],
-        level=None,
-        record=False,
-        folder=tmp_path,
     )
-    human, perfect = (attempted(make_run, job).row["drawn"] for job in batch.jobs())
+    trials = trials_of(asked.design())
+    human, perfect = (drive(trial, asked.population).day.drawn for trial in trials)
     expected = day_of(path, 5).drawn
-    assert json.loads(human) == json.loads(perfect) == expected
+    assert human == perfect == expected
     assert expected["disturbances"] == [{"kind": "dwell-overrun", "stop": "A", "delay_s": 7.0}]
     assert 0.9 <= expected["truth"]["resistance_ratio"] <= 1.2
     done = das_sim("run", str(path), "--seed", "5", "--in-process", "--json", cwd=tmp_path)

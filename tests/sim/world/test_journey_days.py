@@ -27,7 +27,6 @@ from sim.drive.passings import (
 )
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.jobs.batch import COLUMNS
 from sim.world.loop import InProcess, Run, World
 from sim.world.outcome import DayOutcome, DayResult, outcome, print_result
 from sim.world.scenario import load_scenario, read_scenario
@@ -255,10 +254,6 @@ def test_recordings_state_the_passings_and_nonsense_in_them_is_none() -> None:
         assert recorded_passings({PASSINGS: text}) == (), text
     passing = Passing(name="P", position_m=100.0, window=Window(earliest_s=2.0))
     assert DuePassing.of(passing, 10**9) == DuePassing(name="P", s_m=100.0, earliest_ns=3 * 10**9)
-
-
-def test_the_batch_table_has_columns_of_passings() -> None:
-    assert {"passings", "passing_passed_s", "passing_late_s", "journey_sha256"} <= set(COLUMNS)
 
 
 def test_the_passings_are_printed_below_the_stops(capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,8 +15,9 @@ from das.domain.errors import DasError
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.experiment.checking import check_design
 from sim.experiment.design import read_design
-from sim.jobs.batch import Batch, make_run
-from sim.jobs.runner import attempted
+from sim.experiment.one_line import DaysAsked
+from sim.experiment.runner import attempted
+from sim.experiment.trials import jobs_of, make_trial
 from sim.world.scenario import read_scenario
 from sim.world.service import Service, lay_out, make_day, prepare_service
 from tests.support.making import refusal
@@ -89,16 +90,10 @@ def drawn(folder: Path) -> Service:
     return prepare_service(read_scenario(day(folder, DRAWN)))
 
 
-def of_batch(scenario: Path, seeds: tuple[int, ...]) -> Batch:
-    return Batch(
-        scenarios=[str(scenario)],
-        drivers=[DriverKind.PERFECT],
-        advice=[Presentation.NONE],
-        seeds=seeds,
-        level=None,
-        record=False,
-        folder=scenario.parent,
-    )
+def of_days(scenario: Path, seeds: tuple[int, ...]) -> DaysAsked:
+    return DaysAsked(
+        scenarios=[str(scenario)], drivers=[DriverKind.PERFECT], advice=[Presentation.NONE], seeds=seeds
+    )  # fmt: skip
 
 
 def never(*_: Any, **__: Any) -> None:
@@ -154,14 +149,15 @@ def test_only_the_days_that_draw_such_a_train_are_refused(folder: Path) -> None:
         make_day(service, TOO_HEAVY)
 
 
-def test_a_batch_is_refused_if_no_day_can_be_driven_else_the_day_is_an_error(
+def test_days_are_refused_if_none_can_be_driven_else_the_day_is_an_error(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(DasError, match=PLACE):
-        list(of_batch(day(folder, "mass_ratio = 1.5"), (1,)).jobs())
-    monkeypatch.setattr("sim.jobs.batch.drive_day", never)
+        of_days(day(folder, "mass_ratio = 1.5"), (1,)).design()
+    monkeypatch.setattr("sim.experiment.driving.drive_day", never)
     bad, good = (
-        attempted(make_run, job).row["error"] for job in of_batch(day(folder, DRAWN), (TOO_HEAVY, HELD)).jobs()
+        attempted(make_trial, job)["error"]
+        for job in jobs_of(of_days(day(folder, DRAWN), (TOO_HEAVY, HELD)).design(), folder)
     )
     assert re.search(PLACE, bad)
     assert good == "AssertionError: driven"

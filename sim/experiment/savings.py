@@ -1,4 +1,6 @@
-"""The results of a batch by scenario, driver and presentation: means over the seeds, and what advice saved.
+"""The results of days by scenario, driver and presentation: means over the seeds, and what advice saved.
+
+They are printed after `das-sim experiment run` without a design, whose factors are these three.
 
 Saved by advice is defined in `sim.drive.equal_arrival`. It is split into its causes: parts of the differences between
 paired runs, which sum to what was saved.
@@ -9,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -19,9 +22,11 @@ from rich.table import Table
 from das.command_line.printing import print_table, tell
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
+from sim.experiment.study_files import TRIALS_TABLE
 from sim.world.outcome import SHARES
 
 Row = Mapping[str, Any]
+"""A trial: `scenario`, `driver`, `advice`, `friction_policy`, `participant`, `seed`, and its measures or `error`."""
 LEAST_VALUES: Final = 3
 """Fewest values whose mean has an interval: of two, Student's t makes it wider than what it is about."""
 SHARE_NAMES: Final = {
@@ -49,7 +54,7 @@ SPLIT_LEGEND: Final = {
     "times": "what the time difference was worth beside it, at the optimum's price of time",
     "blend": "by less friction where the motors could brake",
     "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
-    "track": "by keeping to that profile (–: no perfect driver in this batch, or none who follows this advice)",
+    "track": "by keeping to that profile (–: no perfect driver on these days, or none who follows this advice)",
 }
 """The legend below the table of savings."""
 
@@ -124,7 +129,7 @@ def savings(rows: Sequence[Row]) -> list[SplitSaving]:
     """
     good: dict[tuple[str, str, str], dict[_Pair, Row]] = {}
     for row in rows:
-        if row.get("error") is None and row.get("not_comparable") is None and _brakes_alike(row):
+        if row.get("error") is None and row["above_optimum_kwh"] is not None and _brakes_alike(row):
             runs = good.setdefault((row["scenario"], row["driver"], row["advice"]), {})
             runs[_Pair(row["seed"], row.get("participant"))] = row
     found = (_saving(good, *kind) for kind in good if kind[2] != Presentation.NONE)
@@ -202,8 +207,8 @@ def _summed(scenario: str, driver: str, advice: str, rows: Sequence[dict[str, An
 
 
 def print_summary(found: dict[str, Any]) -> None:
-    """Print the table at the end of a batch."""
-    title = f"{found['runs']} runs, {found['made']} of them made now"
+    """Print the table at the end."""
+    title = f"{found['trials']} runs, {found['made']} of them made now"
     table = _table(title, ("n", "fail", "late", "kWh", "opt", *SHARE_NAMES.values()))
     for group in found["groups"]:
         table.add_row(*_cells(group))
@@ -213,7 +218,7 @@ def print_summary(found: dict[str, Any]) -> None:
         if group["error"] is not None:
             names = f"{group['scenario']}, {group['driver']}, {group['advice']}"
             tell(f"note: {names}: {group['failed']} failed, the first: {group['error']}")
-    tell(f"written: {found['file']}")
+    tell(f"written: {Path(found['folder']) / TRIALS_TABLE}")
 
 
 def _table(title: str, names: Sequence[str]) -> Table:

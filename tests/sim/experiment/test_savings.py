@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sim.jobs.report import mean_interval, print_savings, savings, student_975, with_interval
+from sim.experiment.savings import mean_interval, print_savings, savings, student_975, with_interval
 
 
 def row(driver: str, advice: str, seed: int, *, optimum: float, blending: float, profile: float) -> dict[str, Any]:
     energy = optimum + blending + profile
     return {
         "scenario": "day", "driver": driver, "advice": advice, "seed": seed, "energy_kwh": energy,
+        "above_optimum_kwh": blending + profile,
         "energy_optimum_kwh": optimum, "energy_blending_kwh": blending, "energy_profile_kwh": profile,
     }  # fmt: skip
 
@@ -54,8 +55,8 @@ def test_only_seeds_that_both_have_are_compared_and_failed_runs_are_left_out() -
 
 
 def test_what_cannot_be_compared_and_who_brakes_otherwise_with_advice_saved_nothing_that_can_be_said() -> None:
-    faster = {**SPEED_AND_EFFORT[1], "not_comparable": "this train cannot arrive as early"}
-    (found,) = savings([*NONE, SPEED_AND_EFFORT[0], faster])
+    faster = {**VECTOR[1], "above_optimum_kwh": None}
+    (found,) = savings([*NONE, VECTOR[0], faster])
     assert found.pairs == 1
     assert savings([{**one, "friction_policy": "by-advice"} for one in (*NONE, *SPEED_AND_EFFORT)]) == []
 

@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -28,7 +28,6 @@ from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, make_folder, write_whole
 from das.domain.levels import Level
-from precompute.pool import Made
 from precompute.workers import Workers
 from sim.world.loop import Run
 from sim.world.over_bus import DayRun
@@ -72,14 +71,6 @@ class RunnerJob(Protocol):
 
 
 Job = TypeVar("Job", bound=RunnerJob)
-AnyJob = TypeVar("AnyJob")
-AnyResult = TypeVar("AnyResult")
-
-
-class JobResult(NamedTuple):
-    """The result of a job: entries of its row."""
-
-    row: dict[str, Any]
 
 
 class JobWords(NamedTuple):
@@ -97,7 +88,7 @@ class Journal:
     has the hash of its row, so that a row that was cut off or altered is not taken for a result.
     """
 
-    def __init__(self, folder: Path, *, holds: str = "another batch") -> None:
+    def __init__(self, folder: Path, *, holds: str = "another run") -> None:
         self._holds = holds
         self.path = folder / "finished.jsonl"
         self.rows: dict[str, dict[str, Any]] = {}
@@ -164,7 +155,7 @@ def _sha256(row: dict[str, Any]) -> str:
 class Runner(Generic[Job]):
     """Does jobs on workers and puts the results into a folder; `make` must be a function at the top of a module."""
 
-    make: Callable[[Job], JobResult]
+    make: Callable[[Job], dict[str, Any]]
     folder: Path
     workers: Workers
     words: JobWords
@@ -191,55 +182,35 @@ class Runner(Generic[Job]):
         return len(left)
 
     def _make(self, left: Sequence[Job], of: int, journal: Journal) -> None:
-        """Do the jobs that are left."""
+        """Do the jobs that are left, and show the progress; an interruption waits for those under way here."""
+        if not left:
+            return
         for job in left:
             if job.recording is not None:
                 make_folder(job.recording.file.parent)
-        first = f"{len(left)} of {of} {self.words.jobs} to {self.words.to_do}"
-        make = partial(attempted, self.make)
-        with closing(made_with_progress(make, left, self.workers, self.words, first, done=of - len(left))) as coming:
-            for made in coming:
-                came = made.result or _failed(made.job, str(made.error))
-                journal.add(came.row)
+        words, make = self.words, partial(attempted, self.make)
+        first = f"{len(left)} of {of} {words.jobs} to {words.to_do}"
+        with (
+            progress_bar(words.command, first, words.jobs) as progress,
+            closing(self.workers.made(make, left, prepare=warm_up, finish=True)) as coming,
+        ):
+            for number, made in enumerate(coming, of - len(left) + 1):
+                journal.add(made.result or _failed(made.job, str(made.error)))
+                progress(number, of)
 
 
-def made_with_progress(
-    make: Callable[[AnyJob], AnyResult],
-    jobs: Sequence[AnyJob],
-    workers: Workers,
-    words: JobWords,
-    first: str,
-    *,
-    done: int = 0,
-) -> Generator[Made[AnyJob, AnyResult]]:
-    """Yield the result of each job as it ends, and show the progress; `done` jobs were finished before.
-
-    `first` is shown until a job ends. An interruption waits for the jobs that are under way on this machine.
-    """
-    if not jobs:
-        return
-    of = done + len(jobs)
-    with (
-        progress_bar(words.command, first, words.jobs) as progress,
-        closing(workers.made(make, jobs, prepare=warm_up, finish=True)) as coming,
-    ):
-        for number, made in enumerate(coming, done + 1):
-            yield made
-            progress(number, of)
-
-
-def attempted(make: Callable[[Job], JobResult], job: Job) -> JobResult:
+def attempted(make: Callable[[Job], dict[str, Any]], job: Job) -> dict[str, Any]:
     """The result of a job with its whole row. If the job fails, the row says why, so that other jobs can go on."""
     try:
-        return JobResult(job.row | make(job).row)
+        return job.row | make(job)
     except DasError as error:
         return _failed(job, str(error))
     except Exception as error:
         return _failed(job, f"{type(error).__name__}: {error}")
 
 
-def _failed(job: RunnerJob, why: str) -> JobResult:
-    return JobResult(job.row | {"error": " ".join(why.split())})
+def _failed(job: RunnerJob, why: str) -> dict[str, Any]:
+    return job.row | {"error": " ".join(why.split())}
 
 
 def is_finished(job: RunnerJob, rows: Rows) -> bool:

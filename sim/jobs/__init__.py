@@ -1,1 +1,0 @@
-"""Many runs in closed loop: what to run, the workers, what is finished, and the table of results."""
