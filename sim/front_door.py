@@ -25,16 +25,18 @@ from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, OwnClass, Presentation, named_driver
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import Participant, participant_of
-from sim.drivers.presentations.presenter import presenter_of
 from sim.options import PageFiles, ReplayOptions, TripOptions
 from sim.plant.kernels import PlantState
-from sim.world.loop import InProcess, World
+from sim.world.in_memory import drive_kept
+from sim.world.loop import TRAIN
 from sim.world.outcome import outcome
+from sim.world.over_bus import How, drive_day
 from sim.world.scenario import load_scenario
-from sim.world.service import Day, make_day, prepare_service
+from sim.world.service import make_day, prepare_service
 
 if TYPE_CHECKING:
     from sim.drive.comparison import AlignedDrives
+    from sim.drive.table import DriveTable
     from sim.experiment.analysis.comparing import StudyFindings
 
 
@@ -45,7 +47,8 @@ class SimulatedDay(Summary):
     `names` are scenario, driver and advice, `line` what the driver knows, `between_s` first departure and last arrival.
     `states` holds the true state of the train once a second (see `columns`), `outcome` the figures that
     `das-sim run --json` prints: punctuality, energies (kWh), where they went, and how the advice fared.
-    `balance` is where the energy went from the first departure to the last arrival (J).
+    `balance` is where the energy went from the first departure to the last arrival (J). `table` is the drive as the
+    table of columns that a `Drive` has.
     """
 
     states: Mapping[str, NDArray[np.float64]]
@@ -54,6 +57,7 @@ class SimulatedDay(Summary):
     names: tuple[str, ...]
     line: LineKnowledge
     between_s: tuple[float, float]
+    table: DriveTable
 
     def facts(self) -> dict[str, str]:
         """Scenario, driver and advice, and what the day needed."""
@@ -100,11 +104,11 @@ def run_day(
     """Drive a day of a scenario in closed loop: simulated train and driver, advised once a second, without a bus.
 
     `scenario` is the name of a bundled scenario or a TOML file. `seed` draws what happens on the day, and the driver;
-    the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "top-speed", "timetable",
-    "human", or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation",
-    "top-speed", "four-mode", "speed-and-effort", "guide" or "sheet"), `level` how losses are modelled (the default is
-    the vehicle's own). `participant` is the number of a human driver of the default population, who is the same on
-    every day; the seed then draws the day alone. Nothing is recorded: `das-sim run` does that.
+    the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "rms", "timetable", "human",
+    or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation", "rms",
+    "four-mode", "vector", "guide" or "sheet"), `level` how losses are modelled (the default is the
+    vehicle's own). `participant` is the number of a human driver of the default population, who is the same on every
+    day. Nothing is recorded: `das-sim run` does that.
 
     Raises InputError for an unknown word, DasError for an unusable scenario or a train that does not arrive.
 
@@ -125,10 +129,9 @@ def run_day(
         raise InputError("run_day", "scenario", scenario, "the name of a bundled scenario, or a path")
     person = _person(kind, participant)
     day = make_day(prepare_service(load_scenario(str(scenario)), level=losses), seed, person)
-    run = World(day, day.driver(kind), shown, _link(day, shown)).run()
-    states = {
-        name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
-    }
+    run, table = drive_kept(day, day.driver(kind), How(driver=kind, advice=shown, train=TRAIN, command="sim.run_day"))
+    columns = zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
+    states = {name: np.array(column) for name, column in columns}
     first, last = run.legs[0][0], run.legs[-1][1]
     return SimulatedDay(
         states=states,
@@ -137,13 +140,8 @@ def run_day(
         names=(day.service.scenario.id, str(kind), str(shown)),
         line=day.service.line,
         between_s=(first.time_s, last.time_s),
+        table=table,
     )
-
-
-def _link(day: Day, shown: Presentation) -> InProcess:
-    """The on-board system that a presentation needs, in this process."""
-    shows = presenter_of(shown)
-    return InProcess(day.service, guide=shows.needs_guide)
 
 
 def record_day(
@@ -162,7 +160,6 @@ def record_day(
 
         drive = sim.record_day("departure-delay", "day.mcap", seed=3)
     """
-    from sim.world.over_bus import How, drive_day
 
     kind, shown = _who(driver), chosen(Presentation, "record_day", "advice", advice)
     path = _new(out)

@@ -94,8 +94,9 @@ def prepared_day(scenario: Scenario, asked: DayAsked, person: Participant | None
 
 
 def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: float | None) -> DayResult:
-    """Run the day: over the bus if there is a recording to write, else in this process."""
+    """Run the day: over the bus if there is a recording to write, else in this process, with the table of the drive."""
     from sim.world.disturbances import described
+    from sim.world.in_memory import drive_kept
     from sim.world.outcome import DayResult, outcome
     from sim.world.over_bus import drive_day
 
@@ -104,7 +105,10 @@ def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: 
         first = "starting node and recorder" if out else "driving"
         with naming_recorded(out), progress_bar(title, first, "km") as progress:
             pace = _Pace(None if how.paced else speed, progress)  # at a pace, the external driver alone keeps it
-            run, traffic = drive_day(day, driver, how, out, pace.tick)
+            if out is None:
+                (run, table), traffic = drive_kept(day, driver, how, pace.tick), None
+            else:
+                (run, traffic), table = drive_day(day, driver, how, out, pace.tick), None
     except DasError as error:
         if out is None or not out.is_file() or out.stat().st_size == 0:
             raise
@@ -119,6 +123,7 @@ def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: 
         unkept=tuple(day.service.unkept()),
         wall_s=pace.driven_s,
         recorded=None if out is None or traffic is None else _recorded(out, traffic),
+        table=table,
     )
 
 

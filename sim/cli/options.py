@@ -110,6 +110,9 @@ JourneyOption = Annotated[
 InProcessOption = Annotated[
     bool, typer.Option("--in-process", help="Run without bus and recording: the same brain in this process.")
 ]
+CardsOption = Annotated[
+    bool, typer.Option("--cards", help="Also print what the driver saw, a card for each change, and the node's log.")
+]
 ParticipantsOption = Annotated[
     str | None,
     typer.Option(

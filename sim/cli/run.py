@@ -23,6 +23,7 @@ from sim.cli.desk import NEEDS_A_PACE, DeskLooks, drive_at_desk
 from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.cli.options import (
     DEFAULT_DRIVER_AT,
+    CardsOption,
     DriverAtOption,
     DriverHereOption,
     DriverOption,
@@ -52,6 +53,7 @@ from sim.options import (
 )
 
 if TYPE_CHECKING:
+    from sim.drive.table import DriveTable
     from sim.world.external import ExternalDriver
     from sim.world.over_bus import How
     from sim.world.service import Day
@@ -102,6 +104,7 @@ def run(
     participant: ParticipantOption = None,
     population: PopulationOption = None,
     driver_at: DriverAtOption = None,
+    cards: CardsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
@@ -109,17 +112,13 @@ def run(
     if who is not DriverKind.HUMAN:
         refuse_given(f"needs --driver {DriverKind.HUMAN}", "--friction")
     if who is DESK:
-        from sim.drivers.parameters import participant_of
-
-        participant_of(who, participant, population)
-        refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--in-process", "--driver-at")
-        if factor is None:
-            refuse_given(NEEDS_A_PACE, "--pace")
-        drive_at_desk(scenario, asked, recorded, factor or 1.0, DeskLooks(), as_json=as_json)
+        _at_desk((scenario, participant, population), asked, recorded, factor, as_json=as_json)
         return
     if in_process:
         refuse_given("a run --in-process records nothing", "--out", "--overwrite")
         refuse_given("a run --in-process has no bus", "--bus", "--insecure-bus", "--train")
+    if as_json:
+        refuse_given("--json prints no cards", "--cards")
     recorded.check()
     listens = _driver_at(who, in_process, recorded.bus, driver_at)
     with loading_solver(LATE_KERNELS):
@@ -139,7 +138,48 @@ def run(
               bus=files, driver_at=listens, paced=paced)  # fmt: skip
     made = _external(day, how, factor) if who is EXTERNAL else day.driver(who, friction)
     with removed_if_unused(reserved):
-        tell_result(drive_recorded(day, made, how, recorded.out or reserved, factor), as_json)
+        found = drive_recorded(day, made, how, out := recorded.out or reserved, factor)
+        tell_result(found, as_json)
+        if cards:
+            _print_cards(found.table, out)
+
+
+def _at_desk(
+    who: tuple[str, int | None, str | None],
+    asked: DayAsked,
+    recorded: RecordingAsked,
+    factor: float | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Let a person drive a scenario at the desk; DasError for options that only other drivers have."""
+    from sim.drivers.parameters import participant_of
+
+    scenario, participant, population = who
+    participant_of(DESK, participant, population)
+    refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--in-process", "--driver-at")
+    refuse_given("a person sees them at the desk", "--cards")
+    if factor is None:
+        refuse_given(NEEDS_A_PACE, "--speed")
+    drive_at_desk(scenario, asked, recorded, factor or 1.0, DeskLooks(), as_json=as_json)
+
+
+def _print_cards(kept: DriveTable | None, recorded: Path | None) -> None:
+    """Print what the driver saw, a line for each other instruction or reason, and the node's log in between."""
+    from itertools import groupby
+
+    from sim.drive.table import DriveTable
+    from sim.recording.opening import open_recording
+    from sim.review.words import cards
+
+    assert kept is not None or recorded is not None
+    table = kept if kept is not None or recorded is None else DriveTable.of(open_recording(recorded))
+    assert table is not None
+    changes = (next(same) for _, same in groupby(cards(table), lambda card: card.said))
+    said = [(card.time_ns, card.line) for card in changes]
+    said += [(line.time_ns, f"  {line.words}") for line in table.said.node]
+    for time_ns, text in sorted(said, key=lambda one: one[0]):
+        print(f"{table.clock.of_day(time_ns)}  {text}")
 
 
 def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:

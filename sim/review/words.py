@@ -130,6 +130,23 @@ class Card(NamedTuple):
     time_ns: int
     text: str
 
+    @property
+    def rows(self) -> dict[str, str]:
+        """The names and values of the card's table."""
+        cells = (line.strip("| ").split(" | ") for line in self.text.splitlines() if line.startswith("| "))
+        return {one[0]: one[1] for one in cells if len(one) == 2}
+
+    @property
+    def said(self) -> tuple[str, str]:
+        """The instruction, and its reason."""
+        return self.text.partition("\n")[0].removeprefix("# "), self.rows.get("why", "")
+
+    @property
+    def line(self) -> str:
+        """The card in one line, without how the controller stands."""
+        rows = (f"{name} {value}" for name, value in self.rows.items() if name != "controller")
+        return "; ".join([self.said[0], *rows])
+
 
 class DisplayWords(NamedTuple):
     """The language of the display, and the time zone of its clock."""

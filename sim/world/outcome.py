@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from rich.table import Table
@@ -33,6 +33,9 @@ from sim.recording.course import minutes
 from sim.world.loop import Counts, Run
 from sim.world.service import Day, Service
 from sim.world.true_train import true_sections
+
+if TYPE_CHECKING:
+    from sim.drive.table import DriveTable
 
 
 def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
@@ -294,6 +297,8 @@ class DayResult:
     unkept: tuple[str, ...] = ()
     """A line for each section whose time is too short for the braking that the advice plans with."""
     recorded: RecordedFigures | None = None
+    table: DriveTable | None = None
+    """The table of a drive in one process, if it was kept."""
 
     @property
     def real_time_factor(self) -> float:

@@ -69,14 +69,14 @@ class OverBus:
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Send what is only recorded: the truth, the cab, events, and the driver's decisions."""
-        self._lockstep.send(TRUTH, _truth(self._day, now_ns, told))
+        self._lockstep.send(TRUTH, truth_message(self._day, now_ns, told))
         if self._shows_cab:
             look = CabLook(now_ns, told.cab, told.command)
             self._lockstep.send(CAB, cab_message(look, self._day.service.line))
         for text in told.events:
             self._lockstep.send(LOG, happened(now_ns, text))
         for event in told.decisions:
-            self._lockstep.send(DECISION, _decision(self._day, event))
+            self._lockstep.send(DECISION, decision_message(self._day, event))
 
     def restart(self) -> None:
         """Kill the node and restart it."""
@@ -130,7 +130,7 @@ def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Pr
         link_to_node = OverBus(day, lockstep, shows_cab=not outside)
         run = World(day, driver, how.advice, link_to_node, how.screen).run(progress)
         end_ns = day.service.moment_ns(run.states[-1].time_s)
-        lockstep.send(MEASURES, _measures(end_ns, run.stability))
+        lockstep.send(MEASURES, measures_message(end_ns, run.stability))
         with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
             lockstep.send(SAVING, above_optimum(day, run).message(end_ns))
         lockstep.finish(end_ns)
@@ -139,9 +139,27 @@ def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Pr
 
 def make_processes(day: Day, how: How, out: Path) -> Processes:
     """Node and recorder for a day; the recording states how it was made and contains the files it was made from."""
+    service = day.service
+    shows = presenter_of(how.advice)
+    leads = "--guide" if shows.needs_guide else "--no-guide"
+    return Processes(
+        train=how.train,
+        node_arguments=(*_node_arguments(service), leads),
+        out=out,
+        metadata=run_metadata(day, how),
+        start_ns=service.moment_ns(-BEFORE_S),
+        attachments=tuple(scenario_files(service.scenario).values()),
+        bus=how.bus,
+        driver_at=how.driver_at,
+        recorder_at=how.recorder_at,
+        paced=how.paced,
+    )
+
+
+def run_metadata(day: Day, how: How) -> dict[str, str]:
+    """How a day came about and was driven, as its recording states it."""
     service, scenario = day.service, day.service.scenario
-    files = scenario_files(scenario)
-    metadata = {
+    return {
         "kind": "run",
         "command": how.command,
         "version": __version__,
@@ -159,23 +177,9 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
         "route": service.route.name,
         "vehicle": service.vehicle.name,
         "level": str(service.level),
-        **{f"{name}_sha256": sha256(path) for name, path in files.items()},
+        **{f"{name}_sha256": sha256(path) for name, path in scenario_files(scenario).items()},
         **how.metadata,
     }
-    shows = presenter_of(how.advice)
-    leads = "--guide" if shows.needs_guide else "--no-guide"
-    return Processes(
-        train=how.train,
-        node_arguments=(*_node_arguments(service), leads),
-        out=out,
-        metadata=metadata,
-        start_ns=service.moment_ns(-BEFORE_S),
-        attachments=tuple(files.values()),
-        bus=how.bus,
-        driver_at=how.driver_at,
-        recorder_at=how.recorder_at,
-        paced=how.paced,
-    )
 
 
 def _node_arguments(service: Service) -> tuple[str, ...]:
@@ -205,12 +209,14 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
     return tuple(arguments)
 
 
-def _decision(day: Day, event: DriverEvent) -> Message:
+def decision_message(day: Day, event: DriverEvent) -> Message:
+    """The message about what a driver did or decided."""
     kind = das_pb2.Decision.Kind.ValueType(KINDS.index(event.what) + 1)
     return das_pb2.Decision(time_ns=day.service.moment_ns(event.time_s), kind=kind, value=event.value)
 
 
-def _truth(day: Day, now_ns: int, told: Told) -> Message:
+def truth_message(day: Day, now_ns: int, told: Told) -> Message:
+    """The message about the true state of the train at a time (ns since 1970)."""
     state = told.state
     adhesion_ratio, head_wind_mps = day.plant.weather(state)
     return das_pb2.Truth(
@@ -235,7 +241,8 @@ def _truth(day: Day, now_ns: int, told: Told) -> Message:
     )
 
 
-def _measures(now_ns: int, found: AdviceStability) -> Message:
+def measures_message(now_ns: int, found: AdviceStability) -> Message:
+    """The message about how stable the advice shown was."""
     return das_pb2.Measures(
         time_ns=now_ns,
         shown_s=found.shown_s,

@@ -5,72 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from das.advice.regimes import Regime
-from das.bus import codec
-from das.bus.recording import Recording, Stamped
-from das.bus.topics import CAB, LOG, TRUTH
-from das.cab.heard import Heard
+from das.bus.recording import Recording
 from sim.drivers.cab import AdviceView, CabView, Driver
-from sim.drivers.kinds import Presentation
-from sim.drivers.messages import CabLook, cab_message
-from sim.drivers.presentations.presenter import presenter_of
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import Command
 from sim.plant.plant import speed
 from sim.recording.inputs import DriveInputs
-from sim.world.lockstep import happened
-from sim.world.loop import BEFORE_S, TRAIN, InProcess, Run, Tick, Told, World
-from sim.world.over_bus import _truth
+from sim.world.in_memory import drive_kept
+from sim.world.loop import TRAIN, Run
+from sim.world.over_bus import How
 from sim.world.service import Day
-
-
-class KeptInProcess(InProcess):
-    """A node in this process, without a bus; it keeps everything that a recorder would write."""
-
-    def __init__(self, day: Day, *, guide: bool = False) -> None:
-        self.day = day
-        self.messages: dict[str, list[Stamped]] = {}
-        super().__init__(day.service, guide=guide)
-        self._keep(
-            *codec.encode_input(day.service.journey(TRAIN, day.service.moment_ns(-BEFORE_S))),
-            day.service.moment_ns(-BEFORE_S),
-        )
-
-    def exchange(self, tick: Tick) -> Any:
-        for heard in tick.told:
-            self._keep_told(heard, tick.now_ns)
-        advice = super().exchange(tick)
-        for output in (*self.said, advice):
-            self._keep(*codec.encode_output(output, tick.number), tick.now_ns)
-        return advice
-
-    def tell(self, now_ns: int, told: Told) -> None:
-        self._keep(TRUTH, _truth(self.day, now_ns, told), now_ns)
-        look = CabLook(now_ns, told.cab, told.command)
-        self._keep(CAB, cab_message(look, self.day.service.line), now_ns)
-        for text in told.events:
-            self._keep(LOG, happened(now_ns, text), now_ns)
-
-    def _keep_told(self, heard: Heard, now_ns: int) -> None:
-        self._keep(*codec.encode_input(heard), now_ns)
-
-    def _keep(self, topic: Any, message: Any, now_ns: int) -> None:
-        self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
 
 
 def run_and_recording(
     day: Day, driver: Driver, presentation: Presentation = Presentation.SPEED_AND_EFFORT
 ) -> tuple[Run, Recording]:
-    """Drive a day; the run, and what a recorder would have written, without the attached files."""
-    shows = presenter_of(presentation)
-    link = KeptInProcess(day, guide=shows.needs_guide)
-    run = World(day, driver, presentation, link).run()
-    return run, Recording(
-        path=Path("day.mcap"), train=TRAIN, trains=(TRAIN,), attachments=(), complete=True,
-        messages={name: tuple(entries) for name, entries in link.messages.items()},
-        metadata={"run": {"kind": "run", "level": str(day.service.level)}},
-    )  # fmt: skip
+    """Drive a day; the run, and what a recorder would have written, without files, energies, measures and decisions."""
+    how = How(driver=DriverKind.HUMAN, advice=presentation, train=TRAIN, command="test")
+    run, table = drive_kept(day, driver, how)
+    metadata = {"run": {"kind": "run", "level": str(day.service.level)}}
+    left_out = ("saving", "measures", "decision")
+    messages = {name: some for name, some in table.recording.messages.items() if name not in left_out}
+    return run, replace(table.recording, path=Path("day.mcap"), metadata=metadata, messages=messages)
 
 
 def recorded_day(day: Day, driver: Driver, presentation: Presentation = Presentation.SPEED_AND_EFFORT) -> Recording:
