@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -181,12 +180,6 @@ def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
     """The kind and the figures (SI) of each disturbance, for programs; open ends and empty texts are left out."""
     figures = ((_KIND_OF[type(one)], asdict(one)) for one in disturbances)
     return [{"kind": kind, **{k: v for k, v in found.items() if v not in (None, "")}} for kind, found in figures]
-
-
-def lines(one: Disturbance) -> list[str]:
-    """The lines of a scenario file that state a disturbance."""
-    figures = as_figures([one])[0].items()
-    return ["[[disturbances]]", *(f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in figures)]
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:

@@ -1,9 +1,12 @@
-"""The day again: the scenario of a recorded day, with its timetable, disturbances and seed, and who drives it again."""
+"""Driven anew: the scenario of a recorded day, with its timetable, disturbances and seed, and who drives it again.
+
+The scenario of a drive without a simulator is made from its messages. Its file is only attached to the new recording.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -12,6 +15,7 @@ from typing import Any, Final
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
+from das.domain.files.reading import Fields
 from das.domain.files.writing import toml_string
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
@@ -29,10 +33,10 @@ from sim.recording.inputs import put, sha256, vehicle_files
 from sim.runs.reproduce.hearing import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
-from sim.world.disturbances import AnnouncedRestriction, DepartureDelay, lines
+from sim.world.disturbances import AnnouncedRestriction, DepartureDelay, as_figures
 from sim.world.drawn import Truth
 from sim.world.over_bus import How, drive_day
-from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_scenario
+from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_scenario, scenario_of
 from sim.world.service import Day, make_day, prepare_service, with_disturbances
 
 LEAST_DELAY_S: Final = 1.0
@@ -102,10 +106,9 @@ def scenario_of_drive(origin: Origin, node: str | None) -> Scenario:
     """
     given = node_given(origin.contents, origin.train, origin.folder, node)
     options = given.options()
-    text = "\n".join(_lines(origin, options))
-    path = put(origin.folder / "scenario" / f"{_id(origin)}.toml", text.encode())
-    scenario = read_scenario(path)
-    driven = options.driven
+    tables, path = _tables(origin, options), origin.folder / "scenario" / f"{_id(origin)}.toml"
+    put(path, "\n".join(_as_toml(tables)).encode())
+    scenario, driven = scenario_of(Fields.of(path, tables)), options.driven
     return replace(scenario, route=options.line.route, vehicle=driven.vehicle, loss_map=driven.loss_map)
 
 
@@ -114,34 +117,51 @@ def _id(origin: Origin) -> str:
     return f"day-of-{kept}"[:64]
 
 
-def _lines(origin: Origin, options: NodeOptions) -> Iterator[str]:
-    """The lines of the scenario file."""
+def _tables(origin: Origin, options: NodeOptions) -> dict[str, Any]:
+    """The tables of the scenario, as its file has them."""
     journey, line, driven = origin.journey, options.line, options.driven
+    stops, dwell_s = journey.stops, _dwell_s(journey.stops)
     load = driven.load or journey.vehicle_id.partition("/")[2] or journey.load
-    stops = journey.stops
-    departure = EPOCH + timedelta(microseconds=stops[0].departure_ns // 1000)
-    yield "# Made from a recording by das-sim what-if. Its timetable is that of the recorded journey."
-    yield f"schema_version = {SCHEMA_VERSION}"
-    yield "[scenario]"
-    yield f"id = {toml_string(_id(origin))}"
-    yield f"title = {toml_string(f'The day of {origin.path.name}, driven anew')}"
-    yield f"route = {toml_string(_bare(line.route))}"
-    yield f"vehicle = {toml_string(_bare(driven.vehicle))}"
-    yield from [f"load = {toml_string(load)}"] if load else []
-    yield from [f"loss_map = {toml_string(driven.loss_map.name)}"] if driven.loss_map else []
-    yield from ["point_mass = true"] if driven.point_mass else []
-    yield f"reverse = {'true' if journey.reversed else 'false'}"
-    yield f"from = {toml_string(stops[0].name)}"
-    yield f"to = {toml_string(stops[-1].name)}"
-    yield f"calls = [{', '.join(toml_string(stop.name) for stop in stops[1:-1])}]"
-    yield "[timetable]"
-    yield f"departure = {toml_string(departure.isoformat())}"
-    yield f"dwell_s = {_dwell_s(stops):g}"
     table = DriveTable.of(origin.recording)
-    made, dwell_s = calls(table), _dwell_s(stops)
-    for index, call in enumerate(made[:-1]):
-        yield from _delay(call, dwell_s if index else 0.0)
-    yield from _restrictions(origin, table)
+    delays = (_delay(call, dwell_s if index else 0.0) for index, call in enumerate(calls(table)[:-1]))
+    departure = EPOCH + timedelta(microseconds=stops[0].departure_ns // 1000)
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "scenario": {
+            "id": _id(origin),
+            "title": f"The day of {origin.path.name}, driven anew",
+            "route": _bare(line.route),
+            "vehicle": _bare(driven.vehicle),
+            **({"load": load} if load else {}),
+            **({"loss_map": driven.loss_map.name} if driven.loss_map else {}),
+            **({"point_mass": True} if driven.point_mass else {}),
+            "reverse": journey.reversed,
+            "from": stops[0].name,
+            "to": stops[-1].name,
+            "calls": [stop.name for stop in stops[1:-1]],
+        },
+        "timetable": {"departure": departure.isoformat(), "dwell_s": float(f"{dwell_s:g}")},
+        "disturbances": as_figures([*(one for one in delays if one is not None), *_restrictions(origin, table)]),
+    }
+
+
+def _as_toml(tables: Mapping[str, Any]) -> Iterator[str]:
+    """The lines of a file with these tables."""
+    yield "# Made from a recording by das-sim what-if. Its timetable is that of the recorded journey."
+    for name, value in tables.items():
+        listed = isinstance(value, list)
+        if not listed and not isinstance(value, dict):
+            yield f"{name} = {value}"
+            continue
+        for table in value if listed else [value]:
+            yield f"[[{name}]]" if listed else f"[{name}]"
+            yield from (f"{key} = {_as_value(one)}" for key, one in table.items())
+
+
+def _as_value(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_as_value, value))}]"
+    return toml_string(value) if isinstance(value, str) else json.dumps(value)
 
 
 def _bare(name: str) -> str:
@@ -155,17 +175,16 @@ def _dwell_s(stops: Any) -> float:
     return max(min(dwells, default=0.0), 0.0)
 
 
-def _delay(call: KeptCall, dwell_s: float) -> Iterator[str]:
-    """The delay of a departure, if it was later than timetable and dwell after the arrival allow, as a disturbance."""
+def _delay(call: KeptCall, dwell_s: float) -> DepartureDelay | None:
+    """The delay of a departure, if it was later than timetable and dwell after the arrival allow; else None."""
     if not call.departed_ns or not call.due_departure_ns:
-        return
+        return None
     ready_ns = max(call.due_departure_ns, call.arrived_ns + round(dwell_s / NS) if call.arrived_ns else 0)
     delay_s = (call.departed_ns - ready_ns) * NS
-    if delay_s >= LEAST_DELAY_S:
-        yield from lines(DepartureDelay(stop=call.name, delay_s=round(delay_s, 1)))
+    return DepartureDelay(stop=call.name, delay_s=round(delay_s, 1)) if delay_s >= LEAST_DELAY_S else None
 
 
-def _restrictions(origin: Origin, table: DriveTable) -> Iterator[str]:
+def _restrictions(origin: Origin, table: DriveTable) -> Iterator[AnnouncedRestriction]:
     """Each restriction that the node received, announced where the train was when the node first received it."""
     first_m, last_m = origin.journey.stops[0].s_m, origin.journey.stops[-1].s_m
     known: set[Restriction] = set()
@@ -181,17 +200,18 @@ def _restrictions(origin: Origin, table: DriveTable) -> Iterator[str]:
                 continue
             known.add(one)
             announced = AnnouncedRestriction.of(one, announced_m, lambda at_ns: round((at_ns - departure_ns) * NS, 9))
-            yield from _on_the_day(announced)
+            on_the_day = _on_the_day(announced)
+            yield from [] if on_the_day is None else [on_the_day]
 
 
-def _on_the_day(one: AnnouncedRestriction) -> list[str]:
-    """The lines of a restriction, without an end of its window on another day; none if it does not hold on this one."""
+def _on_the_day(one: AnnouncedRestriction) -> AnnouncedRestriction | None:
+    """A restriction without an end of its window on another day; None if it does not hold on this one."""
     from_s, until_s = one.valid_from_s or 0.0, one.valid_until_s
     if from_s > LONGEST_DWELL_S or (until_s is not None and until_s <= 0):
-        return []
+        return None
     begins = from_s if from_s > 0 else None
     ends = until_s if until_s is not None and until_s <= LONGEST_DWELL_S else None
-    return lines(replace(one, valid_from_s=begins, valid_until_s=ends))
+    return replace(one, valid_from_s=begins, valid_until_s=ends)
 
 
 TRUE_LEVEL: Final = "what_if_true_level"

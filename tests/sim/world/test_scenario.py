@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from das.solver.section import with_braking
-from sim.world.disturbances import AnnouncedRestriction, as_figures, described, lines
+from sim.world.disturbances import AnnouncedRestriction, as_figures, described
 from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
 from sim.world.service import Service, lay_out, make_day, prepare_service
 from tests.support.flat_days import FLAT
@@ -163,7 +164,9 @@ def test_every_field_of_a_restriction_is_announced_and_survives_a_scenario_file(
     assert all(vars(one).values()), "a field without a value could be lost unseen"
     announced = AnnouncedRestriction.of(one, 500.0, service.clock_s)
     assert vars(announced.restriction(service.moment_ns)) == vars(one)
-    assert read_scenario(flat("\n".join(lines(announced)))).day(4) == (announced,)
+    (figures,) = as_figures([announced])
+    text = "\n".join(["[[disturbances]]", *(f"{name} = {json.dumps(value)}" for name, value in figures.items())])
+    assert read_scenario(flat(text)).day(4) == (announced,)
 
 
 def test_a_restriction_may_have_a_window_on_the_runs_clock(flat: Callable[..., Path]) -> None:

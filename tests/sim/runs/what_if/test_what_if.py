@@ -197,17 +197,16 @@ def test_the_day_of_a_drive_without_a_simulator_is_made_from_what_was_heard() ->
 def test_the_window_of_a_recorded_restriction_is_on_the_clock_of_the_day_driven_anew() -> None:
     departure_ns, s = 1_800_000_000 * 10**9, 10**9
 
-    def lines(from_s: int | None, until_s: int | None) -> list[str]:
+    def window_of(from_s: int | None, until_s: int | None) -> tuple[float | None, float | None] | None:
         window = (0 if moment_s is None else departure_ns + moment_s * s for moment_s in (from_s, until_s))
         one = Restriction(0.0, 1.0, 5.0, *window)
-        return _on_the_day(AnnouncedRestriction.of(one, 9.0, lambda at_ns: (at_ns - departure_ns) / s))
+        found = _on_the_day(AnnouncedRestriction.of(one, 9.0, lambda at_ns: (at_ns - departure_ns) / s))
+        return None if found is None else (found.valid_from_s, found.valid_until_s)
 
-    always = ["[[disturbances]]", 'kind = "restriction"', "from_m = 0.0", "to_m = 1.0", "speed_mps = 5.0"]
-    always += ["announced_m = 9.0"]
-    assert lines(None, None) == lines(-60, None) == lines(None, 90_000) == always
-    assert lines(60, 120) == [*always, "valid_from_s = 60.0", "valid_until_s = 120.0"]
-    assert lines(-60, 120) == [*always, "valid_until_s = 120.0"]
-    assert lines(-60, -1) == lines(90_000, None) == []
+    assert window_of(None, None) == window_of(-60, None) == window_of(None, 90_000) == (None, None)
+    assert window_of(60, 120) == (60.0, 120.0)
+    assert window_of(-60, 120) == (None, 120.0)
+    assert window_of(-60, -1) is window_of(90_000, None) is None
 
 
 @pytest.mark.slow
