@@ -104,11 +104,11 @@ def run_day(
     """Drive a day of a scenario in closed loop: simulated train and driver, advised once a second, without a bus.
 
     `scenario` is the name of a bundled scenario or a TOML file. `seed` draws what happens on the day, and the driver;
-    the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "rms", "timetable", "human",
-    or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation", "rms",
-    "four-mode", "vector", "guide" or "sheet"), `level` how losses are modelled (the default is the
-    vehicle's own). `participant` is the number of a human driver of the default population, who is the same on every
-    day. Nothing is recorded: `das-sim run` does that.
+    the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "top-speed", "timetable",
+    "human", or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation",
+    "top-speed", "four-mode", "speed-and-effort", "guide" or "sheet"), `level` how losses are modelled (the default is
+    the vehicle's own). `participant` is the number of a human driver of the default population, who is the same on
+    every day. Nothing is recorded: `das-sim run` does that.
 
     Raises InputError for an unknown word, DasError for an unusable scenario or a train that does not arrive.
 

@@ -31,8 +31,8 @@ class Budget(NamedTuple):
 
 BUDGETS = {
     "das": Budget(32_150, 187),
-    "precompute": Budget(13_320, 73),
-    "sim": Budget(34_130, 167),
+    "precompute": Budget(14_470, 83),
+    "sim": Budget(34_720, 170),
     "docs/studies": Budget(4_840, 31),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

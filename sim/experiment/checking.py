@@ -25,7 +25,7 @@ from sim.world.loop import AFTER_S, BEFORE_S
 MINUTE_S: Final = 60.0
 HOUR_S: Final = 3600.0
 FAILED_SHOWN: Final = 5
-"""At most this number of failed trials is printed; the table of failed trials has all."""
+"""Most failed trials that are printed; the table of failed trials has all."""
 OF_DISPLAY: Final = ("loss_level", "update_interval_s", "hold_s", "preview_s", "reason")
 """Factors that act on what a display shows."""
 

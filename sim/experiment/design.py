@@ -34,7 +34,7 @@ DESIGN_JSON: Final = "design.json"
 """The frozen design: every default written out, the hashes of its files, and the hash of all that."""
 DEFAULT_ALPHA: Final = 0.05
 CORRECTIONS: Final = ("holm", "bonferroni", "none")
-"""How planned comparisons are corrected for their number; the first is the default."""
+"""Corrections of planned comparisons for their number; the first is the default."""
 MOST_COMPARISONS: Final = 200
 SCHEMA_VERSION: Final = 1
 MOST_PARTICIPANTS: Final = 10_000

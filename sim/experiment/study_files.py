@@ -30,7 +30,7 @@ A value that is missing is empty. No column depends on the wall clock: the same 
 FAILED_TABLE: Final = "failed.csv"
 """The table of the trials that failed, each with the reason; written only if there are any."""
 README: Final = "README"
-"""What the study is, what its columns mean, and which program made it when."""
+"""Contents of the study, meaning of its columns, and which program made it when."""
 RECORDINGS: Final = "recordings"
 """The folder of the recordings, if they are kept."""
 TRIAL_COLUMNS: Final = {

@@ -64,7 +64,7 @@ def test_the_diaries_of_days_give_back_reactions_and_compliance(flat: Callable[[
     """A driver who acts at once on what he sees often enough for statistics: 6 days of the 6 km line."""
     path = flat("[human]\nglance_mean_s = 0.5\nglance_least_s = 0.2\nreaction_median_s = 1.0\nlapses_per_h = 0")
     asked = DaysAsked(
-        scenarios=[str(path)], drivers=[DriverKind.HUMAN], advice=[Presentation.VECTOR], seeds=list(range(6))
+        scenarios=[str(path)], drivers=[DriverKind.HUMAN], advice=[Presentation.SPEED_AND_EFFORT], seeds=list(range(6))
     )  # fmt: skip
     diaries = [drive(trial, asked.population).run.decisions for trial in trials_of(asked.design())]
     what = np.array([one.what for diary in diaries for one in diary])

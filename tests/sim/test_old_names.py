@@ -10,7 +10,7 @@ from das.command_line.application import Entry
 from das.domain.errors import DasError, InputError
 from das.domain.files.reading import Fields
 from precompute.cli.program import COMMANDS
-from sim.cli.program import ENTRIES
+from sim.cli.program import ENTRIES, EXPERIMENTS
 from sim.drive.drive import Drive
 from sim.drivers.kinds import as_now_called
 from sim.experiment.factors import FACTORS
@@ -18,6 +18,7 @@ from sim.front_door import run_day
 from tests.support.reference_recordings import FOLDER
 
 BY_NAME = {entry.name: entry for entry in (*ENTRIES, *COMMANDS) if isinstance(entry, Entry)}
+BY_NAME |= {f"experiment-{entry.name}": entry for entry in EXPERIMENTS}
 
 
 @pytest.mark.parametrize(
@@ -26,8 +27,14 @@ BY_NAME = {entry.name: entry for entry in (*ENTRIES, *COMMANDS) if isinstance(en
         ("run clear-day --advice rms", "rms is now called top-speed"),
         ("run clear-day --advice=coach", "coach is now called guide"),
         ("what-if x.mcap --advice vector", "vector is now called speed-and-effort"),
-        ("batch clear-day -o x --advice vector,none", "--advice vector: expected speed-and-effort, as vector is now"),
-        ("batch clear-day -o x --drivers rms", "--drivers rms: expected top-speed, as rms is now called, or a class"),
+        (
+            "experiment-run --scenario clear-day --advice vector,none",
+            "--advice vector: expected speed-and-effort, as",
+        ),
+        (
+            "experiment-run --scenario clear-day --driver rms",
+            "--driver rms: expected top-speed, as rms is now called, or a class",
+        ),
         ("run clear-day --driver rms", "--driver rms: expected top-speed, as rms is now called, or a class"),
         ("solve flat-6km re460-ic --buffer 7 --strategy rms", "rms is now called top-speed"),
         ("run clear-day --speed 2", "--speed is now called --pace"),

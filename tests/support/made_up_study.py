@@ -74,7 +74,7 @@ def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedComparison,
             factors=(presentations(*names),),
             people=People(count=n),
             procedure=Procedure(repetitions=k),
-            comparisons=comparisons or (compared("vector" if levels > 2 else names[1], "none"),),
+            comparisons=comparisons or (compared("speed-and-effort" if levels > 2 else names[1], "none"),),
         ),
         trials=FinishedTrials(
             participant=np.array([f"sub-{one + 1:02d}" for one in driver.ravel()]),

@@ -26,7 +26,7 @@ from tests.support.raw_witness import RawLine
 
 TRACTION = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
-SIMPLER = (Presentation.RMS, Presentation.FOUR_MODE)
+SIMPLER = (Presentation.TOP_SPEED, Presentation.FOUR_MODE)
 REACHED_MPS = 0.1
 """A speed counts as reached when the train is within this of it."""
 TOO_FAST_MPS = 0.3
@@ -113,7 +113,9 @@ class ObedientDriver:
         if advice.mode is Regime.NONE:
             return False
         if self._presentation in SIMPLER:
-            return look is not None and not (self._presentation is Presentation.RMS and math.isnan(look.top_speed_mps))
+            return look is not None and not (
+                self._presentation is Presentation.TOP_SPEED and math.isnan(look.top_speed_mps)
+            )
         is_guided = advice.guide is not None and advice.guide.now.mode is not Regime.NONE
         return is_guided or self._presentation is not Presentation.GUIDE
 
@@ -131,7 +133,7 @@ class ObedientDriver:
             self._due = None
             return self._own.command(scene.own_eyes())
         shown_s, advice, look = self._seen
-        if look is not None and self._presentation is Presentation.RMS:
+        if look is not None and self._presentation is Presentation.TOP_SPEED:
             return self._under_top(scene, look)
         if state.speed_mps <= 0 and now_s < scene.departure_s:
             return COAST

@@ -21,6 +21,7 @@ from sim.experiment.analysis import words
 from sim.experiment.analysis.comparing import ConditionValues, FoundDifference, StudyFindings
 from sim.experiment.analysis.reading import Floats, ShownMeasure, probability
 from sim.experiment.design import PlannedComparison
+from sim.meanings import LIGHT
 from sim.review.canvas import INK, as_image, light_figure, named
 
 TEMPLATE: Final = "page.html.j2"

@@ -516,5 +516,5 @@ def test_the_full_advice_of_an_ordinary_day_passes_as_it_is() -> None:
     """The clear day with the perfect driver: nothing is replaced."""
     day = make_day(service_for(load_scenario("clear-day")), 0)
     link = InProcess(day.service)
-    ClosedLoop(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, link).run()
+    ClosedLoop(day, day.driver(DriverKind.PERFECT), Presentation.SPEED_AND_EFFORT, link).run()
     assert link.cab.legs.last_words.acts.total() == 0

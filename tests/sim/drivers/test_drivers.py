@@ -170,7 +170,7 @@ def test_top_speed_holds_the_speed_on_the_display(thalwil: Case) -> None:
     def display(state: PlantState) -> AdviceView | None:
         now_ns = round(1e9 * state.time_s)
         look = SimplerLook(now_ns, now_ns + round(3e9), mode=Regime.CRUISE, top_speed_mps=25.0)
-        return present(look, Presentation.RMS)
+        return present(look, Presentation.TOP_SPEED)
 
     run = thalwil.ride(make_driver(DriverKind.TOP_SPEED, thalwil.line), display)
     top = [s.speed_mps for s in run.states]
@@ -355,11 +355,11 @@ def test_presentations_show_what_they_are_for_and_no_more() -> None:
     coasting = present(look(Regime.COAST), Presentation.FOUR_MODE)
     assert coasting is not None
     assert math.isnan(coasting.speed_mps)
-    reduced = present(look(Regime.CRUISE), Presentation.RMS)
+    reduced = present(look(Regime.CRUISE), Presentation.TOP_SPEED)
     assert reduced is not None
     assert (reduced.speed_mps, reduced.horizon_force_n) == (27.0, ())
-    assert present(look(Regime.STOP, math.nan), Presentation.RMS) is None
-    assert present(given, Presentation.RMS) is present(given, Presentation.FOUR_MODE) is None
+    assert present(look(Regime.STOP, math.nan), Presentation.TOP_SPEED) is None
+    assert present(given, Presentation.TOP_SPEED) is present(given, Presentation.FOUR_MODE) is None
     assert present(given, Presentation.NONE) is None
     late = present(given, Presentation.DEVIATION, deviation_s=12.0)
     assert late is not None

@@ -37,7 +37,7 @@ def test_what_no_driver_can_sense_is_refused(designed: Designed, fixed: str, fac
 
 
 @pytest.mark.parametrize(
-    ("fixed", "factor"), [("presentation = 'vector'", HOLD), ("", FRICTION), ("driver = 'perfect'", HOLD)]
+    ("fixed", "factor"), [("presentation = 'speed-and-effort'", HOLD), ("", FRICTION), ("driver = 'perfect'", HOLD)]
 )
 def test_what_a_driver_may_sense_is_admitted(designed: Designed, fixed: str, factor: str) -> None:
     assert refused(designed, fixed, factor) == []
@@ -50,7 +50,7 @@ def test_a_reason_is_admitted_for_drivers_whom_it_makes_refuse_less(designed: De
 
 
 def test_a_check_counts_trials_and_says_how_long_a_participant_takes(designed: Designed) -> None:
-    factor = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'vector']\n"
+    factor = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'speed-and-effort']\n"
     procedure = "[procedure]\npractice_trials = 1\nbreak_after = 2\nbreak_s = 100\n"
     design = designed(f"{TWO}[fixed]\nscenario = 'flat-6km'\n{procedure}{factor}")
     found = check_design(design)

@@ -54,6 +54,7 @@ b = "speed-and-effort"
 where = { hold_s = 5.5 }
 """
 DESIGN = FACTORS + COMPARISON
+LEVELS, B = 'levels = ["none", "speed-and-effort"]', 'b = "speed-and-effort"'
 
 
 @pytest.fixture
@@ -72,13 +73,12 @@ def test_a_design_has_its_defaults(write: Path) -> None:
     assert design.correction == "holm"
     assert [level.text for level in design.factors[1].levels] == ["0", "5.5"]
     comparison = design.comparisons[0]
-    assert comparison.name == "energy_kwh: none - vector, hold_s 5.5"
+    assert comparison.name == "energy_kwh: none - speed-and-effort, hold_s 5.5"
     assert comparison.where == {"hold_s": "5.5"}
     settings = list(design.settings())
     assert [(one.presentation, one.hold_s) for one in settings] == [
-        (Presentation.NONE, 0.0), (Presentation.NONE, 5.5), (Presentation.SPEED_AND_EFFORT, 0.0),
-        (Presentation.SPEED_AND_EFFORT, 5.5),
-    ]  # fmt: skip
+        (shown, hold_s) for shown in (Presentation.NONE, Presentation.SPEED_AND_EFFORT) for hold_s in (0.0, 5.5)
+    ]
     assert all(one.scenario == "flat-6km" and math.isinf(one.preview_s) and one.reason for one in settings)
 
 
@@ -97,10 +97,10 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ("levels = [0, 5.5]", "levels = [0]", "factors[1].levels = [0]: expected at least 2 levels"),
         ("levels = [0, 5.5]", "levels = [5, 5.0]", "expected at least 2 levels, each once"),
         ("levels = [0, 5.5]", "levels = [0, nan]", "factors[1].levels = nan: expected a number from 0 to 600 (s)"),
-        ('levels = ["none", "speed-and-effort"]', 'levels = ["none", 3]', "levels = 3: expected one of none"),
+        (LEVELS, 'levels = ["none", 3]', "factors[0].levels = 3: expected one of none"),
         ('measure = "energy_kwh"', 'measure = "joy"', "comparisons[0].measure = 'joy': expected one of the measures"),
-        ('b = "speed-and-effort"', 'b = "guide"', "b = 'guide': expected one of the levels none, speed-and-effort"),
-        ('b = "speed-and-effort"', 'b = "none"', "comparisons[0].b = 'none': expected a level other than that of a"),
+        (B, 'b = "guide"', "comparisons[0].b = 'guide': expected one of the levels none, speed-and-effort"),
+        (B, 'b = "none"', "comparisons[0].b = 'none': expected a level other than that of a"),
         ('factor = "presentation"', 'factor = "colour"', "factor = 'colour': expected one of the factors presentation"),
         ("{ hold_s = 5.5 }", "{ colour = 1 }", "comparisons[0].where.colour = 1: expected one of the keys hold_s"),
         ("[[comparisons]]", f"{COMPARISON}\n[[comparisons]]", "expected a name of its own for each comparison"),
@@ -112,7 +112,7 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ("[fixed]", "[procedure]\nseeds = [1, 1]\n[fixed]", "seeds = [1, 1]: expected whole numbers from 0 to"),
         ("[fixed]", "[procedure]\nseeds = [1, 2]\ndays = 'own'\n[fixed]", "expected 2 seeds of days = 'common'"),
         ("count = 4", "count = 4\naverage = true", "participants.count = 4: expected 1, because participants.average"),
-        ("[fixed]", "[procedure]\nrepetitions = 999\n[fixed]", "at most 1000 trials for each participant"),
+        ("[fixed]", "[procedure]\nrepetitions = 99_999\n[fixed]", "at most 100000 trials for each participant"),
     ],
 )  # fmt: skip
 def test_nonsense_is_refused_in_one_line(write: Path, old: str, new: str, said: str) -> None:
@@ -199,6 +199,6 @@ def test_the_bundled_studies_are_sound() -> None:
     assert presentations.people.count == 24
     levels = load_design("level-through-a-driver")
     assert [level.value for level in levels.factors[0].levels] == [Level.L2, Level.L3]
-    assert [level.value for level in levels.factors[1].levels] == [Presentation.VECTOR, Presentation.GUIDE]
+    assert [level.value for level in levels.factors[1].levels] == [Presentation.SPEED_AND_EFFORT, Presentation.GUIDE]
     where = {tuple(sorted(one.where.items())) for one in levels.comparisons}
     assert len(where) == 6, "each display with a perfect follower and with people of either brakes"

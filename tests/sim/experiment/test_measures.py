@@ -33,6 +33,9 @@ NO_MEASURES = {
 """What a run gives that is no measure; a study has the last two as `over_limit_mps` and `gap_to_optimum_ratio`."""
 
 
+ON_FLAT = Setting(scenario="flat-6km", presentation=Presentation.SPEED_AND_EFFORT)
+
+
 def trial(setting: Setting, *, person: int = 1, seed: int = 2) -> StudyTrial:
     return StudyTrial(
         number=1, who=1, person=person, session=1, position=1, practice=False, levels=("x",), setting=setting,
@@ -45,8 +48,8 @@ def driven_with(setting: Setting, **more: int) -> Driven:
 
 
 @pytest.fixture(scope="module")
-def driven() -> Driven:
-    return driven_with(Setting(scenario="flat-6km", presentation=Presentation.SPEED_AND_EFFORT))
+def vector() -> Driven:
+    return driven_with(ON_FLAT)
 
 
 def shown(driven: Driven, name: str) -> list[float]:
@@ -54,8 +57,8 @@ def shown(driven: Driven, name: str) -> list[float]:
     return [math.nan if look.shown is None else getattr(look.shown, name) for _, look in driven.seconds]
 
 
-def test_every_measure_has_a_value_and_its_unit_in_its_name(driven: Driven) -> None:
-    found = measured(driven, list(MEASURES))
+def test_every_measure_has_a_value_and_its_unit_in_its_name(vector: Driven) -> None:
+    found = measured(vector, list(MEASURES))
     assert {name for name, value in found.items() if value is None} == OF_THE_GUIDE
     for name, measure in MEASURES.items():
         ends = [unit for end, unit in UNITS.items() if name.endswith(f"_{end}")]
@@ -67,10 +70,10 @@ def test_every_measure_has_a_value_and_its_unit_in_its_name(driven: Driven) -> N
 def test_every_figure_of_a_run_is_a_measure(vector: Driven) -> None:
     figures = vector.outcome.as_dict()
     assert figures.keys() - MEASURES.keys() == NO_MEASURES
-    assert measured(driven, list(figures.keys() - NO_MEASURES)) == {
+    assert measured(vector, list(figures.keys() - NO_MEASURES)) == {
         name: value for name, value in figures.items() if name not in NO_MEASURES
     }
-    assert measured(driven, ["gap_to_optimum_ratio"]) == {"gap_to_optimum_ratio": figures["above_optimum_ratio"]}
+    assert measured(vector, ["gap_to_optimum_ratio"]) == {"gap_to_optimum_ratio": figures["above_optimum_ratio"]}
 
 
 def test_the_energy_is_split_without_rest(vector: Driven) -> None:
@@ -78,8 +81,8 @@ def test_the_energy_is_split_without_rest(vector: Driven) -> None:
     parts = [found[f"energy_{part}_kwh"] for part in ("optimum", "blending", "profile")]
     assert sum(parts) == pytest.approx(found["energy_kwh"])
     assert found["gap_to_optimum_ratio"] == pytest.approx(found["energy_kwh"] / found["energy_optimum_kwh"] - 1.0)
-    front = driven.day.service.fronts[0]
-    planned_s = driven.day.service.timetables[0].arrival_ns - driven.day.service.timetables[0].departure_ns
+    front = vector.day.service.fronts[0]
+    planned_s = vector.day.service.timetables[0].arrival_ns - vector.day.service.timetables[0].departure_ns
     on_time_kwh = front.trajectory(planned_s * 1e-9).balance.input / 3.6e6
     equal = found["energy_kwh"] - found["energy_optimum_kwh"] + on_time_kwh
     assert found["energy_at_equal_arrival_kwh"] == pytest.approx(equal)

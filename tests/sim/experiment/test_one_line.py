@@ -29,9 +29,10 @@ from tests.support.flat_days import FLAT
 from tests.support.making import das_sim, refusal, wait_until
 
 LATE = "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 0, max = 20}\n"
+SHOWN = Presentation.SPEED_AND_EFFORT
 STUCK = "[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86_400\n"
 RUN = ("experiment", "run", "--scenario")
-ASKED = ("late.toml", "--seeds", "0-3", "--driver", "perfect", "--advice", "vector,none")
+ASKED = ("late.toml", "--seeds", "0-3", "--driver", "perfect", "--advice", "speed-and-effort,none")
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +84,9 @@ def first(folder: Path) -> First:
 def test_the_table_has_a_row_for_every_run(first: First) -> None:
     assert (first.found["trials"], first.found["made"], first.found["failed"]) == (8, 8, [])
     keys = [(row["scenario"], row["driver"], row["presentation"], row["seed"]) for row in first.table]
-    assert keys == [("late", "perfect", shown, str(seed)) for seed in range(4) for shown in ("vector", "none")]
+    assert keys == [
+        ("late", "perfect", shown, str(seed)) for seed in range(4) for shown in ("speed-and-effort", "none")
+    ]
     for row in first.table:
         parts = ("component_loss", "resistance", "friction_brake", "unreturned", "potential")
         assert float(row["energy_kwh"]) == pytest.approx(sum(float(row[f"{name}_kwh"]) for name in parts), rel=1e-6)
@@ -110,7 +113,7 @@ def test_finished_runs_are_not_made_again_unless_an_input_changed(
     scenario = folder / "late.toml"
     assert made(*ASKED, "-o", "a", "--workers", "1", cwd=folder)["made"] == 0
     assert (folder / "a" / "trials.csv").read_bytes() == first.content
-    more = ["late.toml", "--seeds", "2-4", "--driver", "perfect", "--advice", "vector", "-o", "a"]
+    more = ["late.toml", "--seeds", "2-4", "--driver", "perfect", "--advice", SHOWN, "-o", "a"]
     assert made(*more, cwd=folder)["made"] == 1
     assert [row["seed"] for row in rows(folder / "a")] == ["2", "3", "4"]
     text = scenario.read_text()
@@ -132,7 +135,19 @@ def finished(folder: Path) -> int:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_days_that_were_stopped_go_on_where_they_were(folder: Path, first: First, number: int) -> None:
     name = f"stopped-{number}"
-    asked = ["late.toml", "--seeds", "0-39", "--driver", "perfect", "--advice", "vector", "--workers", "1", "-o", name]
+    asked = [
+        "late.toml",
+        "--seeds",
+        "0-39",
+        "--driver",
+        "perfect",
+        "--advice",
+        "speed-and-effort",
+        "--workers",
+        "1",
+        "-o",
+        name,
+    ]
     child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True)
     wait_until(lambda: finished(folder / name) >= 2)
     workers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
@@ -151,13 +166,24 @@ def test_days_that_were_stopped_go_on_where_they_were(folder: Path, first: First
     assert found["made"] == found["trials"] - kept <= 2
     # What two workers made at once, and one in two goes, is the same to the last bit.
     theirs = {row["seed"]: row["energy_kwh"] for row in rows(folder / name)}
-    ours = {row["seed"]: row["energy_kwh"] for row in first.table if row["presentation"] == "vector"}
+    ours = {row["seed"]: row["energy_kwh"] for row in first.table if row["presentation"] == "speed-and-effort"}
     assert theirs | ours == theirs
 
 
 @pytest.mark.nightly
 def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: First) -> None:
-    asked = ("late.toml", "--seeds", "1", "--driver", "perfect", "--advice", "vector", "--recordings", "-o", "b")
+    asked = (
+        "late.toml",
+        "--seeds",
+        "1",
+        "--driver",
+        "perfect",
+        "--advice",
+        "speed-and-effort",
+        "--recordings",
+        "-o",
+        "b",
+    )
     assert made(*asked, cwd=folder)["made"] == 1
     (row,) = rows(folder / "b")
     (path,) = (folder / "b" / "recordings").iterdir()
@@ -165,7 +191,7 @@ def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: F
     recording = read_recording(path)
     assert recording.complete
     assert recording.metadata["run"]["seed"] == "1"
-    (same,) = (one for one in first.table if (one["presentation"], one["seed"]) == ("vector", "1"))
+    (same,) = (one for one in first.table if (one["presentation"], one["seed"]) == ("speed-and-effort", "1"))
     assert row["energy_kwh"] == same["energy_kwh"]
     assert made(*asked, cwd=folder)["made"] == 0
     path.write_bytes(path.read_bytes()[:-100])  # cut off
@@ -174,7 +200,7 @@ def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: F
 
 def jobs(folder: Path, **changes: Any) -> list[TrialJob]:
     asked: dict[str, Any] = {
-        "scenarios": [str(folder / "late.toml")], "drivers": [DriverKind.HUMAN], "advice": [Presentation.VECTOR],
+        "scenarios": [str(folder / "late.toml")], "drivers": [DriverKind.HUMAN], "advice": [SHOWN],
         "seeds": [1, 2], **changes,
     }  # fmt: skip
     return jobs_of(DaysAsked(**asked).design(), folder)
@@ -244,7 +270,7 @@ def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
     for text in (
         "8 runs, ",
         "made now",
-        "late, perfect, vector",
+        "late, perfect, speed-and-effort",
         "written: a/trials.csv",
         "saved by advice",
         "comfort",

@@ -22,14 +22,12 @@ def row(driver: str, advice: str, seed: int, *, optimum: float, blending: float,
 
 
 NONE = [row("human", "none", seed, optimum=100.0, blending=20.0 + seed, profile=10.0) for seed in range(3)]
-SPEED_AND_EFFORT = [
-    row("human", "speed-and-effort", seed, optimum=97.0, blending=4.0 + seed, profile=6.0) for seed in range(3)
-]
+ADVISED = [row("human", "speed-and-effort", seed, optimum=97.0, blending=4.0 + seed, profile=6.0) for seed in range(3)]
 PERFECT = [row("perfect", "speed-and-effort", seed, optimum=98.0, blending=0.0, profile=1.0) for seed in range(3)]
 
 
 def test_the_parts_are_those_planted_and_sum_to_the_difference() -> None:
-    (found,) = savings([*NONE, *SPEED_AND_EFFORT])
+    (found,) = savings([*NONE, *ADVISED])
     assert (found.advice, found.pairs, found.tracking_kwh) == ("speed-and-effort", 3, None)
     assert found.saved_kwh == pytest.approx(16.0 + 4.0)  # the 3 kWh that the later arrival is worth are not saved
     assert found.saved_ratio == pytest.approx(20.0 / 98.5)  # of the optimum, the mean for both times
@@ -39,7 +37,7 @@ def test_the_parts_are_those_planted_and_sum_to_the_difference() -> None:
 
 
 def test_beside_a_perfect_driver_the_profile_is_that_of_the_advice_and_the_rest_is_tracking() -> None:
-    found = next(one for one in savings([*NONE, *SPEED_AND_EFFORT, *PERFECT]) if one.driver == "human")
+    found = next(one for one in savings([*NONE, *ADVISED, *PERFECT]) if one.driver == "human")
     assert found.tracking_kwh is not None
     assert (found.profile_kwh, found.tracking_kwh) == pytest.approx((9.0, -5.0))
     parts = found.blending_kwh + found.profile_kwh + found.tracking_kwh
@@ -47,18 +45,18 @@ def test_beside_a_perfect_driver_the_profile_is_that_of_the_advice_and_the_rest_
 
 
 def test_only_seeds_that_both_have_are_compared_and_failed_runs_are_left_out() -> None:
-    failed = {**SPEED_AND_EFFORT[1], "error": "stalled"}
-    (found,) = savings([NONE[0], NONE[1], SPEED_AND_EFFORT[0], failed, SPEED_AND_EFFORT[2]])
+    failed = {**ADVISED[1], "error": "stalled"}
+    (found,) = savings([NONE[0], NONE[1], ADVISED[0], failed, ADVISED[2]])
     assert found.pairs == 1
     assert math.isnan(found.interval_kwh)
-    assert savings(SPEED_AND_EFFORT) == []
+    assert savings(ADVISED) == []
 
 
 def test_what_cannot_be_compared_and_who_brakes_otherwise_with_advice_saved_nothing_that_can_be_said() -> None:
-    faster = {**VECTOR[1], "above_optimum_kwh": None}
-    (found,) = savings([*NONE, VECTOR[0], faster])
+    faster = {**ADVISED[1], "above_optimum_kwh": None}
+    (found,) = savings([*NONE, ADVISED[0], faster])
     assert found.pairs == 1
-    assert savings([{**one, "friction_policy": "by-advice"} for one in (*NONE, *SPEED_AND_EFFORT)]) == []
+    assert savings([{**one, "friction_policy": "by-advice"} for one in (*NONE, *ADVISED)]) == []
 
 
 def test_a_day_is_compared_with_the_same_day_of_the_same_person() -> None:
@@ -66,10 +64,7 @@ def test_a_day_is_compared_with_the_same_day_of_the_same_person() -> None:
     persons = [
         {**row, "participant": k, "energy_kwh": row["energy_kwh"] + 10 * k} for row in (NONE[0],) for k in (1, 2)
     ]
-    persons += [
-        {**SPEED_AND_EFFORT[0], "participant": k, "energy_kwh": SPEED_AND_EFFORT[0]["energy_kwh"] + 10 * k}
-        for k in (1, 2)
-    ]
+    persons += [{**ADVISED[0], "participant": k, "energy_kwh": ADVISED[0]["energy_kwh"] + 10 * k} for k in (1, 2)]
     found = next(one for one in savings([*persons, PERFECT[0]]) if one.driver == "human")
     assert (found.pairs, found.saved_kwh) == pytest.approx((2, 20.0))
     assert math.isnan(found.interval_kwh)
@@ -92,10 +87,10 @@ def test_a_mean_has_students_interval_and_none_of_two_values() -> None:
 
 def test_two_days_print_a_saving_without_an_interval(capsys: pytest.CaptureFixture[str]) -> None:
     more = [{**row, "energy_kwh": row["energy_kwh"] + row["seed"]} for row in NONE]
-    print_savings(savings([*more[:2], *SPEED_AND_EFFORT[:2]]))
-    assert savings([*more[:2], *SPEED_AND_EFFORT[:2]])[0].as_dict()["interval_kwh"] is None
+    print_savings(savings([*more[:2], *ADVISED[:2]]))
+    assert savings([*more[:2], *ADVISED[:2]])[0].as_dict()["interval_kwh"] is None
     two = capsys.readouterr().out
-    print_savings(savings([*more, *SPEED_AND_EFFORT]))
+    print_savings(savings([*more, *ADVISED]))
     three = capsys.readouterr().out
     assert "+20.5 " in two
     assert "±" not in two

@@ -178,7 +178,7 @@ def test_a_cluster_drives_the_same(place: Path, study: Path, tmp_path: Path) -> 
 @pytest.mark.nightly
 def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: Path, tmp_path: Path) -> None:
     jobs = jobs_of(designed(place), tmp_path, record=True)
-    some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("vector",)][:1]
+    some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("speed-and-effort",)][:1]
     found = run_study(designed(place), some, tmp_path, Workers(count=1))
     assert found.failed == ()
     (recording,) = tmp_path.rglob("*.mcap")

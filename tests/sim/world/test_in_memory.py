@@ -52,6 +52,6 @@ def test_the_cards_of_a_run_are_printed_with_the_log_of_the_node(flat: Callable[
 
 @pytest.mark.slow
 def test_a_simulated_day_of_the_library_has_its_table(flat: Callable[[str], Path]) -> None:
-    day = sim.run_day(flat(""), driver="perfect", advice="vector")
+    day = sim.run_day(flat(""), driver="perfect", advice="speed-and-effort")
     assert day.table["truth_s_m"][-1] == day.columns()["s_m"][-1]
     assert Drive(recording=day.table.recording).figures.as_dict()["signals_passed"] == 0

@@ -16,7 +16,7 @@ from sim.experiment.analysis.differences import (
     two_groups,
 )
 from sim.experiment.analysis.reading import RunStudy
-from tests.support.made_up_study import MEASURE, NOISE, VECTOR, Truth, made_up_study, positive, presentations
+from tests.support.made_up_study import MEASURE, NOISE, SPEED_AND_EFFORT, Truth, made_up_study, positive, presentations
 
 
 @pytest.mark.nightly
@@ -134,13 +134,13 @@ def test_without_a_day_in_common_pairs_are_by_driver() -> None:
 def test_groups_are_compared_by_the_means_of_their_drivers() -> None:
     study = made_up_study(Truth(drivers=10, days=3), 1)
     names = study.trials.participant
-    level = np.where(names < "sub-06", "none", "vector")
-    factor = presentations("none", "vector", within=False)
+    level = np.where(names < "sub-06", "none", "speed-and-effort")
+    factor = presentations("none", "speed-and-effort", within=False)
     study = replace(
         study,
         design=replace(study.design, factors=(factor,)),
         trials=replace(study.trials, levels={"presentation": level}),
     )
-    groups = two_groups(study, VECTOR)
+    groups = two_groups(study, SPEED_AND_EFFORT)
     assert (groups.a_names[0], len(groups.a), len(groups.b)) == ("sub-06", 5, 5)
     assert groups.b[0] == pytest.approx(study.trials.values[MEASURE][names == "sub-01"].mean())
