@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from das.domain.earth import Projection, along_m, distances_m, projected_in_order
+from das.domain.earth import distances_m
 from das.domain.errors import DasError
 from das.domain.files.routes import TOLERANCE_S
 from das.domain.files.writing import toml_string
@@ -20,6 +20,7 @@ from das.domain.units import KM
 from precompute.gtfs import FeedTrip, TripStop, check_ends
 from precompute.gtfs_tables import key_of, tidy
 from precompute.journey_order import TimesRead
+from precompute.polylines import Projection, along_m, projected_in_order
 
 NEAR_M = 500.0
 """Distance (m) within which a stop of the feed is at a stop or a point of the route."""

@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.earth import nearest_on_line
 from das.domain.errors import DasError
 from das.domain.route import Altitudes, Floats, Route, Zone
 from das.domain.units import PERMILLE
+from precompute.polylines import nearest_on_line
 from precompute.route_import.line import DECIMALS, ImportedLine, stretches
 from precompute.route_import.order import ImportOrder
 from precompute.route_import.station_names import same_station

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from das.domain.earth import nearest_on_line
 from das.domain.plausibility import energy_range, unusual_in
 from das.domain.route import Route
 from das.domain.units import KM, KMH, PERMILLE, kmh
+from precompute.polylines import nearest_on_line
 
 OFF_LINE_M: Final = 500.0
 """Distance (m) from the line at its position beyond which a stop's coordinates lie elsewhere."""

@@ -9,10 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from das.domain.earth import nearest_on_line, steps_m
+from das.domain.earth import steps_m
 from das.domain.errors import DasError
 from das.domain.route import Floats, Stop, Tunnel, Zone
 from das.domain.units import KM, KMH, PERCENT, kmh
+from precompute.polylines import nearest_on_line
 from precompute.route_import.line import ImportedLine, made_route, stretches, zones_where
 from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.station_names import RANK_OF_A_TRACK, same_station, stations_named

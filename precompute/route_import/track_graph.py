@@ -17,9 +17,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.earth import distances_m, nearest_on_segments, plane_m
+from das.domain.earth import distances_m
 from das.domain.errors import DasError
 from das.domain.units import KM
+from precompute.polylines import nearest_on_segments, plane_m
 from precompute.route_import.track_map import UNITS_PER_DEGREE, Key, MapPlace, TrackLine, TrackMap
 
 Floats = NDArray[np.float64]

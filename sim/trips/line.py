@@ -8,10 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from das.domain.earth import MEAN_RADIUS_M, nearest_on_segments
+from das.domain.earth import MEAN_RADIUS_M
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
+from precompute.polylines import nearest_on_segments
 from sim.trips.cells import LATITUDE_NAMES, LONGITUDE_NAMES, CellTable, check_column, check_location, number
 from sim.trips.settings import MAX_CROSS_TRACK_M, SCALE_TOLERANCE_RATIO
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from das.domain.earth import distances_m, nearest_on_line, steps_m
+from das.domain.earth import distances_m, steps_m
+from precompute.polylines import nearest_on_line
 
 
 @pytest.mark.parametrize(
