@@ -129,8 +129,7 @@ class Fronts:
 
 
 def _size(front: Front) -> int:
-    times = front.time_to_go_s
-    return front.value_j.nbytes + (times.nbytes if isinstance(times, np.ndarray) else times[0].nbytes)
+    return front.value_j.nbytes + front.time_to_go_s.nbytes
 
 
 def onboard_ladder(section: Section) -> NDArray[np.float64]:

@@ -15,7 +15,6 @@ from das.domain.errors import InfeasibleError
 from das.domain.files.load import load_vehicle
 from das.offline.bound.certificate import bound_of, task_of
 from das.solver.kernels.tuples import Policies, Policy
-from das.solver.policy_store import WholePolicies
 from das.solver.section import Section, build_section
 from das.solver.solve import DecisionGrid
 from das.solver.state import State, fastest
@@ -44,10 +43,8 @@ def main() -> None:
 def _unsolved_policies(section: Section) -> Policies:
     """Policies to which no sweep has come down: a train finds no way, but their kernels are compiled."""
     grid, prices_w = DecisionGrid.of(section), np.array([PRICE_W, 2.0 * PRICE_W])
-    unsolved = WholePolicies((len(grid.node_m), grid.speed_steps + 1, len(prices_w)), 0.0)
-    unsolved.value_j.fill(INFEASIBLE)
-    unsolved.time_to_go_s.fill(0.0)
-    return Policies(prices_w, unsolved.value_j, unsolved.time_to_go_s)
+    shape = len(grid.node_m), grid.speed_steps + 1, len(prices_w)
+    return Policies(prices_w, np.full(shape, INFEASIBLE), np.zeros(shape, np.float32))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from das.domain.errors import DasError
 from das.domain.summary import Summary, needs
 from das.solver import tolerances as tol
-from das.solver.kernels.tuples import PackedTimes, Policies, Policy
+from das.solver.kernels.tuples import Policies, Policy
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from das.solver.state import RollOut, State, fastest, least_time_s
@@ -54,8 +54,7 @@ class Sweep(Protocol):
 class Front(Summary):
     """Policies of a section for a ladder of multipliers.
 
-    `lambda_w` (L,) ascends. `value_j` and `time_to_go_s` have the shape (K + 1 decision nodes, J + 1 speeds, L). A
-    solved front holds them as float64 and float32; a large one, and a table on disk, as float32 and packed.
+    `lambda_w` (L,) ascends. `value_j` and `time_to_go_s` have the shape (K + 1 decision nodes, J + 1 speeds, L).
 
     With a `sweep` only the nodes from `sweep.known_from` on are filled: the front of a train that is under way. The
     methods continue the sweep if they need more.
@@ -63,8 +62,8 @@ class Front(Summary):
 
     section: Section
     lambda_w: Floats
-    value_j: Floats | NDArray[np.float32]
-    time_to_go_s: NDArray[np.float32] | PackedTimes
+    value_j: Floats
+    time_to_go_s: NDArray[np.float32]
     sweep: Sweep | None = None
 
     def facts(self) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Lock
@@ -16,7 +15,7 @@ from das.solver.kernels.landings import LANDINGS
 from das.solver.kernels.sweep import LANES, backward_sweep
 from das.solver.kernels.transitions import transitions
 from das.solver.kernels.tuples import LineArrays, Moves, SpeedBounds
-from das.solver.policy_store import PackedPolicies, PolicyStore, WholePolicies, in_parts
+from das.solver.parts import in_parts
 from das.solver.section import Section
 from das.solver.state import State
 
@@ -25,12 +24,8 @@ Floats = NDArray[np.float64]
 BLOCK_NODES = 32
 """Decision nodes whose transitions are kept at a time: a few MB, and threads rarely wait for each other."""
 
-PACKED_ABOVE_BYTES = 300_000_000
-"""Size (bytes) above which policies (on lines longer than 150 km) are packed into half the space."""
 BEHIND_M = 1_000.0
-"""Distance behind a train under way (m) at which its front begins, further than its position is ever corrected."""
-STATE_BYTES = 12
-"""Size of the value and the time-to-go of a state under a multiplier (bytes), as the sweep writes them."""
+"""The front of a train under way begins this far behind the train (m), further than its position is ever corrected."""
 
 
 def solve_front(
@@ -40,7 +35,6 @@ def solve_front(
     lambda_w: Floats | None = None,
     end_value_j: Floats | None = None,
     block_nodes: int = BLOCK_NODES,
-    packed: bool | None = None,
 ) -> Front:
     """Solve a section for a ladder of multipliers (default: `default_ladder`).
 
@@ -52,11 +46,8 @@ def solve_front(
     The kernels release the GIL and share nothing that they write. Only the transitions of one block are kept, because
     all of them together would be as large as the result. The number of threads and the size of a block change no bit
     of the result.
-
-    With `packed` (by default above `PACKED_ABOVE_BYTES`) every block is packed once it is swept. This does not affect
-    the sweep; the energy of a trajectory from the front changes by up to 0.001 %.
     """
-    sweep = _Sweep(section, lambda_w, end_value_j, threads=threads, block_nodes=block_nodes, packed=packed)
+    sweep = _Sweep(section, lambda_w, end_value_j, threads=threads, block_nodes=block_nodes)
     sweep.come_down_to(0)
     return sweep.front()
 
@@ -98,13 +89,14 @@ class _Sweep:
         *,
         threads: int,
         block_nodes: int = BLOCK_NODES,
-        packed: bool | None = None,
     ) -> None:
         self.grid = DecisionGrid.of(section)
         self.ladder = default_ladder(section) if lambda_w is None else np.asarray(lambda_w, dtype=float)
         n = len(self.grid.node_m) - 1
         shape = (n + 1, self.grid.speed_steps + 1, len(self.ladder))
-        self._store = _store(shape, end_value_j, block_nodes, packed)
+        self._value_j, self._time_to_go_s = np.empty(shape, np.float64), np.empty(shape, np.float32)
+        self._value_j[-1] = 0.0 if end_value_j is None else end_value_j[:, np.newaxis]
+        self._time_to_go_s[-1] = 0.0
         self._threads, self._block_nodes = threads, block_nodes
         self._known_from = n
         self._lock = Lock()
@@ -126,31 +118,19 @@ class _Sweep:
                     start = max(end - self._block_nodes, first)
                     moves = space.rows(0, end - start)
                     in_parts(pool, threads, end - start, self.grid.fill, start, moves)
-                    rows = self._store.rows(start, end)
+                    rows = self._value_j[start : end + 1], self._time_to_go_s[start : end + 1]
                     in_parts(pool, threads, len(ladder), moves.sweep, ladder, *rows, of=LANES)
-                    self._store.keep(start, end, pool, threads)
             self._known_from = first
 
     def front(self) -> Front:
         """The front of the nodes solved so far; it continues the sweep when a node further back is needed."""
-        store = self._store
         return Front(
             section=self.grid.section,
             lambda_w=self.ladder,
-            value_j=store.value_j,
-            time_to_go_s=store.time_to_go_s,
+            value_j=self._value_j,
+            time_to_go_s=self._time_to_go_s,
             sweep=self if self._known_from > 0 else None,
         )
-
-
-def _store(
-    shape: tuple[int, int, int], end_value_j: Floats | None, block_nodes: int, packed: bool | None
-) -> PolicyStore:
-    """Where the policies of a front of this shape (nodes, speeds, L) are written."""
-    ends_j = 0.0 if end_value_j is None else end_value_j[:, np.newaxis]
-    if packed is None:
-        packed = math.prod(shape) * STATE_BYTES > PACKED_ABOVE_BYTES
-    return PackedPolicies(shape, ends_j, block_nodes) if packed else WholePolicies(shape, ends_j)
 
 
 def default_ladder(section: Section) -> Floats:

@@ -16,7 +16,7 @@ from das.domain.units import KM, KMH, MEGABYTE
 from das.solver.front import Front
 from das.solver.kernels.transitions import transitions
 from das.solver.section import Section, SectionOptions, build_section
-from das.solver.solve import BLOCK_NODES, PACKED_ABOVE_BYTES, STATE_BYTES, DecisionGrid, Transitions, solve_front
+from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, solve_front
 from das.solver.tolerances import LADDER_SIZE
 from precompute.bench.measuring import Figure, Roofline, Times, in_turns, peak_bytes_of, timed
 from precompute.bench.plain import bisected, numpy_sweep, plain_front, plain_transitions
@@ -62,6 +62,8 @@ FULL = BenchSize(
     lengths_km=(10.0, 30.0, 100.0, 300.0),
     exact_buffer_ratio=0.02,
 )
+STATE_BYTES = 12
+"""Size of the value and the time-to-go of a state under a multiplier (bytes)."""
 QUICK = BenchSize(
     rounds=2,
     slow_rounds=1,
@@ -97,9 +99,8 @@ class Workload:
 
     @property
     def result_bytes(self) -> int:
-        """Size of the policies; large ones are packed."""
-        whole = (self.nodes + 1) * self.states * LADDER_SIZE * STATE_BYTES
-        return whole if whole <= PACKED_ABOVE_BYTES else whole // 2
+        """Size of the policies."""
+        return (self.nodes + 1) * self.states * LADDER_SIZE * STATE_BYTES
 
     def least_s(self, roofline: Roofline) -> float:
         """Least time of the front: that of arithmetic which every front of this size does."""

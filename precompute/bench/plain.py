@@ -13,7 +13,7 @@ from das.solver.front import Front, TimeSearch
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.landings import LANDINGS, landings, step_cost
 from das.solver.kernels.policy_values import grid_speed, locate
-from das.solver.policy_store import in_parts
+from das.solver.parts import in_parts
 from das.solver.section import Section
 from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, default_ladder
 from das.solver.state import State

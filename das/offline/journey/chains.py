@@ -98,12 +98,12 @@ class SectionFronts:
         """The front of a part of a section; `ahead` is the journey after its end (None: a stop)."""
         journey_section = self.sections[stretch.section]
         if ahead is None:
-            return solve_front(journey_section.part(stretch.first, stretch.last), lambda_w=self.ladder_w, packed=False)
+            return solve_front(journey_section.part(stretch.first, stretch.last), lambda_w=self.ladder_w)
         section = journey_section.part(stretch.first, stretch.last, ahead.least_mps)
         speeds = _grid_mps(section, -1)
         value = np.interp(speeds**2, ahead.speed_mps**2, ahead.value_j)
         value[value > tol.UNREACHABLE] = tol.INFEASIBLE
-        return solve_front(section, lambda_w=self.ladder_w, end_value_j=value, packed=False)
+        return solve_front(section, lambda_w=self.ladder_w, end_value_j=value)
 
     def table(self, stretch: Stretch, part: Front | None, speed_mps: float) -> MultiplierTable:
         """The table of a stretch from a speed: from the front `part`, or from the whole section's if it is None."""
@@ -127,7 +127,7 @@ class SectionFronts:
     def _whole(self, section: int) -> Front:
         if section in self._fronts:
             return self._fronts[section]
-        front = solve_front(self.sections[section].whole, lambda_w=self.ladder_w, packed=False)
+        front = solve_front(self.sections[section].whole, lambda_w=self.ladder_w)
         if sum(map(_size, self._fronts.values())) + _size(front) <= tol.JOURNEY_FRONTS_BYTES:
             self._fronts[section] = front
         return front

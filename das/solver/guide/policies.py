@@ -32,7 +32,7 @@ from das.solver.kernels.guide_policy import (
     guide_sweep,
 )
 from das.solver.kernels.guide_run import STALLED, FineCurve, guide_roll_out
-from das.solver.policy_store import in_parts
+from das.solver.parts import in_parts
 from das.solver.section import Section
 from das.solver.solve import DecisionGrid, node_behind, usable_power_w
 from das.solver.state import State

@@ -1,19 +1,13 @@
-"""Values of a policy: the speed grid that they are kept on, interpolation between its lines, and packing.
+"""Values of a policy: the speed grid that they are kept on, and interpolation between its lines.
 
 Values are interpolated in λ by the cubic through the values and slopes at both neighbouring λ (the slope dV/dλ is the
-time-to-go) and in speed by a cubic, so that decisions are smooth where the optimum is. Packed, they take half the
-space: values in single precision, times-to-go as steps of 16 bits.
+time-to-go) and in speed by a cubic, so that decisions are smooth where the optimum is.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numba import types
-from numba.extending import overload
-
 from das.compiling import kernel
-from das.solver.kernels.tuples import PackedTimes
-from das.solver.tolerances import INFEASIBLE, SMALLEST_SHARE, UNREACHABLE
+from das.solver.tolerances import INFEASIBLE, SMALLEST_SHARE
 
 
 @kernel
@@ -52,22 +46,6 @@ def locate(v, floor, top, steps):
     return lower, share
 
 
-def time_at(time_to_go, k, j, a):
-    """Time-to-go (s) at decision node k, grid line j and multiplier a, of an array or of PackedTimes."""
-    if isinstance(time_to_go, PackedTimes):
-        return time_to_go.low_s[k, a] + time_to_go.step_s[k, a] * float(time_to_go.steps[k, j, a])
-    return time_to_go[k, j, a]
-
-
-@overload(time_at)
-def _compiled_time_at(time_to_go, k, j, a):
-    if isinstance(time_to_go, types.BaseNamedTuple):
-        return lambda time_to_go, k, j, a: (
-            time_to_go.low_s[k, a] + time_to_go.step_s[k, a] * float(time_to_go.steps[k, j, a])
-        )
-    return lambda time_to_go, k, j, a: time_to_go[k, j, a]
-
-
 @kernel
 def blended_values(policies, policy, k, first, last, row):
     """Write the values (J) of the policy at decision node k, grid lines first … last, into row[first … last]."""
@@ -89,8 +67,8 @@ def blended_values(policies, policy, k, first, last, row):
         if va >= 0.5 * INFEASIBLE or vb >= 0.5 * INFEASIBLE:
             row[j] = INFEASIBLE
         else:
-            ta = time_at(time_to_go, k, j, a)
-            tb = time_at(time_to_go, k, j, a + 1)
+            ta = time_to_go[k, j, a]
+            tb = time_to_go[k, j, a + 1]
             row[j] = of_va * va + of_ta * ta + of_vb * vb + of_tb * tb
 
 
@@ -123,40 +101,3 @@ def needed_lines(low, high, floor, top, steps):
     """First and last grid line that `value_at` reads for speeds low … high."""
     first = max(locate(low, floor, top, steps)[0] - 1, 0)
     return first, min(max(locate(high, floor, top, steps)[0], 0) + 2, steps)
-
-
-UNKNOWN_STEP = 65535
-"""Packed time-to-go of a state from which the section cannot be finished; the longest other one is packed as 65534."""
-
-_LEAST_STEP_S = np.finfo(np.float32).tiny
-
-
-@kernel
-def pack(first, last, value, time_to_go, packed_value, packed_times):
-    """Pack the rows first … last − 1 of values (J) and times-to-go (s): (nodes, speeds, L) into arrays of that shape.
-
-    The times of each node and multiplier become whole numbers of equal steps, 0 (shortest time) to 65534 (longest).
-    """
-    steps, low_s, step_s = packed_times
-    _, states, size = value.shape
-    low, high = np.empty(size), np.empty(size)
-    for k in range(first, last):
-        low[:], high[:] = INFEASIBLE, -INFEASIBLE
-        for j in range(states):
-            for l in range(size):
-                time_s = time_to_go[k, j, l]
-                known = value[k, j, l] < UNREACHABLE
-                low[l] = time_s if known and time_s < low[l] else low[l]
-                high[l] = time_s if known and time_s > high[l] else high[l]
-        for l in range(size):
-            if high[l] < low[l]:
-                low[l], high[l] = 0.0, 0.0
-            low_s[k, l] = low[l]
-            step_s[k, l] = (high[l] - low[l]) / (UNKNOWN_STEP - 1)
-            high[l] = max(step_s[k, l], _LEAST_STEP_S)
-        for j in range(states):
-            for l in range(size):
-                part = np.rint((time_to_go[k, j, l] - low[l]) / high[l])
-                known = value[k, j, l] < UNREACHABLE
-                steps[k, j, l] = np.uint16(min(part, UNKNOWN_STEP - 1.0) if known else UNKNOWN_STEP)
-                packed_value[k, j, l] = value[k, j, l]

@@ -10,7 +10,7 @@ from das.compiling import kernel
 from das.solver.kernels.driving import coast, drive, full_traction_speed, hurry, trip_time
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.landings import LANDINGS, landing_speed, landing_under, landings, step_cost
-from das.solver.kernels.policy_values import blended_values, locate, needed_lines, time_at, value_at
+from das.solver.kernels.policy_values import blended_values, locate, needed_lines, value_at
 from das.solver.kernels.tuples import DecisionStep, LineArrays, Policy
 from das.solver.tolerances import CREEP_MPS, INFEASIBLE, UNREACHABLE
 
@@ -107,7 +107,7 @@ def one_step_totals(v0, step, policies, c, total, time_s):
         if not step.final:
             k = step.node
             j, s = locate(x, step.floor_mps, step.envelope_mps, speeds - 1)
-            time_s[a] += (1.0 - s) * time_at(time_to_go, k, j, a) + s * time_at(time_to_go, k, j + 1, a)
+            time_s[a] += (1.0 - s) * time_to_go[k, j, a] + s * time_to_go[k, j + 1, a]
 
 
 @kernel

@@ -169,23 +169,12 @@ class Moves(NamedTuple):
     filled: NDArray[np.int16]
 
 
-class PackedTimes(NamedTuple):
-    """Times-to-go as a table on disk holds them: low_s + step_s·steps.
-
-    `steps` (K + 1 decision nodes, J + 1 speeds, L multipliers), `low_s` and `step_s` (K + 1, L).
-    """
-
-    steps: NDArray[np.uint16]
-    low_s: NDArray[np.float32]
-    step_s: NDArray[np.float32]
-
-
 class Policies(NamedTuple):
     """The solved policies of a section: `lambda_w` (L,), values and times-to-go (K + 1, J + 1, L) of every state."""
 
     lambda_w: Floats
-    value_j: Floats | NDArray[np.float32]
-    time_to_go_s: NDArray[np.float32] | PackedTimes
+    value_j: Floats
+    time_to_go_s: NDArray[np.float32]
 
 
 class Policy(NamedTuple):

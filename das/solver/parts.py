@@ -1,0 +1,19 @@
+"""Work on the parts of a range, shared out among threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+
+def in_parts(
+    pool: ThreadPoolExecutor, threads: int, size: int, work: Callable[..., None], *args: object, of: int = 1
+) -> None:
+    """Call work(first, last, *args) for equal parts of range(size), each on a thread of its own.
+
+    The parts begin at multiples of `of`.
+    """
+    edges = [min(of * round(size * i / (threads * of)), size) for i in range(threads)] + [size]
+    for future in [pool.submit(work, first, last, *args) for first, last in pairwise(edges)]:
+        future.result()
