@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +19,8 @@ from precompute.vehicle_import.figures import Figures
 from precompute.vehicle_import.train import ImportedTrain, named_losses, vehicle_text
 
 COMMAND = "das-precompute vehicle import"
+IMPORTERS = "das.importers"
+"""Entry points of other packages: functions that read a train from a path, by the end of such a file's name."""
 
 
 class Imported(NamedTuple):
@@ -58,6 +61,10 @@ def import_train(
 def _read(source: Path, figures: Figures, train_id: str | None) -> ImportedTrain:
     """The train of a file, by the kind of the file; DasError for a kind that cannot be imported."""
     suffix = source.suffix.lower()
+    for door in entry_points(group=IMPORTERS):
+        if door.name == suffix.removeprefix("."):
+            brought: ImportedTrain = door.load()(source)
+            return brought
     refuse_foreign(source, "train", reads=VEHICLES)
     if suffix in (".csv", ".tsv", ".txt"):
         return tables.read_efforts(source, figures)

@@ -36,7 +36,7 @@ WhatArgument = Annotated[
     str,
     typer.Argument(
         metavar="[SCENARIO|RECORDING]",
-        help="Bundled scenario (das-sim scenarios lists them) or TOML file to drive; or recording (.mcap) to see.",
+        help="Bundled scenario (das-sim list scenarios lists them) or TOML file to drive; or recording (.mcap) to see.",
     ),
 ]
 AtOption = Annotated[

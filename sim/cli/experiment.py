@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 DesignArgument = Annotated[
     str,
-    typer.Argument(metavar="DESIGN", help="Design file (TOML), or a bundled study (das-sim experiment studies)."),
+    typer.Argument(metavar="DESIGN", help="Design file (TOML), or a bundled study (das-sim list studies)."),
 ]
 
 
@@ -109,7 +109,7 @@ def run(
     if scenario is None:
         refuse_given("needs --scenario; a design says it itself", *ONE_LINE)
         if design is None:
-            raise DasError("expected a design (das-sim experiment studies lists the bundled ones), or --scenario")
+            raise DasError("expected a design (das-sim list studies has the bundled ones), or --scenario")
     elif design is not None:
         raise DasError(f"--scenario {scenario}: not together with a design ({design})")
     with busy("reading the design …"):
@@ -180,19 +180,6 @@ def _tell_run(design: Design, jobs: Sequence[TrialJob], found: StudyRun, *, as_j
         raise typer.Exit(1)
 
 
-def studies(as_json: JsonOption = False) -> None:
-    """List the bundled studies and where their files are."""
-    from sim.experiment.checking import print_studies
-    from sim.experiment.design import bundled_studies, read_design
-
-    found = [read_design(path) for path in bundled_studies().values()]
-    if as_json:
-        listed = [{"name": one.name, "title": one.title, "file": str(one.source)} for one in found]
-        print(json.dumps(listed))
-        return
-    print_studies(found)
-
-
 StudyArgument = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of a study that das-sim experiment run made.")
 ]
@@ -226,3 +213,24 @@ def analyse(
     for name, line in in_short(found):
         paragraph(f"{name}: {line}" if name else line)
     tell_written(*written.paths)
+
+
+def rescore(
+    folder: StudyArgument,
+    out: OutFolder,
+    measure: Annotated[
+        list[str] | None,
+        typer.Option("--measure", metavar="NAME", help="Measure; may be given several times [default: all]."),
+    ] = None,
+) -> None:
+    """Compute measures anew from the recordings of a study, into another folder that can be analysed.
+
+    These are the measures that a recording alone gives, among them those of other packages (das-sim list).
+    """
+    from sim.experiment.measures import MEASURES
+    from sim.experiment.rescore import rescore as written
+
+    names = measure or [one.name for one in MEASURES.values() if one.of_table is not None]
+    count = written(folder, names, out)
+    paragraph(f"{len(names)} measures of {count} trials")
+    tell_written(out)

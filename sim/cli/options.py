@@ -46,9 +46,8 @@ DriverOption = Annotated[
     typer.Option(
         "--driver",
         metavar="DRIVER",
-        help="The driver: perfect, literal, fast, top-speed, timetable, human, a class of your own "
-        "(package.module:Class), external, a process of its own, or desk, a person in the browser (das-sim drivers "
-        "explains them).",
+        help="The driver: perfect, literal, fast, rms, timetable, human, a class of your own (package.module:Class), "
+        "external, a process of its own, or desk, a person in the browser (das-sim list drivers explains them).",
     ),
 ]
 AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]
@@ -91,12 +90,12 @@ DriversOption = Annotated[
     typer.Option(
         "--driver",
         metavar="LIST",
-        help="The drivers, separated by commas: names (das-sim drivers lists them) or classes of your own "
+        help="The drivers, separated by commas: names (das-sim list drivers lists them) or classes of your own "
         "(package.module:Class).",
     ),
 ]
 ScenarioArgument = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="Bundled scenario (das-sim scenarios lists them) or TOML file.")
+    str, typer.Argument(metavar="SCENARIO", help="Bundled scenario (das-sim list scenarios lists them) or TOML file.")
 ]
 JourneyOption = Annotated[
     str | None,

@@ -25,21 +25,22 @@ EXPERIMENTS: Final = (
         ),
     ),
     Entry(
-        name="studies",
-        where="sim.cli.experiment:studies",
-        summary="List the bundled studies and where their files are.",
-        examples=("das-sim experiment studies",),
-    ),
-    Entry(
         name="analyse",
         where="sim.cli.experiment:analyse",
         summary="Analyse a study that was run: differences with intervals, corrected p, effect sizes.",
         examples=("das-sim experiment analyse study -o report.html",),
     ),
+    Entry(
+        name="rescore",
+        where="sim.cli.experiment:rescore",
+        summary="Compute measures anew from the recordings of a study, for a new measure.",
+        examples=("das-sim experiment rescore study -o again --measure my_measure_s",),
+    ),
 )
 
 
 GONE_EXPERIMENTS: Final = {
+    "studies": "das-sim list studies",
     "power": "the notebook docs/tutorials/notebook-study-statistics.ipynb, which has simulated power as a function",
 }
 """Former commands of the group, each with what to run instead."""
@@ -139,16 +140,10 @@ ENTRIES: Final = (
         ),
     ),
     Entry(
-        name="scenarios",
-        where="sim.cli.run:scenarios",
-        summary="List the bundled scenarios and where their files are.",
-        examples=("das-sim scenarios --json",),
-    ),
-    Entry(
-        name="drivers",
-        where="sim.cli.run:drivers",
-        summary="List who can drive, and the parameters of a human driver.",
-        examples=("das-sim drivers --json",),
+        name="list",
+        where="sim.cli.listing:listing",
+        summary="List scenarios, drivers, presentations, studies, measures, importers; also of other packages.",
+        examples=("das-sim list", "das-sim list scenarios", "das-sim list drivers --json"),
     ),
     Entry(
         name="example",
@@ -173,8 +168,10 @@ GONE: Final = {
     "batch": "das-sim experiment run --scenario LIST --driver LIST --advice LIST --seeds LIST -o DIR",
     "sensitivity": "python -m docs.studies.sensitivity in a checkout, or an experiment with factors like human.headway",
     "compare": "das-sim report FIRST OTHER…, with --table for the table that --out wrote",
+    "drivers": "das-sim list drivers",
     "energy": "das-sim report RECORDING --show energy",
     "events": "das-sim report RECORDING --show events, or --show bookmarks",
+    "scenarios": "das-sim list scenarios",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
 }
 """Former commands, each with what to run instead."""

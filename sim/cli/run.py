@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from das.command_line.given import refuse_given
 from das.command_line.options import (
@@ -17,7 +16,7 @@ from das.command_line.options import (
     SeedOption,
     TrainOption,
 )
-from das.command_line.printing import loading_solver, new_table, one_line, print_table, say, tell, typed
+from das.command_line.printing import loading_solver, one_line, say, typed
 from das.domain.errors import DasError
 from sim.cli.desk import NEEDS_A_PACE, DeskLooks, drive_at_desk
 from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
@@ -57,39 +56,6 @@ if TYPE_CHECKING:
     from sim.world.external import ExternalDriver
     from sim.world.over_bus import How
     from sim.world.service import Day
-
-
-DRIVERS: Final = {
-    "perfect": "follows the full advice, speed and force, as exactly as the train lets",
-    "literal": "does what the guide's card says and knows nothing else: no limit, no board, no signal",
-    "fast": "drives as fast as allowed and brakes late",
-    "top-speed": "holds one reduced maximum speed, the advised one or the driver's own",
-    "timetable": "keeps time without advice",
-    "human": "reacts, errs, refuses and learns, by the parameters below",
-}
-"""The manner of each driver."""
-OUTSIDE: Final = {
-    "package.module:Class": "a class of your own, in this process",
-    "external": "a process of its own, over the bus",
-    "desk": "a person at the cab desk, in the browser (das-sim desk)",
-}
-"""Drivers that users bring (docs/how-to/bring-your-own-driver.md)."""
-
-
-def scenarios(as_json: JsonOption = False) -> None:
-    """List the bundled scenarios and where their files are; a copy is a good beginning of a scenario of your own."""
-    from sim.world.scenario import bundled_scenarios, read_scenario
-
-    found = [read_scenario(path) for path in bundled_scenarios().values()]
-    if as_json:
-        kept = {one.id: {"title": one.title, "description": one.description, "file": str(one.source)} for one in found}
-        print(json.dumps(kept))
-        return
-    table = new_table("bundled scenarios", ("what happens",), whole=("scenario",), lines=True)
-    for one in found:
-        table.add_row(one.id, f"{one.title}. {one.description}")
-    print_table(table)
-    tell(f"their files, to copy and change: {found[0].source.parent}")
 
 
 def run(
@@ -203,32 +169,6 @@ def _external(day: Day, how: How, factor: float | None) -> ExternalDriver:
     command = f"{typed('das-sim')} drive {scenario} --train {how.train} {where}"
     print(one_line(f"the run waits for its driver, for example: {command}"), file=sys.stderr)
     return ExternalDriver(day, times_real=factor)
-
-
-def drivers(as_json: JsonOption = False) -> None:
-    """List who can drive, and the parameters of a human driver with their default, range and source."""
-    from dataclasses import fields
-
-    from rich.table import Table
-
-    from sim.drivers.parameters import HumanParameters, parameter_table
-
-    if as_json:
-        parameters = {f.name: {"default": f.default, **f.metadata} for f in fields(HumanParameters)}
-        print(json.dumps({"drivers": DRIVERS, "outside": OUTSIDE, "human": parameters}))
-        return
-    who = Table(title="drivers", title_justify="left", show_header=False)
-    for name, meaning in (DRIVERS | OUTSIDE).items():
-        who.add_row(name, meaning)
-    print_table(who)
-    table = new_table("human", ("range, meaning (source)",), whole=("parameter", "default"), lines=True)
-    for name, default, unit, limits, meaning, source in parameter_table():
-        table.add_row(name, f"{default} {unit}", f"{limits}: {meaning} ({source})")
-    print_table(table)
-    tell(
-        "The table [human] of a scenario sets them, to values or ranges, and the trips made before "
-        "(docs/reference/drivers.md)."
-    )
 
 
 def drive(

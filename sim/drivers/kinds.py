@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from das.domain.errors import DasError, now_called, one_of
+from das.domain.errors import DasError
+from sim.doors import DRIVERS, PRESENTATIONS, installed
 
 
 class DriverKind(StrEnum):
@@ -54,19 +55,23 @@ def named_driver(option: str, text: str) -> DriverName:
         return DriverKind(text)
     if text in list(External):
         return External(text)
+    if (door := installed(DRIVERS).get(text)) is not None:
+        return OwnClass(module=door.module, name=door.attribute)
     match = _OWN_CLASS.fullmatch(text)
     if match is None:
-        expected = f"{one_of([*DriverKind, *External], text)}, or a class of your own as package.module:Class"
-        raise DasError(f"{option} {text}: expected {expected}")
+        known = ", ".join([*DriverKind, *External, *installed(DRIVERS)])
+        raise DasError(f"{option} {text}: expected one of {known}, or a class of your own as package.module:Class")
     return OwnClass(module=match[1], name=match[2])
 
 
 class Presentation(StrEnum):
     """The presentations: how much of the same advice the display shows.
 
-    A new presentation takes one line here, and a module of its name in `sim/drivers/presentations` for all the rest.
+    A new presentation takes one line here, and a module of its name in `sim/drivers/presentations` for all the rest; or
+    an entry point `das.presentations` of another package.
     """
 
+    _ignore_ = "one"
     NONE = "none"
     DEVIATION = "deviation"
     """Seconds early or late, renewed every 35 s; nothing about how to drive."""
@@ -80,6 +85,8 @@ class Presentation(StrEnum):
     """The manner of driving now, its speed and effort, and the next two changes."""
     SHEET = "sheet"
     """On paper: what to do from which kilometre on; it never changes."""
+    for one in installed(PRESENTATIONS):
+        vars()[one.upper().replace("-", "_")] = one
 
 
 class FrictionPolicy(StrEnum):

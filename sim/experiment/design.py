@@ -25,7 +25,7 @@ from das.domain.files.writing import make_folder, write_whole
 from sim.drivers.parameters import DEFAULT, load_population
 from sim.experiment.driving import participant_name
 from sim.experiment.factors import DEFAULTS, FACTORS, OF_HUMAN, FactorLevel, Setting, setting_files
-from sim.experiment.measures import MEASURES
+from sim.experiment.measures import BUNDLED, MEASURES
 from sim.recording.inputs import sha256
 
 DESIGN_TEXT: Final = "design.toml"
@@ -167,7 +167,7 @@ class Design:
     factors: tuple[Factor, ...]
     people: People
     procedure: Procedure
-    measures: tuple[str, ...] = tuple(MEASURES)
+    measures: tuple[str, ...] = BUNDLED
     comparisons: tuple[PlannedComparison, ...] = ()
     alpha: float = DEFAULT_ALPHA
     correction: str = CORRECTIONS[0]
@@ -353,7 +353,7 @@ def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
 
 
 def _measures(table: Fields, known: _Vocabulary) -> tuple[str, ...]:
-    names = table.rows("measures", "a list of measures") if table.has("measures") else list(MEASURES)
+    names = table.rows("measures", "a list of measures") if table.has("measures") else list(BUNDLED)
     for name in names:
         if not isinstance(name, str) or names.count(name) > 1 or (known.measures and name not in known.measures):
             raise table.error("measures", name, f"each once, of {', '.join(known.measures or ['the columns'])}")

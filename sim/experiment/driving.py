@@ -11,12 +11,15 @@ from typing import Any, Final, NamedTuple
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import NS
+from sim.drive.table import DriveTable
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
 from sim.drivers.parameters import Participant, load_population
 from sim.experiment.factors import Setting
 from sim.experiment.runner import JobRecording, ServiceMemory, whole_run
 from sim.plant import kernels
 from sim.plant.kernels import Command, PlantState
+from sim.recording.opening import open_recording
+from sim.world.in_memory import drive_kept
 from sim.world.loop import LOOK_S, TICK_S, Run
 from sim.world.outcome import DayOutcome, outcome, true_fronts
 from sim.world.over_bus import How, drive_day
@@ -123,12 +126,13 @@ class WatchedDriver:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Driven:
-    """A driven trial: the day, the run, its outcome, and all looks of the driver."""
+    """A driven trial: the day, the run, its outcome, all looks of the driver, and the table of the drive, if kept."""
 
     day: Day
     run: Run
     outcome: DayOutcome
     looks: Sequence[DriverLook]
+    table: DriveTable | None = None
 
     @cached_property
     def seconds(self) -> tuple[tuple[PlantState, DriverLook], ...]:
@@ -160,8 +164,8 @@ class Driven:
         return energies.driven_j - energies.optimum_as_driven_j + on_time_j
 
 
-def drive(trial: StudyTrial, population: str, record: JobRecording | None = None) -> Driven:
-    """Drive a trial with a participant of a population, and record it as `record` says.
+def drive(trial: StudyTrial, population: str, record: JobRecording | None = None, *, keep: bool = False) -> Driven:
+    """Drive a trial with a participant of a population, record it as `record` says, and `keep` the table of the drive.
 
     Raises DasError for files that cannot be used, and if the train does not arrive.
     """
@@ -178,8 +182,13 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
         screen=setting.screen,
     )
     out = None if record is None else record.file
-    run = whole_run(drive_day(day, driver, how, out), out)
-    return Driven(day=day, run=run, outcome=outcome(day, run, setting.driver), looks=driver.looks)
+    table = None
+    if out is None and keep:
+        run, table = drive_kept(day, driver, how)
+    else:
+        run = whole_run(drive_day(day, driver, how, out), out)
+        table = DriveTable.of(open_recording(out)) if keep and out is not None else None
+    return Driven(day=day, run=run, outcome=outcome(day, run, setting.driver), looks=driver.looks, table=table)
 
 
 def service_of(setting: Setting) -> Service:

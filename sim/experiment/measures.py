@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final
 
@@ -12,7 +12,11 @@ import numpy as np
 
 from das.domain.trajectory import PART_WORDS
 from das.domain.units import KMH, kwh
+from sim.doors import MEASURES as DOOR
+from sim.doors import Door, installed
+from sim.drive.drive import Drive
 from sim.drive.stability import REVERSAL_S
+from sim.drive.table import DriveTable
 from sim.drivers.cab import AdviceView, DriverEvent
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.experiment.driving import Driven
@@ -36,7 +40,8 @@ Measuring = Callable[[Driven], float | int | None]
 class Measure:
     """A measure of a trial: its column (which ends in its unit), its title, unit, formula and source, and its function.
 
-    `of` gives a number, or None if a trial has none (no advice was shown, or the driver keeps no diary).
+    `of` gives a number, or None if a trial has none (no advice was shown, or the driver keeps no diary). `of_table`
+    does the same from the table of the drive; None where a recording alone does not give the measure.
     """
 
     name: str
@@ -45,6 +50,7 @@ class Measure:
     formula: str
     source: str
     of: Measuring
+    of_table: Callable[[DriveTable], float | int | bool | None] | None = None
 
 
 def stop_error_m(driven: Driven) -> float | None:
@@ -336,8 +342,53 @@ _LISTED: Final = (
         ("availability_ratio", "Availability", "1", "seconds with advice / seconds from the first advice to the last"),
     ),
 )  # fmt: skip
-MEASURES: Final = {one.name: one for one in _LISTED}
+OF_FIGURES: Final = frozenset(
+    {"advice_changes_per_min", "reversals", "shortest_mode_s", "advice_restless", "signals_passed", "over_limit_s"}
+)
+"""Measures that the figures of a recorded drive have as well."""
+BUNDLED: Final = tuple(one.name for one in _LISTED)
+"""The measures of this program: those of a design that names none."""
+
+
+def _of_figures(name: str) -> Callable[[DriveTable], float | int | bool | None]:
+    def of(table: DriveTable) -> float | int | bool | None:
+        found = Drive(recording=table.recording, given=table.given).figures.as_dict()[name]
+        return int(found) if isinstance(found, bool) else found
+
+    return of
+
+
+def _brought(door: Door) -> Measure:
+    """The measure that another package brings: a function of the table of a drive."""
+
+    def of_table(table: DriveTable) -> float | int | bool | None:
+        found: float | int | bool | None = door.load()(table)
+        return found
+
+    def of(driven: Driven) -> float | int | bool | None:
+        assert driven.table is not None
+        return of_table(driven.table)
+
+    plain, _, suffix = door.name.rpartition("_")
+    title = (plain or suffix).replace("_", " ").capitalize()
+    return Measure(
+        name=door.name, title=title, unit=UNIT_OF.get(suffix, suffix), formula=f"{door.module}:{door.attribute}",
+        source=f"package {door.package}", of=of, of_table=of_table,
+    )  # fmt: skip
+
+
+UNIT_OF: Final = {"kwh": "kWh", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "min": "1/min"}
+"""Units by the end of a column's name, where they are not that end itself."""
+MEASURES: Final = {
+    **{one.name: replace(one, of_table=_of_figures(one.name)) if one.name in OF_FIGURES else one for one in _LISTED},
+    **{name: _brought(door) for name, door in installed(DOOR).items() if name not in BUNDLED},
+}
 """Every measure by its name, which is also its column."""
+
+
+def needs_table(names: Iterable[str]) -> bool:
+    """Whether some measures are of the table of a drive alone, which must then be kept."""
+    return any(name not in BUNDLED for name in names)
 
 
 def measured(driven: Driven, names: list[str]) -> dict[str, Any]:

@@ -75,7 +75,12 @@ _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
 
 def recording_file(trial: StudyTrial) -> str:
     """Path of the recording of a trial within the study's folder."""
-    return f"{RECORDINGS}/{trial.participant}_run-{trial.position:03d}_{trial.condition}_seed-{trial.seed}.mcap"
+    return f"{RECORDINGS}/{recording_name(trial.participant, trial.position, trial.condition, trial.seed)}"
+
+
+def recording_name(participant: str, position: int, condition: str, seed: object) -> str:
+    """Name of the recording of a trial, by what its row in the table of trials says."""
+    return f"{participant}_run-{position:03d}_{condition}_seed-{seed}.mcap"
 
 
 def table_text(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> bytes:

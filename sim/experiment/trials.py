@@ -29,7 +29,7 @@ from sim.drivers.parameters import load_population
 from sim.experiment.design import Chances, ConditionOrder, Days, Design
 from sim.experiment.driving import LINES_KEPT, StudyTrial, drive
 from sim.experiment.factors import Setting, setting_files
-from sim.experiment.measures import measured
+from sim.experiment.measures import MEASURES, measured, needs_table
 from sim.experiment.runner import JobRecording, JobWords, Rows, Runner
 from sim.experiment.study_files import (
     FAILED_TABLE,
@@ -221,6 +221,7 @@ def jobs_of(design: Design, folder: Path, *, record: bool = False) -> list[Trial
     """
     population = design.people.population
     common = {"version": __version__, "code": source_sha256(), "population": sha256(load_population(population).source)}
+    common |= {name: MEASURES[name].source for name in design.measures if needs_table([name])}
     by_setting: dict[Any, dict[str, str]] = {}
     found = []
     for trial in trials_of(design):
@@ -255,7 +256,7 @@ def make_trial(job: TrialJob) -> dict[str, Any]:
     if others:
         raise DasError(f"a worker has another file: {', '.join(others)}; expected the same file at the same path")
     with ONE_AT_A_TIME:
-        driven = drive(job.trial, job.population, job.recording)
+        driven = drive(job.trial, job.population, job.recording, keep=needs_table(job.measures))
         return {"measures": measured(driven, list(job.measures)), "error": None}
 
 

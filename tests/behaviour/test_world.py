@@ -318,10 +318,10 @@ def test_tables_of_a_run_in_process(folder: Path) -> None:
 
 
 def test_the_list_of_scenarios(folder: Path) -> None:
-    listed = json.loads(in_a_process("sim.cli", "scenarios", "--json", cwd=folder).stdout)
+    listed = json.loads(in_a_process("sim.cli", "list", "scenarios", "--json", cwd=folder).stdout)
     assert len(listed) == 12
     assert all(one["title"] and one["description"] for one in listed.values())
-    assert "Slippery rail" in das_sim("scenarios", cwd=folder).stdout
+    assert "Slippery rail" in das_sim("list", "scenarios", cwd=folder).stdout
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import Regime
 from das.advice.wording import Language
 from das.domain.units import KMH, NS, kmh
+from sim.doors import PRESENTATIONS, installed
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.handling import Handling
 from sim.drivers.kinds import Presentation
@@ -194,7 +195,10 @@ class Presenter(ABC):
 
 @cache
 def presenter_of(presentation: Presentation) -> Presenter:
-    """The presenter of a presentation, from the module of its name."""
+    """The presenter of a presentation, from the module of its name, or from the package that brings it."""
+    if (door := installed(PRESENTATIONS).get(presentation)) is not None:
+        brought: Presenter = door.load()
+        return brought
     module = import_module(f"sim.drivers.presentations.{presentation.replace('-', '_')}")
     presenter: Presenter = module.PRESENTER
     return presenter

@@ -30,7 +30,7 @@ from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from sim.cli.run import DRIVERS
+from sim.cli.listing import DRIVERS
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, lever_ratio
 from sim.drivers.drivers import make_driver
 from sim.drivers.human import HumanDriver
@@ -647,7 +647,7 @@ def test_every_parameter_has_a_meaning_and_a_source() -> None:
 
 
 def test_das_sim_lists_the_drivers(tmp_path: Path) -> None:
-    done = in_a_process("sim.cli", "drivers", "--json", cwd=tmp_path)
+    done = in_a_process("sim.cli", "list", "drivers", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert set(said["drivers"]) == set(DRIVERS) == set(DriverKind)

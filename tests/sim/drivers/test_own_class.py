@@ -176,27 +176,27 @@ def test_names_of_drivers() -> None:
 
 
 @pytest.mark.nightly
-def test_a_batch_takes_a_class_and_names_the_hash_of_its_file(folder: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    asked = ("batch", "flat.toml", "--seeds", "1", "--advice", "none", "-o", "runs", "--workers", "1", "--json")
-    done = das_sim(*asked, "--drivers", "my_driver:Gentle,perfect", cwd=folder)
+def test_days_take_a_class_and_know_the_hash_of_its_file(folder: Path) -> None:
+    asked = ("experiment", "run", "--scenario", "flat.toml", "--seeds", "1", "--advice", "none", "-o", "runs")
+    asked = (*asked, "--workers", "1", "--json", "--driver")
+    done = das_sim(*asked, "my_driver:Gentle,perfect", cwd=folder)
     assert done.returncode == 0, done.stderr
-    rows = parquet.read_table(folder / "runs" / "runs.parquet").to_pylist()
+    assert [group["driver"] for group in json.loads(done.stdout)["groups"]] == ["my_driver.Gentle", "perfect"]
     source = hashlib.sha256((folder / "my_driver.py").read_bytes()).hexdigest()
-    assert [(row["driver"], row["driver_sha256"]) for row in rows] == [("my_driver:Gentle", source), ("perfect", None)]
-    assert all(row["error"] is None for row in rows)
+    files = json.loads((folder / "runs" / "design.json").read_text())["files"]
+    assert files["my_driver:Gentle: driver_sha256"] == source
     with (folder / "my_driver.py").open("a") as file:
         file.write("\n# changed\n")
-    again = das_sim(*asked, "--drivers", "my_driver:Gentle,perfect", cwd=folder)
-    assert json.loads(again.stdout)["made"] == 1
-    failed = das_sim(*asked, "--drivers", "wrong:Raises", cwd=folder)
+    assert json.loads(das_sim(*asked, "my_driver:Gentle,perfect", cwd=folder).stdout)["made"] == 1
+    failed = das_sim(*asked, "wrong:Raises", cwd=folder)
     assert failed.returncode == 1
-    (row,) = parquet.read_table(folder / "runs" / "runs.parquet").to_pylist()
+    (row,) = json.loads(failed.stdout)["failed"]
     assert row["error"].endswith("ZeroDivisionError: division by zero")
 
 
 @pytest.mark.parametrize(
-    ("drivers", "said"), [("external", "a batch cannot use an external driver"), ("gone:X", "no module gone")]
+    ("driver", "said"), [("external", "cannot use an external driver"), ("gone:X", "no module gone")]
 )
-def test_a_batch_refuses_a_driver_that_it_cannot_have(folder: Path, drivers: str, said: str) -> None:
-    assert said in refusal("batch", "flat.toml", "--drivers", drivers, "-o", "runs", cwd=folder)
+def test_days_refuse_a_driver_that_they_cannot_have(folder: Path, driver: str, said: str) -> None:
+    days = ("experiment", "run", "--scenario", "flat.toml", "-o", "runs")
+    assert said in refusal(*days, "--driver", driver, cwd=folder)
