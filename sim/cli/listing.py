@@ -29,7 +29,7 @@ DRIVERS: Final = {
     "perfect": "follows the full advice, speed and force, as exactly as the train lets",
     "literal": "does what the guide's card says and knows nothing else: no limit, no board, no signal",
     "fast": "drives as fast as allowed and brakes late",
-    "rms": "holds one reduced maximum speed, the advised one or the driver's own",
+    "top-speed": "holds one reduced maximum speed, the advised one or the driver's own",
     "timetable": "keeps time without advice",
     "human": "reacts, errs, refuses and learns, by the parameters below",
 }

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from das.domain.errors import DasError
+from das.domain.errors import DasError, now_called, one_of
 from sim.doors import DRIVERS, PRESENTATIONS, installed
 
 
@@ -59,8 +59,8 @@ def named_driver(option: str, text: str) -> DriverName:
         return OwnClass(module=door.module, name=door.attribute)
     match = _OWN_CLASS.fullmatch(text)
     if match is None:
-        known = ", ".join([*DriverKind, *External, *installed(DRIVERS)])
-        raise DasError(f"{option} {text}: expected one of {known}, or a class of your own as package.module:Class")
+        expected = one_of([*DriverKind, *External, *installed(DRIVERS)], text)
+        raise DasError(f"{option} {text}: expected {expected}, or a class of your own as package.module:Class")
     return OwnClass(module=match[1], name=match[2])
 
 

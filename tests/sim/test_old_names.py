@@ -28,11 +28,11 @@ BY_NAME |= {f"experiment-{entry.name}": entry for entry in EXPERIMENTS}
         ("run clear-day --advice=coach", "coach is now called guide"),
         ("what-if x.mcap --advice vector", "vector is now called speed-and-effort"),
         (
-            "experiment-run --scenario clear-day --advice vector,none",
+            "experiment-run --scenario clear-day -o x --advice vector,none",
             "--advice vector: expected speed-and-effort, as",
         ),
         (
-            "experiment-run --scenario clear-day --driver rms",
+            "experiment-run --scenario clear-day -o x --driver rms",
             "--driver rms: expected top-speed, as rms is now called, or a class",
         ),
         ("run clear-day --driver rms", "--driver rms: expected top-speed, as rms is now called, or a class"),

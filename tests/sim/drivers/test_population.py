@@ -204,7 +204,7 @@ def test_runs_of_a_participant_are_paired(tmp_path: Path) -> None:
         (("run", "flat.toml", "--participant", "1", "--population", "gone"), "not a bundled population (default)"),
         ((*DAYS, "-o", "o", "--population", "default"), "needs --participants"),
         ((*DAYS, "-o", "o", "--participants", "x"), "--participants x: cannot read 'x'"),
-        ((*DAYS, "-o", "o", "--participants", "1", "--driver", "rms"), "needs --driver human"),
+        ((*DAYS, "-o", "o", "--participants", "1", "--driver", "top-speed"), "needs --driver human"),
     ],
 )  # fmt: skip
 def test_options_that_cannot_be_meant_are_refused_in_one_line(
