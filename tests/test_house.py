@@ -30,10 +30,10 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(29_610, 175),
-    "precompute": Budget(14_550, 84),
-    "sim": Budget(37_400, 177),
-    "docs/studies": Budget(4_640, 30),
+    "das": Budget(32_150, 187),
+    "precompute": Budget(13_320, 73),
+    "sim": Budget(34_150, 168),
+    "docs/studies": Budget(4_840, 31),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

@@ -157,12 +157,6 @@ ENTRIES: Final = (
         summary="Write a scenario for a line and a train of your own.",
         examples=("das-sim make-scenario --route my.toml --vehicle train.toml --journey journey.toml -o my-day.toml",),
     ),
-    Entry(
-        name="make-trip",
-        where="sim.cli.trips:make_trip",
-        summary="Make a recorded trip by simulation.",
-        examples=("das-sim make-trip --route zurich-luzern --vehicle re460-ic --to Zug --delay 90 --out trip.mcap",),
-    ),
 )
 GONE: Final = {
     "batch": "das-sim experiment run --scenario LIST --driver LIST --advice LIST --seeds LIST -o DIR",
@@ -172,6 +166,7 @@ GONE: Final = {
     "energy": "das-sim report RECORDING --show energy",
     "events": "das-sim report RECORDING --show events, or --show bookmarks",
     "scenarios": "das-sim list scenarios",
+    "make-trip": "das-sim run SCENARIO --advice none, whose recording is a recorded trip for replay and trip",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
 }
 """Former commands, each with what to run instead."""

@@ -37,11 +37,12 @@ from das.bus.topics import (
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
 from sim.cli.trips import bundled_recording
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival
 from sim.trips.estimate import estimate_run
+from tests.support.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
+from tests.support.make_trip import made_trip
 from tests.support.making import das_sim, das_sim_json, in_a_process, refusal, wait_until
 from tests.support.recordings import advices_so_far
 
@@ -154,8 +155,7 @@ def test_replay_is_open_loop_and_repeatable(
 def short_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A made-up trip of four minutes."""
     folder = tmp_path_factory.mktemp("short")
-    made = das_sim("make-trip", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "made.mcap", cwd=folder)
-    assert made.returncode == 0, made.stderr
+    made_trip(folder / "made.mcap")
     return folder / "made.mcap"
 
 
@@ -249,7 +249,7 @@ BAD = [
     (["replay", "junk.mcap"], "junk.mcap"),
     (["view", "junk.mcap", "--save", "x.rrd"], "junk.mcap"),
     (["view", "nothing.mcap", "--save", "x.rrd"], "nothing.mcap"),
-    (["make-trip", *FLAT, "--out", "x.mcap", "--departure", "soon"], "soon"),
+    (["make-trip", *FLAT, "--out", "x.mcap"], "run instead: das-sim run SCENARIO --advice none"),
 ]
 
 
@@ -333,12 +333,7 @@ def test_plant_runs_down_to_a_standstill_by_resistance_alone() -> None:
 @pytest.mark.nightly
 def test_make_trip_makes_the_bundled_recording_again(tmp_path: Path) -> None:
     """The command in recordings/README.md gives the bundled recording, field by field."""
-    done = in_a_process(
-        "sim.cli",
-        *("make-trip", "--route", "zurich-luzern", "--vehicle", "re460-ic", "--from", "Zürich HB", "--to", "Zug"),
-        *("--delay", "90", "--seed", "1", "--out", "again.mcap"),
-        cwd=tmp_path,
-    )
+    done = in_a_process("tests.support.make_trip", "again.mcap", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     ours, bundled = read_recording(tmp_path / "again.mcap"), read_recording(bundled_recording())
     for topic in (JOURNEY, POSITION, DELAY, LOCATION):

@@ -28,7 +28,6 @@ REPLAY = str(REPOSITORY / "recordings" / "references" / "replay.mcap")
 WRITERS = {
     "run": ("das-sim", "run", "clear-day", "--out", "out.mcap"),
     "replay": ("das-sim", "replay", DAY, "--out", "out.mcap"),
-    "make-trip": ("das-sim", "make-trip", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "out.mcap"),
     "make-scenario": ("das-sim", "make-scenario", "--route", "flat-6km", "--vehicle", "re460-ic", "-o", "out.toml"),
     "recover": ("das-sim", "recover", DAY, "-o", "out.mcap"),
     "what-if": ("das-sim", "what-if", DAY, "-o", "out.mcap"),

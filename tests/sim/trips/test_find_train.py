@@ -26,6 +26,7 @@ from sim.trips.find_train import FoundTrain, candidates, find_train, held_speed_
 from sim.trips.record import read_trip
 from sim.trips.trip import Trip, load_trip
 from tests.support.dirt import Point, write
+from tests.support.make_trip import made_trip
 from tests.support.making import das_sim, make_route, make_train
 
 LENGTH_M, TOP_MPS = 16_000.0, 36.0
@@ -181,8 +182,7 @@ def test_the_command_says_which_train_it_was_and_a_replay_without_one_offers_it(
     import json
 
     monkeypatch.setenv("COLUMNS", "140")
-    made = ("--route", "flat-6km", "--vehicle", "re460-ic", "--out", "made.mcap")
-    assert das_sim("make-trip", *made, cwd=tmp_path).returncode == 0
+    made_trip(tmp_path / "made.mcap")
     assert das_sim("trip", "made.mcap", "--out", "made.csv", cwd=tmp_path).returncode == 0
     where = ("made.csv", "--route", "flat-6km", "--no-reverse")
     told = das_sim("trip", *where, "--vehicles", "all", "--plot", "made.png", cwd=tmp_path)

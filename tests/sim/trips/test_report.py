@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -17,6 +16,7 @@ from das.bus.topics import LOCATION
 from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError
 from das.domain.route import Floats
+from das.domain.units import kwh
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
@@ -44,6 +44,7 @@ from sim.world.loop import InProcess, World
 from tests.support.dirt import LENGTH_M, Point, all_together, clean, dropouts, late_end, on_route, spikes, write
 from tests.support.flat_days import flat_day
 from tests.support.made_line import north, posts_file, route
+from tests.support.make_trip import made_trip
 from tests.support.making import das_sim, das_sim_json, flat, in_a_process, make_train
 from tests.support.tracks import as_gpx
 
@@ -160,15 +161,8 @@ def test_the_estimate_finds_the_energy_and_the_losses_of_a_simulated_run() -> No
 
 @pytest.mark.nightly
 def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> None:
-    """The train model integrates by itself: its energy against that of a track without speeds; the direction."""
-    made = das_sim(
-        *("make-trip", "--route", "zurich-luzern", "--vehicle", "re460-ic", "--from", "Zug", "--to", "Zürich HB"),
-        *("--reverse", "--out", "made.mcap"),
-        cwd=tmp_path,
-    )
-    assert made.returncode == 0, made.stderr
-    said = re.search(r"energy of the simulated train ([\d.]+) kWh", made.stdout)
-    assert said is not None
+    """The plant integrates on its own: its true energy against that from a track without speeds, and the direction."""
+    states = made_trip(tmp_path / "made.mcap", "zurich-luzern", between=("Zug", "Zürich HB"), reverse=True)
     fixes = [m.message for m in read_recording(tmp_path / "made.mcap").of(LOCATION)]
     rows = [[f"{f.latitude:.6f}", f"{f.longitude:.6f}", "", str(f.timestamp.ToMilliseconds())] for f in fixes]
     (tmp_path / "track.gpx").write_text(as_gpx(rows))
@@ -176,9 +170,9 @@ def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> N
     assert found["reversed"]
     assert [stand["stop"] for stand in found["stands"]] == ["Zug", "Zürich HB"]
     assert any("try --from Zug" in note for note in found["not_known"])
-    energy = found["energy"]
-    assert energy["energy_kwh"] == pytest.approx(float(said[1]), rel=0.06)
-    assert energy["energy_low_kwh"] < float(said[1]) < energy["energy_high_kwh"]
+    energy, true_kwh = found["energy"], kwh(states[-1].energy_input_j)
+    assert energy["energy_kwh"] == pytest.approx(true_kwh, rel=0.06)
+    assert energy["energy_low_kwh"] < true_kwh < energy["energy_high_kwh"]
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {

@@ -1,9 +1,14 @@
-"""Makes the recording of a trip (MCAP): a simulated train and driver without advice, seen by a GPS receiver."""
+"""Makes the recording of a trip (MCAP): a simulated train and driver without advice, seen by a GPS receiver.
+
+`python -m tests.support.make_trip` makes the messages of the bundled recording again, into the file that is named.
+"""
 
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +18,16 @@ from das.bus.recorder import RecordingFile
 from das.bus.topics import LOCATION
 from das.cab.heard import DelayHeard, Heard, JourneyHeard, OrderedStop, PositionHeard
 from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
-from das.domain.route import Route, Stop
+from das.domain.route import Route, Stop, section_stops
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix, Quality
-from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
+from das.solver.section import build_section
+from das.solver.solve import solve_front
 from sim.world.lockstep import location
+from tests.support.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
 
 POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
 SPEED_SIGMA_MPS = 0.08
@@ -121,3 +129,38 @@ def _journey(plan: TripPlan, time_ns: int) -> JourneyHeard:
             OrderedStop(plan.end.name, plan.end.position_m, arrival_ns=arrival_ns),
         ),
     )
+
+
+BUFFER_RATIO = 0.15
+TIMETABLE_STEP_S = 6.0
+"""The times of a timetable are multiples of this (s), a tenth of a minute."""
+DEPARTURE = datetime(2026, 11, 21, 8, 4, tzinfo=UTC)
+
+
+def made_trip(
+    out: Path,
+    route: str = "flat-6km",
+    *,
+    between: tuple[str | None, str | None] = (None, None),
+    reverse: bool = False,
+    delay_s: float = 0.0,
+) -> list[HurriedState]:
+    """Make the trip of a bundled Re 460 train on a bundled line between two stops, and return its true states."""
+    vehicle = load_vehicle("re460-ic")
+    line = load_route(route).reversed() if reverse else load_route(route)
+    start, end = section_stops(line, *between)
+    section = build_section(line, vehicle, start_m=start.position_m, end_m=end.position_m)
+    wanted_s = solve_front(section).fastest().time_s * (1 + BUFFER_RATIO)
+    plan = TripPlan(
+        route=line, vehicle=vehicle, level=section.level, start=start, end=end, reversed=reverse,
+        departure_ns=round(DEPARTURE.timestamp() / NS),
+        running_time_s=math.ceil(wanted_s / TIMETABLE_STEP_S) * TIMETABLE_STEP_S,
+        delay_s=delay_s, seed=1, train="train-1",
+    )  # fmt: skip
+    states = drive(plan)
+    write_trip(out, plan, states, "python -m tests.support.make_trip")
+    return states
+
+
+if __name__ == "__main__":
+    made_trip(Path(sys.argv[1]), "zurich-luzern", between=("Zürich HB", "Zug"), delay_s=90.0)
