@@ -32,7 +32,7 @@ class Budget(NamedTuple):
 BUDGETS = {
     "das": Budget(32_150, 187),
     "precompute": Budget(13_320, 73),
-    "sim": Budget(34_150, 168),
+    "sim": Budget(34_300, 169),
     "docs/studies": Budget(4_840, 31),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

@@ -26,8 +26,8 @@ from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix, Quality
 from das.solver.section import build_section
 from das.solver.solve import solve_front
+from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
 from sim.world.lockstep import location
-from tests.support.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
 
 POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
 SPEED_SIGMA_MPS = 0.08

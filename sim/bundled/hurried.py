@@ -1,7 +1,7 @@
 """The train and the driver behind the bundled recording, kept as they were when it was made.
 
-New work uses `sim.plant` and `sim.drivers`; only `make_trip` uses these two, so that it can make the bundled recording
-again.
+New work uses `sim.plant` and `sim.drivers`. The driver of the first minute drives on as this one did, and
+`tests/support/make_trip.py` makes the bundled recording again.
 """
 
 from __future__ import annotations
