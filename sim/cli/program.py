@@ -160,7 +160,7 @@ ENTRIES: Final = (
 )
 GONE: Final = {
     "batch": "das-sim experiment run --scenario LIST --driver LIST --advice LIST --seeds LIST -o DIR",
-    "sensitivity": "python -m docs.studies.sensitivity in a checkout, or a design with factors like human_glance_mean_s",
+    "sensitivity": "python -m docs.studies.sensitivity in a checkout, or a design with human_ factors",
     "compare": "das-sim report FIRST OTHER…, with --table for the table that --out wrote",
     "drivers": "das-sim list drivers",
     "energy": "das-sim report RECORDING --show energy",
