@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import doctest
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -89,6 +90,28 @@ def test_examples_run(module: ModuleType) -> None:
     failed, attempted = doctest.testmod(module, optionflags=doctest.ELLIPSIS)
     assert attempted
     assert not failed
+
+
+API = REPOSITORY / "docs" / "reference" / "api"
+PAGES = [page for page in sorted(API.glob("*.md")) if page.name not in ("index.md", "sim.md")]
+OF_SIM = pytest.param(API / "sim.md", marks=pytest.mark.nightly)
+"""The page whose example drives a day."""
+
+
+@pytest.mark.parametrize("page", [*PAGES, OF_SIM], ids=lambda one: one.stem)
+def test_the_example_of_a_page_of_the_api_runs(page: Path) -> None:
+    failed, attempted = doctest.testfile(str(page), module_relative=False, encoding="utf-8")
+    assert attempted
+    assert not failed
+
+
+def test_the_pages_of_the_api_have_the_exported_names_and_no_others() -> None:
+    text = "\n".join(page.read_text(encoding="utf-8") for page in [*PAGES, API / "sim.md"])
+    lists = re.findall(r"members: \[(.*)\]", text)
+    whole = ("das.bus.topics", "das.drawing.picture", "das.front_door", "sim.front_door")
+    names = [name for name in re.findall(r"^::: (\S+)$", text, re.MULTILINE) if name not in whole]
+    found = [*(name.rpartition(".")[2] for name in names), *(name for one in lists for name in one.split(", "))]
+    assert sorted(found) == sorted([*das.__all__, *sim.__all__, "Over", "Picture"])
 
 
 def test_stops_are_given_by_name_or_number() -> None:
