@@ -33,7 +33,7 @@ BUDGETS = {
     "das": Budget(32_150, 187),
     "precompute": Budget(13_320, 73),
     "sim": Budget(34_300, 169),
-    "docs/studies": Budget(4_840, 31),
+    "docs/studies": Budget(4_810, 31),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Advice
 from das.advice.regimes import Regime, mode_name
-from das.command_line.files import offscreen_pyplot, save_figure
+from das.command_line.files import save_figure
 from das.domain.units import KM, KMH, kwh
+from das.drawing.meanings import LIGHT, MODES, Meaning
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import present, presenter_of
+from sim.review.canvas import INK, TEXT_POINTS, light_figure, named, stops
 from sim.world.loop import InProcess, Run, Tick, World
 from sim.world.outcome import DayOutcome, outcome
 from sim.world.scenario import load_scenario
@@ -31,20 +33,11 @@ SECTIONS: Final = 2
 """The day ends at its second stop, Zug."""
 SEED: Final = 1
 BEFORE_AND_AFTER: Final = (Presentation.SPEED_AND_EFFORT, Presentation.GUIDE)
-SIZE_IN, DPI = (11.0, 7.2), 100
+HEIGHTS_IN: Final = (2.6, 0.25, 2.6, 0.25)
 HEADROOM: Final = 1.1
 
-INK, LIMIT, DRIVEN, SHOWN = "#222222", "#8c8c8c", "#0072b2", "#d55e00"
-"""Colours that people with any kind of colour vision tell apart (Okabe & Ito 2008)."""
-MODES: Final = {
-    Regime.FULL_TRACTION: "#003f6b",
-    Regime.REDUCED_TRACTION: "#56b4e9",
-    Regime.CRUISE: "#c8c8c8",
-    Regime.COAST: "#f0e442",
-    Regime.REDUCED_BRAKE: "#e69f00",
-    Regime.FULL_BRAKE: "#b03a00",
-    Regime.FRICTION_BRAKE: "#111111",
-}
+DRAWN: Final = tuple(mode for mode in Regime if mode_name(mode) in MODES and mode not in (Regime.STOP, Regime.DEPART))
+"""The modes of a moving train."""
 
 Floats = NDArray[np.float64]
 
@@ -111,22 +104,19 @@ def draw_day(path: Path, scenario: str) -> None:
     """Draw one day of a scenario, driven by the default human with speed and effort and with the guide."""
     whole = load_scenario(scenario)
     service = prepare_service(replace(whole, to_stop="Zug", running_s=(whole.running_s or ())[:SECTIONS]))
-    pyplot = offscreen_pyplot()
-    figure, axes = pyplot.subplots(4, 1, figsize=SIZE_IN, sharex=True, height_ratios=(8, 1, 8, 1), layout="constrained")
+    figure, axes = light_figure(HEIGHTS_IN)
     for presentation, pair in zip(BEFORE_AND_AFTER, (axes[:2], axes[2:]), strict=True):
         one = watched_run(service, SEED, presentation)
         came = outcome(one.day, one.run)
         _draw_run(pair, one, presentation, came)
-    axes[-1].set_xlabel("position, km")
+    named(axes[-1], x="Position (km)")
     lines, names = axes[0].get_legend_handles_labels()
-    strips = [Patch(facecolor=color, edgecolor=INK, linewidth=0.4) for color in MODES.values()]
+    strips = [Patch(color=MODES[mode_name(mode)]) for mode in DRAWN]
     figure.legend(
-        [*lines, *strips], [*names, *(mode_name(mode) for mode in MODES)], loc="outside lower center", ncols=5,
-        frameon=False,
+        [*lines, *strips], [*names, *(mode_name(mode) for mode in DRAWN)], loc="outside lower center", ncols=5,
+        frameon=False, fontsize=TEXT_POINTS, labelcolor=INK,
     )  # fmt: skip
-    figure.suptitle(f"{scenario}, seed {SEED}, default human driver: what was shown before and with the guide", size=13)
-    save_figure(path, figure, dpi=DPI)
-    pyplot.close(figure)
+    save_figure(path, figure)
 
 
 def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, came: DayOutcome) -> None:
@@ -135,30 +125,23 @@ def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, came: DayO
     seconds = shown_seconds(one, presentation)
     at_km = np.array([x.at_km for x in seconds])
     limits = np.array([x.limit_kmh for x in seconds])
-    speed.step(at_km, limits, where="post", color=LIMIT, linewidth=1.4, label="speed limit")
-    speed.plot(at_km, [x.driven_kmh for x in seconds], color=DRIVEN, linewidth=2.2, label="driven speed")
-    speed.step(
-        at_km,
-        [x.shown_kmh for x in seconds],
-        where="post",
-        color=SHOWN,
-        linewidth=1.1,
-        label="speed shown to the driver",
-    )
-    top = HEADROOM * float(np.nanmax(limits))
-    speed.set_ylim(0.0, top)
-    speed.set_xlim(at_km[0], at_km[-1])
-    speed.set_ylabel("speed, km/h")
-    speed.grid(color="#e4e4e4", linewidth=0.6)
+    shown = [x.shown_kmh for x in seconds]
+    speed.step(at_km, limits, where="post", color=LIGHT.of[Meaning.LIMIT], linewidth=1.1, label="limit")
+    speed.plot(at_km, [x.driven_kmh for x in seconds], color=LIGHT.of[Meaning.DRIVEN], linewidth=1.6, label="driven")
+    speed.step(at_km, shown, where="post", color=LIGHT.of[Meaning.SHOWN], linewidth=0.9, label="shown")
+    speed.set_ylim(0.0, HEADROOM * float(np.nanmax(limits)))
+    places = [(stop.name, stop.position_m) for stop in one.day.service.stops]
+    speed.set_xlim(places[0][1] / KM, places[-1][1] / KM)
+    named(speed, y="Speed (km/h)")
     changes = one.run.stability.changes_per_min
     title = f"{presentation}: {changes:.1f} changes a minute, {kwh(came.energies.driven_j):.1f} kWh, "
     title += f"{came.late_s:+.0f} s at the last stop"
-    speed.set_title(title, loc="left", size=11)
-    _places(speed, one, top)
-    for mode, color in MODES.items():
-        strip.broken_barh(_stretches(seconds, mode), (0.0, 1.0), facecolors=color)
+    speed.set_title(title, loc="left", color=INK, fontsize=TEXT_POINTS, pad=18.0)
+    stops(speed, places, at_points=(4.0,))
+    for mode in DRAWN:
+        strip.broken_barh(_stretches(seconds, mode), (0.0, 1.0), facecolors=MODES[mode_name(mode)])
     strip.set_yticks([])
-    strip.set_ylabel("mode", rotation=0, ha="right", va="center")
+    strip.grid(visible=False)
 
 
 def _stretches(seconds: list[ShownSecond], mode: Regime) -> list[tuple[float, float]]:
@@ -168,13 +151,6 @@ def _stretches(seconds: list[ShownSecond], mode: Regime) -> list[tuple[float, fl
         if one.mode is mode:
             found.append((one.at_km, max(after.at_km - one.at_km, 0.0)))
     return found
-
-
-def _places(axis: Any, one: WatchedRun, top: float) -> None:
-    """Mark the stops."""
-    for stop in one.day.service.stops[1:-1]:
-        axis.axvline(stop.position_m / KM, color=INK, linewidth=0.7, linestyle=":")
-        axis.text(stop.position_m / KM, 0.97 * top, f" {stop.name}", size=9, va="top", color=INK)
 
 
 if __name__ == "__main__":

@@ -97,8 +97,7 @@ class DriverStyle:
     """Deviation of the speed (m/s) from which the driver uses full effort."""
     wander_mps: float = 2.0 * KMH
     wander_s: float = 40.0
-    """Correlation time (s) of the wander of the speed that the driver aims at; its standard deviation is
-    `wander_mps`."""
+    """Correlation time (s) of the wander of the speed aimed at; its standard deviation is `wander_mps`."""
 
 
 class HurriedDriver:

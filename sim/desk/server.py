@@ -46,8 +46,7 @@ FILES: Final = {path.name: path for path in sorted(PAGE.iterdir()) if path.is_fi
 BEAT_S: Final = 0.5
 """Longest time (s) between two messages to the page."""
 MOST_PER_S, MOST_AT_ONCE = 200.0, 400.0
-"""Most messages from a page, per second and in one burst, before it is cut off; our own page sends at most 60 a
-second."""
+"""Most messages from a page, per second and in one burst; our own page sends at most 60 a second."""
 BAD, TAKEN, FLOOD = 4400, 4409, 4429
 """Codes with which a socket is closed: what came is no message of the page, a newer page drives, too many messages."""
 HEADERS: Final = {

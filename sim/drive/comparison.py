@@ -402,6 +402,13 @@ def _more(value: float, unit: str, digits: int) -> str:
     return f"{abs(value):.{digits}f} {unit} {'more' if value >= 0 else 'less'}"
 
 
+def result(aligned: AlignedDrives, index: int) -> str:
+    """The time that a drive took against the first, and its energy at equal arrival if that is known, in few words."""
+    more_j = aligned.equal_arrival(index).more_j
+    energy = "" if more_j is None else f", {_more(kwh(more_j), 'kWh', 1)} at equal arrival"
+    return _more(float(aligned.time_s[index, -1] - aligned.time_s[0, -1]), "s", 0) + energy
+
+
 def sentences(aligned: AlignedDrives, index: int) -> list[str]:
     """How a drive differs from the first, in plain words."""
     aligned, index = aligned.pairs[index], 1

@@ -130,8 +130,7 @@ class Filter:
 
 
 MUCH_OVER_KMH: Final = 3.0
-"""Excess over the limit (km/h) from which a train is too fast by more than the error of a speedometer and of the
-sampling."""
+"""Excess over the limit (km/h) from which a train is too fast by more than the error of a speedometer."""
 LONG_OVER_S: Final = 5.0
 """Time (s) above the limit from which a train did not only touch it."""
 LONG_AWAY_S: Final = 10.0

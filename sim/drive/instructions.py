@@ -36,8 +36,7 @@ ROLLS_N: Final = 2000.0
 PROMISED_S: Final = 8.0
 """Time (s) up to which an announced next change counts as promised."""
 OBEYED_S, OBEYED_RATIO = 5.0, 0.8
-"""Time (s) for which, and share of the effort with which, a driver who has obeyed kept to the speeds shown and
-braked."""
+"""Time (s) for which, and share of the effort with which, a driver who obeyed kept the speeds shown and braked."""
 BRIEF_S, GAINS_S = 30.0, 1.0
 """An acceleration that a brake follows within `BRIEF_S` is in vain if it gains less than `GAINS_S` over holding."""
 MOVING_MPS: Final = 0.3

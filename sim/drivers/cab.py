@@ -16,8 +16,7 @@ from sim.plant import kernels
 from sim.plant.kernels import Command, TrainNumbers
 
 AT_STOP_M = 10.0
-"""Distance from its stop (m) within which a standing train has arrived: its doors are at the platform; it does not
-creep on."""
+"""Distance from its stop (m) within which a standing train has arrived, with its doors at the platform."""
 
 
 class Efforts(NamedTuple):

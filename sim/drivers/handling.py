@@ -35,8 +35,7 @@ class HumanSettings:
     settled_mps: float = 0.1
     """Excess over a limit (m/s) at which braking for it ends."""
     regained_s: float = 10.0
-    """Time (s) within which a train on a descent would gain the dead band, so that its driver keeps the brakes
-    applied."""
+    """Time (s) within which a train on a descent would gain the dead band, so that the brakes stay applied."""
     eased_s: float = 6.0
     """Time (s) in which a driver brakes away the excess over a limit."""
     nearest_m: float = 0.3
@@ -76,11 +75,9 @@ class HandSettings:
     """Time (s) that a driver who has set the controller waits to see the effect before he makes a small change. The
     effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
     waits_ratio: float = 0.3
-    """Share of the controller's scale from which a change is not small: one and a half steps of the effort on a
-    display."""
+    """Share of the controller's scale from which a change is not small: one and a half steps of a display."""
     end_stop_ratio: float = 0.99
-    """Share of the controller's scale above which an effort is set at the end of the scale, where the hand feels a
-    stop."""
+    """Share of the controller's scale above which an effort is set at the end of the scale, where there is a stop."""
 
 
 HEEDING: Final = HeedingSettings()

@@ -97,8 +97,7 @@ class FrictionPolicy(StrEnum):
     ELECTRIC_FIRST = "electric-first"
     """Friction only where the motors cannot give what is asked."""
     BY_ADVICE = "by-advice"
-    """Friction as measured, but electric first while the driver follows advice on effort: the advice changes the
-    habit."""
+    """Friction as measured, but electric first while the driver follows advice on effort."""
 
 
 def as_now_called(run: Mapping[str, str]) -> dict[str, str]:

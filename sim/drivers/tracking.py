@@ -57,8 +57,7 @@ class FollowingSettings:
     stopping_s: float = 10.0
     """Time (s) within which advice must end in a standstill for the driver to brake for the mark by himself."""
     minded_mps: float = 1.0
-    """Distance (m/s) from the speed that a restriction or a signal allows at which the driver no longer follows the
-    advice."""
+    """Distance (m/s) from the speed that a restriction or a signal allows at which advice is no longer followed."""
     least_braking_mps2: float = 0.05
     """Deceleration (m/s²) below which a halt is still far away: the driver drives on by himself."""
     creeping_mps: float = 0.3

@@ -31,8 +31,7 @@ SHORTEST_STEP_S, LONGEST_STEP_S = 0.02, 0.1
 NO_LIMIT_MPS2 = 1e6
 """An acceleration no train reaches (finite, so that products stay defined)."""
 DRAWN_AT_MPS = 1.0
-"""Speed (m/s) at which the power without effort, less the losses of the traction chain, is the power of the
-auxiliaries."""
+"""Speed (m/s) at which the power without effort, less losses of the traction chain, is that of the auxiliaries."""
 
 
 def force(force_n: float, *, friction_ratio: float = 0.0) -> Command:

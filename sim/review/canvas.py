@@ -6,7 +6,7 @@ import base64
 import io
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import matplotlib
 import numpy as np
@@ -16,13 +16,11 @@ from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
 from das.drawing.colors import look_of
+from sim.drive.comparison import AlignedDrives, DriveOnTrack, result
 from sim.drive.series import QUANTITIES, STYLES
 from sim.meanings import COMPARED, LIGHT
 from sim.recording.course import Floats, Times
 from sim.review.lanes import Lane, instructions
-
-if TYPE_CHECKING:
-    from sim.drive.comparison import AlignedDrives, DriveOnTrack
 
 LINE_RATIO: Final = 0.8
 """Width of a line in a picture, as a share of its width in rerun."""
@@ -69,7 +67,7 @@ def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along) -> di
 def name_stops(
     axis: Any,
     stops: Sequence[tuple[str, float]],
-    at_points: tuple[float, float] = NAMES_AT_POINTS,
+    at_points: tuple[float, ...] = NAMES_AT_POINTS,
 ) -> None:
     """Write the names of stops (name, place on the axis) above the axis, as far as they do not cover each other."""
     low, high = axis.get_xlim()
@@ -144,7 +142,7 @@ def stops(
     places: Sequence[tuple[str, float]],
     *,
     written: bool = True,
-    at_points: tuple[float, float] = NAMES_AT_POINTS,
+    at_points: tuple[float, ...] = NAMES_AT_POINTS,
 ) -> None:
     """Mark stops (name, position in m); if `written`, with their names above the axes, over a legend there."""
     for _, s_m in places:
@@ -171,8 +169,8 @@ as much, or are left out. A display with more instructions than `MOST_CROWDED` t
 
 
 def comparison_figure(aligned: AlignedDrives) -> Figure:
-    """Compared drives over the position: speeds, what displays said, and time and lost energy, each minus that of the
-    first drive."""
+    """Compared drives over the position: speeds with the results, what displays said, and time and lost energy, each
+    minus that of the first drive."""
     said = [(one, lane) for one in aligned.drives if (lane := instructions(one.drive)).changes]
     figure, axes = light_figure((2.6, *(SAID_IN if _has_words(lane) else STRIP_IN for _, lane in said), 1.3, 1.3))
     (speed, *told), (time, energy) = axes[:-2], axes[-2:]
@@ -180,7 +178,8 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps))
     for i, drive in enumerate(aligned.drives):
         style = {**look_of(i, COMPARED), "linewidth": 1.4}
-        speed.plot(at_km, kmh(aligned.speed_mps[i]), label=drive.label, **style)
+        label = f"{drive.label}: {result(aligned, i)}" if i else drive.label
+        speed.plot(at_km, kmh(aligned.speed_mps[i]), label=label, **style)
         if i:
             time.plot(at_km, aligned.time_s[i] - aligned.time_s[0], **style)
             energy.plot(at_km, kwh(aligned.lost_j[i] - aligned.lost_j[0]), **style)
@@ -196,8 +195,8 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     speed.set_ylim(0.0, 1.08 * float(np.nanmax(kmh(aligned.limit_mps))))
     speed.set_xlim(at_km[0] - 0.2, at_km[-1] + 0.2)
     named(speed, y=QUANTITIES["speed"].title)
-    named(time, y="Later than\nthe first (s)")
-    named(energy, y="More energy lost\nthan by the first (kWh)", x="Position (km)")
+    named(time, y="Time against\nthe first (s)")
+    named(energy, y="Energy lost against\nthe first (kWh)", x="Position (km)")
     page_legend(speed)
     return figure
 

@@ -75,8 +75,7 @@ about as often as its probability says on simulated drives."""
 CHOICE_CERTAIN_SDS: Final = 2.0
 """Standard deviations of noise that must not explain why a window needs more effort than the train has."""
 CHOICE_BEYOND_RATIO: Final = 0.02
-"""Share of the time with too much effort from which a train cannot have driven a trip, if `CHOICE_BEYOND_WINDOWS` holds
-too."""
+"""Share of the time with too much effort from which a train cannot have driven a trip."""
 CHOICE_BEYOND_WINDOWS: Final = 3
 """Least number of windows with too much effort in a trip that a train cannot have driven."""
 CHOICE_HIGH_PERCENTILE: Final = 90.0

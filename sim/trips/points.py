@@ -30,8 +30,7 @@ from sim.trips.settings import (
 LONGEST_GAP_S: Final = 300.0
 """Gap (s) above which the record is split if the train moved in it or beside it; the largest part is kept."""
 STANDING_BY_POSITIONS_MPS: Final = 0.5
-"""Speed of the positions (m/s) below which a train stands where no speed is reported: they wander by some metres in 10
-s."""
+"""Speed of the positions (m/s) below which a train stands where no speed is reported: they wander by metres."""
 LED_WINDOW_S: Final = 12.0
 """Time (s) over which positions at an end of a record slow down to a stand."""
 LED_POINTS: Final = 4

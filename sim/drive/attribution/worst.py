@@ -34,8 +34,7 @@ LARGE_SHARE = 0.2
 LEAST_PART = 0.2
 """Part of the loss on its worst stretch from which a cause has a stretch named."""
 IDLE_RATIO, HELD_MPS2 = 0.02, 0.05
-"""Share of its largest force below which a run coasts, and change of speed (m/s²) below which it otherwise holds its
-speed."""
+"""Share of its largest force below which a run coasts; change of speed (m/s²) below which it else holds its speed."""
 BRIEF_S = 5.0
 """Time (s) below which an act of a run does not end the one around it."""
 ACTIONS = (InstructionKind.HOLD, InstructionKind.COAST, InstructionKind.TRACTION, InstructionKind.BRAKE)
