@@ -22,6 +22,7 @@ from das.domain.journey import Held, Passing, Window
 from das.domain.route import Route
 from das.domain.units import KM, KMH, kmh, kwh
 from das.drawing.colors import LIMIT
+from das.drawing.meanings import MODES
 from das.offline.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.section import with_braking
 from precompute.section_sheet import SectionSheet, SheetLine, section_sheet
@@ -332,9 +333,10 @@ def _strip(sheet: SectionSheet, top_mps: float) -> str:
 
 
 STYLE = (
-    f":root{{--limit:{LIMIT}}}"
+    f":root{{--limit:{LIMIT};--traction:{MODES['full traction']};--hold:{MODES['cruise']};--coast:{MODES['coast']};"
+    f"--brake:{MODES['full brake']}}}"
     + """
-:root{--ink:#1a1a1a;--soft:#5c6166;--rule:#c9cdd1;--traction:#1b6ca8;--hold:#2e7d32;--coast:#b07900;--brake:#b3261e}
+:root{--ink:#1a1a1a;--soft:#5c6166;--rule:#c9cdd1}
 *{box-sizing:border-box}
 body{margin:0;background:#fff;color:var(--ink);font:15px/1.35 "Helvetica Neue",Arial,"Liberation Sans","DejaVu Sans",
 sans-serif;font-variant-numeric:tabular-nums}
@@ -351,12 +353,10 @@ time{font-size:1.45em;font-weight:700;line-height:1.1}
 .to::before{content:"→ ";color:var(--soft);float:left;margin-right:.35em}
 .run{color:var(--soft);text-align:right;font-size:.86em;white-space:nowrap}
 svg{width:100%;display:block}
-polygon{opacity:.18}polyline{fill:none;stroke-width:2.4}
-polyline.limit{stroke:var(--limit);stroke-width:1.1}
-polygon.traction{fill:var(--traction)}polyline.traction{stroke:var(--traction)}
-polygon.hold{fill:var(--hold)}polyline.hold{stroke:var(--hold)}
-polygon.coast{fill:var(--coast)}polyline.coast{stroke:var(--coast);stroke-dasharray:5 3}
-polygon.brake{fill:var(--brake)}polyline.brake{stroke:var(--brake)}
+polyline{fill:none;stroke:var(--ink);stroke-width:1.4}
+polyline.limit{stroke:var(--limit);stroke-width:1.1}polyline.coast{stroke-dasharray:5 3}
+polygon.traction{fill:var(--traction)}polygon.hold{fill:var(--hold)}
+polygon.coast{fill:var(--coast)}polygon.brake{fill:var(--brake)}
 text{font-size:10.5px;fill:var(--soft)}text.limit{fill:var(--limit)}text.no{fill:var(--ink);font-weight:700}
 table{width:100%;border-collapse:collapse}
 td{padding:.16em .3em;border-bottom:1px solid var(--rule);vertical-align:baseline}
@@ -364,18 +364,17 @@ tr:last-child td{border-bottom:0}
 .n{width:1.6em;color:var(--soft);text-align:right;font-weight:700}
 .km{width:3.4em;text-align:right;font-weight:700}
 .what{white-space:nowrap}
-.what i{font-style:normal;display:inline-block;width:1.35em}
+.what i{font-style:normal;display:inline-block;width:1.35em;margin-right:.3em;text-align:center}
 .where{color:var(--soft);font-size:.88em}
 .t{width:3.9em;text-align:right;font-weight:700;white-space:nowrap}
-.traction i{color:var(--traction)}.hold i{color:var(--hold)}.coast i{color:var(--coast)}.brake i{color:var(--brake)}
+.traction i,i.traction{background:var(--traction)}.hold i,i.hold{background:var(--hold)}
+.coast i,i.coast{background:var(--coast)}.brake i,i.brake{background:var(--brake)}
 .pass td{background:#f1f2f3}
 footer{border-top:1px solid var(--rule);padding-top:.6em;color:var(--soft);font-size:.88em}
 footer p{margin:.25em 0}
 footer strong{color:var(--ink)}
 .key{display:flex;flex-wrap:wrap;gap:.2em 1.8em}
-.key i{font-style:normal;display:inline-block;width:1.3em}
-.key i.traction{color:var(--traction)}.key i.hold{color:var(--hold)}.key i.coast{color:var(--coast)}
-.key i.brake{color:var(--brake)}
+.key i{font-style:normal;color:var(--ink);display:inline-block;width:1.3em;margin-right:.4em;text-align:center}
 @media screen and (max-width:1050px){.blocks{columns:1}body{font-size:18px}}
 @page{size:A4 landscape;margin:11mm 12mm}
 @media print{body{font-size:9.6pt}main{padding:0;max-width:none}section{margin-bottom:.8em}
