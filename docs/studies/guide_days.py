@@ -109,7 +109,7 @@ def draw_day(path: Path, scenario: str) -> None:
         one = watched_run(service, SEED, presentation)
         came = outcome(one.day, one.run)
         _draw_run(pair, one, presentation, came)
-    named(axes[-1], x="Position (km)")
+    named(axes[-1], x="position, km")
     lines, names = axes[0].get_legend_handles_labels()
     strips = [Patch(color=MODES[mode_name(mode)]) for mode in DRAWN]
     figure.legend(
@@ -132,7 +132,7 @@ def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, came: DayO
     speed.set_ylim(0.0, HEADROOM * float(np.nanmax(limits)))
     places = [(stop.name, stop.position_m) for stop in one.day.service.stops]
     speed.set_xlim(places[0][1] / KM, places[-1][1] / KM)
-    named(speed, y="Speed (km/h)")
+    named(speed, y="speed, km/h")
     changes = one.run.stability.changes_per_min
     title = f"{presentation}: {changes:.1f} changes a minute, {kwh(came.energies.driven_j):.1f} kWh, "
     title += f"{came.late_s:+.0f} s at the last stop"

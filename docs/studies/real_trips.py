@@ -199,8 +199,8 @@ def trip_figure(found: Sequence[TripAttribution]) -> Figure:
         lost.plot(at_km, upto, label=one.train, **style)
     lost.axhline(0.0, color=INK, linewidth=0.7)
     speed.set_ylim(bottom=0.0)
-    named(speed, y="Speed (km/h)")
-    named(lost, x="Position (km from Kolbäck)", y="Lost above the optimum,\nsummed (kWh)")
+    named(speed, y="speed, km/h")
+    named(lost, x="position, km from Kolbäck", y="lost above the optimum,\nsummed, kWh")
     page_legend(speed, columns=5)
     return figure
 
@@ -229,7 +229,7 @@ def above_figure(found: Sequence[TripAttribution]) -> Figure:
     axis.set_yticks(range(len(found)), [f"{one.trip}, {one.train}" for one in found[::-1]])
     axis.set_xlim(left=0.0)
     axis.grid(visible=False, axis="y")
-    named(axis, x="Energy above the optimum for the same times (kWh)")
+    named(axis, x="energy above the optimum for the same times, kWh")
     page_legend(axis)
     return figure
 

@@ -55,7 +55,7 @@ def relaxed_figure() -> Figure:
     figure, (axis,) = light_figure((2.8,))
     axis.plot(SPEEDS_MPS / KMH, found * KWH_PER_KM, color=SEVERAL[0], label="loss map of the GTO converters")
     axis.plot(SPEEDS_MPS / KMH, hull * KWH_PER_KM, "--", color=SEVERAL[1], label="its convex hull in the slowness")
-    named(axis, x="Speed held on a level line (km/h)", y="Energy (kWh/km)")
+    named(axis, x="speed held on a level line, km/h", y="energy, kWh/km")
     page_legend(axis)
     return figure
 

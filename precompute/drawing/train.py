@@ -42,7 +42,7 @@ def draw_train(train: Vehicle) -> Picture:
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8)
     cruising.set_xlim(0.0, kmh(train.max_speed_mps))
-    cruising.set_xlabel("speed (km/h)")
+    cruising.set_xlabel("speed, km/h")
     mode = f", mode {train.mode}" if train.mode else ""
     figure.suptitle(f"{train.name}{mode}", x=0.08, ha="left", fontsize=12, fontweight="bold", color=INK)
     figure.subplots_adjust(left=0.08, right=0.78, top=0.94, bottom=0.06, hspace=0.1)
@@ -72,7 +72,7 @@ def _draw_forces(axes: Any, train: Vehicle, speed: Floats, found: Performance) -
         if steep.min() < top:
             axes.plot(kmh(speed), steep, style, color=RESISTANCE, linewidth=1.2, label=f"on {1000 * gradient:.0f} ‰")
     axes.set_ylim(-1.06 * float(brake.max()) if brake.any() else 0.0, 1.06 * max(top, float(resistance.max())))
-    axes.set_ylabel("force (kN)")
+    axes.set_ylabel("force, kN")
 
 
 def _draw_losses(axes: Any, speed: Floats, found: Performance) -> None:
@@ -84,7 +84,7 @@ def _draw_losses(axes: Any, speed: Floats, found: Performance) -> None:
     ):
         axes.plot(kmh(speed), loss_w / KW, color=color, linewidth=1.4, label=f"loss, {name}")
     axes.set_ylim(bottom=0.0)
-    axes.set_ylabel("loss (kW)")
+    axes.set_ylabel("loss, kW")
 
 
 def _draw_cruising(axes: Any, train: Vehicle, speed: Floats, found: Performance) -> None:
@@ -96,4 +96,4 @@ def _draw_cruising(axes: Any, train: Vehicle, speed: Floats, found: Performance)
     usual = collector[speed > 0.1 * train.max_speed_mps]
     most = np.nanmax(usual) if np.isfinite(usual).any() else 1.0
     axes.set_ylim(0.0, 1.1 * float(most))
-    axes.set_ylabel("cruising (kWh/km)")
+    axes.set_ylabel("cruising, kWh/km")

@@ -37,8 +37,8 @@ class Quantity(NamedTuple):
 
     @property
     def title(self) -> str:
-        """The short name with the unit."""
-        return f"{self.name} ({self.unit})"
+        """The short name with the unit, as every axis of a picture has it."""
+        return f"{self.name[0].lower()}{self.name[1:]}, {self.unit}"
 
     @property
     def long_title(self) -> str:
@@ -62,7 +62,7 @@ QUANTITIES: Final = {
     "buffer": Quantity("Buffer", "%", "Buffer: time left over the least possible"),
     "estimate": Quantity("Position", "m", "Position as the node knows it"),
     "calibration": Quantity("To plan", "%", "Mass and resistance as the node finds them, against the plan"),
-    "apart": Quantity("Driven less\nshown", "km/h", "Driven speed less the speed shown to keep"),
+    "apart": Quantity("Driven minus\nshown", "km/h", "Driven speed less the speed shown to keep"),
     "place": Quantity("Lost above the\noptimum", "kWh/km", "Energy lost above the optimum, by place"),
     "sum": Quantity("Sum from the\nstart", "kWh", "Energy lost above the optimum, summed over the places"),
     "cause": Quantity("Energy above the optimum for the same times", "kWh", "Energy above the optimum, by cause"),

@@ -195,8 +195,8 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     speed.set_ylim(0.0, 1.08 * float(np.nanmax(kmh(aligned.limit_mps))))
     speed.set_xlim(at_km[0] - 0.2, at_km[-1] + 0.2)
     named(speed, y=QUANTITIES["speed"].title)
-    named(time, y="Time against\nthe first (s)")
-    named(energy, y="Energy lost against\nthe first (kWh)", x="Position (km)")
+    named(time, y="time against\nthe first, s")
+    named(energy, y="energy lost against\nthe first, kWh", x="position, km")
     page_legend(speed)
     return figure
 
@@ -226,7 +226,7 @@ def _said(axis: Any, on_track: DriveOnTrack, lane: Lane) -> None:
     axis.set_yticks([])
     axis.grid(visible=False)
     axis.set_title(on_track.label, loc="left", color=INK, fontsize=TEXT_POINTS, pad=2.0)
-    named(axis, y="Shown in the\ncab (km/h)" if room else "")
+    named(axis, y="shown in the\ncab, km/h" if room else "")
 
 
 def _has_words(lane: Lane) -> bool:

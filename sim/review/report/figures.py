@@ -74,10 +74,10 @@ def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
     stops(axis, _stops(scene), at_points=(4.0, 16.0))
     for below, trace in zip(axes[1:], lost, strict=True):
         _lost(below, trace)
-        named(below, y="Lost\n(kWh/km)")
+        named(below, y="lost,\nkWh/km")
     looks = {"frameon": False, "fontsize": TEXT_POINTS, "labelcolor": INK}
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower left", ncols=4, **looks)
-    named(axes[-1], x="Position (km)")
+    named(axes[-1], x="position, km")
     named(axis, y=QUANTITIES["speed"].title)
     return figure
 
@@ -121,7 +121,7 @@ def drive_figure(scene: ReviewScene) -> Figure:
         _below(axis, trace)
     for axis in axes:
         stops(axis, _stops(scene), written=axis is axes[0])
-    named(axes[-1], x="Position (km)")
+    named(axes[-1], x="position, km")
     return figure
 
 
@@ -181,7 +181,7 @@ def place_figure(scene: ReviewScene) -> Figure:
     _draw(total, summed)
     for axis in (bars, total):
         stops(axis, _stops(scene), written=axis is bars)
-    named(total, x="Position (km)")
+    named(total, x="position, km")
     return figure
 
 
