@@ -142,7 +142,7 @@ class Guard:
         return self._publishers[Kind.POSITION].contested(now_ns)
 
     def unstamped(self, now_ns: int) -> bool:
-        """Whether positions come without their sender's time stamp, so that two senders could not be told apart."""
+        """Whether positions come without their sender's time stamp, so that two senders could not be distinguished."""
         return self._publishers[Kind.POSITION].unstamped(now_ns)
 
     def has_rival_efforts(self, now_ns: int) -> bool:
@@ -164,7 +164,7 @@ class Guard:
         self.unheeded = why
 
     def _refuse_unstamped(self, kind: Kind) -> None:
-        """Refuse a state without its sender's time stamp: two such senders could not be told apart."""
+        """Refuse a state without its sender's time stamp: two such senders could not be distinguished."""
         if kind is Kind.RESTRICTION:
             why = f"{event_wording.NOT_STAMPED}: {wording.STAMP_CURE}"
             self.lose_restrictions(why)
@@ -256,7 +256,7 @@ class Publishers:
     def counts(self, source: str, now_ns: int) -> bool:
         """Whether a measurement of this session counts; a new session counts once the previous one has gone silent.
 
-        A measurement without its sender's time stamp never counts: two such senders could not be told apart.
+        A measurement without its sender's time stamp never counts: two such senders could not be distinguished.
         """
         if source == UNSTAMPED:
             self._unstamped_ns = now_ns

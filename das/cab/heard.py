@@ -15,7 +15,7 @@ from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix
 
 UNSTAMPED: Final = "a sender without time stamps"
-"""The source of a message without its sender's time stamp; two such senders cannot be told apart."""
+"""The source of a message without its sender's time stamp; two such senders cannot be distinguished."""
 
 
 class Kind(StrEnum):

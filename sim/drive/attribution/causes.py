@@ -66,7 +66,7 @@ LABELS = {
     EnergyCause.SIGNAL: "signal at danger",
     EnergyCause.RESTRICTION: "temporary restriction",
     EnergyCause.TRAIN: "train, wind, rail",
-    EnergyCause.REST: "rest, not told apart",
+    EnergyCause.REST: "rest, not attributed",
     EnergyCause.RECOVERED: "lateness recovered",
     EnergyCause.ARRIVAL: "arrival off the timetable",
 }
@@ -82,7 +82,7 @@ MEANINGS = {
     EnergyCause.SIGNAL: "A signal at danger was in sight.",
     EnergyCause.RESTRICTION: "It cost this much from where it was told; no driver could have avoided that.",
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; errors of sampling once a second are in it as well.",
-    EnergyCause.REST: "The driving was nearly the best, or what happened cannot be told apart.",
+    EnergyCause.REST: "The driving was nearly the best, or the cause is not known.",
     EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",
     EnergyCause.ARRIVAL: "Arriving before the timetable's time costs energy, arriving after it saves some.",
 }

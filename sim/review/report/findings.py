@@ -173,7 +173,7 @@ def _between(drive: Drive, s_m: float) -> tuple[str, ...]:
 
 
 def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
-    """The causes that took most energy, the largest first; what cannot be told apart is no finding."""
+    """The causes that took most energy, the largest first; what cannot be distinguished is no finding."""
     attribution = drive.energy.attribution
     for cause, energy_j in () if attribution is None else told_causes(attribution):
         assert attribution is not None

@@ -276,7 +276,7 @@ def _rest(drive: Drive, found: Sequence[DriveFinding]) -> str:
     if not told_j or drive.energy.above is None or drive.energy.not_comparable:
         return ""
     rest_kwh = kwh((drive.energy.above.above_j or 0.0) - sum(told_j))
-    return "" if abs(rest_kwh) < NAMED_KWH else f"All other causes, and what cannot be told apart: {rest_kwh:+.1f} kWh."
+    return "" if abs(rest_kwh) < NAMED_KWH else f"All other causes, and what is not attributed: {rest_kwh:+.1f} kWh."
 
 
 def _why_none(drive: Drive, found: Sequence[DriveFinding]) -> str:

@@ -268,7 +268,7 @@ def _at_stop(call: KeptCall) -> list[tuple[float, str]]:
         return []
     if change_s < 0:
         return [(-change_s, f"At {call.name} it made up {abs(change_s):.0f} s.")]
-    return [(change_s, f"At {call.name} it stayed {change_s:.0f} s longer than it had to.")]
+    return [(change_s, f"At {call.name} it stayed {change_s:.0f} s longer than necessary.")]
 
 
 def _because(drive: Drive, before: KeptCall, after: KeptCall) -> str:

@@ -30,7 +30,7 @@ TOLD: Final = tuple(
 """The kinds of events that the page lists; it counts the others."""
 TOLD_ELSEWHERE: Final = ("drawn", PASSINGS)
 """Keys of the metadata that the page tells in other tables, or not at all."""
-NONE_TOLD: Final = "none (an empty list was told)"
+NONE_TOLD: Final = "none (an empty list was received)"
 LOSSES: Final[Mapping[str, str]] = {
     Level.L0_NOREG: "none, and nothing is fed back (level L0 without regeneration)",
     Level.L0_REG: "none (level L0)",
@@ -54,7 +54,7 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
         spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
     told = restrictions_told(drive)
-    rows += [("temporary restrictions told", told)] if told else []
+    rows += [("temporary restrictions received", told)] if told else []
     followed = compliance(drive)
     if followed is not None:
         share = f"{followed:.0%} of {spell(shown_s(drive))}"

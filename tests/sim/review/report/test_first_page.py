@@ -132,7 +132,7 @@ def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Subj
     apart = [value for cause, value in causes.items() if cause != EnergyCause.REST]
     assert energies == sorted(apart, reverse=True)[: len(energies)]
     rest_kwh = told["first_page"]["above_optimum_kwh"] - sum(energies)
-    assert (f"All other causes, and what cannot be told apart: {rest_kwh:+.1f} kWh." in html) == (
+    assert (f"All other causes, and what is not attributed: {rest_kwh:+.1f} kWh." in html) == (
         abs(rest_kwh) >= NAMED_KWH
     )
 
@@ -141,7 +141,7 @@ def test_page_one_says_what_happened_in_the_times_of_the_line() -> None:
     """The bundled trip runs near Zürich in winter: an hour later than UTC."""
     told = what_happened(bundled().drive)
     assert "It left at 09:05:30 (90 s late) and arrived at 09:24:24 (24 s early)." in told
-    assert "At Zürich HB it stayed 90 s longer than it had to. From Zürich HB to Zug it made up 115 s" in told
+    assert "At Zürich HB it stayed 90 s longer than necessary. From Zürich HB to Zug it made up 115 s" in told
 
 
 def test_an_early_arrival_has_its_price_and_a_replay_without_timetable_no_lateness() -> None:

@@ -172,7 +172,7 @@ def test_the_paragraph_says_how_the_drive_came_about() -> None:
 def test_the_page_answers_what_a_reviewer_asks() -> None:
     """Questions that a page could not answer when somebody read it who was not there."""
     figures, text = dict(tables.figures(fast().drive)), paragraph(fast().drive)
-    assert figures["temporary restrictions told"] == "none (an empty list was told)"
+    assert figures["temporary restrictions received"] == "none (an empty list was received)"
     assert "Advice was never withdrawn." in text
     assert re.search(r"The most was lost from km [\d.]+ to [\d.]+: [\d.]+ kWh \(against the advice", text)
     attribution = fast().drive.energy.attribution
