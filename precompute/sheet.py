@@ -21,8 +21,7 @@ from das.domain.braking import USUAL
 from das.domain.journey import Held, Passing, Window
 from das.domain.route import Route
 from das.domain.units import KM, KMH, kmh, kwh
-from das.drawing.colors import LIMIT
-from das.drawing.meanings import MODES
+from das.drawing.colors import LIMIT, MODES
 from das.offline.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.section import with_braking
 from precompute.section_sheet import SectionSheet, SheetLine, section_sheet

@@ -88,19 +88,6 @@ DARK, LIGHT, VIEWER = (
 """The themes for a dark background, for white, and for the viewer. The viewer's background is dark or light, as the
 desktop's is, so its colours are middle tones that are readable on either."""
 
-MODES: Final = {
-    "full traction": "#7a9a2e",
-    "reduced traction": "#bccf7a",
-    "cruise": "#6f86a6",
-    "coast": "#d8d2c4",
-    "reduced brake": "#e3b3c6",
-    "full brake": "#c4739a",
-    "friction brake": "#84345f",
-    "stop": "#4c4654",
-    "depart": "#664d80",
-}
-"""Colours of the advised modes, as patches in lanes; the same on either background."""
-
 COMPARED: Final = (LIGHT.of[Meaning.OTHER_DRIVE], LIGHT.of[Meaning.DRIVEN], "#0000ff", "#0f87ff", "#2d001e", "#0f4bff")
 """Colours of drives that are compared, in their order, on white; lines differ in style as well. All are what a train
 did: the first is the drive with which the others are compared."""

@@ -1781,7 +1781,7 @@ Global___Decision: _TypeAlias = Decision  # noqa: Y015
 @_typing.final
 class Measures(_message.Message):
     """How restless the advice was that the driver of a run was shown, once at its end (sim/<train>/measures);
-    docs/reference/batch-table.md defines the measures.
+    docs/reference/measures.md defines the measures.
     """
 
     DESCRIPTOR: _descriptor.Descriptor

@@ -13,6 +13,18 @@ SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f0
 any colour vision tell apart. They have no meaning of their own; lines differ in style as well."""
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 """Line styles of runs or drives that are compared, in their order."""
+MODES: Final = {
+    "full traction": "#7a9a2e",
+    "reduced traction": "#bccf7a",
+    "cruise": "#6f86a6",
+    "coast": "#d8d2c4",
+    "reduced brake": "#e3b3c6",
+    "full brake": "#c4739a",
+    "friction brake": "#84345f",
+    "stop": "#4c4654",
+    "depart": "#664d80",
+}
+"""Colours of the advised modes, as patches in lanes; the same on either background."""
 
 
 def look_of(number: int, colors: Sequence[str] = SEVERAL) -> dict[str, Any]:

@@ -19,9 +19,10 @@ from das.advice.advice import Advice
 from das.advice.regimes import Regime, mode_name
 from das.command_line.files import save_figure
 from das.domain.units import KM, KMH, kwh
-from das.drawing.meanings import LIGHT, MODES, Meaning
+from das.drawing.colors import MODES
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import present, presenter_of
+from sim.meanings import LIGHT, Meaning
 from sim.review.canvas import INK, TEXT_POINTS, light_figure, named, stops
 from sim.world.loop import InProcess, Run, Tick, World
 from sim.world.outcome import DayOutcome, outcome

@@ -8,13 +8,14 @@ from typing import Any, Final, NamedTuple
 
 from das.bus import das_pb2
 from das.domain.units import KM, KMH
+from das.drawing.colors import MODES
 from sim.drive.calls import AtStop, at_stops
 from sim.drive.drive import Drive
 from sim.drive.events import NOT_HEARD, Span
 from sim.drivers.cab import AdviceView
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation, whole
-from sim.meanings import MODES, Meaning, Theme
+from sim.meanings import Meaning, Theme
 from sim.recording.course import DrivenCourse, Times
 
 STATES: Final = {

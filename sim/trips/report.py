@@ -16,9 +16,9 @@ from das.domain.files.writing import write_whole
 from das.domain.route import Floats
 from das.domain.trajectory import PART_WORDS
 from das.domain.units import KM, KMH, KN, MS, NS, kwh
-from das.drawing.colors import INK, LIMIT
+from das.drawing.colors import INK, LIMIT, MODES
 from das.solver.section import Section
-from sim.meanings import LIGHT, MODES, Meaning
+from sim.meanings import LIGHT, Meaning
 from sim.trips.cleaning import CleaningReport, FindingKind
 from sim.trips.estimate import (
     MASS,
