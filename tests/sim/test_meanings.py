@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from das.drawing.colors import MODES
 from sim.drive.series import STYLES
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import presenter_of
-from sim.meanings import COMPARED, DARK, LIGHT, MODES, VIEWER, Meaning, Theme, rgba
+from sim.meanings import COMPARED, DARK, LIGHT, VIEWER, Meaning, Theme, rgba
 from tests.support.making import REPOSITORY
 
 Floats = NDArray[np.float64]

@@ -14,6 +14,7 @@ from das.advice.regimes import Regime
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KMH, kwh
+from das.drawing.colors import MODES
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events import NOT_HEARD, points
@@ -21,7 +22,7 @@ from sim.drive.limits import signals
 from sim.drive.notes import Note, add_note
 from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind
-from sim.meanings import MODES, Meaning
+from sim.meanings import Meaning
 from sim.recording.opening import open_recording
 from sim.review.lanes import instructions, lanes
 from sim.review.scene import OTHER_THAN_ADVISED, ROUTINE, ReviewScene
