@@ -181,7 +181,7 @@ def test_days_take_a_class_and_know_the_hash_of_its_file(folder: Path) -> None:
     asked = (*asked, "--workers", "1", "--json", "--driver")
     done = das_sim(*asked, "my_driver:Gentle,perfect", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert [group["driver"] for group in json.loads(done.stdout)["groups"]] == ["my_driver.Gentle", "perfect"]
+    assert [group["driver"] for group in json.loads(done.stdout)["groups"]] == ["my_driver:Gentle", "perfect"]
     source = hashlib.sha256((folder / "my_driver.py").read_bytes()).hexdigest()
     files = json.loads((folder / "runs" / "design.json").read_text())["files"]
     assert files["my_driver:Gentle: driver_sha256"] == source

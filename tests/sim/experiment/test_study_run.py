@@ -147,8 +147,8 @@ def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp
     assert lost.inputs_sha256 == jobs[1].inputs_sha256
     with Journal(tmp_path) as journal:
         for job in jobs[:1]:
-            journal.add(attempted(make_trial, job).row)
-        journal.add(attempted(make_trial, lost).row)
+            journal.add(attempted(make_trial, job))
+        journal.add(attempted(make_trial, lost))
         assert "martians: not a bundled population" in journal.rows[lost.inputs_sha256]["error"]
     found = run_study(design, [jobs[0], lost], tmp_path, Workers(count=1))
     assert (found.trials, found.made, len(found.failed)) == (2, 1, 1)
