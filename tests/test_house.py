@@ -30,10 +30,10 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(32_150, 187),
-    "precompute": Budget(13_320, 73),
-    "sim": Budget(34_300, 169),
-    "docs/studies": Budget(4_810, 31),
+    "das": Budget(29_660, 176),
+    "precompute": Budget(14_560, 84),
+    "sim": Budget(34_850, 172),
+    "docs/studies": Budget(4_820, 31),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

@@ -25,7 +25,7 @@ BLOCK_NODES = 32
 """Decision nodes whose transitions are kept at a time: a few MB, and threads rarely wait for each other."""
 
 BEHIND_M = 1_000.0
-"""The front of a train under way begins this far behind the train (m), further than its position is ever corrected."""
+"""Distance (m) behind a train under way at which its front begins: further than its position is ever corrected."""
 
 
 def solve_front(

@@ -223,7 +223,7 @@ def rescore(
         typer.Option("--measure", metavar="NAME", help="Measure; may be given several times [default: all]."),
     ] = None,
 ) -> None:
-    """Compute measures anew from the recordings of a study, into another folder that can be analysed.
+    """Compute measures from the recordings of a study, into another folder that can be analysed.
 
     These are the measures that a recording alone gives, among them those of other packages (das-sim list).
     """

@@ -33,7 +33,7 @@ DRIVERS: Final = {
     "timetable": "keeps time without advice",
     "human": "reacts, errs, refuses and learns, by the parameters below",
 }
-"""What each driver does."""
+"""Behaviour of each driver."""
 OUTSIDE: Final = {
     "package.module:Class": "a class of your own, in this process",
     "external": "a process of its own, over the bus",

@@ -347,7 +347,7 @@ OF_FIGURES: Final = frozenset(
 )
 """Measures that the figures of a recorded drive have as well."""
 BUNDLED: Final = tuple(one.name for one in _LISTED)
-"""The measures of this program: those of a design that names none."""
+"""The program's own measures: those of a design that names none."""
 
 
 def _of_figures(name: str) -> Callable[[DriveTable], float | int | bool | None]:

@@ -1,4 +1,4 @@
-"""Measures computed anew from the recordings of a study, so that a study that is driven gets a new measure."""
+"""Measures computed again from the recordings of a study, so that a study that is driven gets a new measure."""
 
 from __future__ import annotations
 
