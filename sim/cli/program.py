@@ -33,7 +33,7 @@ EXPERIMENTS: Final = (
     Entry(
         name="rescore",
         where="sim.cli.experiment:rescore",
-        summary="Compute measures anew from the recordings of a study, for a new measure.",
+        summary="Compute measures again from the recordings of a study, for a new measure.",
         examples=("das-sim experiment rescore study -o again --measure my_measure_s",),
     ),
 )
