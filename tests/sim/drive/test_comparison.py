@@ -14,6 +14,7 @@ from sim.drive.comparison import AlignedDrives, DriveOnTrack, as_csv, as_dict, o
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
+from sim.review.canvas import comparison_figure
 from tests.support.flat_days import flat_day
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 
@@ -55,6 +56,14 @@ def test_stretches_sum_to_the_whole_difference_in_time_and_energy() -> None:
     assert advised is not None
     assert advised.first != advised.other
     assert 0.0 <= advised.s_m <= 6000.0
+
+
+def test_the_picture_names_the_stops_that_all_drives_have_and_says_the_result() -> None:
+    figure = comparison_figure(AlignedDrives.of([calm(), fast()]))
+    speed = figure.axes[0]
+    named = {text.get_text() for one in (speed, *speed.child_axes) for text in (*one.texts, *one.get_xticklabels())}
+    assert {"A", "B"} <= named
+    assert any(str(line.get_label()).startswith("fast: ") for line in speed.lines)
 
 
 def test_more_energy_is_told_where_the_faster_drive_took_it() -> None:

@@ -77,6 +77,8 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     assert found["/Advised"] == 4  # full traction, none, full traction, coast
     assert found["/Node"] == 3
     assert found["/No_advice"] == 2  # withdrawn, and back
+    at_km = [label for label in labels(rrd, "/distance/axes") if label.startswith("km ")]
+    assert 4 <= len(at_km) <= 13
     chronicle = Drive(recording=open_recording(whole))
     worth = [one for one in chronicle.events if one.kind not in ROUTINE]
     assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
