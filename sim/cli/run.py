@@ -126,7 +126,7 @@ def _at_desk(
     refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--in-process", "--driver-at")
     refuse_given("a person sees them at the desk", "--cards")
     if factor is None:
-        refuse_given(NEEDS_A_PACE, "--speed")
+        refuse_given(NEEDS_A_PACE, "--pace")
     drive_at_desk(scenario, asked, recorded, factor or 1.0, DeskLooks(), as_json=as_json)
 
 
