@@ -388,7 +388,8 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     ]
     rows += _balance_rows(found)
     counts, recorded = found.counts, result.recorded
-    rows.append(("advice", f"given {counts.advised} times, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
+    told = f"{counts.advised}, {counts.withdrawn} withdrawn, {counts.unheard} not heard"
+    rows.append(("advice messages", told))
     rows += found.figures.rows()
     if recorded is not None:
         rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
