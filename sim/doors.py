@@ -6,6 +6,7 @@ is imported before it is used. The metadata are read by hand: `importlib.metadat
 
 from __future__ import annotations
 
+import os
 import sys
 from configparser import ConfigParser, Error
 from dataclasses import dataclass
@@ -67,4 +68,4 @@ def installed(group: str) -> MappingProxyType[str, Door]:
 def _metadata() -> tuple[Path, ...]:
     """The files of entry points on Python's path that name one of our groups."""
     files = (file for folder in dict.fromkeys(sys.path) for file in Path(folder).glob("*.dist-info/entry_points.txt"))
-    return tuple(file for file in files if "[das." in file.read_text(encoding="utf-8", errors="replace"))
+    return tuple(file for file in files if os.access(file, os.R_OK) and b"[das." in file.read_bytes())

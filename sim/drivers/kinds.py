@@ -71,7 +71,7 @@ class Presentation(StrEnum):
     an entry point `das.presentations` of another package.
     """
 
-    _ignore_ = "one"
+    _ignore_ = ("one", "member")
     NONE = "none"
     DEVIATION = "deviation"
     """Seconds early or late, renewed every 35 s; nothing about how to drive."""
@@ -86,7 +86,8 @@ class Presentation(StrEnum):
     SHEET = "sheet"
     """On paper: what to do from which kilometre on; it never changes."""
     for one in installed(PRESENTATIONS):
-        vars()[one.upper().replace("-", "_")] = one
+        if (member := one.upper().replace("-", "_")) not in vars():  # The bundled ones keep their names.
+            vars()[member] = one
 
 
 class FrictionPolicy(StrEnum):
