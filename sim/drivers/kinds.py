@@ -71,7 +71,7 @@ class Presentation(StrEnum):
     an entry point `das.presentations` of another package.
     """
 
-    _ignore_ = ("one", "member")
+    _ignore_ = "one, member"
     NONE = "none"
     DEVIATION = "deviation"
     """Seconds early or late, renewed every 35 s; nothing about how to drive."""
