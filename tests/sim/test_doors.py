@@ -40,7 +40,7 @@ class Lamp(Presenter):
     lane = LaneState("a lamp", "#123456")
 
     def show(self, blank, advice, deviation_s):
-        return replace(blank, mode=int(advice.four_mode))
+        return replace(blank, mode=int(advice.mode))
 
     def read(self, view):
         return Shown(mode=Regime(view.mode))
