@@ -32,7 +32,7 @@ class Budget(NamedTuple):
 BUDGETS = {
     "das": Budget(29_660, 176),
     "precompute": Budget(14_560, 84),
-    "sim": Budget(34_860, 172),
+    "sim": Budget(34_850, 172),
     "docs/studies": Budget(4_820, 31),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

@@ -20,7 +20,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from inspect import Parameter, Signature
 from types import MappingProxyType
 from typing import Annotated, Any, get_type_hints
@@ -77,12 +77,13 @@ class Group:
     """Commands of a program that belong together under one word: `das-sim experiment run`.
 
     `name`: the word. `summary`: its line in the program's help. `where`: module and name of the tuple of its
-    entries, like "sim.cli.program:EXPERIMENTS".
+    entries, like "sim.cli.program:EXPERIMENTS". `gone`: see `application`.
     """
 
     name: str
     where: str
     summary: str
+    gone: Mapping[str, str] = field(default_factory=dict)
 
     def entries(self) -> tuple[Entry, ...]:
         """The commands of the group, whose list is imported here."""
@@ -92,7 +93,7 @@ class Group:
         """The group with its commands; the module of each is imported when it is called."""
         app = _typer(no_args_is_help=True, add_completion=False)
         app.callback(help=self.summary, epilog="-h after a command explains it.")(lambda: None)
-        return _filled(app, self.name, self.entries())
+        return _filled(app, self.name, self.entries(), self.gone)
 
 
 def _entries(where: str) -> tuple[Entry, ...]:
@@ -101,13 +102,15 @@ def _entries(where: str) -> tuple[Entry, ...]:
     return found
 
 
-def _filled(app: typer.Typer, name: str, entries: Sequence[Entry | Group]) -> TyperGroup:
-    """The group of an application, with its name and its commands."""
+def _filled(app: typer.Typer, name: str, entries: Sequence[Entry | Group], gone: Mapping[str, str]) -> TyperGroup:
+    """The group of an application, with its name, its commands, and the former ones as errors."""
     group = get_command(app)
     assert isinstance(group, TyperGroup)
     group.name = name
     for entry in entries:
         group.add_command(entry.load() if isinstance(entry, Group) else _LazyCommand(entry))
+    for word, instead in gone.items():
+        group.add_command(_GoneCommand(word, instead))
     return group
 
 
@@ -121,7 +124,7 @@ def application(
 ) -> TyperGroup:
     """A program of several commands; `without_command` is called when none is given (default: print the help).
 
-    `gone`: commands that the program no longer has, each with what to run instead. The help does not list them.
+    `gone`: former commands, which are refused, each with what to run instead. The help does not list them.
     """
     app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
 
@@ -130,9 +133,7 @@ def application(
         if context.invoked_subcommand is None and without_command is not None:
             without_command()
 
-    group = _filled(app, name, entries)
-    for word, instead in gone.items():
-        group.add_command(_GoneCommand(word, instead))
+    group = _filled(app, name, entries, gone)
     group.params.append(_version_parameter())
     return group
 
@@ -278,12 +279,12 @@ def with_options(function: Callable[..., Any]) -> Callable[..., Any]:
 def _options(group: type) -> Iterator[Parameter]:
     """The options of a group and of the groups in it."""
     hints = get_type_hints(group, include_extras=True)
-    for field in fields(group):
-        if is_dataclass(hints[field.name]):
-            yield from _options(hints[field.name])
+    for one in fields(group):
+        if is_dataclass(hints[one.name]):
+            yield from _options(hints[one.name])
         else:
-            default = Parameter.empty if field.default is MISSING else field.default
-            yield Parameter(field.name, Parameter.KEYWORD_ONLY, default=default, annotation=hints[field.name])
+            default = Parameter.empty if one.default is MISSING else one.default
+            yield Parameter(one.name, Parameter.KEYWORD_ONLY, default=default, annotation=hints[one.name])
 
 
 def _gathered(group: Any, given: Mapping[str, Any]) -> Any:

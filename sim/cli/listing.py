@@ -86,7 +86,7 @@ def _scenarios(*, as_json: bool) -> None:
 
 
 def _drivers(*, as_json: bool) -> None:
-    """Who can drive, and the parameters of a human driver with their default, range and source."""
+    """The drivers, and the parameters of the human one with their default, range and source."""
     from dataclasses import fields
 
     from rich.table import Table

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from typer.core import TyperGroup
-
-from das.command_line.application import Entry, Group, _GoneCommand, application, run_app
+from das.command_line.application import Entry, Group, application, run_app
 
 EXPERIMENTS: Final = (
     Entry(
@@ -46,17 +44,6 @@ GONE_EXPERIMENTS: Final = {
 """Former commands of the group, each with what to run instead."""
 
 
-class _Experiments(Group):
-    """The group of experiments, which knows its former commands."""
-
-    def load(self) -> TyperGroup:
-        """The group with its commands, and the former ones as errors."""
-        group = super().load()
-        for word, instead in GONE_EXPERIMENTS.items():
-            group.add_command(_GoneCommand(word, instead))
-        return group
-
-
 NAME: Final = "das-sim"
 ENTRIES: Final = (
     Entry(
@@ -89,10 +76,11 @@ ENTRIES: Final = (
         summary="Be the driver of a simulated run, as a separate process on the bus.",
         examples=("das-sim drive clear-day --driver human --seed 3",),
     ),
-    _Experiments(
+    Group(
         name="experiment",
         summary="Human-factors experiments: check a design, drive its trials, analyse the data.",
         where="sim.cli.program:EXPERIMENTS",
+        gone=GONE_EXPERIMENTS,
     ),
     Entry(
         name="view",

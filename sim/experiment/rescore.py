@@ -57,7 +57,10 @@ def measured_of_table(table: DriveTable, names: Sequence[str]) -> dict[str, Any]
 
 
 def _recording(design: Design, row: Mapping[str, str]) -> str:
-    return recording_name(row["participant"], int(row["position"]), row["condition"], row["seed"])
+    try:
+        return recording_name(row["participant"], int(row["position"]), row["condition"], row["seed"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise DasError(f"{TRIALS_TABLE}: expected the rows that the study wrote ({error})") from error
 
 
 def _frozen_with(folder: Path, measures: tuple[str, ...]) -> bytes:

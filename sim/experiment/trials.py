@@ -189,7 +189,7 @@ class TrialJob:
     def inputs_sha256(self) -> str:
         """The hash of everything that decides the result; a trial with an equal hash need not be driven again.
 
-        Who takes part does not matter to a driver without habits.
+        A driver without habits drives alike for all participants.
         """
         trial, setting = self.trial, self.trial.setting
         human = not isinstance(setting.driver, DriverKind) or setting.driver is DriverKind.HUMAN
