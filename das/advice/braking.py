@@ -116,6 +116,10 @@ class BrakingAhead:
         planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
         return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
 
+    def nodes_ahead(self, s_m: float) -> int:
+        """The number of nodes ahead of a position; the last one is ahead of every position."""
+        return len(self.section.node_m) - 1 - _interval(self.section, s_m)
+
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
         """Where (m) a train with these speeds at the nodes ahead meets a braking curve; else the end of the section.
 
