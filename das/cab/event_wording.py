@@ -14,7 +14,7 @@ from das.advice.advice import Cause, Withdrawal
 from das.cab.heard import Kind, Target
 from das.domain.restriction import LONGEST_TEXT, Restriction
 from das.domain.units import KM, NS
-from das.estimate.ratios import ForceDoubt
+from das.estimate.calibration import ForceDoubt
 
 MOST_NAMED = 3
 """Most accepted targets that are named."""

@@ -10,10 +10,9 @@ from das.cab.heard import EffortHeard, Heard, Kind, PositionHeard
 from das.cab.outputs import Estimated, is_fresh
 from das.domain.conditions import Conditions
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration import Calibrator, Recalibration
+from das.estimate.calibration import Calibrator, Estimates, ForceDoubt, Recalibration
 from das.estimate.fix import Quality
 from das.estimate.localisation import ClockDifference
-from das.estimate.ratios import Estimates, ForceDoubt
 
 CLOCKS_DIFFER_S: Final = 0.3
 """Difference (s) between the time stamps of forces and positions above which they belong to other moments."""

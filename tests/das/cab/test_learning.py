@@ -9,8 +9,7 @@ import pytest
 
 from das.cab import event_wording
 from das.cab.learning import Learning
-from das.estimate.calibration import Calibrator
-from das.estimate.ratios import Estimates, ForceDoubt
+from das.estimate.calibration import Calibrator, Estimates, ForceDoubt
 from tests.support.driven_node import START_NS, S
 
 
