@@ -146,8 +146,8 @@ class Scan:
     record of a cut file begins; -1 if the file ends with a whole record.
     """
 
-    def __init__(self, data: Any) -> None:
-        """`data` is the content of the file: bytes, or a map of it into memory."""
+    def __init__(self, data: bytes) -> None:
+        """`data` is the content of the file."""
         self.data, self.size = data, len(data)
         self.ended = self.size >= 2 * len(MAGIC) and data[-len(MAGIC) :] == MAGIC
         self._last = self.size - len(MAGIC) * self.ended
@@ -317,8 +317,7 @@ class Scan:
             self._note(at, here[0], "the head of a chunk, whose messages are whole", lost=False)
             return here
         end = self._end(at)
-        known = end < self._last and self.data[end] in KINDS
-        if end == self._last or (known and self._end(end) <= self._last):
+        if end == self._last or (end < self._last and self.data[end] in KINDS and self._end(end) <= self._last):
             self._note(at, end, str(why), times_ns=why.times_ns)
             return end, []
         for signature in SIGNATURE.finditer(self.data, at + 1 + SIGNATURE_AT, self._last):
