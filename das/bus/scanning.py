@@ -37,7 +37,7 @@ SIGNATURE: Final = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
 """The bytes that name a chunk's compression; a search for the next chunk looks for them."""
 SIGNATURE_AT: Final = RECORD.size + CHUNK.size - 4
 """The byte of a chunk's record at which its compression is named."""
-KINDS: Final = {one: getattr(records, one.name.title().replace("_", "")) for one in Opcode}
+KINDS: Final[dict[int, Any]] = {one: getattr(records, one.name.title().replace("_", "")) for one in Opcode}
 """The library's class of each kind of record."""
 PRIVATE: Final = 0x80
 """First number of the record kinds of other programs, which a reader skips."""

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import pairwise
 
 from das.advice.advice import Timetable
-from das.cab import event_wording
 from das.cab.heard import JourneyHeard, OrderedStop
 from das.cab.trains import Trains
 from das.domain.errors import DasError
 from das.domain.levels import Level
 from das.domain.route import Route, Stop
+from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 
 DAY_NS = 86_400 * 10**9
@@ -51,12 +52,15 @@ class Post:
         if journey.train and journey.train != self.train:
             raise DasError(f"it is for train {journey.train!r}, this node is for {self.train!r}")
         if journey.reversed != self.reverse:
-            raise DasError(event_wording.other_direction(ordered_reverse=journey.reversed, own_reverse=self.reverse))
+            ordered, own = ("in reverse" if way else "forwards" for way in (journey.reversed, self.reverse))
+            raise DasError(f"it drives the route {ordered}, this node has it {own}")
         if len(journey.stops) < 2:
             raise DasError(f"it has {len(journey.stops)} stops, expected at least 2")
         _check_times(journey.stops)
         if is_of_another_day(journey, journey.heard_ns):
-            raise DasError(event_wording.other_day(journey.stops[0].departure_ns, journey.heard_ns))
+            both_ns = journey.stops[0].departure_ns, journey.heard_ns
+            departs, now = (f"{datetime.fromtimestamp(at_ns * NS, UTC):%Y-%m-%d %H:%M} UTC" for at_ns in both_ns)
+            raise DasError(f"it departs on {departs}, more than a day from the node's clock ({now})")
         if journey.level and journey.level not in list(Level):
             raise DasError(f"level {journey.level!r}: expected one of {', '.join(Level)}")
         return Order(
