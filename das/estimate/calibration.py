@@ -38,10 +38,10 @@ class MassAndResistance(NamedTuple):
 
 WINDOW_SAMPLES: Final = 20
 """Samples of a window: at 1 Hz and 0.05 m/s of noise their slope gives the acceleration to 0.002 m/s²."""
-SAMPLE_EVERY_S: Final = 0.9
-"""Least time (s) between samples; a nearer one is left out, so that a window takes about one a second."""
-LONGEST_GAP_S: Final = 2.5
-"""Longest gap (s) between samples, and between the efforts around them, within a window."""
+SAMPLE_EVERY_NS: Final = round(0.9 / NS)
+"""Least time (ns) between samples; a nearer one is left out, so that a window takes about one a second."""
+LONGEST_GAP_NS: Final = round(2.5 / NS)
+"""Longest gap (ns) between samples, and between the efforts around them, within a window."""
 SLOWEST_MPS: Final = 5.0
 """Samples at lower speeds do not count: there brakes are being released, couplers stretch, and the resistance does
 not follow Davis."""
@@ -265,14 +265,14 @@ class Calibrator:
         most_n = STANDARD_GRAVITY_MPS2 * self._vehicle.mass_kg
         if not (abs(effort.force_el_n) <= most_n and -most_n <= effort.force_friction_n <= 0):
             return
-        since_s = (effort.time_ns - self._efforts[-1].time_ns) * NS if self._efforts else 0.0
-        if self._efforts and -LONGEST_GAP_S <= since_s <= 0:
+        since_ns = effort.time_ns - self._efforts[-1].time_ns if self._efforts else 1
+        if -LONGEST_GAP_NS <= since_ns <= 0:
             return
-        if not 0 <= since_s <= LONGEST_GAP_S:
+        if not 0 < since_ns <= LONGEST_GAP_NS:
             self._places.clear()
             self._efforts.clear()
         self._efforts.append(effort)
-        begin_ns = self._places[0][0] if self._places else effort.time_ns
+        begin_ns = self._places[0][0] if self._places else effort.time_ns - LONGEST_GAP_NS
         while len(self._efforts) > 1 and self._efforts[1].time_ns <= begin_ns:
             self._efforts.popleft()
         self._close()
@@ -283,14 +283,15 @@ class Calibrator:
         usable = usable and 0 <= s_m <= self._route.length_m and abs(speed_mps) <= fastest_mps
         if usable:
             self._watch_standing(time_ns, speed_mps)
-        behind = not self._efforts or abs(time_ns - self._efforts[-1].time_ns) * NS > LONGEST_GAP_S
-        if not usable or speed_mps < SLOWEST_MPS or behind:
+        efforts = self._efforts
+        covered = bool(efforts) and efforts[0].time_ns <= time_ns <= efforts[-1].time_ns + LONGEST_GAP_NS
+        if not usable or speed_mps < SLOWEST_MPS or not covered:
             self._places.clear()
             return
-        since_s = (time_ns - self._places[-1][0]) * NS if self._places else SAMPLE_EVERY_S
-        if 0 <= since_s < SAMPLE_EVERY_S:
+        since_ns = time_ns - self._places[-1][0] if self._places else SAMPLE_EVERY_NS
+        if 0 <= since_ns < SAMPLE_EVERY_NS:
             return
-        if not 0 <= since_s <= LONGEST_GAP_S:
+        if not 0 <= since_ns <= LONGEST_GAP_NS:
             self._places.clear()
         self._places.append((time_ns, s_m, speed_mps))
         self._close()
