@@ -23,8 +23,7 @@ from das.domain.formulary import adhesion_coefficient
 from das.domain.route import Floats, Route
 from das.domain.units import NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
-from das.estimate.effort import Effort
-from das.estimate.fix import OVERSPEED_RATIO
+from das.estimate.fix import OVERSPEED_RATIO, Effort
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.estimate.window import FORCE_SD_RATIO, LineIntegral, MeasuredWindow
 

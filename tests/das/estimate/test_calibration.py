@@ -34,7 +34,7 @@ from das.estimate.calibration import (
     Estimates,
     Recalibration,
 )
-from das.estimate.effort import Effort
+from das.estimate.fix import Effort
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
