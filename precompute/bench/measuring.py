@@ -1,4 +1,4 @@
-"""Measurements for the bench: durations side by side, memory, the machine, and the best rates that it reaches."""
+"""Measurements for the bench: paired durations, memory, the machine, and its peak rates."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ PACKAGES = ("numpy", "numba", "llvmlite")
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """One measured figure, a median over rounds, beside its baseline and its bound.
+    """One measured figure, a median over rounds, with its baseline and its bound.
 
     `value`, `least`, `most`, `baseline_value` and `bound_value` are in `unit`. `ratio`: how many times better than the
-    baseline; `bound_ratio`: the share of the best that is possible. Where no bound is known, `bound`, `bound_value` and
+    baseline; `bound_ratio`: the share of the best possible rate. Where no bound is known, `bound`, `bound_value` and
     `bound_ratio` are None.
     """
 
@@ -66,7 +66,7 @@ class Figure:
 
 @dataclass(frozen=True, kw_only=True)
 class Times:
-    """Durations (s) of a piece of work and of its baseline, measured in turns."""
+    """Durations (s) of a piece of work and of its baseline, measured alternately."""
 
     seconds: list[float]
     baseline_seconds: list[float]
@@ -82,7 +82,7 @@ class Times:
     ) -> Figure:
         """The times as a figure: a duration in ms, or with an `amount` (in the figure's unit) a rate per s.
 
-        `bound` is a part of the work, in words, and the time (s) that it takes at least; None if no bound is known.
+        `bound` is a part of the work, in words, and its least time (s); None if no bound is known.
         """
         times, typical = self.seconds, statistics.median(self.seconds)
         other = statistics.median(self.baseline_seconds)
@@ -132,7 +132,7 @@ def seconds_of(work: Callable[[], object]) -> float:
 
 
 def peak_bytes_of(work: Callable[[], object]) -> float | None:
-    """The most memory (bytes) that a call takes at any time, beyond what the process had; None if it is not known."""
+    """The peak memory (bytes) of a call beyond that of the process before it; None if it is not known."""
     _give_back_free_memory()
     before = _status_bytes("VmRSS")
     if before is None or not _reset_peak():
@@ -143,7 +143,7 @@ def peak_bytes_of(work: Callable[[], object]) -> float | None:
 
 
 def _give_back_free_memory() -> None:
-    """Give free memory back to the system, so that the peak of a call shows all that it takes."""
+    """Give free memory back to the system, so that the peak of a call includes all of its memory."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
 
@@ -188,7 +188,7 @@ def _cpu_model() -> str:
 ROUNDS = 100
 """Rounds of about 1 ms: other work on the machine hardly interrupts all of them."""
 CACHED_NUMBERS = 1024
-"""Numbers that are computed over and over: they stay in the nearest cache."""
+"""Size of the array that is updated repeatedly; it fits into the first-level cache."""
 REPEATS = 1000
 CHAIN = 16
 """Dependent multiplications and additions on each number per pass, unrolled by the compiler."""
@@ -199,8 +199,7 @@ class Roofline:
     """The best rates of arithmetic in vectors that this number of threads can reach.
 
     `flops` floating-point operations per s (fused multiply-add = 2), `divisions_ps` divisions per s. Memory is left
-    out: a front may take over memory that the process has, and caches may hold it, so that no rate of writing is a
-    bound.
+    out: a front may reuse memory of the process that is still in a cache, so that no write rate is a bound.
     """
 
     threads: int
@@ -216,12 +215,12 @@ class Roofline:
         return cls(threads=1, flops=2.0 * CHAIN * passed / added_s, divisions_ps=passed / divided_s)
 
     def of_threads(self, threads: int) -> Roofline:
-        """The rates of this number of threads: at most so many times those of one."""
+        """The rates of this number of threads: at most those of one times the number."""
         times = threads / self.threads
         return Roofline(threads=threads, flops=times * self.flops, divisions_ps=times * self.divisions_ps)
 
     def least_s(self, *, divisions: float = 0.0, flop: float = 0.0) -> float:
-        """Least time of a computation: that of the arithmetic that it cannot do without."""
+        """Least time of a computation: that of its indispensable arithmetic."""
         return divisions / self.divisions_ps + flop / self.flops
 
 

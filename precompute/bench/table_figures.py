@@ -1,4 +1,5 @@
-"""Figures of tables: a departure looked up against one solved again, and the throughput of a build."""
+"""Figures of tables: a departure from the table compared with one that is solved again, and the throughput of a
+build."""
 
 from __future__ import annotations
 
@@ -25,11 +26,11 @@ SEED = 1
 BUFFERS = (0.03, 0.05, 0.08, 0.12)
 """Buffers of the departures that are looked up, as shares of the least time."""
 NOT_REFINED = TableSettings(buffers_percent=(0.0,), refine_s=0.0, proven=0)
-"""The least front of a table; the cab does not need it."""
+"""The smallest front of a table; the cab does not need it."""
 
 
 def look_up(reference: Reference) -> Iterator[Figure]:
-    """A departure's reference looked up in a table, with the table known and just opened, against solving it again."""
+    """A departure's reference from a table, already open and just opened, compared with solving it again."""
     section, threads = reference.section, reference.threads
     least_s = float(section.fastest_run.time_to_go_s[0])
     departures = cycle(
