@@ -1,7 +1,8 @@
-"""What other packages bring: drivers, presentations, measures and importers, by their entry points.
+"""Plug-ins of other packages: drivers, presentations, measures and importers, by entry points.
 
-A package says in its metadata what it brings: a group, a name, and where it is as `module:object`. Nothing of a package
-is imported before it is used. The metadata are read by hand: `importlib.metadata` would take every start 0.2 s.
+A package declares each object in its metadata: a group, a name, and its place as `module:object`. A package is imported
+only when one of its objects is used. The metadata are parsed here, because `importlib.metadata` would add 0.2 s to
+every start.
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ DRIVERS: Final = "das.drivers"
 PRESENTATIONS: Final = "das.presentations"
 """A `Presenter`; its name is the word after --advice."""
 MEASURES: Final = "das.measures"
-"""A function of a `DriveTable` that gives a number, or None; its name is the column, which ends in its unit."""
+"""A function of a `DriveTable` that returns a number, or None; its name is the column, which ends in its unit."""
 IMPORTERS: Final = "das.importers"
-"""A function that reads a train of another program from a path; its name is the end of such a file's name."""
+"""A function that reads a train in another program's format from a path; its name is the file name extension."""
 GROUPS: Final = (DRIVERS, PRESENTATIONS, MEASURES, IMPORTERS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Door:
-    """Something that a package brings: its name, where it is, and the package with its version."""
+    """An object provided by a package: its name, its place, and the package with its version."""
 
     name: str
     module: str
@@ -39,7 +40,7 @@ class Door:
     package: str
 
     def load(self) -> Any:
-        """The object; DasError if it cannot be imported."""
+        """The imported object; DasError if it cannot be imported."""
         try:
             return getattr(import_module(self.module), self.attribute)
         except Exception as error:
@@ -48,7 +49,7 @@ class Door:
 
 @cache
 def installed(group: str) -> MappingProxyType[str, Door]:
-    """What all packages that are installed bring to a group, by name; the first of a name counts."""
+    """The objects that installed packages provide for a group, by name; of equal names the first is used."""
     found: dict[str, Door] = {}
     for path in _metadata():
         parser = ConfigParser(delimiters=("=",), interpolation=None)

@@ -1,7 +1,8 @@
-"""The colours of all pictures, pages and views: one meaning each, for dark and white backgrounds, and for the viewer.
+"""The colours of all pictures, pages and views, with one meaning each, for dark and white backgrounds, and for the
+viewer.
 
-No module that draws a drive has colours of its own. A display that shows no mode is an exception: its module in
-`sim/drivers/presentations` has its colour. tests/sim/test_meanings.py checks that people can tell the colours
+No module that draws a drive has colours of its own. The exception is a display that shows no mode: its colour is in its
+module in `sim/drivers/presentations`. tests/sim/test_meanings.py checks that people can tell the colours
 apart; lines on one axis must also be told apart with the common kinds of colour blindness.
 """
 
@@ -15,12 +16,12 @@ from das.drawing.colors import BACKGROUND, GRID, INK, LIMIT
 
 
 class Meaning(StrEnum):
-    """What a colour says, wherever it is used."""
+    """The meaning of a colour, the same everywhere."""
 
     DRIVEN = "driven"
     """Course of the train and settings of the driver."""
     OTHER_DRIVE = "other drive"
-    """Course of the train in the drive of the same trip with which a drive is compared."""
+    """Course of the train in the drive used for comparison (same trip)."""
     ADVISED = "advised"
     """Results of the node: advice, prediction, estimate."""
     SHOWN = "shown"
@@ -28,7 +29,7 @@ class Meaning(StrEnum):
     LIMIT = "limit"
     OPTIMUM = "optimum"
     OPERATOR = "operator"
-    """Messages of the operator or traffic management: delays, targets."""
+    """Messages of traffic management: delays, targets."""
     GRADIENT = "gradient"
     LOST = "lost"
     """Energy above the optimum."""
@@ -89,8 +90,8 @@ DARK, LIGHT, VIEWER = (
 desktop's is, so its colours are middle tones that are readable on either."""
 
 COMPARED: Final = (LIGHT.of[Meaning.OTHER_DRIVE], LIGHT.of[Meaning.DRIVEN], "#0000ff", "#0f87ff", "#2d001e", "#0f4bff")
-"""Colours of drives that are compared, in their order, on white; lines differ in style as well. All are what a train
-did: the first is the drive with which the others are compared."""
+"""Colours of compared drives, in their order, on white; lines differ in style as well. The first is the drive with
+which the others are compared."""
 EFFICIENCY_GREYS: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")
 """Greys of an efficiency map, from bad to good: light, so that points stand out."""
 STANDING_GREY: Final = "#707880"

@@ -38,9 +38,9 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 
 MOST_NOTCHES = 20
-"""Most steps of the lever of the cab desk each way."""
+"""Largest number of steps of the desk's lever in each direction."""
 LATE_KERNELS = "sim.world.late_kernels"
-"""The module that compiles what a simulated day needs last, beside a command that compiles."""
+"""Module run in parallel with a command that compiles: it compiles the kernels that a simulated run needs last."""
 PostsOption = Annotated[
     Path | None,
     typer.Option(
@@ -54,13 +54,13 @@ VehiclesOption = Annotated[
     typer.Option(
         "--vehicles",
         metavar="A,B,…|all",
-        help="Find the train: which of these can have driven the trip? Bundled names, files, folders of files, or all "
+        help="Find the train that drove the trip, among these: bundled names, files, folders of files, or all "
         "(every bundled train).",
     ),
 ]
 OfTrainOption = Annotated[
     str | None,
-    typer.Option("--of-train", metavar="NAME", help="Which train, where the recording holds several."),
+    typer.Option("--of-train", metavar="NAME", help="Train to use, if the recording contains several."),
 ]
 PaceOption = Annotated[
     str,
@@ -74,7 +74,8 @@ ParticipantOption = Annotated[
         "--participant",
         metavar="N",
         min=0,
-        help="Human driver number N of the population, the same on every day [default: the seed draws the driver].",
+        help="Human driver number N of the population, the same person in every run "
+        "[default: the seed draws the driver].",
     ),
 ]
 PopulationOption = Annotated[
@@ -147,10 +148,10 @@ class TripOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
-    """How a trip is replayed; None means: as the recording says, or the default.
+    """How a trip is replayed; None means: as recorded, or the default.
 
-    The timetable comes from a journey, or from the running time and the delay of the departure; a delay alone
-    is refused where the recording has no time of arrival.
+    The timetable comes from a journey, or from the running time and the delay of the departure; a delay alone is
+    rejected if the recording has no time of arrival.
     """
 
     trip: TripOptions = field(default_factory=TripOptions)
@@ -173,7 +174,7 @@ class ReplayOptions:
         typer.Option(
             "--delay",
             metavar="S",
-            help="How late in s the trip departed, where a time of arrival is known [default: as recorded, or 0].",
+            help="Delay of the departure in s, if a time of arrival is known [default: as recorded, or 0].",
         ),
     ] = None
     pace: PaceOption = "max"
@@ -205,11 +206,9 @@ class PageFiles:
 
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html, or .pdf) [default: print in words]."),
+        typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html, or .pdf) [default: print as text]."),
     ] = None
-    pdf: Annotated[
-        Path | None, typer.Option("--pdf", metavar="FILE", help="The page as PDF, where Chromium is installed.")
-    ] = None
+    pdf: Annotated[Path | None, typer.Option("--pdf", metavar="FILE", help="The page as PDF; needs Chromium.")] = None
 
     @property
     def paths(self) -> tuple[Path | None, Path | None]:

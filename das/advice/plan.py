@@ -34,7 +34,7 @@ def classify_modes(solution: Solution, section: Section) -> Modes:
     """The mode of each interval of a trajectory, from its acceleration and its share of the available force.
 
     A stretch between two stretches of cruising counts as cruising too if the speed hardly changes in it
-    (`RIPPLE_MPS`). A driver who is told to hold the speed needs no alternating advice to coast and to pull.
+    (`RIPPLE_MPS`). A driver who is told to hold the speed needs no alternating advice to coast and to accelerate.
     """
     run, train, vehicle = solution.trajectory, section.train, section.vehicle
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
@@ -73,7 +73,7 @@ def classify_modes(solution: Solution, section: Section) -> Modes:
 def without_short(modes: Modes, t_s: Floats) -> Modes:
     """The modes of the intervals; each mode too short for a driver to follow is replaced by the one before it.
 
-    Modes replaced in a row last less than `HOLD_S` together. Brakes are never replaced.
+    Consecutive replaced modes last less than `HOLD_S` together. Braking is never replaced.
     """
     return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), HOLD_S))
 
@@ -94,7 +94,8 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A solution from the train's state, with what advice reads from it; arrays hold a value for each interval."""
+    """A solution from the train's state, with derived quantities for the advice; arrays hold a value for each
+    interval."""
 
     made_ns: int
     solution: Solution

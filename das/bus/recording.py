@@ -207,7 +207,7 @@ def refuse_damage(found: Contents) -> None:
         more = f", and {len(health.damage) - 1} more places" if len(health.damage) > 1 else ""
         raise DasError(f"{path}: damaged: {health.damage[0]}{more}; das-sim recover saves what is sound")
     if health.missing and RECOVERED not in found.metadata:
-        raise DasError(f"{path}: damaged: {health.missing} messages are missing, by their running numbers")
+        raise DasError(f"{path}: damaged: {health.missing} messages are missing, according to their sequence numbers")
 
 
 def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:

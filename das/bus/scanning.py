@@ -1,4 +1,5 @@
-"""Walks through an MCAP file by the library's own records. Damaged ones are noted and skipped, never returned.
+"""Reads an MCAP file record by record, with the library's own classes. Damaged ones are noted and skipped, never
+returned.
 
 Chunks and attachments have checksums, and a complete file has one over all of its data and one over its index. Metadata
 get a checksum of their own here, because MCAP gives them none until the file is finished.
@@ -25,14 +26,14 @@ from das.domain.errors import DasError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 MAGIC_BYTES_WRONG: Final = 2
-"""Most places in which the first bytes of a damaged MCAP file may differ from those of a whole one."""
+"""Largest number of the first bytes in which a damaged MCAP file may differ from an intact one."""
 RECORD: Final = struct.Struct("<BQ")
-"""The head of a record: kind, length (bytes)."""
+"""The header of a record: kind, length (bytes)."""
 CHUNK: Final = struct.Struct("<QQQII")
-"""The head of a chunk: times of the first and last message (ns), unpacked size (bytes), checksum, length of the
+"""The header of a chunk: times of the first and last message (ns), unpacked size (bytes), checksum, length of the
 compression's name."""
 MESSAGE: Final = struct.Struct("<HIQQ")
-"""The head of a message: channel, running number, time recorded (ns), time sent (ns)."""
+"""The header of a message: channel, sequence number, time recorded (ns), time sent (ns)."""
 SIGNATURE: Final = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
 """The bytes that name a chunk's compression; a search for the next chunk looks for them."""
 SIGNATURE_AT: Final = RECORD.size + CHUNK.size - 4
@@ -42,14 +43,15 @@ KINDS: Final[dict[int, Any]] = {one: getattr(records, one.name.title().replace("
 PRIVATE: Final = 0x80
 """First number of the record kinds of other programs, which a reader skips."""
 MOST_EXPANSION: Final = 100
-"""Most times its size to which a file may unpack. The project's recordings unpack to 3 to 10 times."""
+"""Largest ratio of the unpacked size of a file to its size. The project's recordings have 3 to 10."""
 ALWAYS_BYTES: Final = 16 << 20
 """Size (bytes) to which a file may always unpack, however small it is."""
 MOST_MESSAGES: Final = 2_000_000
-"""Most messages (60 hours of recording) that are read from a file; more would hold up the reader."""
-SOMEWHERE: Final = "wrong checksum of the data, whose messages are whole"
+"""Largest number of messages that are read from a file (60 hours of recording); more would delay the reader too
+much."""
+SOMEWHERE: Final = "wrong checksum of the data, whose messages are intact"
 MOST_LISTED = 5
-"""Most places of damage that are listed one by one."""
+"""Largest number of damaged places that are listed one by one."""
 CHECKSUM: Final = "crc32"
 """The key of the hexadecimal checksum over the name of a metadata record and its other entries."""
 UNCHECKED: Final = "unchecked "
@@ -60,7 +62,7 @@ UNCHECKED: Final = "unchecked "
 class Damage:
     """A damaged stretch of a file.
 
-    `what` describes it in words. `lost` says whether it held messages, attachments or metadata, which are left out.
+    `what` describes it in words. `lost`: it contained messages, attachments or metadata, which are left out.
     `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0 if the file does not state
     them.
     """
@@ -80,9 +82,9 @@ class Damage:
 class Health:
     """The health of a file as found while reading it.
 
-    `complete` is False for a file that was cut off. `cut_byte` is where the record begins that was cut in two (-1: none
-    was). `missing` counts messages that are missing according to the running numbers; None if these do not rise through
-    the file. `unchecked` names the parts without a checksum.
+    `complete` is False for a file that was cut off. `cut_byte` is where a truncated last record begins (-1: none).
+    `missing` is the number of messages missing according to the sequence numbers; None if these do not rise through the
+    file. `unchecked` names the parts without a checksum.
     """
 
     size_bytes: int
@@ -94,7 +96,7 @@ class Health:
 
     @property
     def sound(self) -> bool:
-        """Whether the file is whole, undamaged and without holes."""
+        """Whether the file is complete and undamaged, with no message missing."""
         return self.complete and not self.damage and not self.missing
 
     def warnings(self) -> list[str]:
@@ -103,11 +105,11 @@ class Health:
         if len(self.damage) > MOST_LISTED:
             lines.append(f"damaged: {len(self.damage) - MOST_LISTED} more places")
         if self.missing:
-            lines.append(f"{self.missing} messages are missing, by their running numbers")
+            lines.append(f"{self.missing} messages are missing, according to their sequence numbers")
         if not self.complete:
-            lines.append("it was cut off: it holds what was written before")
+            lines.append("it was cut off: it contains only messages written before")
         if self.unchecked:
-            lines.append(f"damage would not be seen, for there is no checksum, in: {', '.join(self.unchecked)}")
+            lines.append(f"damage would go unnoticed (no checksum) in: {', '.join(self.unchecked)}")
         return lines
 
 
@@ -123,7 +125,7 @@ def unsealed(name: str, data: Mapping[str, str]) -> tuple[dict[str, str], bool |
 
 
 class FoundRecord(NamedTuple):
-    """A record, where it begins in the file, and whether a checksum of its own proves it."""
+    """A record, its place in the file, and whether it has a valid checksum of its own."""
 
     record: Any
     start_byte: int
@@ -162,7 +164,7 @@ class Scan:
     def walk(self) -> Iterator[FoundRecord]:
         """Yield the records of the data and of the index in their order.
 
-        Raises DasError for a file that is no MCAP, and for one that would keep its reader busy.
+        Raises DasError for a file that is not MCAP, or too large to read when unpacked.
         """
         first = self.data[: len(MAGIC)]
         wrong = sum(a != b for a, b in zip(first, MAGIC, strict=False))
@@ -181,7 +183,7 @@ class Scan:
         self._finish(at)
 
     def _finish(self, at: int) -> None:
-        """Note the damage that only the whole walk can show."""
+        """Record the damage that shows only after the whole walk."""
         if self.has_footer and not self.ended and MAGIC.startswith(self.data[at:]):  # cut within its last bytes
             self.has_footer, self.cut_byte = False, at
         elif self.has_footer != self.ended or (self.ended and at < self._last):
@@ -246,7 +248,7 @@ class Scan:
         """The unpacked content of a chunk, never more than one byte beyond the size that it states."""
         size, packed, rest = chunk.uncompressed_size, chunk.data, b""
         if chunk.compression == "zstd" and zstandard.frame_content_size(packed) not in (-1, size):
-            raise _DamagedError("a chunk of another size than it says")
+            raise _DamagedError("a chunk of another size than it states")
         if size > self._left_bytes:
             raise _DamagedError(
                 f"a chunk that unpacks to {size >> 20} MiB, too much for a file of {self.size >> 10} KiB"
@@ -260,7 +262,7 @@ class Scan:
             frame = LZ4FrameDecompressor()
             packed, rest = frame.decompress(packed, max_length=size + 1), frame.unused_data
         if len(packed) != size or rest:
-            raise _DamagedError("a chunk of another size than it says")
+            raise _DamagedError("a chunk of another size than it states")
         return bytes(packed)
 
     def _inside(self, plain: bytes) -> Iterator[Any]:
@@ -270,7 +272,7 @@ class Scan:
             kind, length = RECORD.unpack_from(plain, at) if at + RECORD.size <= len(plain) else (0, 0)
             content = plain[at + RECORD.size : at + RECORD.size + length]
             if kind not in kinds:
-                raise _DamagedError("a chunk with something other than messages in it")
+                raise _DamagedError("a chunk that contains other records than messages")
             if len(content) < length:
                 raise _DamagedError("a record that is longer than its chunk")
             self._left_messages -= kind == Opcode.MESSAGE
@@ -312,9 +314,9 @@ class Scan:
         return zlib.crc32(memoryview(self.data)[start:end])
 
     def _after_damage(self, at: int, why: _DamagedError) -> tuple[int, list[FoundRecord]]:
-        """Note damage at a place; returns where to go on, and the records of the chunk found here or later."""
+        """Record damage at a place; returns where to continue, and the records of the chunk found here or later."""
         if here := self._sound_chunk(at):
-            self._note(at, here[0], "the head of a chunk, whose messages are whole", lost=False)
+            self._note(at, here[0], "the header of a chunk, whose messages are intact", lost=False)
             return here
         end = self._end(at)
         if end == self._last or (end < self._last and self.data[end] in KINDS and self._end(end) <= self._last):
@@ -332,7 +334,7 @@ class Scan:
         return self._last, []
 
     def _sound_chunk(self, at: int) -> tuple[int, list[FoundRecord]] | None:
-        """The end of the chunk at a place, by what it states itself, and its records; None if there is no sound one."""
+        """The end of the chunk at a place, as it states itself, and its records; None if there is no intact one."""
         end = self._chunk_end(at)
         try:
             found = self._chunk(at, end) if end <= self._last else []

@@ -1,4 +1,4 @@
-"""Decides whether there is advice: here and nowhere else, in one order, from facts of the cab and of the leg.
+"""The only place that decides whether there is advice, in a fixed order, from facts of the cab and of the leg.
 
 Every advice then passes the last word (`LastWords`), which replaces what is not safe.
 """
@@ -21,19 +21,19 @@ from das.estimate.estimate import Estimate
 from das.estimate.plausibility import STANDSTILL_MPS
 
 LOST_BEYOND_M: Final = 500.0
-"""Distance beyond the end of the section (m) above which a lost train is not on the section at all."""
+"""Distance beyond the end of the section (m) above which the train counts as not being on the section at all."""
 REPORT_EVERY_S = 30.0
 """Time (s) without replacement after which a replaced part of the advice is reported again."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trust:
-    """Reasons for the cab to distrust its messages, whatever the leg; by default there are none."""
+    """Reasons for the cab to distrust its messages on any leg; by default there are none."""
 
     two_publishers: str = ""
-    """The two publishers that both state the position of the train; empty if there is one."""
+    """The two publishers of the train's position; empty if there is only one."""
     unstamped: bool = False
-    """Whether positions come without their sender's time stamp: two senders would look like one."""
+    """Whether positions come without their sender's time stamp, so that two senders cannot be distinguished."""
     two_operators: str = ""
     """The two publishers that state different restrictions; empty if they agree."""
     unheeded: str | None = None
@@ -74,10 +74,10 @@ def decide(
 ) -> Withdrawal | None:
     """Why there is no advice; None if there is. The first of these that holds decides:
 
-    1. two publishers of the position, or one that might be two; 2. two operators that state different restrictions;
+    1. two publishers of the position, or one that might be two; 2. two publishers that state different restrictions;
     3. restrictions that cannot be used; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list
     of restrictions received; 8. the section cannot be driven; 9. the position: none, rejected, stale, ahead of the
-    clock or uncertain; 10. the train is outside the section; 11. it moves up to the stop before its departure; 12. it
+    clock or uncertain; 10. the train is outside the section; 11. it draws up to the stop before its departure; 12. it
     has run past its stop; 13. no plan finishes the section from its state (`no_plan`: the planner's words); 14. another
     node advises the train as well; 15. the train stands where it has no stop, or the driver brakes against the advice
     (`quiet`: which of the two). The numbers of `Cause` rise in this order.
@@ -169,9 +169,9 @@ def words_of(act: Act) -> str:
     value = "not a number" if math.isnan(act.value_mps) else f"{act.value_mps / KMH:.1f} km/h"
     bound = "" if math.isnan(act.bound_mps) else f" where {act.bound_mps / KMH:.1f} km/h is the most"
     if math.isfinite(act.instead_n):
-        instead = f"{act.instead_n / KN:.0f} kN is said instead"
+        instead = f"{act.instead_n / KN:.0f} kN is advised instead"
     elif math.isfinite(act.instead_mps):
-        instead = f"{act.instead_mps / KMH:.1f} km/h is said instead"
+        instead = f"{act.instead_mps / KMH:.1f} km/h is advised instead"
     else:
-        instead = "it is left out"
+        instead = "it is omitted"
     return f"last word: {act.part}: {value}{bound}; {instead}"

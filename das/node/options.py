@@ -91,7 +91,7 @@ class GuideGiven:
             metavar="M/S2",
             min=0.1,
             max=1.5,
-            help="Deceleration that plans assume for limits and stops: as drivers here usually brake "
+            help="Deceleration that plans assume for limits and stops: the usual one of local drivers "
             "[default: the train's service deceleration].",
             show_default=False,
         ),
@@ -103,7 +103,7 @@ class GuideGiven:
             metavar="S",
             min=0.0,
             max=10.0,
-            help="Reaction time that plans allow for: how late drivers begin to brake.",
+            help="Reaction time that plans allow for before braking.",
         ),
     ] = REACTION_S
     below_limit: Annotated[
@@ -121,8 +121,8 @@ class AdviceGiven:
         typer.Option(
             "--rate",
             metavar="HZ",
-            help=f"How many times a second to advise with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}; with the "
-            "bus clock, how often a Control message is to be expected.",
+            help=f"Rate of advice (Hz) with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}; with the "
+            "bus clock, the expected rate of Control messages.",
         ),
     ] = 1.0
     clock: Annotated[
@@ -137,7 +137,7 @@ class AdviceGiven:
         bool,
         typer.Option(
             "--no-restrictions",
-            help="This site has no temporary restrictions: advise without waiting for a list of them.",
+            help="Advise without waiting for a list of temporary restrictions, at a site that has none.",
         ),
     ] = False
     led: GuideGiven

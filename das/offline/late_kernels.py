@@ -1,8 +1,8 @@
 """`python -m das.offline.late_kernels`: compile kernels that a solved section needs, on a tiny one.
 
-A command that compiles the solver starts this beside itself. It takes the kernels in the order in which the command
-comes to need them, and leaves to the command those that share most of their code with what it compiles itself: the
-sweep, and the tubes of the refinement.
+A command that compiles the solver starts this module in a second process. It compiles the kernels in the order in which
+the command needs them, except those that share most of their code with the command's own ones: the sweep, and the tubes
+of the refinement.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SLOWER_RATIO = 1.2
 
 
 def main() -> None:
-    """Roll out policies of a tiny section, and bound its fastest run as if it had time to spare."""
+    """Roll out policies of a tiny section, and bound its fastest run as if there were time to spare."""
     section = build_section(tiny_route(), load_vehicle(TRAIN))
     state, policies = State.at(section), _unsolved_policies(section)
     state.totals(policies)
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def _unsolved_policies(section: Section) -> Policies:
-    """Policies to which no sweep has come down: a train finds no way, but their kernels are compiled."""
+    """Policies that no sweep has filled: they lead a train nowhere, but their kernels are compiled."""
     grid, prices_w = DecisionGrid.of(section), np.array([PRICE_W, 2.0 * PRICE_W])
     shape = len(grid.node_m), grid.speed_steps + 1, len(prices_w)
     return Policies(prices_w, np.full(shape, INFEASIBLE), np.zeros(shape, np.float32))

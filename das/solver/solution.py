@@ -59,11 +59,11 @@ class Solution(Summary):
 
     @cached_property
     def balance(self) -> EnergyBalance:
-        """Where the energy goes, with the section's train and losses (J)."""
+        """The energy balance with the section's train and losses (J)."""
         return self.trajectory.balance(self.section.vehicle, self.section.loss)
 
     def facts(self) -> dict[str, str]:
-        """The section's facts, what the trajectory needs, and how far its time is above the least one."""
+        """The section's facts, the trajectory's time and energy, and how far its time is above the least one."""
         buffer = 100.0 * (self.time_s / self.least_time_s - 1.0)
         return {
             **self.section.facts(),
@@ -118,7 +118,7 @@ class Solution(Summary):
 
 
 def plotted_on(section: Section, trajectory: Trajectory) -> PlottedRun:
-    """A trajectory over a section for a picture, whichever strategy found it."""
+    """A trajectory over a section for a picture, from any strategy."""
     return trajectory.plotted(section.loss, section.route, *section.titles)
 
 

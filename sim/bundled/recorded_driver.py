@@ -1,4 +1,4 @@
-"""The driver of the bundled recording, who can be shown the guide when his trip is driven anew."""
+"""The driver of the bundled recording, who can be shown the guide when the trip is driven anew."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ GLANCE_S: Final = 5.0
 
 
 class RecordedDriver:
-    """Drives as in the bundled recording: alone as fast as the limits allow, never minding the clock.
-
-    With the guide he does what he read at his last glance (`sim.drivers.asked`), with no more than its effort, in his
-    own manner and with his own wandering. Limits of the line and stops he keeps as ever; temporary
-    restrictions he does not know, for there are none on his trip. He brakes with the motors first, as the train of the
+    """Drives as in the bundled recording: without advice as fast as the limits allow, regardless of the time. With the
+    guide he follows the instruction read at the last glance (`sim.drivers.asked`), with no more than its effort, and
+    with the same manner and speed errors as before. Limits of the line and stops are kept in any case; temporary
+    restrictions are not known, because the trip has none. He brakes with the motors first, as the train of the
     recording did.
     """
 
@@ -35,7 +34,7 @@ class RecordedDriver:
         self.glances_s = -math.inf
 
     def command(self, cab: CabView) -> Command:
-        """The controller's setting for the next look."""
+        """The controller's setting until the next look."""
         if cab.shall_stand:
             return COAST
         if self.own is None or self.own.end_m != cab.halt_m:
@@ -59,6 +58,6 @@ def _told(view: AdviceView | None, speed_mps: float, efforts: Efforts) -> tuple[
         Asked.HOLD: (to_mps, math.inf),
         Asked.COAST: (math.inf, 0.0),
         Asked.BRAKE: (math.inf, effort * efforts.brakes_n),
-        Asked.BRAKE_BY_EYE: (max(speed_mps, HEEDING.creeps_mps), math.inf),  # He does not speed up before he brakes.
+        Asked.BRAKE_BY_EYE: (max(speed_mps, HEEDING.creeps_mps), math.inf),  # No speeding up before braking.
         Asked.KEEP_BELOW: (to_mps, 0.0),
     }[asked(view.mode, to_mps, effort, speed_mps)]

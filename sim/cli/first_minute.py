@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
 """The driver of the bundled recording, who can be shown the guide."""
 HANGS_ON: Final = (
-    "He watches no clock when alone, does what the guide says, and brakes with the motors first: drivers who keep time "
-    "by themselves save less (docs/explanation/guide.md)."
+    "This driver ignores the clock without advice, follows the guide, and brakes with the motors first; drivers who "
+    "keep to the timetable save less (docs/explanation/guide.md)."
 )
 """Conditions on which the figures of the result depend, in a sentence."""
 LOOK_AGAIN_S: Final = 0.2

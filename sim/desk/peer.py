@@ -1,4 +1,5 @@
-"""The desk on the bus: hears the cab, answers every look, and says what was done at the desk. A thread of its own.
+"""The desk on the bus: receives the cab, answers every look, and publishes the actions at the desk. A thread of its
+own.
 
 A browser never joins the bus. The desk answers a look with the setting of the controller for as long as the page draws
 frames; a page that is closed, asleep or covered draws none, and then the run's dead-man brake stops the train.
@@ -22,7 +23,7 @@ from sim.desk.messages import DeskGiven, Lever, Marked
 CALLED_EVERY_S: Final = 0.1
 """Interval (s) at which the desk announces itself before the run begins."""
 UNSEEN_S: Final = 1.0
-"""Time (s) without drawing after which a page has no viewer; the desk then answers no more looks."""
+"""Time (s) without drawing after which a page counts as unwatched; the desk then answers no more looks."""
 SETTLES_S: Final = 0.01
 """Time (s) within which a newer setting of the controller replaces one that is not on the bus yet."""
 DEVICES: Final = {
@@ -36,7 +37,7 @@ Told = Callable[[Any | None], None]
 
 
 class Attention:
-    """Whether somebody can see the desk: whether its page has drawn a frame within the last second."""
+    """Whether the desk is visible to a person: its page has drawn a frame within the last second."""
 
     def __init__(self, clocks: Clocks) -> None:
         self._clocks = clocks
@@ -49,21 +50,21 @@ class Attention:
         return self._clocks.seconds() - self._drawn_s < UNSEEN_S
 
     def drawn(self) -> bool:
-        """Take note of a frame; returns whether somebody is back."""
+        """Record a frame; returns whether the viewer is back."""
         back = self._away and math.isfinite(self._drawn_s)
         self._drawn_s, self._away = self._clocks.seconds(), False
         return back
 
     def left(self) -> bool:
-        """Whether nobody is there any more; True once for each absence."""
+        """Whether the viewer has gone; True once for each absence."""
         newly, self._away = not self.there and not self._away, not self.there
         return newly
 
 
 class Peer:
-    """The desk's session on the bus; `begin` opens it in a thread, `close` ends it. `tell` hears what comes.
-
-    The run begins when it hears a driver, which `announce` allows. `clocks` are injected. Methods may be called from
+    """The desk's session on the bus; `begin` opens it in a thread, `close` ends it. `tell` is called with each message.
+    The run begins when it receives a driver's announcement, which `announce` permits. `clocks` are injected. Methods
+    may be called from
     any thread.
     """
 
@@ -81,7 +82,7 @@ class Peer:
 
     @property
     def state(self) -> tuple[float, int]:
-        """The setting of the controller (−1 … 1), and its running number."""
+        """The setting of the controller (−1 … 1), and its sequence number."""
         return self._setting
 
     @property
@@ -90,7 +91,7 @@ class Peer:
         return self._bus is not None
 
     def announce(self) -> None:
-        """Tell the run that its driver is there, from now on until it begins."""
+        """Announce the driver to the run, repeatedly until it begins."""
         self._announced = True
 
     def begin(self) -> None:
@@ -102,7 +103,7 @@ class Peer:
         self._over.set()
 
     def drawn(self) -> None:
-        """Take note that the page has drawn a frame."""
+        """Record that the page has drawn a frame."""
         if self._attention.drawn():
             self.mark(BACK)
 
@@ -113,14 +114,14 @@ class Peer:
             self._put(number + 1, 0.0, das_pb2.Action.DEVICE_DESK)
 
     def lever(self, said: Lever) -> bool:
-        """Set the controller as the page says; False for a number that is not newer than the last one."""
+        """Set the controller as the page requests; False for a sequence number that is not newer than the last one."""
         if said.k <= self._setting[1]:
             return False
         self._put(said.k, said.ratio, DEVICES.get(said.by, 0), round(said.at * 1e6), said.look)
         return True
 
     def mark(self, kind: Any, said: Marked | None = None) -> None:
-        """Say that something happened at the desk."""
+        """Publish an action at the desk."""
         now_ns = self._clocks.now_ns()
         with self._lock:
             if self._bus is None:
@@ -131,7 +132,7 @@ class Peer:
             self._bus.publish(MARK, mark)
 
     def _put(self, number: int, ratio: float, device: int, browser_ns: int = 0, look: int = 0) -> None:
-        """Set the controller; the setting goes on the bus at once, or when the one before it has settled."""
+        """Set the controller; the setting is published immediately, or when the previous one has settled."""
         with self._lock:
             self._setting = ratio, number
             self._waiting = das_pb2.Action(
@@ -141,7 +142,7 @@ class Peer:
         self.flush()
 
     def flush(self) -> bool:
-        """Put the newest setting on the bus if it is due; False if it still waits and this must be called again."""
+        """Publish the newest setting if it is due; False if it must wait, and this method must be called again."""
         with self._lock:
             action, now_s = self._waiting, self._clocks.seconds()
             if action is None:
@@ -166,7 +167,7 @@ class Peer:
         self._bus.publish(CONTROLS, das_pb2.Controls(look=self._cab.look, lever_ratio=self._setting[0]))
 
     def _run(self) -> None:
-        """Hear the bus until the run is over, or until this session is closed."""
+        """Receive from the bus until the run is over, or until this session is closed."""
         given = self._given
         file = None if given.bus is None else bus_options(Path(given.bus), given.insecure_bus, None, None)
         with Bus(given.train, connect=given.connect, hear=(CAB, CONTROL), file=file) as bus:
@@ -188,7 +189,7 @@ class Peer:
                 self._bus = None
 
     def _look(self, cab: Any) -> None:
-        """Take a look, and answer it if somebody can see the desk."""
+        """Receive a look, and answer it if the desk is visible."""
         with self._lock:
             self._cab = cab
             if self._attention.there:

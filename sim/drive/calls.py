@@ -1,4 +1,4 @@
-"""How a drive kept its stops. In a recording, positions give arrivals and departures to a fraction of a second."""
+"""The stops of a drive, as served. In a recording, positions give arrivals and departures to a fraction of a second."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from sim.recording.course import DrivenCourse, known
 from sim.recording.stands import StandingTime, stood_ns
 
 NEAR_M: Final = 100.0
-"""Distance (m) within which a standing train may be at a stop; of several stands, the nearest counts."""
+"""Distance (m) within which a standing train may be at a stop; of several standstills, the nearest counts."""
 NEAR_ON_THE_WAY_M: Final = 300.0
-"""Distance (m) within which a train may be at a stop outside its journey: a long train may stand far off."""
+"""Distance (m) within which a train may be at a stop outside its journey: a long train may stand far from it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeptCall:
-    """How a drive kept one stop of its journey, in a run just driven or in a recording.
+    """One stop of a journey as served, in a run just driven or in a recording.
 
-    Times are in ns since 1970, 0 if there is none: those of the timetable (`due_`), and when the train came and left.
-    `stood_m` is where the train stood, NaN if it did not stop. `reached`: it got as far as the stop. `stand`: the
-    samples of the recording in which it stood. `passed_mps`: its speed at an end of a part that is no stop.
+    Times are in ns since 1970, 0 if there is none: those of the timetable (`due_`), and those of the train's arrival
+    and departure.
+    `stood_m` is where the train stood, NaN if it did not stop. `reached`: the train got as far as the stop. `stand`:
+    the samples of the recording in which it stood. `passed_mps`: its speed at an end of a part that is no stop.
     """
 
     name: str
@@ -76,7 +77,7 @@ class KeptCall:
 class Travelled(NamedTuple):
     """The first and the last moment (ns since 1970) and position (m) of a drive.
 
-    `between_stops`: from the departure from the first stop served to the arrival at the last. Otherwise the drive
+    `between_stops`: from the departure at the first stop served to the arrival at the last. Otherwise the drive
     served fewer than two stops, and its whole course counts.
     """
 
@@ -106,9 +107,8 @@ class AtStop(NamedTuple):
 
 
 def calls(table: DriveTable) -> tuple[KeptCall, ...]:
-    """How each stop of the last journey was kept; empty without a journey.
-
-    Nothing is due if nobody gave a timetable: the times of the journey are then those of the drive itself.
+    """The stops of the last journey as served; empty without a journey. Without a timetable no times are due: the times
+    of the journey are then those of the drive itself.
     """
     if table.journey is None:
         return ()
@@ -119,7 +119,7 @@ def calls(table: DriveTable) -> tuple[KeptCall, ...]:
 def kept_calls(
     stops: Iterable[Any], trip: DrivenCourse, measured: DrivenCourse | None = None, near_m: float = NEAR_M
 ) -> tuple[KeptCall, ...]:
-    """How the train kept these stops, each of which has `name`, `s_m`, `arrival_ns` and `departure_ns`.
+    """These stops as served, each of which has `name`, `s_m`, `arrival_ns` and `departure_ns`.
 
     `trip` shows where and when the train stood. If the course of a receiver (`measured`) has the same stand, it gives
     the times.
@@ -146,7 +146,7 @@ def kept_calls(
 def calls_on_the_way(
     stops: Iterable[Stop], trip: DrivenCourse, measured: DrivenCourse | None = None
 ) -> tuple[KeptCall, ...]:
-    """How the train kept stops of the route at which its journey does not call."""
+    """Stops of the route outside the journey, as served."""
     ordered = (OrderedStop(one.name, one.position_m) for one in stops)
     return kept_calls(ordered, trip, measured, near_m=NEAR_ON_THE_WAY_M)
 
@@ -177,7 +177,7 @@ def _at(call: KeptCall, trip: DrivenCourse) -> AtStop:
 
 
 def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
-    """How the stops were kept, for programs; None stands for what there is none of.
+    """The stops as served, for programs; None stands for missing values.
 
     Times (s) count from the timetable's first departure, or without a timetable from the first departure. `due_s` is
     the due arrival, at the first stop the due departure; `stopping_error_m` is how far beyond the stop the

@@ -1,4 +1,4 @@
-"""How well the guide's instructions keep to their grammar, second by second, in a run or in a recording.
+"""Adherence of the guide's instructions to their grammar, second by second, in a run or in a recording.
 
 `docs/explanation/guide.md` states the grammar.
 """
@@ -22,27 +22,28 @@ from sim.drive.table import HOLDS_S, DriveTable
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 
 ANNOUNCED_S: Final = 8.0
-"""Time (s) before it is due from which a change of kind is announced in time."""
+"""Least notice (s) with which the announcement of a change of kind is in time."""
 MOVED_S, MOVED_RATIO = 10.0, 0.35
 """Difference (s, or share) that the time announced for a change may have from the time at which it is due."""
 LEAD_S: Final = 1.9
-"""Time (s) before it is due from which a brake has a lead: 2 s, less what one advice a second rounds away."""
+"""Least lead (s) of a brake: 2 s, less the rounding of one advice message a second."""
 COAST_MISSES_MPS: Final = 5.5 * KMH
-"""Distance from its speed (m/s) beyond which coasting has missed it."""
+"""Difference (m/s) between the end speed of coasting and its announced speed above which it counts as missed."""
 LEAST_COAST_S: Final = 5.0
-"""Time (s) for which, and for half of the time shown, the train must have coasted for coasting to be judged."""
+"""Least coasting time (s) for coasting to be assessed; it must also be half of the time shown."""
 ROLLS_N: Final = 2000.0
 """Wheel force (N) below which a train coasts."""
 PROMISED_S: Final = 8.0
 """Time (s) up to which an announced next change counts as promised."""
 OBEYED_S, OBEYED_RATIO = 5.0, 0.8
-"""Time (s) for which, and share of the effort with which, a driver who obeyed kept the speeds shown and braked."""
+"""Time (s) and share of the effort that define an obedient driver: speeds kept for that time, brakes with that
+share."""
 BRIEF_S, GAINS_S = 30.0, 1.0
-"""An acceleration that a brake follows within `BRIEF_S` is in vain if it gains less than `GAINS_S` over holding."""
+"""An acceleration followed by a brake within `BRIEF_S` is in vain if it gains less than `GAINS_S` over holding."""
 MOVING_MPS: Final = 0.3
 """Speed (m/s) below which a train stands."""
 REMEMBERED: Final = 60
-"""Seconds whose announcements are remembered."""
+"""Time (s) for which announcements are remembered."""
 
 
 _Task = tuple[InstructionKind, int]
@@ -67,24 +68,25 @@ class _Told(NamedTuple):
 
     @property
     def seen(self) -> tuple[InstructionKind, int, int]:
-        """What the driver reads: kind, speed in whole km/h, and effort in steps."""
+        """The text on the display: kind, speed in whole km/h, and effort in steps."""
         return *self.task, self.effort
 
     @property
     def task(self) -> _Task:
-        """What is announced of it, and remembered: kind, and speed in whole km/h (0 for coasting)."""
+        """The part that is announced and remembered: kind, and speed in whole km/h (0 for coasting)."""
         return _task(self.kind, self.to_mps)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RelianceFigures:
-    """How far a driver can rely on the guide.
+    """The reliability of the guide for a driver.
 
     Of the `promised` changes (announced as the next one, and nearly due) `kept` came at about that time.
     `above_limit_s` counts the seconds in which the train of a driver who obeys is faster than the limit by 0.5 m/s,
     `hidden_limits` the limits that began while the driver was told to stop by eye and that a steady brake to the stop
-    breaks, `replaced` the parts of advice that the last word replaced. `advised_s` and `silent_s` are the seconds with
-    advice and without; silence because the driver acts on what the advice cannot know is neither.
+    would exceed, `replaced` the parts of advice that the last word replaced. `advised_s` and `silent_s` are the seconds
+    with
+    advice and without; a display left blank because of the driver's own actions counts as neither.
     """
 
     promised: int = 0
@@ -100,12 +102,12 @@ class RelianceFigures:
 class InstructionFigures:
     """Counts of the guide's instructions for a moving train.
 
-    `changes` is the number of changes of kind, `announced` those of them that were announced in time, or that the
-    instruction before states itself: holding the speed to which it leads. `brakes` begin after another kind; `led` of
+    `changes` is the number of changes of kind, `announced` those of them that were announced in time, or implied by the
+    previous instruction (holding the speed to which it leads). `brakes` begin after another kind; `led` of
     them were shown at least 2 s before they were due. `efforts_in_brakes` counts changes of the effort within brakes.
     `missed_coasts` end far from their speed though the train coasted, `vain_accelerations` soon end in a brake,
-    `odd_speeds` are neither a whole step nor a limit. `shortest_s` is the shortest time for which an instruction
-    stood, where neither it nor the next one is a brake; infinity if there is none. `standing_s` counts the seconds in
+    `odd_speeds` are neither a whole step nor a limit. `shortest_s` is the shortest time for which an instruction was
+    shown, if neither it nor the next one is a brake; infinity if there is none. `standing_s` counts the seconds in
     which a train that stands is told to accelerate.
     """
 
@@ -148,7 +150,7 @@ class _ByEye(NamedTuple):
 
 
 class _RelianceWatch:
-    """Looks at every advice of a run for what a driver relies on."""
+    """Checks every advice message of a run for reliability."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
@@ -184,7 +186,8 @@ class _RelianceWatch:
         self._counts["silent_s"] += int(advice.mode) == Regime.NONE and not Cause(advice.cause).is_quiet
 
     def _judge_by_eye(self, told: _Told | None, advice: Any) -> None:
-        """Count a limit that begins before the stop while the driver is told to stop by eye, if that breaks it."""
+        """Count a limit that begins before the stop while the driver is told to stop by eye, if such a brake would
+        exceed it."""
         if told is None or not told.by_eye or advice.guide.now.in_s > 0:
             self._stopping = None
             return
@@ -208,7 +211,7 @@ class _RelianceWatch:
 
 
 class InstructionWatch:
-    """Looks at every advice of a run, once a second; call `look` in the order of time."""
+    """Checks every advice message of a run, once a second; call `look` in the order of time."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
@@ -253,7 +256,7 @@ class InstructionWatch:
                 self._announced.append((time_s, _task(kind, one.speed_mps), time_s + one.in_s))
 
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
-        """Count a new instruction, and judge the one that it replaces."""
+        """Count a new instruction, and assess the one that it replaces."""
         counts, self._now, coasted_s = self._counts, told, self._coasted_s
         self._coasted_s = 0
         counts["instructions"] += 1
@@ -284,7 +287,7 @@ class InstructionWatch:
 
 
 class _AdviceRow(NamedTuple):
-    """Advice of a table, with what `InstructionWatch` looks at."""
+    """Advice from a table, with the fields that `InstructionWatch` reads."""
 
     time_ns: int
     s_m: float
@@ -297,7 +300,7 @@ class _AdviceRow(NamedTuple):
 
 
 def instructions(table: DriveTable) -> InstructionFigures:
-    """The figures of a recorded drive, by the advice of its node and the forces of the true train."""
+    """The figures of a recorded drive, from the advice of its node and the forces of the true train."""
     watch = InstructionWatch()
     true_ns, electric_n, friction_n = table.of_topic("truth", "force_el_n", "force_friction_n")
     forces_n = electric_n + friction_n
@@ -324,12 +327,13 @@ def _told(advice: Any) -> _Told | None:
 
 
 def _task(kind: InstructionKind, to_mps: float) -> _Task:
-    """What a driver is told to do; a coasting driver does the same whatever speed is named."""
+    """The action that the driver is asked for; for coasting it does not depend on the speed named."""
     return kind, 0 if kind is InstructionKind.COAST else round(to_mps / KMH)
 
 
 def _is_odd(told: _Told, advice: Any) -> bool:
-    """Whether the speed of an instruction is neither a whole step, nor the limit here, nor the one that it is for."""
+    """Whether the speed of an instruction is neither a whole step, nor the limit here, nor the limit ahead that it is
+    for."""
     steps = round(told.to_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
     known = steps, advice.limit_mps, advice.guide.reason.speed_mps
     return not any(abs(told.to_mps - step_below(one)) < 0.5 * KMH for one in known if math.isfinite(one))
@@ -343,7 +347,7 @@ def _is_own_end(before: _Told, told: _Told) -> bool:
 
 def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
     """Whether a driver does what is shown, as far as speed and wheel force (N) tell."""
-    if told.by_eye:  # No force is seen: a driver who does not pull does what is shown.
+    if told.by_eye:  # The force is not known: a driver without traction follows the advice.
         return bool(advice.guide.now.in_s > 0 or force_n <= 0)
     if told.kind is InstructionKind.BRAKE:
         return bool(advice.guide.now.in_s > 0 or force_n <= OBEYED_RATIO * advice.guide.force_n)
@@ -354,9 +358,8 @@ def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
 
 
 def _misses(coast: _Told, told: _Told, coasted_s: int, ends_mps: float) -> bool:
-    """Whether a train that has coasted (s) ended far from the speed, though the same reference went on.
-
-    It ends at `ends_mps` (m/s), where what it is `told` next is due.
+    """Whether a train that has coasted (s) ended far from the speed, though the reference stayed the same. It ends at
+    `ends_mps` (m/s), where the instruction `told` next is due.
     """
     if coast.kind is not InstructionKind.COAST or coasted_s < 0.5 * (told.time_s - coast.due_s):
         return False

@@ -1,4 +1,4 @@
-"""What a driving instruction asks of a driver: the one meaning that every simulated driver gives to it."""
+"""The action that a driving instruction requires: the only interpretation, used by all simulated drivers."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from das.advice.regimes import KIND_OF, InstructionKind
 
 
 class Asked(Enum):
-    """What an instruction asks of the driver of a train at a certain speed.
+    """The action that an instruction requires of the driver of a train at a certain speed.
 
-    Only `ACCELERATE` and `HOLD` allow traction. Brakes for limits, stops and signals are the driver's own decision.
+    Only `ACCELERATE` and `HOLD` allow traction. Braking for limits, stops and signals is the driver's own decision.
     """
 
     ACCELERATE = "the effort shown"
     HOLD = "the effort that holds the speed shown"
-    COAST = "neither traction nor brakes, whatever the speed is"
+    COAST = "neither traction nor brakes, at any speed"
     BRAKE = "the brake with the effort shown"
-    BRAKE_BY_EYE = "the brake that the driver finds right for the place where the train must stand"
+    BRAKE_BY_EYE = "the brake that the driver considers right for the stopping point"
     KEEP_BELOW = "no traction, and brakes only against exceeding the speed shown"
 
 
 def asked(mode: int, to_mps: float, effort_ratio: float, speed_mps: float, *, reached: bool = False) -> Asked | None:
-    """What an instruction asks of the driver of a train at a speed; None if its mode does not say how to drive.
+    """The action that an instruction requires at a speed; None if its mode does not show how to drive.
 
     `to_mps` is the speed to reach or to hold (NaN: none is shown), `effort_ratio` is NaN if no effort is shown.
     `reached`: the train has had the speed to reach since the instruction became due.

@@ -1,4 +1,4 @@
-"""What a driver sees (the cab, and the advice on its display), the interface of all drivers, and a driver's diary."""
+"""The view of a driver (the cab, and the advice on its display), the interface of all drivers, and a driver's diary."""
 
 from __future__ import annotations
 
@@ -39,20 +39,21 @@ class Efforts(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceView:
-    """Advice as the display shows it; what is not shown is NaN or empty.
+    """Advice as displayed; values that are not shown are NaN or empty.
 
     Times are in s on the cab's clock, modes are driving regimes by their numbers on the bus. `speed_mps` is the advised
     speed: the top speed in TOP_SPEED, the speed to hold in FOUR_MODE, the speed to reach or to hold in GUIDE.
     `display_speed_mps` is the same speed in whole km/h, as it is written on the display. `lever_ratio` is the advised
     effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
     after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
-    change, `next_change_m` is the way to it, and `second_…` is the change after it. In GUIDE, `due_s` is the time until
+    change, `next_change_m` is the distance to it, and `second_…` is the change after it. In GUIDE, `due_s` is the time
+    until
     the instruction is due, and `target_way_m` the distance to where its speed is reached; `replan_cause` and
-    `replanned_s` are why and when its reference was made, which no display shows.
-    In DEVIATION there is only `deviation_s`: how late the train is against the plan for its timetable (early < 0).
+    `replanned_s` are cause and time of its reference, which no display shows.
+    DEVIATION has only `deviation_s`: the lateness against the plan for the timetable (early < 0).
 
-    Mode DEPART tells a standing train to wait until it is cleared; efforts and horizons are those of a standing train.
-    The next change is then the departure, and `departure` is what a driver reads when the train is cleared.
+    Mode DEPART means to wait until the train is cleared; efforts and horizons are those of a standing train.
+    The next change is then the departure, and `departure` is the advice for the cleared train.
     """
 
     time_s: float
@@ -89,9 +90,9 @@ class AdviceView:
 
     @property
     def departure(self) -> AdviceView:
-        """How to depart, as a driver reads it on the display once the train is cleared.
+        """The advice to depart, as displayed once the train is cleared.
 
-        Advice other than DEPART is returned unchanged, and so is that of a display which does not say how to drive.
+        Advice other than DEPART is returned unchanged, as is that of a display that does not show how to drive.
         """
         if self.mode != Regime.DEPART or self.next_mode == Regime.NONE:
             return self
@@ -117,13 +118,14 @@ class AdviceView:
 
 
 class CabView(NamedTuple):
-    """What the driver sees and has been told at a moment (times in s on the cab's clock).
+    """The information of the driver at a moment (times in s on the cab's clock).
 
-    `s_m` is the position by the marks of the line, `speed_mps` and `limit_mps` are those displayed. `stop_m` is the
-    next timetabled stop, due at `arrival_s`. From `departure_s` on the train may leave, if it `may_depart` (doors
+    `s_m` is the position according to the kilometre marks, `speed_mps` and `limit_mps` are those displayed. `stop_m` is
+    the
+    next timetabled stop, due at `arrival_s`. The train may leave from `departure_s` on if it `may_depart` (doors
     closed, signal clear). `signal_m` is the next signal at danger in sight (inf: none). `advice` is None if none is
-    shown; `cause` is then why none is given, by its number on the bus. `late_s` is how late the train is against the
-    plan, `gradient_ratio` that of the line at the train's head, and `force_…_n` what motors and friction brake give.
+    shown; `cause` is then the reason, by its number on the bus. `late_s` is the lateness against the plan,
+    `gradient_ratio` that of the line at the train's head, and `force_…_n` the forces of motors and friction brake.
     """
 
     time_s: float
@@ -150,7 +152,7 @@ class CabView(NamedTuple):
 
     @property
     def shall_stand(self) -> bool:
-        """Whether the train stands and must go on standing: it is at or beyond its halt, or may not leave yet."""
+        """Whether the train stands and must not move: it is at or beyond its halt, or may not leave yet."""
         if self.speed_mps > 0:
             return False
         waiting = not self.may_depart or self.time_s < self.departure_s
@@ -167,7 +169,7 @@ class Driver(Protocol):
     """A driver: the run calls `command` at every look, a fraction of a second apart, in the order of time."""
 
     def command(self, cab: CabView) -> Command:
-        """What the controller is set to until the next look."""
+        """The controller's setting until the next look."""
 
 
 def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:
@@ -183,12 +185,12 @@ KINDS: Final = (
 
 
 class DriverEvent(NamedTuple):
-    """Something that a driver did or noticed: the time (s on the cab's clock), the kind (one of `KINDS`), and a number.
+    """An action or observation of a driver: the time (s on the cab's clock), the kind (one of `KINDS`), and a number.
 
     The number is, for `glance`, `noticed`, `followed`, `refused` and `changed`: the mode of the advice (0: none); for
-    `reaction` and `lapse`: its length as drawn (s); for `acted`: 1 where he follows the advice; for `lever`: the new
-    setting of a controller that had stood still; for `expected`, which comes before `reaction`: the share of a reaction
-    time that the announced change takes.
+    `reaction` and `lapse`: its length as drawn (s); for `acted`: 1 if the advice is followed; for `lever`: the new
+    setting of a controller that was at rest; for `expected`, which precedes `reaction`: the share of a reaction time
+    for the announced change.
     """
 
     time_s: float
@@ -197,7 +199,7 @@ class DriverEvent(NamedTuple):
 
 
 class Diary:
-    """The events of one driver, in the order in which he noted them."""
+    """The events of one driver, in the order of their recording."""
 
     def __init__(self) -> None:
         self.events: list[DriverEvent] = []
@@ -208,5 +210,5 @@ class Diary:
 
 
 def kept_by(driver: object) -> Sequence[DriverEvent]:
-    """The events that a driver has noted so far; empty for a driver who keeps no diary."""
+    """The events recorded so far by a driver; empty for a driver without a diary."""
     return getattr(driver, "events", ())

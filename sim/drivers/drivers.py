@@ -1,4 +1,4 @@
-"""The drivers by name: those who drive by rule, the perfect follower of the advice, the human, and the user's own."""
+"""The drivers by name: those that follow rules, the perfect follower of the advice, the human, and the user's own."""
 
 from __future__ import annotations
 
@@ -55,9 +55,10 @@ class FastDriver:
 
 
 class TopSpeedDriver(FastDriver):
-    """Keeps to one top speed: the display's or, without one, his own estimate at departure of what keeps time.
+    """Keeps to one top speed: that of the display or, without one, an estimate at departure of the speed that keeps
+    time.
 
-    When the top speed is lowered, the train rolls down to it, unless a limit or a stop ahead asks for brakes.
+    When the top speed is lowered, the train rolls down to it, unless a limit or a stop ahead requires braking.
     """
 
     def __init__(self, line: LineKnowledge, habit: Habit = EASY_BRAKING) -> None:
@@ -77,7 +78,7 @@ class TopSpeedDriver(FastDriver):
 
 
 class TimetableDriver(FastDriver):
-    """Keeps time without advice: estimates the top speed again now and then, and lets the train roll above it."""
+    """Keeps time without advice: updates the top speed at intervals, and lets the train roll above it."""
 
     def __init__(self, line: LineKnowledge, habit: Habit = EASY_BRAKING) -> None:
         super().__init__(line, habit)
@@ -97,13 +98,13 @@ def shown_cap(cab: CabView) -> float | None:
 
 
 class PerfectDriver:
-    """Does exactly what the display says if that is enough to drive by; otherwise keeps time as `TimetableDriver`."""
+    """Follows the display exactly if it shows how to drive; otherwise keeps time as `TimetableDriver`."""
 
     def __init__(self, line: LineKnowledge) -> None:
         self._alone, self._minding = TimetableDriver(line), FastDriver(line)
         self._followers: dict[Presentation, Follower | None] = {}
         self._minds = False
-        """Whether he brakes for what the advice may not know; he goes on with that when the display becomes quiet."""
+        """Whether the driver brakes for something unknown to the advice, also after the display goes blank."""
 
     def command(self, cab: CabView) -> Command:
         view = cab.shown
@@ -121,13 +122,14 @@ class PerfectDriver:
         return stand(cab) or follower.command(cab, view, outlook) or self._alone.command(cab)
 
     def _follower(self, presentation: Presentation) -> Follower | None:
-        """The follower of a presentation, the same one until the next departure; None if it says too little."""
+        """The follower of a presentation, the same one until the next departure; None if the display does not show how
+        to drive."""
         if presentation not in self._followers:
             self._followers[presentation] = presenter_of(presentation).follower()
         return self._followers[presentation]
 
     def _depart(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
-        """Set the cleared train in motion as the advice says."""
+        """Set the cleared train in motion as advised."""
         target = min(view.speed_mps, cab.limit_mps)
         if math.isnan(view.lever_ratio):
             return hold(cab, outlook, target)
@@ -135,16 +137,17 @@ class PerfectDriver:
         return hold(cab, outlook, target, high_n=max(most_n, 0.0))
 
     def _must_mind(self, cab: CabView) -> bool:
-        """Whether the train is near the highest speed under restrictions and signals, which the advice may not know."""
+        """Whether the train is near the highest speed under restrictions and signals, which may be unknown to the
+        advice."""
         soon_m = cab.s_m + cab.speed_mps * RULE.anticipation_s
         return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - FOLLOWING.minded_mps
 
 
 class LiteralDriver:
-    """Does what the guide's card says, and knows nothing else: a witness of where the card alone leads.
+    """Follows the guide's card, with no other knowledge: a witness of where the card alone leads.
 
-    He reads the card, the speedometer and the distance to his stop. He knows no limit, board or signal, and brakes by
-    eye only where the card shows no effort. Without the guide he drives as `TimetableDriver`.
+    The driver reads the card, the speedometer and the distance to the stop, ignores limits, signs and signals, and
+    brakes by eye only if the card shows no effort. Without the guide it drives as `TimetableDriver`.
     """
 
     def __init__(self, line: LineKnowledge) -> None:
@@ -175,7 +178,7 @@ class LiteralDriver:
         return due
 
     def _obeyed(self, cab: CabView, card: AdviceView) -> Command:
-        """What the card asks for."""
+        """The command for the card."""
         outlook = self._alone.foresight.outlook(cab)
         told = asked(card.mode, card.speed_mps, card.lever_ratio, cab.speed_mps, reached=self._reached)
         if told in (Asked.ACCELERATE, Asked.BRAKE):
@@ -188,7 +191,7 @@ class LiteralDriver:
             return self._by_eye(cab, outlook)
         if told is Asked.KEEP_BELOW and card.speed_mps > 0:
             return hold(cab, outlook, card.speed_mps, high_n=0.0)
-        return lever(-1.0)  # He is told to stand.
+        return lever(-1.0)  # The card says to stand.
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> Command:
         """Brake steadily to the mark, or creep up to it."""
@@ -211,8 +214,8 @@ def make_driver(
 ) -> Driver:
     """Make a driver for a line.
 
-    Only the human driver uses the parameters, the friction policy and the stream (the number of the driver's own random
-    numbers); the seed goes to him and to a class of the user's. Raises DasError for a class that cannot be used.
+    Only the human driver uses the parameters, the friction policy and the stream (the number of its random numbers);
+    the seed is passed to the human driver and to a user's class. Raises DasError for a class that cannot be used.
     """
     if isinstance(kind, OwnClass):
         return OwnDriver(kind, line, seed)

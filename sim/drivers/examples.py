@@ -1,8 +1,7 @@
 """Four drivers with one weakness each, as examples of own drivers: `das-sim run … --driver sim.drivers.examples:Lazy`.
 
-They share no code with the bundled human driver. `Attentive` has no weakness; the others change what he knows of the
-display (`heeded`) or what his hand makes of it (`set`). How much advice is worth to
-them: docs/explanation/guide-figures.md.
+They share no code with the bundled human driver. `Attentive` has no weakness; the others change the advice that is
+perceived (`heeded`) or the setting that results (`set`). Their savings by advice: docs/explanation/guide-figures.md.
 """
 
 from __future__ import annotations
@@ -18,15 +17,14 @@ from sim.plant.kernels import Command
 from sim.plant.plant import lever
 
 BY_EYE_M = 100.0
-"""Distance (m) before a stop from which they drive by eye."""
+"""Distance (m) before a stop from which the drivers here drive by eye."""
 LATE_S = 3.0
-"""Lateness (s) of one of them."""
+"""Delay (s) of `Belated`."""
 
 
 class Attentive:
-    """Does what the display says at once, within the limits and stops that he sees himself.
-
-    Where the display does not say how to drive, he holds the top speed that keeps time, and rolls down to a lower one.
+    """Follows the display immediately, within the limits and stops that the driver sees. If the display does not show
+    how to drive, this driver holds the top speed that keeps time, and rolls down to a lower one.
     """
 
     def __init__(self, line: LineKnowledge) -> None:
@@ -38,23 +36,22 @@ class Attentive:
         if skills.cab.shall_stand:
             return lever(self.set(0.0, 0.0))
         wanted = None if view is None or skills.halt_in_m < BY_EYE_M else skills.advised(view)
-        if wanted is None:  # He never brakes for a top speed of his own.
+        if wanted is None:  # No braking for an estimated top speed.
             wanted = max(skills.hold(skills.timely_mps()), 0.0)
         return lever(self.set(wanted, skills.most()))
 
     def heeded(self, cab: CabView) -> AdviceView | None:
-        """The advice that he follows now; None if he drives as without advice."""
+        """The advice followed now; None to drive as without advice."""
         return cab.shown and cab.shown.departure
 
     def set(self, wanted: float, most: float) -> float:
-        """What he sets the controller to (−1 … 1) if he wants one setting, and limits and stops allow another."""
+        """The controller setting (−1 … 1) from the wanted one and the highest one that limits and stops allow."""
         return min(wanted, most)
 
 
 class Lazy(Attentive):
-    """Has five notches each way, moves by no less than a whole one, and looks at the display every 20 s.
-
-    He stands for a driver who does not play along. He remembers what he has read, and looks all the time at a stand.
+    """Has five notches in each direction, and looks at the display every 20 s. Represents a driver who cooperates
+    little. The driver remembers the last display, and watches it continuously at a standstill.
     """
 
     def __init__(self, line: LineKnowledge) -> None:
@@ -63,20 +60,19 @@ class Lazy(Attentive):
         self.looks_s, self.notches = -math.inf, NotchedLever(5)
 
     def heeded(self, cab: CabView) -> AdviceView | None:
-        """What the display said when he last looked."""
+        """The display at the last look."""
         if cab.time_s >= self.looks_s or cab.speed_mps <= 0:
             self.view, self.looks_s = super().heeded(cab), cab.time_s + 20.0
         return self.view
 
     def set(self, wanted: float, most: float) -> float:
-        """The notch nearest to what he wants; for limits and stops the next lower one."""
+        """The notch nearest to the wanted setting; for limits and stops the next lower one."""
         return self.notches.set(wanted, most)
 
 
 class Doubting(Attentive):
-    """Ignores a third of the advice: each time that it changes, he decides whether to follow it until it changes again.
-
-    He stands for a driver who knows better. What he ignores is drawn by the day's seed.
+    """Ignores a third of the advice: at each change the driver decides whether to follow it until the next change.
+    Represents a driver who knows better. The decisions are drawn with the seed of the run.
     """
 
     def __init__(self, line: LineKnowledge, seed: int = 0) -> None:
@@ -85,7 +81,7 @@ class Doubting(Attentive):
         self.item: tuple[int, ...] | None = None
 
     def heeded(self, cab: CabView) -> AdviceView | None:
-        """The advice, unless he has decided to ignore it."""
+        """The advice, unless it is ignored."""
         view = super().heeded(cab)
         item = None if view is None else presenter_of(view.presentation).item(view)
         if item != self.item:
@@ -94,9 +90,8 @@ class Doubting(Attentive):
 
 
 class WeakBraking(Attentive):
-    """Brakes 20 % more weakly than he is asked to, and than he means to for limits and stops.
-
-    He stands for a driver who spares the brakes, and for a train whose brakes are weaker than the plan says.
+    """Brakes 20 % less than advised, and less than intended for limits and stops. Represents a driver who spares the
+    brakes, and a train whose brakes are weaker than planned.
     """
 
     def set(self, wanted: float, most: float) -> float:
@@ -106,9 +101,8 @@ class WeakBraking(Attentive):
 
 
 class Belated(Attentive):
-    """Does what the display said 3 s ago, and for 3 s moves the controller a quarter too far.
-
-    He stands for a driver who reacts slowly and then hurries. Limits, stops and his speedometer he sees in time.
+    """Follows the display of 3 s ago, and for 3 s moves the controller a quarter too far. Represents a driver who
+    reacts slowly and then overcorrects. Limits, stops and the speedometer are seen without delay.
     """
 
     def __init__(self, line: LineKnowledge) -> None:
@@ -117,9 +111,9 @@ class Belated(Attentive):
         self.wanted = Late(LATE_S, 0.0)
 
     def heeded(self, cab: CabView) -> AdviceView | None:
-        """What the display said 3 s ago."""
+        """The display of 3 s ago."""
         return self.views.seen(super().heeded(cab))
 
     def set(self, wanted: float, most: float) -> float:
-        """What he wants, and a quarter of how it differs from what he wanted 3 s ago."""
+        """The wanted setting, plus a quarter of its difference from the one wanted 3 s ago."""
         return min(max(wanted + 0.25 * (wanted - self.wanted.seen(wanted)), -1.0), most)

@@ -1,6 +1,5 @@
-"""How a human driver holds a speed, brakes and moves the controller, with the settings that all drivers share.
-
-What differs from driver to driver, and what a scenario can set, is in `sim.drivers.parameters`.
+"""The way in which human drivers hold a speed, brake and move the controller, with the settings that all of them share.
+Parameters that differ between drivers, or that a scenario can set, are in `sim.drivers.parameters`.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ class HumanSettings:
     settled_ratio: float = 0.25
     """Share of the dead band down to which the speed error is corrected."""
     roll_mps: float = 2.0
-    """Excess (m/s) over the speed that a driver means to hold at which he brakes."""
+    """Excess (m/s) over the intended speed from which a driver brakes."""
     released_ratio: float = 0.6
     """Share of the planned deceleration down to which the brakes stay applied."""
     settled_mps: float = 0.1
@@ -37,45 +36,44 @@ class HumanSettings:
     regained_s: float = 10.0
     """Time (s) within which a train on a descent would gain the dead band, so that the brakes stay applied."""
     eased_s: float = 6.0
-    """Time (s) in which a driver brakes away the excess over a limit."""
+    """Time (s) in which a driver removes the excess over a limit by braking."""
     nearest_m: float = 0.3
     """Distance from the mark (m) below which, and beyond the mark, the driver brakes with the planned deceleration."""
     missed_m: float = 0.5 * AT_STOP_M
-    """Largest misjudgement (m) of the place of a mark. The driver's braking adds an error of its own, and a train
-    further off than `AT_STOP_M` has not arrived."""
+    """Largest misjudgement (m) of the place of a mark. Braking adds its own error, and a train further off than
+    `AT_STOP_M` has not arrived."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeedingSettings:
-    """How every human driver heeds limits and advice. All values are assumptions."""
+    """Parameters of all human drivers for limits and advice. All values are assumptions."""
 
     warning_mps: float = 1.5
     """Excess over the braking curve (m/s) at which the train warns its driver; the warning ends any lapse."""
     watched_mps: float = 1.5
-    """Margin (m/s) below the highest allowed speed within which a driver minds that speed, whatever is advised."""
+    """Margin (m/s) below the highest permitted speed within which that speed has priority over advice."""
     eased_off_s: float = 1.5
     """Time (s) before the train reaches a speed at which a driver who accelerates to it eases off."""
     expected_within_s: float = 5.0
     """Time (s) from an announced change within which a change of the advice counts as announced."""
     made_good_s: float = 20.0
-    """Lateness (s) shown from which a driver drives as fast as allowed; one who is shown to be as early drives just in
-    time."""
+    """Displayed lateness (s) from which a driver drives as fast as allowed; at the same earliness, just in time."""
     creeps_mps: float = 10.0 * KMH
-    """Lowest speed (m/s) of a driver who brakes for his stop by eye, before he must brake."""
+    """Lowest speed (m/s) of a driver who brakes for a stop by eye, before braking is necessary."""
     least_effort_s: float = 4.0
-    """Shortest acceleration (s) that a driver begins; otherwise he holds the speed. Instead of braking for so short a
-    time he lets the train roll."""
+    """Shortest acceleration (s) that a driver begins, instead of holding the speed. For so short a brake the train
+    rolls instead."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HandSettings:
-    """How every human driver moves the controller. All values are assumptions."""
+    """Parameters of all human drivers for moving the controller. All values are assumptions."""
 
     waits_s: float = 5.0
-    """Time (s) that a driver who has set the controller waits to see the effect before he makes a small change. The
+    """Time (s) that a driver waits after setting the controller to see the effect before a small change. The
     effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
     waits_ratio: float = 0.3
-    """Share of the controller's scale from which a change is not small: one and a half steps of a display."""
+    """Share of the controller's scale above which a change is not small: one and a half steps of a display."""
     end_stop_ratio: float = 0.99
     """Share of the controller's scale above which an effort is set at the end of the scale, where there is a stop."""
 
@@ -111,24 +109,24 @@ class Errors:
 
     @property
     def speed_mps(self) -> float:
-        """By how much (m/s) the speed that he drives at is above the speed that he intends."""
+        """The excess (m/s) of the driven speed over the intended one."""
         return self._human.speed_error_mps * self._speed.value
 
     @property
     def force_ratio(self) -> float:
-        """The effort that he sets as a share of the effort that he intends (1: no error; never below 0)."""
+        """The effort set, as a share of the intended one (1: no error; never below 0)."""
         return max(1.0 + self._human.force_error_ratio * self._force.value, 0.0)
 
 
 class StopMark:
-    """Where the driver believes the mark of the next halt to be: drawn once for each halt, never beyond a signal."""
+    """The driver's estimate of the stopping point of the next halt: drawn once for each halt, never beyond a signal."""
 
     def __init__(self, human: HumanParameters, settings: HumanSettings, random: np.random.Generator) -> None:
         self._human, self._settings, self._random = human, settings, random
         self._for_m, self._off_m = math.nan, 0.0
 
     def at_m(self, cab: CabView) -> float:
-        """The position (m) where he believes the mark to be."""
+        """The estimated position (m) of the mark."""
         if cab.halt_m != self._for_m:
             self._for_m = cab.halt_m
             most_m = self._settings.missed_m
@@ -139,21 +137,20 @@ class StopMark:
 
 
 class SpeedHold:
-    """Holds a speed with the driver's dead band; remembers from look to look whether he is correcting an error."""
+    """Holds a speed with the driver's dead band; remembers between looks whether an error is being corrected."""
 
     def __init__(self, human: HumanParameters, settings: HumanSettings) -> None:
         self._human, self._settings = human, settings
         self._correcting = self._restraining = False
 
     def stand(self) -> None:
-        """Note that the train stands: nothing is being corrected."""
+        """Record that the train stands: nothing is being corrected."""
         self._correcting = False
 
     def push_n(self, error_mps: float, mass_kg: float) -> float:
         """The wheel force (N) that corrects an error of the speed (wanted − actual, m/s).
 
-        A new error within the dead band is not corrected; a correction that has begun goes on until the error is nearly
-        gone.
+        A new error within the dead band is not corrected; a correction continues until the error is nearly zero.
         """
         human, settings = self._human, self._settings
         if abs(error_mps) > human.dead_band_mps:
@@ -165,11 +162,12 @@ class SpeedHold:
     def force_n(self, error_mps: float, needed_n: float, mass_kg: float, *, crawls: bool) -> float:
         """The wheel force (N) for an error of the speed (wanted − actual, m/s); holding the speed needs `needed_n`.
 
-        If the train is only a little too fast, he lets it roll. `crawls`: the train is about to stop.
+        If the train is only slightly too fast, it rolls. `crawls`: the train is about to stop.
         """
         settings = self._settings
         force_n = needed_n + self.push_n(error_mps, mass_kg)
-        # Downhill the driver brakes until the speed is right and then lets the train roll, because he would otherwise
+        # Downhill the driver brakes until the speed is right and then lets the train roll, because otherwise the driver
+        # would
         # brake every few seconds.
         if not self._correcting or error_mps > 0 or crawls:
             self._restraining = False
@@ -195,24 +193,24 @@ class Handling:
         self._hold, self._ceiling = SpeedHold(human, settings), SpeedHold(human, settings)
         self._braking = False
         self.brakes_hard = False
-        """Whether the braking for a limit or a stop is so hard that his hand must not wait."""
+        """Whether the braking for a limit or a stop is so hard that the hand must not wait."""
         self._roll_off = RollOff()
         self.efforts = Efforts.at(0.0, train)
         """The largest efforts of the train at the present speed."""
 
     @property
     def needs_brakes(self) -> bool:
-        """Whether a limit or a stop asks for brakes, by his own margins."""
+        """Whether a limit or a stop requires braking, with the driver's margins."""
         return self._braking
 
     def stand(self) -> None:
-        """Note that the train stands: nothing is being corrected and the driver is not braking for anything."""
+        """Record that the train stands: the driver is neither correcting nor braking."""
         self._braking = False
         self._hold.stand()
         self._ceiling.stand()
 
     def friction_ratio(self, *, follows_effort: bool) -> float:
-        """The share of a braking effort that he asks of the friction brake although the motors could give it."""
+        """The share of a braking effort by the friction brake although the motors could supply it."""
         by_advice = self._friction is FrictionPolicy.BY_ADVICE and follows_effort
         electric = by_advice or self._friction is FrictionPolicy.ELECTRIC_FIRST
         return 0.0 if electric else self._human.friction_ratio
@@ -228,7 +226,7 @@ class Handling:
         return min(self.held(cab, outlook, min(rolled_mps, allowed_mps)), 0.0)
 
     def held(self, cab: CabView, outlook: Outlook, speed_mps: float, *, ceiling: bool = False) -> float:
-        """The setting that holds a speed: the one that he intends, or a `ceiling` over advice on effort."""
+        """The setting that holds a speed: the intended one, or a `ceiling` over advice on effort."""
         error = speed_mps + min(self._errors.speed_mps, self._human.below_limit_mps) - cab.speed_mps
         needed_n, mass_kg = outlook.resisting_n(cab.s_m, cab.speed_mps), outlook.train.inertial_mass_kg
         crawls = cab.speed_mps <= TRACKING.stopping_mps
@@ -238,14 +236,14 @@ class Handling:
         )
 
     def corrected(self, cab: CabView, outlook: Outlook, speed_mps: float) -> float:
-        """By how much (−1 … 1) he corrects an advised effort because the train is not at the advised speed."""
+        """The correction (−1 … 1) of an advised effort because the train is not at the advised speed."""
         error = speed_mps + self._errors.speed_mps - cab.speed_mps
         return self.efforts.lever_ratio(self._hold.push_n(error, outlook.train.inertial_mass_kg))
 
     def needed_braking(self, cab: CabView, outlook: Outlook, reach_s: float) -> float | None:
-        """The deceleration (m/s²) for the limits and stops ahead; None while he brakes for none of them.
+        """The deceleration (m/s²) for the limits and stops ahead; None while not braking for any of them.
 
-        `reach_s` is the time in which the hand gets the controller back from traction.
+        `reach_s` is the time in which the hand returns the controller from traction.
         """
         human, settings, v, s = self._human, self._settings, cab.speed_mps, cab.s_m
         needed = outlook.needed_braking_mps2(s, v, v * settings.eased_s)
@@ -260,7 +258,8 @@ class Handling:
             self._braking = True
         elif needed < settings.released_ratio * human.braking_mps2:
             rolls_mps2 = -outlook.resisting_n(s, v) / outlook.train.inertial_mass_kg
-            # On a descent on which the train would speed up at once, he eases the brake but does not release it.
+            # On a descent on which the train would speed up at once, the driver eases the brake but does not release
+            # it.
             steep = rolls_mps2 * settings.regained_s > human.dead_band_mps
             settled_mps = -human.dead_band_mps if steep else settings.settled_mps
             self._braking = self._braking and v > max(outlook.allowed_mps(s) + settled_mps, TRACKING.stopping_mps)
@@ -268,7 +267,7 @@ class Handling:
         return needed if self._braking else None
 
     def braked(self, cab: CabView, outlook: Outlook, needed_mps2: float) -> float:
-        """The setting for a deceleration (m/s²), which he limits to twice the planned one."""
+        """The setting for a deceleration (m/s²), limited to twice the planned one."""
         rate = min(max(needed_mps2, 0.0), 2.0 * self._human.braking_mps2)
         force_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * rate
         return self.efforts.lever_ratio(force_n * self._errors.force_ratio)
@@ -277,8 +276,8 @@ class Handling:
 class Hand:
     """The setting of the controller (−1 … 1), moved as fast as a hand moves it.
 
-    A driver who has set the controller waits to see the effect: he makes the next small change only after a while,
-    unless it is urgent or for another `task`. He ends traction or braking without a wait if it has lasted that long.
+    After setting the controller the driver waits to see the effect: the next small change follows only after a while,
+    unless it is urgent or for another `task`. Traction or braking that has lasted that long ends without a wait.
     """
 
     def __init__(self, human: HumanParameters, diary: Diary) -> None:
@@ -289,13 +288,13 @@ class Hand:
 
     @property
     def reach_s(self) -> float:
-        """The time (s) it takes to get the controller back from traction."""
+        """The time (s) to return the controller from traction."""
         human = self._human
         full_s = human.notches * human.notch_s if human.notches else 1.0 / human.lever_rate_per_s
         return max(self.setting, 0.0) * full_s
 
     def release(self) -> None:
-        """Put the controller to 0 at once: the train stands."""
+        """Set the controller to 0 immediately: the train stands."""
         self.setting, self._left_s, self._begun_s = 0.0, -math.inf, -math.inf
 
     def move(self, wanted: float, now_s: float, span_s: float, *, task: object = None, urgent: bool = False) -> None:
@@ -315,7 +314,7 @@ class Hand:
         self._begun_s = now_s if moved and before * self.setting <= 0 else self._begun_s
 
     def _by_notches(self, wanted: float, now_s: float) -> float:
-        """Move by one notch at a time, each of which takes its time."""
+        """Move by one notch at a time, each with its duration."""
         human = self._human
         notch, aim = round(self.setting * human.notches), round(wanted * human.notches)
         if aim != notch and now_s - self._notched_s >= human.notch_s:

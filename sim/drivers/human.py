@@ -1,4 +1,5 @@
-"""A human driver: glances at the display now and then, reacts late, does not always follow advice, and errs."""
+"""A human driver, who glances at the display at intervals, reacts late, does not always follow advice, and makes
+errors."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ from sim.plant.plant import COAST, lever
 
 
 class Chance:
-    """A driver's random numbers: one stream for each kind of chance, so that a parameter changes no other draws."""
+    """A driver's random numbers: one stream for each kind of event, so that a parameter changes no other draws."""
 
     def __init__(self, seed: int, stream: int) -> None:
         streams = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(7)
@@ -31,13 +32,13 @@ class Chance:
 
 
 class ReactionTimes:
-    """A driver's reaction times, drawn from a lognormal distribution and noted in his diary."""
+    """A driver's reaction times, drawn from a lognormal distribution and recorded in the diary."""
 
     def __init__(self, human: HumanParameters, chance: Chance, diary: Diary) -> None:
         self._human, self._random, self._diary = human, chance.reactions, diary
 
     def draw(self, now_s: float, *, of_itself: float = 1.0) -> float:
-        """How long (s) the next reaction takes; `of_itself` is the share of it that is left for an announced change."""
+        """The next reaction time (s); `of_itself` is the share of it that remains for an announced change."""
         human = self._human
         normal = float(self._random.standard_normal())
         reaction_s = human.reaction_median_s * math.exp(human.reaction_log_sd * normal)
@@ -49,7 +50,7 @@ class ReactionTimes:
 
 
 def says_mode(view: AdviceView) -> bool:
-    """Whether the advice says how to drive; other advice shows at most a highest speed."""
+    """Whether the advice shows how to drive; other advice shows at most a highest speed."""
     return presenter_of(view.presentation).says_mode
 
 
@@ -59,7 +60,7 @@ def advice_kind(view: AdviceView) -> InstructionKind | None:
 
 
 def _shown_mode(view: AdviceView) -> int:
-    """The driving regime that advice asks for; advice without a regime counts as advice to hold a speed."""
+    """The driving regime of advice; advice without a regime counts as advice to hold a speed."""
     return view.mode if says_mode(view) else int(Regime.CRUISE)
 
 
@@ -71,7 +72,7 @@ class Lapses:
         self._next_s, self._awake_s = -math.inf, -math.inf
 
     def away(self, cab: CabView, allowed_mps: float) -> bool:
-        """Whether attention is away now; `allowed_mps` is the highest speed at which he would drive here."""
+        """Whether attention is away now; `allowed_mps` is the highest speed that the driver accepts here."""
         human, now_s = self._human, cab.time_s
         if human.lapses_per_h <= 0:
             return False
@@ -91,7 +92,7 @@ class Lapses:
 
 
 class Heeded(NamedTuple):
-    """The advice that the driver saw last (`view`), and whether he follows it.
+    """The advice that the driver saw last (`view`), and whether it is followed.
 
     `reached`: the train has reached the speed up to which the advice accelerates.
     """
@@ -102,17 +103,17 @@ class Heeded(NamedTuple):
 
     @property
     def task(self) -> int | None:
-        """The driving regime of the advice that he follows; None where it shows none, or he drives by himself."""
+        """The driving regime of the advice followed; None if it shows none, or no advice is followed."""
         return self.view.mode if self.by_effort and self.view is not None else None
 
     @property
     def by_effort(self) -> bool:
-        """Whether he follows advice that says how to drive."""
+        """Whether the driver follows advice that shows how to drive."""
         return self.follows and self.view is not None and says_mode(self.view)
 
 
 class Announced(NamedTuple):
-    """The change that the display announced last: its driving regime, and when it is due (s on the cab's clock)."""
+    """The last change that the display announced: its driving regime, and its due time (s on the cab's clock)."""
 
     mode: int = Regime.NONE
     due_s: float = math.inf
@@ -130,14 +131,15 @@ class DisplayReading:
         self._noticed = 0
         self._announced = Announced()
         self.heeded = Heeded()
-        """The advice that he saw last, and whether he follows it."""
+        """The advice seen last, and whether it is followed."""
 
     def reach(self) -> None:
-        """Note that the advised acceleration has reached its speed; he holds that speed until the advice changes."""
+        """Record that the advised acceleration has reached its speed; the driver holds that speed until the advice
+        changes."""
         self.heeded = self.heeded._replace(reached=True)
 
     def depart(self, cab: CabView) -> None:
-        """Look at the display again as the train departs; his reaction time is already over, so he acts at once."""
+        """Look at the display again at departure; the reaction time is already over, so the driver acts immediately."""
         self.heeded, self._judged, self._pending = Heeded(), None, None
         self._glance(cab)
         if self._pending is not None:
@@ -154,13 +156,13 @@ class DisplayReading:
             self._pending = None
 
     def _glance(self, cab: CabView) -> None:
-        """Look at the display, and judge what is new on it."""
+        """Look at the display, and assess new advice."""
         human, now_s = self._human, cab.time_s
         beyond_s = max(human.glance_mean_s - human.glance_least_s, 0.0)
         self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
         self._seen = view = cab.shown
         self._diary.note(now_s, "glance", 0 if view is None else view.mode)
-        read = None if view is None else view.departure  # He drives, so the train has been cleared.
+        read = None if view is None else view.departure  # The train moves, so it has been cleared.
         item = None if read is None else (read.presentation, *presenter_of(read.presentation).item(read))
         if item != self._judged:
             self._judged = item
@@ -179,7 +181,7 @@ class DisplayReading:
             self._glance_s = min(self._glance_s, self._announced.due_s)
 
     def _reaction_s(self, mode: int, now_s: float) -> float:
-        """How long the reaction takes (s); it is shorter if the change was announced."""
+        """The reaction time (s), shorter if the change was announced."""
         expected = mode == self._announced.mode and abs(now_s - self._announced.due_s) <= HEEDING.expected_within_s
         return self._times.draw(now_s, of_itself=self._human.expected_ratio if expected else 1.0)
 
@@ -199,7 +201,7 @@ class DisplayReading:
         self._pending, self._act_s = follow, now_s + self._reaction_s(self._noticed, now_s)
 
     def _followed_ratio(self, view: AdviceView, kind: InstructionKind) -> float:
-        """The probability that he follows advice of a kind; a reason shown beside it may reduce the refusals."""
+        """The probability that the driver follows advice of a kind; a displayed reason may reduce the refusals."""
         human = self._human
         followed = float(getattr(human, f"comply_{kind}_ratio"))
         if not view.reason or human.reason_refusal_ratio == 1.0:
@@ -212,7 +214,7 @@ BEGUN_RATIO = 0.5
 
 
 class Motion:
-    """The acceleration that the driver feels, from the speeds at his last two looks."""
+    """The acceleration that the driver feels, from the speeds at the last two looks."""
 
     def __init__(self) -> None:
         self._now_s, self._speed_mps = -math.inf, 0.0
@@ -220,7 +222,7 @@ class Motion:
         """Acceleration between the last two looks (m/s²)."""
 
     def feel(self, cab: CabView) -> float:
-        """Note the speed at a look; returns the time (s) since the last look, 0 at the first."""
+        """Record the speed at a look; returns the time (s) since the last look, 0 at the first."""
         span_s = max(cab.time_s - self._now_s, 0.0) if math.isfinite(self._now_s) else 0.0
         if span_s > 0:
             self.rate_mps2 = (cab.speed_mps - self._speed_mps) / span_s
@@ -229,7 +231,7 @@ class Motion:
 
 
 class Departure:
-    """When the driver sets a standing train in motion: one reaction time after it may go."""
+    """The start of a standing train: one reaction time after it may depart."""
 
     def __init__(self, times: ReactionTimes) -> None:
         self._times = times
@@ -255,7 +257,8 @@ class Departure:
 
 
 class HumanDriver:
-    """Drives by what the cab shows, with a human's limits; the same seed and stream give the same drive, bit for bit.
+    """Drives by the information in the cab, with human limitations; the same seed and stream give the same drive, bit
+    for bit.
 
     Except in lapses the driver minds limits and stops all the time, the display only at glances.
     """
@@ -289,11 +292,11 @@ class HumanDriver:
 
     @property
     def events(self) -> list[DriverEvent]:
-        """What the driver did and felt so far."""
+        """The driver's actions and observations so far."""
         return self._diary.events
 
     def command(self, cab: CabView) -> Command:
-        """What the controller is set to until the next look."""
+        """The controller's setting until the next look."""
         span_s = self._motion.feel(cab)
         if span_s > 0:
             self._errors.over(span_s)
@@ -314,7 +317,7 @@ class HumanDriver:
         return lever(self._hand.setting, friction_ratio=friction_ratio)
 
     def _wanted(self, cab: CabView, outlook: Outlook) -> float:
-        """The setting that he wants now, by advice or habit, but never more than limits and stops allow."""
+        """The wanted setting, by advice or habit, but never more than limits and stops allow."""
         handling, heeded, reach_s = self.handling, self._display.heeded, self._hand.reach_s
         allowed = min(outlook.allowed_mps(cab.s_m), cab.limit_mps)
         coming = min(allowed, outlook.allowed_mps(cab.s_m + cab.speed_mps * reach_s))
@@ -330,20 +333,20 @@ class HumanDriver:
 
     @property
     def _by_top_speed(self) -> bool:
-        """Whether he follows a display of a top speed."""
+        """Whether the driver follows a display of a top speed."""
         view, follows = self._display.heeded.view, self._display.heeded.follows
         return follows and view is not None and presenter_of(view.presentation).speed_is(view.mode) is SpeedIs.HIGHEST
 
     def set_effort(self, lever_ratio: float) -> float:
-        """An effort as he sets it (−1 … 1): with an error, but the ends of the scale are stops that the hand feels."""
+        """An effort as set by the driver (−1 … 1): with an error, except at the ends of the scale, which the hand can
+        feel."""
         if abs(lever_ratio) > HAND.end_stop_ratio:
             return math.copysign(1.0, lever_ratio)
         return min(max(lever_ratio * self._errors.force_ratio, -1.0), 1.0)
 
     def to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The setting for the effort and the speed shown; when the train reaches the speed, he sees that and holds it.
-
-        Where the display shows no effort, he uses full traction, or brakes as he plans to.
+        """The setting for the effort and the speed shown; when the train reaches the speed, the driver holds it. If the
+        display shows no effort, the driver uses full traction, or the planned braking.
         """
         target, effort = min(view.shown_speed_mps, allowed_mps), view.lever_ratio
         told = asked(view.mode, target, effort, cab.speed_mps)
@@ -367,11 +370,11 @@ class HumanDriver:
         return 0.0
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> float:
-        """The setting of a driver who is told to stop, but not how hard to brake: he brakes once he must."""
+        """The setting for advice to stop without an effort: the driver brakes at the last moment."""
         return self.handling.held(cab, outlook, max(cab.speed_mps, HEEDING.creeps_mps))
 
     def _soon_over(self, cab: CabView, outlook: Outlook, effort: float, target_mps: float) -> bool:
-        """Whether he does not even begin an acceleration or brake to a speed, because it would be over too soon."""
+        """Whether an acceleration or brake to a speed is ignored because it would be over too soon."""
         if self._hand.setting * math.copysign(1.0, effort) >= BEGUN_RATIO * abs(effort):
             return False
         efforts = self.handling.efforts
@@ -380,7 +383,7 @@ class HumanDriver:
         return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * HEEDING.least_effort_s
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
-        """The highest speed at which he drives: the display's top speed, or his own, from just in time to fast."""
+        """The highest speed of the driver: the display's top speed, or an own one, from just in time to fast."""
         heeded = self._display.heeded
         if heeded.view is not None and self._by_top_speed:
             return heeded.view.shown_speed_mps
@@ -389,9 +392,8 @@ class HumanDriver:
 
     @property
     def _haste_ratio(self) -> float:
-        """How he drives without advice on how to drive: from just in time (0) to as fast as allowed (1).
-
-        Where the display shows how late the train is, he drives faster in proportion when late, and slower when early.
+        """The haste without advice on how to drive: from just in time (0) to as fast as allowed (1). If the display
+        shows the lateness, the driver drives proportionally faster when late, and slower when early.
         """
         haste, heeded = self.parameters.haste_ratio, self._display.heeded
         if heeded.view is None or not heeded.follows or math.isnan(heeded.view.deviation_s):

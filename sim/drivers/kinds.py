@@ -25,7 +25,7 @@ class DriverKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class OwnClass:
-    """A driver of the user's own: a class `name` in a module that Python can import."""
+    """A user's own driver: a class `name` in a module that Python can import."""
 
     module: str
     name: str
@@ -35,7 +35,7 @@ class OwnClass:
 
 
 class External(StrEnum):
-    """A driver that is a process of its own and drives over the bus."""
+    """A driver in a separate process, which drives over the bus."""
 
     EXTERNAL = "external"
     DESK = "desk"
@@ -50,7 +50,7 @@ _OWN_CLASS = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
 
 
 def named_driver(option: str, text: str) -> DriverName:
-    """The driver that a text names; `option` begins the message of the DasError for any other text."""
+    """The driver named by a text; `option` begins the message of the DasError for any other text."""
     if text in list(DriverKind):
         return DriverKind(text)
     if text in list(External):
@@ -65,38 +65,38 @@ def named_driver(option: str, text: str) -> DriverName:
 
 
 class Presentation(StrEnum):
-    """The presentations: how much of the same advice the display shows.
+    """The presentations: the parts of the same advice that a display shows.
 
-    A new presentation takes one line here, and a module of its name in `sim/drivers/presentations` for all the rest; or
-    an entry point `das.presentations` of another package.
+    A new presentation needs one line here and a module of its name in `sim/drivers/presentations`; or an entry point
+    `das.presentations` of another package.
     """
 
     _ignore_ = "one, member"
     NONE = "none"
     DEVIATION = "deviation"
-    """Seconds early or late, renewed every 35 s; nothing about how to drive."""
+    """Seconds early or late, updated every 35 s; no advice on how to drive."""
     TOP_SPEED = "top-speed"
     """One reduced maximum speed."""
     FOUR_MODE = "four-mode"
-    """Full traction, a speed to hold, coasting, braking; and when the next of them begins."""
+    """Full traction, a speed to hold, coasting, braking; and the time of the next change."""
     SPEED_AND_EFFORT = "speed-and-effort"
     """Speed and effort now, and for the next seconds."""
     GUIDE = "guide"
     """The manner of driving now, its speed and effort, and the next two changes."""
     SHEET = "sheet"
-    """On paper: what to do from which kilometre on; it never changes."""
+    """On paper: instructions by kilometre, which never change."""
     for one in installed(PRESENTATIONS):
         if (member := one.upper().replace("-", "_")) not in vars():  # The bundled ones keep their names.
             vars()[member] = one
 
 
 class FrictionPolicy(StrEnum):
-    """Which brake a human driver uses where the motors could brake: a habit, or a rule of the railway."""
+    """The brake that a human driver uses if the motors could brake: a habit, or a rule of the railway."""
 
     AS_MEASURED = "as-measured"
     """The share `friction_ratio` of the braking effort by friction, whatever the display shows."""
     ELECTRIC_FIRST = "electric-first"
-    """Friction only where the motors cannot give what is asked."""
+    """Friction only if the motors are not sufficient."""
     BY_ADVICE = "by-advice"
     """Friction as measured, but electric first while the driver follows advice on effort."""
 

@@ -1,4 +1,4 @@
-"""What a driver knows by heart: line and train, and what follows from them up to the next halt.
+"""The driver's knowledge of line and train, and its consequences up to the next halt.
 
 The kernels work on grids of even cells; w is v² at the nodes between them.
 """
@@ -21,8 +21,8 @@ from sim.plant.kernels import TrainNumbers, brake_effort, running_resistance, tr
 from sim.plant.plant import train_numbers
 
 PLANNED_RATIO, PLANNED_AT_MPS = 0.8, 5.0
-"""Share of the train's braking at a speed (m/s) on the level with which a driver plans at most: the rest makes up for
-his errors and for the time until the brakes act."""
+"""Share of the train's braking at a speed (m/s) on the level that a driver plans to use at most: the rest compensates
+for errors and for the time until the brakes act."""
 CELL_M = 5.0
 """Length (m) of the cells in which the line is remembered, counted back from the halt."""
 SLOWEST_CAP_MPS = 20.0 * KMH
@@ -37,9 +37,8 @@ _CRAWL_MPS = 0.5
 
 @kernel
 def ceiling(step, limit, line_n, tunnel, supply, braking, reserve, p):  # type: ignore[no-untyped-def]
-    """The greatest w at each node from which planned braking keeps the limits ahead and ends in a standstill.
-
-    Planned braking is at most `braking` (m/s²), and at most the share `reserve` of what the brakes can do.
+    """The greatest w at each node from which planned braking keeps the limits ahead and ends in a standstill. Planned
+    braking is at most `braking` (m/s²), and at most the share `reserve` of the brakes' capability.
     """
     n = limit.size
     w = np.zeros(n + 1)
@@ -47,7 +46,7 @@ def ceiling(step, limit, line_n, tunnel, supply, braking, reserve, p):  # type: 
         cap = min(limit[i], limit[max(i - 1, 0)]) ** 2
         w1 = min(w[i + 1], cap)
         v = math.sqrt(min(w1 + 2.0 * step * braking, cap))
-        # Without supply only the friction brake is left.
+        # Without supply only the friction brake remains.
         effort = brake_effort(v, 1.0, p) if supply[i] >= 0.0 else min(p.friction_force_n, brake_effort(v, 1.0, p))
         can = (reserve * effort + running_resistance(v, 0.0, tunnel[i], p) + line_n[i]) / p.inertial_mass_kg
         w[i] = min(cap, w1 + 2.0 * step * max(min(braking, can), _LEAST_BRAKING_MPS2))
@@ -104,10 +103,8 @@ def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_m
 
 @dataclass(frozen=True, kw_only=True)
 class Habit:
-    """How closely a driver approaches the allowed speeds.
-
-    He plans to brake with `braking_mps2`, and with at most `reserve_ratio` of what the brakes can do. He keeps
-    `below_mps` below limits, but at most a tenth of them.
+    """A driver's margins to the permitted speeds. Braking is planned with `braking_mps2`, and at most `reserve_ratio`
+    of the brakes' capability. Speeds stay `below_mps` below limits, but at most a tenth of them.
     """
 
     braking_mps2: float
@@ -117,7 +114,7 @@ class Habit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LineKnowledge:
-    """Route and train as the driver knows them: as planned, not as on the day."""
+    """Route and train as the driver knows them: as planned, without the deviations of the run."""
 
     route: Route
     vehicle: Vehicle
@@ -137,7 +134,7 @@ class LineKnowledge:
         object.__setattr__(self, "supply", self.route.supply())
 
     def planned_braking_mps2(self, wish_mps2: float) -> float:
-        """The deceleration (m/s²) planned for limits and stops: the driver's own, or what suits his train if less."""
+        """The deceleration (m/s²) planned for limits and stops: the driver's own, or the train's if that is lower."""
         train = self.train
         brakes_mps2 = float(brake_effort(PLANNED_AT_MPS, 1.0, train)) / train.inertial_mass_kg
         return min(wish_mps2, PLANNED_RATIO * min(brakes_mps2, train.max_deceleration_mps2))
@@ -183,7 +180,7 @@ class Outlook:
         self._lists = _Lists(self._top.tolist(), self._line_n.tolist(), self._tunnel.tolist())
 
     def allowed_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) from which planned braking keeps all that the driver knows to lie ahead."""
+        """The highest speed (m/s) from which planned braking keeps all known limits and stops ahead."""
         if s_m >= self.halt_m:
             return 0.0
         return self._root(self._lists.allowed_w, s_m)
@@ -236,7 +233,7 @@ class Foresight:
         self._outlook: Outlook | None = None
 
     def outlook(self, cab: CabView) -> Outlook:
-        """The outlook for what the cab shows."""
+        """The outlook for a view of the cab."""
         key = (cab.halt_m, cab.restrictions)
         if self._outlook is None or key != self._key:
             self._key, self._outlook = key, Outlook(self.line, cab, self.habit)

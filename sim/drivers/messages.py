@@ -1,4 +1,4 @@
-"""Cab and controller as messages of the bus, and back; every number stays the same to the last bit."""
+"""Conversion of cab and controller to messages of the bus and back; every number stays the same to the last bit."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ _SEEN: Final = ("late_s", "gradient_ratio", "force_el_n", "force_friction_n", "c
 class CabLook(NamedTuple):
     """A look of the driver: its time (ns since 1970), the cab, the command in force, and the number of the look.
 
-    The number is 0 if the look does not ask an external driver. `interlock` is what overrules the controller, by its
-    number on the bus; `wall_ns` is the wall clock (ns since 1970), 0 where the run keeps no pace.
+    The number is 0 if the look does not ask an external driver. `interlock` overrides the controller (its number on the
+    bus); `wall_ns` is the wall clock (ns since 1970), 0 if the run keeps no pace.
     """
 
     time_ns: int
@@ -125,9 +125,8 @@ def controls_message(look: int, command: Command) -> Message:
 
 
 def command_of(message: Any, time_s: float) -> Command:
-    """The command that a message `Controls` asks for at a moment (s on the cab's clock).
-
-    Raises DasError if it asks for nothing, or if a number is NaN or out of range.
+    """The command in a message `Controls` at a moment (s on the cab's clock). Raises DasError if it has none, or if a
+    number is NaN or out of range.
     """
     who, law = "--driver external", message.WhichOneof("set")
     if law is None:

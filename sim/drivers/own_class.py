@@ -1,4 +1,4 @@
-"""A driver of the user's own: a class named `package.module:Class`; how it is found, made and checked."""
+"""A user's own driver: a class named `package.module:Class`; how it is found, created and checked."""
 
 from __future__ import annotations
 
@@ -26,9 +26,8 @@ EXPECTED = "expected a class with a method command(self, cab) that returns a Com
 
 
 class OwnDriver:
-    """Drives as a class of the user's does; raises DasError for its exceptions and invalid answers.
-
-    The class is called with the line (`LineKnowledge`) and `seed=…`, one of them, or nothing, whichever it accepts.
+    """Adapter for a user's class; raises DasError for its exceptions and invalid answers. The class is called with the
+    line (`LineKnowledge`) and `seed=…`, one of them, or neither, as it accepts.
     """
 
     def __init__(self, own: OwnClass, line: LineKnowledge, seed: int) -> None:
@@ -37,7 +36,7 @@ class OwnDriver:
 
     @property
     def events(self) -> Sequence[DriverEvent]:
-        """The events that the user's class has noted, if it keeps them as the bundled human driver does."""
+        """The events recorded by the user's class, if it keeps a diary like the bundled human driver."""
         return kept_by(self._driver)
 
     def command(self, cab: CabView) -> Command:
@@ -50,7 +49,7 @@ class OwnDriver:
 
 
 def load_class(own: OwnClass) -> type:
-    """The class that the user named; raises DasError if it does not exist or is no driver.
+    """The class named by the user; raises DasError if it does not exist or is not a driver.
 
     Its module may be in an installed package or in the current folder.
     """
@@ -70,7 +69,7 @@ def load_class(own: OwnClass) -> type:
 def driver_versions(driver: DriverName) -> dict[str, str]:
     """The hash of the source file of a user's class, as `driver_sha256`; empty for other drivers.
 
-    Raises DasError if the class does not exist or is no driver.
+    Raises DasError if the class does not exist or is not a driver.
     """
     if not isinstance(driver, OwnClass):
         return {}
@@ -105,7 +104,7 @@ def _module(own: OwnClass) -> ModuleType:
 
 
 def _made(own: OwnClass, driver: type, line: LineKnowledge, seed: int) -> Any:
-    """An object of the class, made with as much of line and seed as it takes."""
+    """An instance of the class, created with line and seed as far as it accepts them."""
     ways: tuple[tuple[tuple[Any, ...], dict[str, Any]], ...] = (
         ((line,), {"seed": seed}),
         ((line,), {}),
@@ -131,7 +130,7 @@ def _takes(called: Any, *arguments: Any, **named: Any) -> bool:
 
 
 def _raised(own: OwnClass, error: BaseException, when: str = "") -> DasError:
-    """An error that says what the user's code raised, and at which line."""
+    """An error with the exception of the user's code and its line."""
     words = " ".join(str(error).split())
     said = f"{type(error).__name__}: {words}" if words else type(error).__name__
     return DasError(f"--driver {own}: {_place(error)}raised{when}: {said}")
@@ -156,7 +155,7 @@ _VALUES: Final = {
     LEVER: ("the lever's ratio", -1.0, 1.0, ""),
     SPEED: ("the speed to hold", 0.0, 200.0, "m/s"),
 }
-"""For each law of a command: the name, the range and the unit of its value."""
+"""For each law of a command: name, range and unit of its value."""
 
 
 def checked(answer: Any, who: str, time_s: float) -> Command:

@@ -54,8 +54,8 @@ class HumanParameters:
         "–",
         0.1,
         1.0,
-        "the reaction to a change that the display announced, as a share of the one to another change",
-        "braking for what is expected takes road drivers 0.7 to 0.75 s, for what is not 1.25 s (Green 2000)",
+        "reaction to an announced change, as a share of that to an unannounced one",
+        "road drivers brake for expected events after 0.7 to 0.75 s, for unexpected ones after 1.25 s (Green 2000)",
     )
     glance_mean_s: float = _parameter(
         5.0, "s", 0.2, 60.0, "mean time between glances at the display (exponential beyond the least)"
@@ -64,14 +64,12 @@ class HumanParameters:
     notches: int = _parameter(0, "notches", 0, 32, "notches of the controller each way; 0: a percent controller")
     notch_s: float = _parameter(0.7, "s", 0.0, 5.0, "time to move the controller by one notch")
     lever_rate_per_s: float = _parameter(0.4, "1/s", 0.01, 10.0, "speed of a percent controller (1 = full scale)")
-    lever_least_ratio: float = _parameter(0.03, "–", 0.0, 0.5, "changes of a percent controller below this are left")
+    lever_least_ratio: float = _parameter(0.03, "–", 0.0, 0.5, "smallest change made with a percent controller")
     speed_error_mps: float = _parameter(
-        1.5 * KMH, "m/s", 0.0, 5.0, "the speed driven at wanders around the wanted one: standard deviation"
+        1.5 * KMH, "m/s", 0.0, 5.0, "standard deviation of the driven speed around the wanted one"
     )
-    speed_error_s: float = _parameter(30.0, "s", 0.5, 600.0, "correlation time of that wandering")
-    force_error_ratio: float = _parameter(
-        0.08, "–", 0.0, 0.5, "an effort set is off by this share of itself: standard deviation"
-    )
+    speed_error_s: float = _parameter(30.0, "s", 0.5, 600.0, "correlation time of that deviation")
+    force_error_ratio: float = _parameter(0.08, "–", 0.0, 0.5, "relative error of an effort as set: standard deviation")
     force_error_s: float = _parameter(8.0, "s", 0.5, 600.0, "correlation time of that error")
     dead_band_mps: float = _parameter(2.0 * KMH, "m/s", 0.0, 5.0, "speed errors below this are not corrected")
     comply_traction_ratio: float = _parameter(0.95, "–", 0.0, 1.0, "share of advice to accelerate that is followed")
@@ -83,7 +81,7 @@ class HumanParameters:
         "–",
         0.0,
         1.0,
-        "of the advice that is refused without a reason, the share that is refused although its reason is shown",
+        "share of the refused advice that is still refused if its reason is shown",
         REASON,
     )
     lapses_per_h: float = _parameter(1.0, "1/h", 0.0, 60.0, "lapses of attention (Poisson process)")
@@ -91,9 +89,9 @@ class HumanParameters:
         12.0, "s", 0.1, 120.0, "mean duration of a lapse (exponential), ended early by the speed warning"
     )
     braking_mps2: float = _parameter(0.5, "m/s²", 0.1, 1.5, "deceleration planned for limits and stops")
-    early_braking_s: float = _parameter(2.0, "s", 0.0, 20.0, "begins to brake this much earlier than needed")
-    below_limit_mps: float = _parameter(2.0 * KMH, "m/s", 0.0, 10.0, "keeps this much below limits")
-    stop_error_m: float = _parameter(2.0, "m", 0.0, 8.0, "stands off the mark by this: standard deviation")
+    early_braking_s: float = _parameter(2.0, "s", 0.0, 20.0, "time by which braking begins earlier than needed")
+    below_limit_mps: float = _parameter(2.0 * KMH, "m/s", 0.0, 10.0, "margin below limits")
+    stop_error_m: float = _parameter(2.0, "m", 0.0, 8.0, "standard deviation of the stopping error")
     friction_ratio: float = _parameter(
         0.4,
         "–",
@@ -107,9 +105,9 @@ class HumanParameters:
     haste_ratio: float = _parameter(
         0.5, "–", 0.0, 1.0, "without advice: 0 = at the highest speed that keeps time, 1 = as fast as allowed"
     )
-    learning_trips: float = _parameter(20.0, "trips", 0.1, 1000.0, "trips after which 1/e of the learning is left")
+    learning_trips: float = _parameter(20.0, "trips", 0.1, 1000.0, "trips after which 1/e of the learning remains")
     learned_ratio: float = _parameter(
-        0.6, "–", 0.0, 1.0, "what is left of reaction, errors, margins and refusals after long practice"
+        0.6, "–", 0.0, 1.0, "remaining share of reaction, errors, margins and refusals after long practice"
     )
 
     def __post_init__(self) -> None:
@@ -124,7 +122,7 @@ class HumanParameters:
             raise InputError("human driver", "glance_mean_s", self.glance_mean_s, "at least glance_least_s")
 
     def after(self, trips: float) -> HumanParameters:
-        """The driver after n trips with this train, line and display: l + (1 − l)·exp(−n/n₀) of each fault is left."""
+        """The driver after n trips with this train, line and display: l + (1 − l)·exp(−n/n₀) of each fault remains."""
         if not trips >= 0:
             raise InputError("human driver", "trips", trips, "a number >= 0")
         left = self.learned_ratio + (1.0 - self.learned_ratio) * math.exp(-trips / self.learning_trips)
@@ -182,7 +180,7 @@ KEYS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """How one parameter differs from driver to driver: a distribution within `low` and `high`, and its source.
+    """The variation of one parameter between drivers: a distribution within `low` and `high`, and its source.
 
     `middle` is the median (for NORMAL, the mean), in the parameter's unit; `sd` is the standard deviation of the value,
     of its logarithm or of its logit.
@@ -206,11 +204,11 @@ class Spread:
         return min(max(self._of_straight(self._straight(self.middle) + self.sd * cut), self.low), self.high)
 
     def _standard(self, value: float) -> float:
-        """How many standard deviations a value is from the middle."""
+        """The distance of a value from the middle, in standard deviations."""
         return (self._straight(value) - self._straight(self.middle)) / self.sd
 
     def _straight(self, value: float) -> float:
-        """What is normally distributed: the value, its logarithm or its logit."""
+        """The normally distributed quantity: the value, its logarithm or its logit."""
         if self.shape is Shape.LOGNORMAL:
             return math.log(value) if value > 0 else -math.inf
         if self.shape is Shape.LOGIT_NORMAL:
@@ -246,7 +244,7 @@ class Population:
     def draw(self, number: int) -> dict[str, float]:
         """The values of a participant's parameters, by name.
 
-        The same number is the same person whatever happens on a day. A parameter that is added at the end of the file
+        The same number is the same person in every run. A parameter that is added at the end of the file
         leaves the others as they are.
         """
         independent = [_normal(number, spread.name) for spread in self.spreads]
@@ -263,15 +261,15 @@ class Participant:
 
 
 def stream_of(who: Participant | None) -> int:
-    """The number of a driver's random numbers on a day; 0 for the driver whom the seed of the day draws."""
+    """The stream of a driver's random numbers in a run; 0 for the driver drawn by the seed of the run."""
     return 0 if who is None else who.number + 1
 
 
 def participant_of(driver: DriverName, number: int | None, population: str | None) -> Participant | None:
     """The participant that the user asked for; None without a number.
 
-    Raises DasError for a population that cannot be used, for a population without a number, and for a number of a
-    driver who is not human.
+    Raises DasError for a population that cannot be used, for a population without a number, and for a number with a
+    driver that is not human.
     """
     if number is None:
         if population is not None:

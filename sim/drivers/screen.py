@@ -1,4 +1,4 @@
-"""The display between advice and driver: how often it refreshes, and for how long it keeps what it shows."""
+"""The display between advice and driver: its update interval, and the time for which it keeps its contents."""
 
 from __future__ import annotations
 
@@ -16,16 +16,14 @@ from sim.drivers.presentations.presenter import Shown
 ROUNDING_S: Final = 1e-6
 """Margin (s) with which times of ticks are compared."""
 LONGEST_S: Final = 600.0
-"""Longest update interval and hold time (s); a slower display would advise nobody."""
+"""Longest update interval and hold time (s); a slower display would be of no use."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScreenSettings:
-    """What a display does with the advice that it receives once a second; by default it shows all of it at once.
-
-    `update_interval_s`: the display takes new advice only this often. `hold_s`: what the driver reads stays for at
-    least this long, unless advice to brake replaces it. `preview_s`: how far ahead the display shows what comes.
-    `reason`: whether it shows the reason of the advice.
+    """The filter of a display for the advice received once a second; by default all of it is shown immediately.
+    `update_interval_s`: interval between updates. `hold_s`: minimum display time, except for advice to brake.
+    `preview_s`: length of the preview. `reason`: whether the reason of the advice is shown.
     """
 
     update_interval_s: float = 0.0
@@ -43,11 +41,10 @@ class ScreenSettings:
 
 
 class Screen:
-    """What is on the display, tick by tick; call `show` in the order of time.
+    """The contents of the display, tick by tick; call `show` in the order of time.
 
-    Withdrawn advice leaves the display at once. While the train stands, the display shows everything at once, because
-    old advice would otherwise still be there at the departure. Likewise, advice to depart does not stay on the display
-    of a moving train.
+    Withdrawn advice disappears immediately. While the train stands, everything is shown immediately, because old advice
+    would otherwise still be displayed at departure. Likewise, advice to depart is not kept for a moving train.
     """
 
     def __init__(self, settings: ScreenSettings | None = None) -> None:
@@ -56,7 +53,7 @@ class Screen:
         self._refreshed_s = self._since_s = -math.inf
 
     def show(self, view: AdviceView | None, now_s: float, *, stands: bool) -> AdviceView | None:
-        """What is on the display once it has received `view` at a time (s on the cab's clock)."""
+        """The contents of the display after it has received `view` at a time (s on the cab's clock)."""
         view = None if view is None else self._cut(view)
         departs = self._shown is not None and self._shown.mode == Regime.DEPART
         if view is None or self._shown is None or stands or departs:
@@ -71,7 +68,8 @@ class Screen:
         return self._shown
 
     def _may_change(self, view: AdviceView, now_s: float) -> bool:
-        """Whether new advice may be shown: it reads as before, it says to brake, or the old was shown long enough."""
+        """Whether new advice may be shown: its text is unchanged, it is advice to brake, or the old advice was shown
+        long enough."""
         assert self._shown is not None
         stood = now_s - self._since_s >= self._settings.hold_s - ROUNDING_S
         reading = Shown.of(view)

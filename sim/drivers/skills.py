@@ -1,4 +1,4 @@
-"""What a driver of your own can be made of: hold a speed, brake to one, stop at a mark, keep time, notches, noise.
+"""Building blocks of your own driver: hold a speed, brake to one, stop at a mark, keep time, notches, noise.
 
 All settings are the controller's, from −1 (both brakes) to 1 (full traction), for `sim.plant.plant.lever`.
 """
@@ -22,7 +22,7 @@ from sim.drivers.tracking import RULE, TRACKING, TimeRule, hold, stop_at, under_
 from sim.plant.kernels import Command, demanded
 
 LOOK_S: Final = 0.2
-"""Interval (s) at which a driver is asked for a setting."""
+"""Interval (s) between two settings of a driver."""
 BEFORE_SIGNAL_M: Final = 15.0
 """Distance (m) before a signal at danger at which a train is stopped."""
 CALM_PER_S: Final = 0.1
@@ -32,10 +32,11 @@ _Seen = TypeVar("_Seen")
 
 
 class Skills:
-    """What a practised driver does with the controller: each skill is a setting for what the cab shows now.
+    """The abilities of a practised driver: each skill returns a controller setting for the present state of the cab.
 
-    Call `see` at every look, then ask for settings. He plans to brake with `braking_mps2`, and keeps `below_mps` below
-    limits, but at most a tenth of them. No setting but that of `most` keeps the limits: set the lower of it and yours.
+    Call `see` at every look, then ask for settings. Braking is planned with `braking_mps2`, and speeds stay `below_mps`
+    below limits, but at most a tenth of them. Only the setting of `most` keeps the limits: use the lower of it and
+    yours.
     """
 
     def __init__(self, line: LineKnowledge, *, braking_mps2: float = 0.5, below_mps: float = 2.0 * KMH) -> None:
@@ -46,20 +47,21 @@ class Skills:
         self._outlook: Outlook | None = None
 
     def see(self, cab: CabView) -> Self:
-        """Take in what the cab shows; a signal at danger counts as if it stood `BEFORE_SIGNAL_M` nearer."""
+        """Receive the view of the cab; a signal at danger counts as if it stood `BEFORE_SIGNAL_M` nearer."""
         self._cab = cab._replace(signal_m=cab.signal_m - BEFORE_SIGNAL_M)
         self._outlook = self._foresight.outlook(self._cab)
         return self
 
     @property
     def cab(self) -> CabView:
-        """The cab as it was seen last."""
+        """The last view of the cab."""
         assert self._cab is not None, "see(cab) comes first"
         return self._cab
 
     @property
     def outlook(self) -> Outlook:
-        """The line up to the next halt, with the highest speed from which planned braking keeps all that is ahead."""
+        """The line up to the next halt, with the highest speed from which planned braking keeps all limits and stops
+        ahead."""
         assert self._outlook is not None, "see(cab) comes first"
         return self._outlook
 
@@ -69,7 +71,7 @@ class Skills:
         return self.cab.halt_m - self.cab.s_m
 
     def hold(self, speed_mps: float) -> float:
-        """The setting that holds a speed, with the force that this is known to need here."""
+        """The setting that holds a speed, including the force needed here."""
         return self._ratio(hold(self.cab, self.outlook, speed_mps)._replace(gain_per_s=CALM_PER_S))
 
     def brake_to(self, speed_mps: float, at_m: float) -> float | None:
@@ -95,13 +97,12 @@ class Skills:
         return below if stopping is None else stopping
 
     def timely_mps(self) -> float:
-        """The top speed (m/s) with which the rest of the way takes the time that the timetable leaves."""
+        """The top speed (m/s) with which the rest of the section takes the time left by the timetable."""
         return self._rule.cap_mps(self.cab, self.outlook)
 
     def advised(self, view: AdviceView) -> float | None:
-        """The setting that a display asks for (`sim.drivers.asked`); None if it does not say how to drive.
-
-        If it says to stop without an effort, the driver holds his speed and brakes once he must.
+        """The setting that follows the display (`sim.drivers.asked`); None if it does not show how to drive. If it
+        shows stop without an effort, the driver holds the speed and brakes at the last moment.
         """
         presenter = presenter_of(view.presentation)
         to_reach = presenter.speed_is(view.mode) is SpeedIs.TO_REACH
@@ -128,7 +129,7 @@ class Skills:
 
 
 class NotchedLever:
-    """A controller with as many notches each way, which is moved by no less than a whole one."""
+    """A controller with a number of notches in each direction, moved by whole ones."""
 
     def __init__(self, count: int) -> None:
         if count < 1:
@@ -136,7 +137,7 @@ class NotchedLever:
         self.count, self.notch = count, 0
 
     def set(self, wanted: float, most: float = 1.0) -> float:
-        """The setting of the notch nearest to what is wanted; for what is allowed at most, the next lower one."""
+        """The notch nearest to the wanted setting; for a highest allowed setting, the next lower one."""
         if abs(self.count * wanted - self.notch) >= 1.0:
             self.notch = round(self.count * wanted)
         self.notch = min(self.notch, math.floor(self.count * most))
@@ -144,7 +145,7 @@ class NotchedLever:
 
 
 class Late(Generic[_Seen]):
-    """What was seen a while ago: `seen` takes what there is at each look, and returns what there was then."""
+    """A delay line: `seen` receives the view at each look, and returns the delayed one."""
 
     def __init__(self, late_s: float, before: _Seen) -> None:
         if not 0.0 <= late_s < math.inf:
@@ -153,13 +154,13 @@ class Late(Generic[_Seen]):
         self._seen: deque[_Seen] = deque([before] * looks, looks + 1)
 
     def seen(self, now: _Seen) -> _Seen:
-        """What was seen that long ago."""
+        """The view of that time ago."""
         self._seen.append(now)
         return self._seen[0]
 
 
 class WanderingError:
-    """An error that wanders slowly about 0, drawn by a seed: the same seed gives the same error at the same looks."""
+    """An error that varies slowly about 0, drawn with a seed: the same seed gives the same error at the same looks."""
 
     def __init__(self, seed: int, *, deviation: float, correlation_s: float) -> None:
         self._deviation = deviation

@@ -1,4 +1,4 @@
-"""What every simulated driver can do: keep under a ceiling, hold a speed, stop at a mark, keep time."""
+"""The abilities of every simulated driver: keep below a ceiling, hold a speed, stop at a mark, keep time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sim.plant.plant import COAST, force, speed
 
 @dataclass(frozen=True, kw_only=True)
 class RuleSettings:
-    """How the drivers by rule brake and keep time. All values are assumptions."""
+    """The braking and time keeping of drivers that follow rules. All values are assumptions."""
 
     late_braking_mps2: float = 0.9
     """Deceleration (m/s²) of a driver who brakes late: full service braking of a passenger train."""
@@ -26,14 +26,14 @@ class RuleSettings:
     judged_every_s: float = 15.0
     """Interval (s) at which a driver who keeps time compares the clock with the timetable."""
     spare_s: float = 2.0
-    """Time (s) by which a driver who keeps time means to arrive early: the last metres take longer than expected."""
+    """Time (s) by which a driver who keeps time intends to arrive early: the last metres take longer than expected."""
     roll_mps: float = 8.0 * KMH
-    """Excess over his top speed (m/s) up to which a driver who keeps time lets the train roll before he brakes."""
+    """Excess over the top speed (m/s) up to which a driver who keeps time lets the train roll before braking."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingSettings:
-    """How drivers keep to a speed and stop at a mark; chosen so that trains neither hunt nor creep."""
+    """Parameters of holding a speed and stopping at a mark, chosen so that trains neither hunt nor creep."""
 
     ahead_s: float = 0.2
     """Time (s) over whose distance the slope of a ceiling is taken, which is one look."""
@@ -46,26 +46,26 @@ class TrackingSettings:
     last_m: float = 0.05
     """Distance from the halt (m) below which, and beyond the halt, the planned deceleration is used."""
     last_mps: float = 0.02
-    """Speed (m/s) at the halt below which the planned deceleration is used: a train that resists more than known would
-    creep on for ever."""
+    """Speed (m/s) at the halt below which the planned deceleration is used: a train with more resistance than known
+    would creep indefinitely."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FollowingSettings:
-    """How a perfect driver follows the advice. All values are assumptions."""
+    """Parameters of a perfect driver. All values are assumptions."""
 
     stopping_s: float = 10.0
-    """Time (s) within which advice must end in a standstill for the driver to brake for the mark by himself."""
+    """Time (s) within which advice must end in a standstill for the driver to brake for the mark without advice."""
     minded_mps: float = 1.0
     """Distance (m/s) from the speed that a restriction or a signal allows at which advice is no longer followed."""
     least_braking_mps2: float = 0.05
-    """Deceleration (m/s²) below which a halt is still far away: the driver drives on by himself."""
+    """Deceleration (m/s²) below which a halt is still far away: the driver continues without advice."""
     creeping_mps: float = 0.3
     """Speed (m/s) below which advice to brake is advice to halt."""
     rolling_mps: float = 0.3
     """Excess over a limit (m/s) up to which a coasting train may roll, the precision to which the display is read."""
     read_mps: float = 0.3
-    """Distance (m/s) within which a driver who only follows the card takes a speed for reached: he reads it off."""
+    """Distance (m/s) within which a driver who only follows the card considers a speed reached (reading accuracy)."""
     motors_ratio: float = 1.08
     """Multiple of the force of the motors up to which the friction brake stays off: it releases slowly, and at a lower
     speed the motors give more."""
@@ -98,7 +98,7 @@ class RollOff:
 
 
 class TimeRule:
-    """Experience with the line: the one top speed with which the rest of the section takes the time that is left."""
+    """Experience with the line: the one top speed with which the rest of the section takes the remaining time."""
 
     def __init__(self, every_s: float = math.inf) -> None:
         self._every_s = every_s
@@ -117,7 +117,7 @@ class TimeRule:
 
 
 def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n: float = math.inf) -> Command:
-    """Keep to the highest speed that is allowed here and at the place where a changed effort will have built up."""
+    """Keep to the highest permitted speed, here and at the place where a changed effort will have built up."""
     v, s = cab.speed_mps, cab.s_m
     soon_m = s + v * anticipation_s
     coming = outlook.allowed_mps(soon_m)
@@ -127,7 +127,7 @@ def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n:
 
 
 def hold(cab: CabView, outlook: Outlook, speed_mps: float, rate_mps2: float = 0.0, high_n: float = math.inf) -> Command:
-    """Hold a speed that may change by `rate_mps2`, with the force that this is known to need here."""
+    """Hold a speed that may change by `rate_mps2`, with the force that this needs here."""
     needed_n = outlook.train.inertial_mass_kg * rate_mps2 + outlook.resisting_n(cab.s_m, cab.speed_mps)
     return speed(speed_mps, rate_mps2=rate_mps2, force_n=needed_n, gain_per_s=TRACKING.gain_per_s, high_n=high_n)
 
@@ -156,5 +156,5 @@ def stop_at(cab: CabView, outlook: Outlook, mark_m: float, planned_mps2: float) 
 
 
 def stand(cab: CabView) -> Command | None:
-    """The command that holds a train which must go on standing; None for any other train."""
+    """The command that holds a train at a standstill if it must not move; None for any other train."""
     return COAST if cab.shall_stand else None

@@ -169,7 +169,7 @@ def group_notes(design: Design) -> list[str]:
 
 
 def pair_notes(design: Design) -> list[str]:
-    """A note if there are too few participants for any paired difference to stand out from chance."""
+    """A note if there are too few participants for any paired difference to be statistically significant."""
     count = design.people.count
     within = {factor.name for factor in design.factors if factor.within}
     number = 1 if design.correction == "none" else len(design.comparisons)
@@ -178,8 +178,8 @@ def pair_notes(design: Design) -> list[str]:
         return []
     corrected = f", corrected for {number} comparisons" if number > 1 else ""
     return [
-        f"with {count} participants nothing can stand out from chance: if all differ to the same side, p is "
-        f"{min(least, 1.0):.3g}{corrected}"
+        f"with {count} participants no difference can be statistically significant: if all differ to the same "
+        f"side, p is {min(least, 1.0):.3g}{corrected}"
     ]
 
 

@@ -24,11 +24,11 @@ from sim.world.loop import TICK_S
 from sim.world.outcome import SHARES
 
 BAND_MPS: Final = 3.0 * KMH
-"""Largest difference (m/s) from the shown speed of a speed in band."""
+"""Half-width (m/s) of the band around the shown speed."""
 LEAST_FORCE_N: Final = 1000.0
 """Wheel force (N) below which there is neither traction nor braking."""
 LEAST_MOVE_RATIO: Final = 1e-9
-"""Movement between two looks below which a controller stands still."""
+"""Movement between two looks below which a controller counts as at rest."""
 NOLD: Final = "as in Nold & Corman (2024)"
 BALANCE: Final = "energy balance of the simulated train (docs/reference/train-model.md)"
 OWN: Final = "own definition"
@@ -40,8 +40,8 @@ Measuring = Callable[[Driven], float | int | None]
 class Measure:
     """A measure of a trial: its column (which ends in its unit), its title, unit, formula and source, and its function.
 
-    `of` gives a number, or None if a trial has none (no advice was shown, or the driver keeps no diary). `of_table`
-    does the same from the table of the drive; None where a recording alone does not give the measure.
+    `of` returns a number, or None if a trial has none (no advice was shown, or the driver keeps no diary). `of_table`
+    does the same from the table of the drive; None if the measure cannot be computed from a recording alone.
     """
 
     name: str
@@ -54,13 +54,13 @@ class Measure:
 
 
 def stop_error_m(driven: Driven) -> float | None:
-    """Mean distance (m) between where the train stood and where it should stand, over the stops after the first."""
+    """Mean absolute stopping error (m) over the stops after the first."""
     errors = [abs(call.stopping_error_m) for call in driven.run.calls[1:]]
     return float(np.mean(errors)) if errors else None
 
 
 def speed_rmse_mps(driven: Driven) -> float | None:
-    """Root mean square of the speed's error (m/s) against what was shown; None if no speed was shown."""
+    """Root mean square of the speed error (m/s) against the display; None if no speed was shown."""
     return _root_mean_square(_speed_errors(driven))
 
 
@@ -71,7 +71,7 @@ def speed_in_band_ratio(driven: Driven) -> float | None:
 
 
 def effort_rmse_ratio(driven: Driven) -> float | None:
-    """Root mean square of the controller's error against the effort shown (1: full scale); None if none was shown."""
+    """Root mean square of the controller error against the effort shown (1: full scale); None if none was shown."""
     errors = [look.lever_ratio - look.shown.lever_ratio for _, look in driven.moving if look.shown is not None]
     return _root_mean_square([error for error in errors if not math.isnan(error)])
 
@@ -82,7 +82,7 @@ def reaction_s(driven: Driven) -> float | None:
 
 
 def response_s(driven: Driven) -> float | None:
-    """Median time (s) from when advice was first shown to acting on it; None if the driver never acted on any."""
+    """Median time (s) from the first display of advice to acting on it; None if the driver never acted on any."""
     since = _shown_since(driven)
     times = np.array([time_s for time_s, _ in since])
     found = []
@@ -131,7 +131,7 @@ def jerk_rms_mps3(driven: Driven) -> float | None:
 
 
 def glances_per_min(driven: Driven) -> float | None:
-    """Glances at the display per minute in which the train moved; None for a driver who keeps no diary."""
+    """Glances at the display per minute in which the train moved; None for a driver without a diary."""
     moving = {math.floor(state.time_s) for state, _ in driven.moving}
     glances = [one for one in driven.run.decisions if one.what == "glance"]
     if not glances or not moving:
@@ -140,7 +140,7 @@ def glances_per_min(driven: Driven) -> float | None:
 
 
 def lapses(driven: Driven) -> int | None:
-    """Lapses of attention; None for a driver who keeps no diary."""
+    """Lapses of attention; None for a driver without a diary."""
     return _count(driven, "lapse") if driven.run.decisions else None
 
 
@@ -163,7 +163,7 @@ def _speed_is(view: AdviceView) -> SpeedIs:
 
 
 def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]:
-    """When advice was noticed and when it was acted on (s), for all advice followed, except advice to depart."""
+    """The times (s) of noticing advice and acting on it, for all advice followed, except advice to depart."""
     noticed_s = math.nan
     for event in decisions:
         if event.what == "noticed":
@@ -173,7 +173,7 @@ def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]
 
 
 def _shown_since(driven: Driven) -> list[tuple[float, float]]:
-    """For every second, its time (s), and since when (s) the same advice is shown: the same mode or highest speed."""
+    """For every second, its time (s), and the time (s) since which the same advice (mode or highest speed) is shown."""
     found: list[tuple[float, float]] = []
     before, since_s = None, math.nan
     for state, look in driven.seconds:
@@ -199,7 +199,7 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 def _figure(name: str) -> Measuring:
-    """A figure of the run that `das-sim run --json` gives under this name; yes and no as 1 and 0."""
+    """A figure of the run that `das-sim run --json` prints under this name; yes and no as 1 and 0."""
 
     def of(driven: Driven) -> float | int | None:
         value = driven.figures[name]
@@ -209,7 +209,7 @@ def _figure(name: str) -> Measuring:
 
 
 def _measure(name: str, title: str, unit: str, source: str, formula: str, of: Measuring | None = None) -> Measure:
-    """A measure; without a function, it is the figure of the run that has its name."""
+    """A measure; without a function, it is the figure of the run with its name."""
     return Measure(name=name, title=title, unit=unit, formula=formula, source=source, of=of or _figure(name))
 
 
@@ -221,18 +221,18 @@ def _figures(source: str, *rows: tuple[str, str, str, str]) -> tuple[Measure, ..
 _LISTED: Final = (
     _measure("gap_to_optimum_ratio", "Gap to the optimum", "1", NOLD,
              "E / E_opt − 1: the energy E from departure to arrival, and the least energy E_opt with which the "
-             "simulated train could have kept the limits and the running times that the sections really took; smaller "
-             "is better", lambda driven: driven.outcome.energies.above.ratio),
+             "simulated train could have kept the limits and the actual running times of the sections; less is better",
+             lambda driven: driven.outcome.energies.above.ratio),
     _measure("energy_at_equal_arrival_kwh", "Energy at equal arrival", "kWh", OWN,
-             "E − E_opt + E_opt(timetable): the energy that the trial would have taken with the same distance to the "
-             "optimum if every section had taken its time by the timetable",
+             "E − E_opt + E_opt(timetable): the energy of the trial with the same distance to the optimum if every "
+             "section had taken its scheduled time",
              lambda driven: kwh(driven.equal_arrival_j)),
     _measure("energy_kwh", "Energy", "kWh", BALANCE,
              "E: energy at the current collector from departure to arrival, summed over the sections"),
     _measure("energy_optimum_kwh", "Optimum for the times as driven", "kWh", NOLD,
-             "E_opt: least energy of the true train for the running times that the sections really took"),
+             "E_opt: least energy of the true train for the actual running times of the sections"),
     _measure("energy_blending_kwh", "Lost to friction brakes where the motors could brake", "kWh", BALANCE,
-             "part of E − E_opt: what would not have been needed if the motors had given all braking that they could"),
+             "part of E − E_opt: the energy saved if the motors had done all the braking they could"),
     _measure("energy_profile_kwh", "Lost to the speed profile", "kWh", OWN, "the rest of E − E_opt"),
     _measure("component_loss_kwh", "Losses of the train", "kWh", BALANCE,
              "∫ of the losses of the traction chain from the first departure to the last arrival"),
@@ -243,14 +243,14 @@ _LISTED: Final = (
     _measure("late_s", "Delay at the last stop", "s", OWN,
              "arrival at the last stop − arrival by the timetable (early < 0)"),
     _measure("stop_error_m", "Stopping error", "m", "Askey & Sheridan (1995) judge stop accuracy",
-             "mean over the stops after the first of |where the train stands − where it should|", stop_error_m),
-    _measure("speed_rmse_mps", "Speed error against what was shown", "m/s", "tracking error of manual control",
+             "mean over the stops after the first of |position − stopping point|", stop_error_m),
+    _measure("speed_rmse_mps", "Speed error against the display", "m/s", "tracking error of manual control",
              "√ mean (v − shown)² over the moving seconds in which a speed was shown; for a reduced maximum speed "
              "only what is above it counts, and of the guide only the times in which a speed is to be held",
              speed_rmse_mps),
     _measure("speed_in_band_ratio", "Time in band", "1", "band of 3 km/h: assumption",
              "share of those seconds with |v − shown| ≤ 3 km/h", speed_in_band_ratio),
-    _measure("effort_rmse_ratio", "Effort error against what was shown", "1", "tracking error of manual control",
+    _measure("effort_rmse_ratio", "Effort error against the display", "1", "tracking error of manual control",
              "√ mean (controller − shown effort)² over the moving seconds in which an effort was shown; 1 is full "
              "scale", effort_rmse_ratio),
     _measure("reaction_s", "Reaction time", "s", "decisions of the driver",
@@ -262,7 +262,7 @@ _LISTED: Final = (
              "followed / (followed + refused) of the advice that was noticed", compliance_ratio),
     _measure("control_movements_per_min", "Control movements", "1/min",
              "Balfe et al. (2017) count controller movements",
-             "times that a controller that stood still begins to move, per minute in which the train moved",
+             "number of times that a controller at rest begins to move, per minute in which the train moved",
              control_movements_per_min),
     _measure("power_brake_reversals", "Power–brake reversals", "1",
              "Large, Golightly & Taylor (2017) compare how often drivers switch",
@@ -270,7 +270,7 @@ _LISTED: Final = (
              "force beyond ±1 kN, train moving)", power_brake_reversals),
     _measure("jerk_rms_mps3", "Jerk", "m/s³", "acceleration noise",
              "√ mean (Δa / 1 s)² over the seconds in which the train moved", jerk_rms_mps3),
-    _measure("over_limit_s", "Time above limits", "s", OWN, "time with a speed more than 1 km/h above what is allowed"),
+    _measure("over_limit_s", "Time above limits", "s", OWN, "time more than 1 km/h above the permitted speed"),
     _measure("over_limit_mps", "Greatest speed above limits", "m/s", OWN,
              "max (v − limit) over those times; 0 where there are none",
              lambda driven: driven.outcome.figures.violations.over_limit_mps),
@@ -282,7 +282,7 @@ _LISTED: Final = (
     _measure("glances_per_min", "Glances at the display", "1/min", "decisions of the driver",
              "glances while the train moves, per minute in which it moved", glances_per_min),
     _measure("lapses", "Lapses of attention", "1", "decisions of the driver",
-             "times that the driver's attention went away", lapses),
+             "number of lapses of the driver's attention", lapses),
     *_figures(
         OWN,
         ("above_optimum_kwh", "Energy above the optimum", "kWh", "E − E_opt; none where the two cannot be compared"),
@@ -292,7 +292,7 @@ _LISTED: Final = (
          "intends; for other drivers, with the braking that the advice plans"),
         ("simulated_s", "Length of the run", "s", "from 10 s before the first departure to 10 s after the last "
          "arrival"),
-        ("beyond_signal_m", "Farthest beyond a signal", "m", "how far the train's head was beyond a signal at danger"),
+        ("beyond_signal_m", "Greatest overrun of a signal", "m", "distance of the head beyond a signal at danger"),
     ),
     *_figures(
         BALANCE,
@@ -300,10 +300,10 @@ _LISTED: Final = (
         ("unreturned_kwh", "Brake resistors", "kWh", "braking energy that the line did not take"),
         ("comfort_kwh", "Comfort systems", "kWh", "energy of heating, air conditioning and light"),
         ("potential_kwh", "Energy gained in height", "kWh", "mass · g · (height at the end − height at the beginning)"),
-        ("ledger_residual_ratio", "Unexplained energy", "1", "share of the energy that the balance does not explain"),
+        ("ledger_residual_ratio", "Unexplained energy", "1", "residual of the energy balance / energy"),
         ("kinetic_kwh", "Energy gained in speed", "kWh", "½ · inertial mass · (v² at the end − v² at the beginning)"),
         *((f"{name}_ratio", f"Share of {PART_WORDS.get(name, 'comfort systems')}", "1",
-           f"`{name}_kwh` / sum of all that is lost for good") for name in SHARES),
+           f"`{name}_kwh` / sum of all irreversible losses") for name in SHARES),
     ),
     *_figures(
         OWN,
@@ -314,7 +314,7 @@ _LISTED: Final = (
         ("reversals", "Reversals of the advice", "1",
          "times that the mode shown went from traction to brake, or back, with less than 10 s of other modes between"),
         ("shortest_mode_s", "Shortest mode", "s",
-         "shortest time for which a mode was shown before another; brakes and what they end do not count"),
+         "shortest time for which a mode was shown before another; without brakes and modes ended by a brake"),
         ("advice_restless", "Restless advice", "1",
          "1 for more than 2 changes a minute or a mode shown for less than 8 s, else 0"),
         ("instructions", "Instructions", "1", "instructions of the guide"),
@@ -322,7 +322,7 @@ _LISTED: Final = (
     *_figures(
         GRAMMAR,
         ("shortest_instruction_s", "Shortest instruction", "s",
-         "shortest time for which an instruction stood before another, brakes left out"),
+         "shortest time for which an instruction was shown before another, brakes left out"),
         ("announced_ratio", "Changes announced", "1", "share of the changes of kind announced at least 8 s before"),
         ("brakes_led_ratio", "Brakes with a lead", "1", "share of the brakes shown at least 2 s before they were due"),
         ("effort_changes_per_brake", "Effort changes in a brake", "1", "changes of the braking effort / brakes"),
@@ -330,15 +330,15 @@ _LISTED: Final = (
         ("vain_accelerations", "Accelerations in vain", "1",
          "accelerations that a brake ended within 30 s and that gained less than 1 s"),
         ("odd_speeds", "Odd speeds", "1", "instructions to a speed that is neither a multiple of 5 km/h nor a limit"),
-        ("standing_acceleration_s", "Told to accelerate at a stand", "s",
-         "time for which a standing train was told to accelerate"),
-        ("promises_kept_ratio", "Announced changes that came", "1",
+        ("standing_acceleration_s", "Advice to accelerate at standstill", "s",
+         "time with advice to accelerate for a standing train"),
+        ("promises_kept_ratio", "Announced changes kept", "1",
          "share of the next changes, announced for within 8 s, that came within 10 s of the time announced"),
         ("above_limit_obeying_s", "Above the limit while obeying", "s",
-         "time above the limit by more than 0.5 m/s of a driver who had done for 5 s what was shown"),
+         "time above the limit by more than 0.5 m/s of a driver who had followed the display for 5 s"),
         ("hidden_limits", "Hidden limits", "1",
-         "limits that began while the driver was told to stop by eye, and that a steady brake to the stop breaks"),
-        ("last_word_acts", "Acts of the last word", "1", "parts of advice that the last word replaced"),
+         "limits that began while the driver was told to stop by eye, and that a steady brake to the stop exceeds"),
+        ("last_word_acts", "Replacements by the last word", "1", "parts of advice that the last word replaced"),
         ("availability_ratio", "Availability", "1", "seconds with advice / seconds from the first advice to the last"),
     ),
 )  # fmt: skip
@@ -347,7 +347,7 @@ OF_FIGURES: Final = frozenset(
 )
 """Measures that the figures of a recorded drive have as well."""
 BUNDLED: Final = tuple(one.name for one in _LISTED)
-"""The program's own measures: those of a design that names none."""
+"""The program's own measures, used by a design that names none."""
 
 
 def _of_figures(name: str) -> Callable[[DriveTable], float | int | bool | None]:
@@ -359,7 +359,7 @@ def _of_figures(name: str) -> Callable[[DriveTable], float | int | bool | None]:
 
 
 def _brought(door: Door) -> Measure:
-    """The measure that another package brings: a function of the table of a drive."""
+    """A measure of another package: a function of the table of a drive."""
 
     def of_table(table: DriveTable) -> float | int | bool | None:
         found: float | int | bool | None = door.load()(table)

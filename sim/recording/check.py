@@ -121,7 +121,7 @@ def _of_the_file(recording: Recording) -> Iterator[CheckFinding]:
         lost = ", which is left out" if one.lost else ""
         yield CheckFinding(kind=CheckKind.DAMAGE, text=f"{one}{lost}", time_ns=one.from_ns)
     if health.missing:
-        text = f"{health.missing} messages are missing, by their running numbers"
+        text = f"{health.missing} messages are missing, according to their sequence numbers"
         yield CheckFinding(kind=CheckKind.MISSING_MESSAGES, text=text)
     if not health.complete:
         last_ns = max(entries[-1].log_time_ns for entries in recording.messages.values())
@@ -344,7 +344,7 @@ def _figure_rows(recording: Recording, found: Mapping[str, Any]) -> dict[str, st
         "size": f"{found['size_bytes'] / 1e6:.2f} MB, {found['messages']} messages",
         "checksums": "all right" if found["checksums_right"] else "see below",
         "end of the file": "there" if recording.complete else "missing",
-        "running numbers": _numbers(found["missing_messages"]),
+        "sequence numbers": _numbers(found["missing_messages"]),
         "versions": ", ".join(f"{who} {version}" for who, version in found["versions"].items()) or "not said",
         "input files attached": ", ".join(found["attached_files"]) or "none",
     }

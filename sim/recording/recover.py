@@ -43,7 +43,7 @@ class Recovered:
         lines = [f"left out: {one}" for one in health.damage if one.lost]
         lines += [f"mended: {one}" for one in health.damage if not one.lost]
         if health.missing:
-            lines.append(f"{health.missing} messages are missing, by their running numbers")
+            lines.append(f"{health.missing} messages are missing, according to their sequence numbers")
         if self.undescribed:
             lines.append(f"{self.undescribed} messages are left out: nothing says what their channels hold")
         if health.cut_byte >= 0:

@@ -28,11 +28,11 @@ from sim.trips.settings import (
 )
 
 LONGEST_GAP_S: Final = 300.0
-"""Gap (s) above which the record is split if the train moved in it or beside it; the largest part is kept."""
+"""Gap (s) above which the record is split if the train moved in it or next to it; the largest part is kept."""
 STANDING_BY_POSITIONS_MPS: Final = 0.5
 """Speed of the positions (m/s) below which a train stands where no speed is reported: they wander by metres."""
 LED_WINDOW_S: Final = 12.0
-"""Time (s) over which positions at an end of a record slow down to a stand."""
+"""Time (s) at an end of a record in which positions are checked for slowing to a stand."""
 LED_POINTS: Final = 4
 """Least number of positions within `LED_WINDOW_S` at an end of a record that show a stand."""
 LED_SPEED_MPS: Final = 2.0
@@ -50,7 +50,8 @@ class Points:
     """Points of a record that are kept, arrays of shape (points,); `point` is the index in the record.
 
     `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line. `missing`,
-    `dropout` and `spike` say why a speed is not the reported speed. Where only the positions show that the train stands
+    `dropout` and `spike` mark the reason why a speed is not the reported one. Where only the positions show that the
+    train stands
     at an end of the record, `slowed_to_mps` is the speed that they give there; elsewhere it is NaN.
     """
 
@@ -70,7 +71,7 @@ class Points:
 
     @property
     def speed_derived(self) -> Bools:
-        """Which speeds come from the positions."""
+        """Mask of the speeds that come from the positions."""
         return self.missing | self.dropout | self.spike
 
     def take(self, which: Any) -> Self:
@@ -92,8 +93,8 @@ def _place(record: Record, line: Line | None) -> tuple[Floats, Floats]:
 def runs_back(record: Record, line: Line | None) -> bool:
     """Whether a record (in order of time) runs against the line or, without a line, towards lower positions.
 
-    The medians of the first and the last tenth of its points on the line decide. They must lie well apart, because a
-    trip there and back has no direction.
+    The direction follows from the medians of the first and the last tenth of its points on the line. They must lie well
+    apart, because a return trip has no direction.
     """
     along, aside = _place(record, line)
     along = along[aside <= MAX_CROSS_TRACK_M]
@@ -105,9 +106,9 @@ def runs_back(record: Record, line: Line | None) -> bool:
 
 
 def fitting_points(record: Record, line: Line | None, section_m: float, log: FindingLog) -> Points:
-    """The points of a record that are on the line and fit together, with speeds that fit them.
+    """The consistent points of a record that are on the line, with speeds that fit them.
 
-    Every point that is dropped is logged. Wrong speeds are only marked here; those of the section are logged later.
+    Every point that is dropped is logged. Wrong speeds are only marked here; those on the section are logged later.
     Raises DasError if most points do not fit.
     """
     along, aside = _place(record, line)
@@ -163,7 +164,7 @@ def _without_frozen(record: Record, points: Points, log: FindingLog) -> Points:
     on = np.flatnonzero(points.aside_m <= MAX_CROSS_TRACK_M)
     frozen = np.zeros(len(points), dtype=bool)
     frozen[on] = cleaning.find_frozen(points.time_s[on], points.along_m[on], measured_mps(record, points)[on])
-    log.add(FindingKind.POSITION_FROZEN, record, points.point[frozen], "same position to the digit")
+    log.add(FindingKind.POSITION_FROZEN, record, points.point[frozen], "exactly the same position")
     return points.take(~frozen)
 
 
@@ -187,14 +188,14 @@ def _without_jumps(record: Record, points: Points, section_m: float, log: Findin
 
 
 def _enough(kept: Points, count: int, section_m: float) -> bool:
-    """Whether the points that are left are most of the record, or lead over most of the section."""
+    """Whether the remaining points are most of the record, or cover most of the section."""
     if len(kept) < 2:
         return False
     return len(kept) >= LEAST_KEPT_RATIO * count or float(np.ptp(kept.along_m)) >= LEAST_KEPT_RATIO * section_m
 
 
 def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
-    """The largest part of the record without a long gap in which, or beside which, the train moved."""
+    """The largest part of the record without a long gap in which, or next to which, the train moved."""
     steps_s, steps_m = np.diff(points.time_s), np.abs(np.diff(points.along_m))
     moving = steps_m > WRONG_SPEED_MPS * steps_s
     beside = np.append(False, moving[:-1]) | np.append(moving[1:], False)
@@ -212,7 +213,8 @@ def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
 
 
 def _with_speeds(record: Record, points: Points) -> Points:
-    """The points with stands marked, and with dropouts and spikes mended; raises DasError if the train never moves."""
+    """The points with stands marked, and with dropouts and spikes corrected; raises DasError if the train never
+    moves."""
     halted = np.zeros(len(points), dtype=bool)
     if cleaning.speeds_unusable(points.time_s, points.along_m, measured_mps(record, points)):
         halted = cleaning.find_halts(points.time_s, points.along_m, measured_mps(record, points))
@@ -243,12 +245,12 @@ class Stand(NamedTuple):
 
 
 def standing(speed_mps: Floats, from_positions: Bools) -> Bools:
-    """Which points belong to a stand; `from_positions` marks speeds that were not reported."""
+    """Mask of the points of standstills; `from_positions` marks speeds that were not reported."""
     return speed_mps < np.where(from_positions, STANDING_BY_POSITIONS_MPS, RECORD_STANDS_MPS)
 
 
 def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) -> Bools:
-    """Which points belong to a stand once apparent motion is disregarded.
+    """Mask of the points of standstills, with apparent motion disregarded.
 
     `still` are points at which the train stands. It also stands at points without a usable speed (`untold`) whose
     positions over 15 s on either side show no motion, and at all points between two stands if they are within 30 m.

@@ -1,4 +1,4 @@
-"""How a driver keeps references: by how much his forecast arrival drifts, and what time he is still likely to lose."""
+"""A driver's adherence to references: the drift of the forecast arrival, and the time still likely to be lost."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from das.domain.units import NS
 from das.solver.section import Section
 
 MARGIN_LEAST_S: Final = 2.0
-"""The least margin to either end of the window in which a point may be passed."""
+"""The smallest margin (s) to either end of a timing point's window."""
 MARGIN_MOST_S: Final = 12.0
-"""The largest margin to either end of the window in which a point may be passed."""
+"""The largest margin (s) to either end of a timing point's window."""
 MARGIN_DEVIATIONS: Final = 1.5
-"""The margin is this many standard deviations of the train's drift against the reference."""
+"""The margin, in standard deviations of the train's drift against the reference."""
 DRIFT_S_PER_MIN: Final = 2.0
-"""The drift assumed before the driver is known (standard deviation; seconds gained or lost in a minute)."""
+"""The drift assumed before any measurement (standard deviation of the seconds gained or lost in a minute)."""
 SAMPLED_S: Final = 20.0
-"""The drift is measured once in this time."""
+"""The interval between two measurements of the drift."""
 FORGOTTEN_MIN: Final = 5.0
-"""After this time (min) an earlier measurement of the drift counts for 1/e."""
+"""The time constant (min) with which measurements of the drift lose weight."""
 RUNNING_S_PER_MIN: Final = 1.0
-"""Drivers usually lose this many seconds in each minute (the default human driver on Zürich–Luzern): they hold speeds a
-little below limits, and react late."""
+"""The time usually lost, in seconds a minute (the default human driver on Zürich–Luzern): drivers hold speeds slightly
+below limits, and react late."""
 BRAKING_RATIO: Final = 0.2
-"""Drivers usually lose this share of the time in which the fastest run brakes: they brake earlier and more gently."""
+"""The time usually lost by braking, as a share of the braking time of the fastest run: drivers brake earlier and more
+gently."""
 LAST_S: Final = 150.0
-"""The reserve is for what is lost in so many seconds before the stop. What is lost before that, a new reference
-makes up, and only if it is lost."""
+"""The time before the stop (s) whose usual loss the reserve covers. A new reference makes up for losses before that, if
+they occur."""
 VARIANCE_S: Final = 4.0
-"""The variance of a loss (s²) is this many times the loss (s). It is that of a driver, and of what drivers usually
-lose from stop to stop."""
+"""The variance of a loss (s²), divided by the loss (s): both for one driver and for the usual loss from stop to
+stop."""
 KNOWN_AFTER_S: Final = 8.0
-"""A driver's own loss counts as much as the usual one once he has come where drivers usually have lost so much
-(s): before his first stop."""
+"""The usual loss (s) after which a driver's own loss has the same weight as the usual one: before the first stop."""
 ON_CURVE_MPS = 0.05
-"""The fastest run brakes where its speed falls and is this near (m/s) to the braking curve."""
+"""The fastest run counts as braking where its speed falls and is within this difference (m/s) of the braking curve."""
 
 
 class UsualLoss:
@@ -58,12 +58,12 @@ class UsualLoss:
         return running_s + BRAKING_RATIO * braking_s
 
     def at_last_s(self, s_m: float, ahead_s: float) -> float:
-        """What of it (s) cannot be made up any more, because it is lost just before the stop."""
+        """The part of it (s) that can no longer be made up, because it is lost just before the stop."""
         return self.from_s(max(s_m, self._last_from_m), min(ahead_s, LAST_S))
 
 
 def _braking_to_go_s(section: Section) -> NDArray[np.float64]:
-    """For how long (s) the fastest run brakes for limits and the stop, from each node of a section on."""
+    """The braking time (s) of the fastest run for limits and the stop, from each node of a section on."""
     speeds = section.fastest_run.speed_mps
     brakes = (speeds[1:] < speeds[:-1]) & (speeds[1:] > section.envelope_mps[1:] - ON_CURVE_MPS)
     steps_s = np.where(brakes, 2.0 * section.step_m / np.maximum(speeds[:-1] + speeds[1:], 1e-3), 0.0)
@@ -71,9 +71,9 @@ def _braking_to_go_s(section: Section) -> NDArray[np.float64]:
 
 
 class Drift:
-    """How well the driver keeps references: by how much the forecast arrival drifts, and what of it he usually loses.
+    """A driver's adherence to references: the drift of the forecast arrival, and the usual loss of time.
 
-    One object serves all sections of a journey; another driver begins with another one.
+    One object serves all sections of a journey; each driver has a new one.
     """
 
     def __init__(self) -> None:
@@ -84,13 +84,12 @@ class Drift:
 
     @property
     def ratio(self) -> float:
-        """What this driver loses, as a share of what drivers usually lose; who loses more makes it up on the way."""
+        """This driver's loss, as a share of the usual one; at most 1, because larger losses are made up on the way."""
         return min(max(self._lost_s, 0.0) / self._usual_s, 1.0)
 
     def see(self, now_ns: int, late_s: float, usual_s: float, *, anew: bool) -> None:
-        """Take in how late the train is forecast to arrive, and what drivers usually lose from here on.
-
-        `anew`: do not compare it with the previous forecast.
+        """Update with the forecast lateness and the usual loss from here on. `anew`: do not compare it with the
+        previous forecast.
         """
         if anew or self._sampled is None or self._before is None or now_ns < self._sampled[0]:
             self._sampled, self._before = (now_ns, late_s), (late_s, usual_s)
@@ -106,7 +105,7 @@ class Drift:
         self._sampled = now_ns, late_s
 
     def pause(self) -> None:
-        """Do not compare the next forecast with the one before: what changed in between is not the driver's doing."""
+        """Do not compare the next forecast with the one before: the change in between is not due to the driver."""
         self._sampled = None
 
     def margin_s(self, ahead_s: float) -> float:
@@ -115,6 +114,6 @@ class Drift:
         return min(max(spread_s, MARGIN_LEAST_S), MARGIN_MOST_S)
 
     def loss_s(self, usual_s: float, on_time_ratio: float) -> float:
-        """The time (s) that this driver loses at most with a probability, where drivers usually lose `usual_s`."""
+        """The time (s) that this driver does not exceed with a given probability, if the usual loss is `usual_s`."""
         likely_s = self.ratio * usual_s
         return max(likely_s + NormalDist().inv_cdf(on_time_ratio) * math.sqrt(VARIANCE_S * likely_s), 0.0)

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 def fastest_is_ahead(task: Task) -> bool:
-    """Whether it is certain that no run is anywhere faster than the fastest one.
+    """Whether it is certain that no run exceeds the speed of the fastest one anywhere.
 
     This holds if the speed after an interval at full traction rises with the speed before it. For that, the force that
     a faster start takes from the motors and adds to the resistance must be below the inertia
@@ -79,17 +79,17 @@ def _keeps_acceleration(task: Task) -> bool:
 
 
 MOST_STEPS: Final = 60
-"""Most Newton steps; 25 to 35 are usual."""
+"""Maximum number of Newton steps; 25 to 35 are usual."""
 ENOUGH_RATIO: Final = 1e-5
-"""Share of the energy by which a bound of the relaxation can be higher when the search ends."""
+"""Tolerance of the search: the largest possible increase of the bound, as a share of the energy, when it ends."""
 MOST_CUTS: Final = 3
-"""Most times that a loss map gets further planes."""
+"""Maximum number of rounds in which planes are added for a loss map."""
 ENOUGH_CUT_RATIO: Final = 5e-4
-"""Share by which the last planes must have raised the bound for a loss map to get further ones."""
+"""Relative increase of the bound by the last planes below which no more are added."""
 INSIDE: Final = 0.05
 """Distance of the first point from its bounds, as a share of their width."""
 ROUNDING_RATIO: Final = 1e-9
-"""Share of the sizes of its terms by which the bound is lowered: more than their rounding."""
+"""Share of the magnitudes of its terms by which the bound is lowered, to cover rounding errors."""
 LEAST_PRICE: Final = 1e-3
 LARGEST_PRICE: Final = 1e3
 """Range of the first price of time, in units of force times speed."""
@@ -152,7 +152,7 @@ def first_run(program: Program, speeds_mps: Floats) -> RelaxedRun:
 
 
 def first_multipliers(program: Program, price: float) -> Multipliers:
-    """Multipliers to begin with: the planes share the weight of the energy, the slowness has the price of time.
+    """Initial multipliers: the planes share the weight of the energy, the slowness has the price of time.
 
     The multipliers of the other constraints follow from the slacks (see `das.offline.kernels.interior_point`).
     """

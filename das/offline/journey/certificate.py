@@ -1,4 +1,4 @@
-"""The certificate of a journey: an energy that no run which keeps its windows goes below."""
+"""The certificate of a journey: a lower bound of the energy of every run that keeps its windows."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def lower_bound_j(chains: Chains, solved: Sequence[Solved]) -> float:
 
 
 def _allowed(window: Window, time_s: float, after_j: Floats) -> Floats:
-    """For every λ before a tight time, the largest `after_j` of those λ after it that the sign rule allows."""
+    """For every λ before a tight time, the largest `after_j` over the λ after it that the sign rule allows."""
     if window.earliest_s == window.latest_s:
         return np.full_like(after_j, after_j.max())
     if time_s == window.latest_s:
@@ -77,7 +77,7 @@ def _at_passing(chains: Chains, part: Solved, parts: Parts, after_j: Floats) -> 
 
 
 NO_PRICE: Final = (
-    "a part of the journey has no price of time: it is run as fast as possible, or not at the optimal split"
+    "a part of the journey has no price of time: it is run as fast as possible, or its time is not split optimally"
 )
 
 
@@ -120,7 +120,7 @@ class PricedTimeline:
         is_wait = np.array([isinstance(link, WaitLink) for link in links])
         price_w = np.where(is_wait, np.maximum(self.price_w, 0.0), self.price_w)
         dwell_s = np.array([link.least_s if isinstance(link, WaitLink) else 0.0 for link in links])
-        # Σ price·(t after − t before) by events: each takes the end of its window that costs most.
+        # Σ price·(t after − t before) by events: each takes the more expensive end of its window.
         weight_w = np.append(price_w, 0.0) - np.append(0.0, price_w)
         total_j = -float(price_w @ dwell_s)
         for event, weight in zip(events, weight_w, strict=True):
@@ -154,5 +154,5 @@ class PricedTimeline:
 
 
 def _quickest_s(section: JourneySection) -> float:
-    """The time (s) of a section along its envelope: no run is quicker."""
+    """The time (s) of a section along its envelope; no run is faster."""
     return float(section.whole.elapsed_s(section.whole.envelope_mps + tol.SPEED_TOLERANCE_MPS)[-1])

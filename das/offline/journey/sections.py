@@ -1,6 +1,6 @@
 """The sections of a journey from stop to stop, and the timeline of all its events.
 
-The passing points of a section are nodes, where the bounds of their speeds are kept. A *span* of the timeline lies
+The passing points of a section are nodes, where the bounds of their speeds are enforced. A *span* of the timeline lies
 between two events that are held at a bound of their windows.
 """
 
@@ -115,7 +115,7 @@ def _journey_section(
 
 
 def _bounded(section: Section, node: int, passing: Passing) -> Section:
-    """The section with a passing's speeds kept at an integration node: envelope and floor before the node change.
+    """The section with a passing's speeds enforced at an integration node: envelope and floor before the node change.
 
     At the node, the floor is below the envelope by at least the ratio `PASSING_BAND_RATIO`, so that the speed grid
     there has several speeds.
@@ -142,7 +142,7 @@ def _bounded(section: Section, node: int, passing: Passing) -> Section:
 
 
 def _run_up(section: Section, node: int, least_mps: float) -> Floats:
-    """The slowest speeds up to an integration node with which the train still reaches it at `least_mps`."""
+    """The slowest speeds up to an integration node from which the train still reaches it at `least_mps`."""
     before = slice(None, node)
     envelope = section.envelope_mps[: node + 1].copy()
     envelope[-1] = least_mps
@@ -155,7 +155,7 @@ def _fastest_mps(section: Section) -> Floats:
     speeds = np.zeros(len(section.node_m))
     time_s = fastest_roll_out(section.for_kernels, section.envelope_mps, section.train, speeds)
     if not 0 <= time_s < np.inf:
-        raise InfeasibleError(f"{section.name}: the train stalls on its way, or the section is too short to move")
+        raise InfeasibleError(f"{section.name}: the train stalls on the way, or the section is too short to move")
     return speeds
 
 

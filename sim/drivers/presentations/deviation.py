@@ -1,4 +1,4 @@
-"""The presentation that shows how early or late the train is, and nothing about how to drive."""
+"""The presentation of earliness and lateness, without advice on how to drive."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, whole
 
 DEVIATION_STEP_S: Final = 5.0
-"""Difference (s) from which the driver takes a deviation for new advice."""
+"""Difference (s) from which a deviation counts as new advice."""
 
 
 class DeviationPresenter(Presenter):
-    """Shows how many seconds late the train is (early < 0) against the planned run for its timetable."""
+    """Shows the lateness (s; early < 0) against the planned run for the timetable."""
 
     number = 5
     phrase = "how early or late the train is, and nothing about how to drive"

@@ -23,7 +23,7 @@ from sim.drivers.presentations.presenter import (
 
 
 class FourModePresenter(Presenter):
-    """Shows a mode, a speed if the mode holds one, and which mode begins next and when."""
+    """Shows a mode, a speed if the mode holds one, and the next mode with its time."""
 
     number = 2
     phrase = "four modes"
@@ -48,7 +48,7 @@ class FourModePresenter(Presenter):
         )
 
     def shown_mode(self, advice: Any) -> ShownRegime:
-        """The mode of the full advice as one of four: what was shown beside it is in the messages of the cab."""
+        """The mode of the full advice as one of four; the other values shown are in the messages of the cab."""
         mode = known_mode(advice.mode)
         return ShownRegime(FOUR_MODES.get(mode, mode), float(advice.advised_speed_mps))
 
@@ -57,7 +57,8 @@ class FourModePresenter(Presenter):
         return Shown(mode=mode, speed_kmh=whole(view.shown_speed_mps / KMH) if mode is Regime.CRUISE else None)
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """Full traction, no effort, or what holds the speed; advice to brake is followed with the motors alone."""
+        """Full traction, no effort, or the effort that holds the speed; advice to brake is followed with the motors
+        alone."""
         view, handling = view.departure, hands.handling
         if view.mode == Regime.CRUISE:
             return handling.held(cab, outlook, min(view.shown_speed_mps, allowed_mps))

@@ -1,4 +1,4 @@
-"""The guide in the cab: what to do now, up to which speed, and what comes next."""
+"""The guide in the cab: the present instruction, its speed, and the next changes."""
 
 from __future__ import annotations
 

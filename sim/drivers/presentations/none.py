@@ -1,4 +1,4 @@
-"""No advice: the display is dark."""
+"""No advice: the display is blank."""
 
 from __future__ import annotations
 

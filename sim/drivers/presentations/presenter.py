@@ -1,4 +1,4 @@
-"""What belongs to a presentation of the advice, and how to find a presentation by name or number.
+"""The definition of a presentation of the advice, and the search for one by name or number.
 
 A new presentation needs a line in `sim.drivers.kinds.Presentation`, and a module in this package that has its name
 (with `_` for `-`) and whose `PRESENTER` is a `Presenter`.
@@ -26,7 +26,7 @@ from sim.drivers.knowledge import Outlook
 from sim.plant.kernels import Command
 
 EFFORT_STEP_RATIO: Final = 0.2
-"""Step, as a share of the controller's scale, in which a driver reads effort; finer steps are neither read nor set."""
+"""Step of the displayed effort, as a share of the controller's scale; finer steps are neither read nor set."""
 
 
 FOUR_MODES: Final = {
@@ -34,11 +34,11 @@ FOUR_MODES: Final = {
     Regime.REDUCED_BRAKE: Regime.FULL_BRAKE,
     Regime.FRICTION_BRAKE: Regime.FULL_BRAKE,
 }
-"""For each mode that is none of the four, the one that is shown."""
+"""The mode shown for each mode that is not one of the four."""
 
 
 class SpeedIs(Enum):
-    """What the speed on a display means: a speed to have now, not to exceed, or to reach."""
+    """The meaning of the speed on a display: a speed to have now, not to exceed, or to reach."""
 
     TO_HAVE = "to have now"
     HIGHEST = "not to be exceeded"
@@ -46,7 +46,7 @@ class SpeedIs(Enum):
 
 
 class LaneState(NamedTuple):
-    """What pictures write in the lane "shown" for a display without modes: a text and its colour "#rrggbb".
+    """The entry in the lane "shown" of pictures for a display without modes: a text and its colour "#rrggbb".
 
     `standing`: the lane has this text for a standing train too; otherwise a standing train has the mode (stop or
     depart).
@@ -66,13 +66,13 @@ class ShownRegime(NamedTuple):
 
 
 class SimplerLook(NamedTuple):
-    """What a display of one top speed or of four modes shows of advice; the other fields are those of the advice."""
+    """The content of a display of one top speed or of four modes; the other fields are those of the advice."""
 
     time_ns: int
     valid_until_ns: int
     mode: int
     top_speed_mps: float = math.nan
-    """The top speed to show: it keeps the time, and is never above what limits and stops ahead ask for."""
+    """The top speed to show: it keeps the time, and never exceeds the speeds that limits and stops ahead require."""
     four_mode: int = Regime.NONE
     next_four_mode: int = Regime.NONE
     next_four_change_s: float = math.nan
@@ -82,7 +82,7 @@ class SimplerLook(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What a driver reads off a display; None for what it does not show. `effort` is in steps, braking < 0."""
+    """The values that a driver reads from a display; None for those not shown. `effort` is in steps, braking < 0."""
 
     mode: Regime | None = None
     speed_kmh: int | None = None
@@ -91,33 +91,33 @@ class Shown(NamedTuple):
 
     @classmethod
     def of(cls, view: AdviceView) -> Shown:
-        """What a driver reads off presented advice."""
+        """The values that a driver reads from presented advice."""
         return presenter_of(view.presentation).read(view)
 
 
 class Hands(Protocol):
-    """What a human driver can do to follow advice; every result is a setting of the controller (−1 … 1)."""
+    """The actions of a human driver to follow advice; every result is a setting of the controller (−1 … 1)."""
 
     @property
     def handling(self) -> Handling:
-        """How he holds a speed and brakes."""
+        """The driver's way of holding a speed and braking."""
 
     def set_effort(self, lever_ratio: float) -> float:
-        """An effort (−1 … 1) as he sets it: with an error, but exact at the ends of the scale."""
+        """An effort (−1 … 1) as set by the driver: with an error, but exact at the ends of the scale."""
 
     def to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """Accelerate, brake or roll to the shown speed with the shown effort, then hold that speed."""
 
 
 class Follower(Protocol):
-    """Does exactly what a presentation says, from one departure to the next."""
+    """Follows a presentation exactly, from one departure to the next."""
 
     def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
         """The command for a moving train; None if the driver should drive as without advice."""
 
 
 class Presenter(ABC):
-    """One presentation: what it shows, how drivers read and follow it, and its number, words and lane.
+    """One presentation: its contents, how drivers read and follow it, and its number, texts and lane.
 
     The defaults are those of a display that shows a mode, a speed to have now, and an effort.
     """
@@ -129,21 +129,20 @@ class Presenter(ABC):
     meaning: ClassVar[str]
     """Contents of the display, for readers of a study."""
     is_simpler: ClassVar[bool] = False
-    """Whether it is shown a `SimplerLook`, which the simulated cab computes from the advice, instead of the advice."""
+    """Whether it receives a `SimplerLook`, which the simulated cab computes from the advice, instead of the advice."""
     needs_guide: ClassVar[bool] = False
     """Whether the on-board system must have its guide enabled."""
     says_mode: ClassVar[bool] = True
     """Whether the display has a driving regime; one without it shows at most a top speed."""
     says_effort: ClassVar[bool] = True
-    """Whether the display says with what effort to drive."""
+    """Whether the display shows an effort."""
     lane: ClassVar[LaneState | None] = None
     """The lane of a display that shows no mode; None if the lane shows the modes."""
 
     @abstractmethod
     def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
-        """What the display shows of advice (`Advice`, or its message); None for nothing.
-
-        `blank` has the times and the mode of the advice, and nothing else. `deviation_s` is how late the train is.
+        """The content of the display for advice (`Advice`, or its message); None for a blank display. `blank` has only
+        the times and the mode of the advice. `deviation_s` is the lateness of the train.
         """
 
     def shown_mode(self, advice: Any) -> ShownRegime:
@@ -151,36 +150,36 @@ class Presenter(ABC):
         return ShownRegime(known_mode(advice.mode), float(advice.advised_speed_mps))
 
     def speed_is(self, mode: int) -> SpeedIs:
-        """What the speed on the display means beside a mode."""
+        """The meaning of the displayed speed for a mode."""
         return SpeedIs.TO_HAVE
 
     def read(self, view: AdviceView) -> Shown:
-        """What a driver reads off the display; the speed is in whole km/h."""
+        """The values that a driver reads from the display; the speed is in whole km/h."""
         effort = whole(view.lever_ratio / EFFORT_STEP_RATIO)
         return Shown(mode=Regime(view.mode), speed_kmh=whole(view.shown_speed_mps / KMH), effort=effort)
 
     def item(self, view: AdviceView) -> tuple[int, ...]:
-        """The figures by which a human driver recognises advice: the same figures are the same advice to him."""
+        """The values by which a human driver recognises advice: equal values count as the same advice."""
         return (view.mode, *(() if math.isnan(view.speed_mps) else (round(view.speed_mps),)))
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The setting of the controller (−1 … 1) of a human driver who follows the advice on how to drive.
 
-        `view` may be the advice to depart, until he looks again. `allowed_mps` is the highest speed at which he would
-        drive here.
+        `view` may be the advice to depart, until the next glance. `allowed_mps` is the highest speed that the driver
+        accepts here.
         """
         return hands.to_speed(cab, outlook, view.departure, allowed_mps)
 
     def follower(self) -> Follower | None:
-        """The driver who does exactly what the display says; None for most displays, which say too little."""
+        """The driver that follows the display exactly; None for most displays, which do not show how to drive."""
         return None
 
     def mode_words(self, number: int, language: Language = Language.EN) -> str:
-        """What the display shows for the mode with a number of the bus; empty for an unknown number."""
+        """The text for the mode with a number of the bus; empty for an unknown number."""
         return mode_words(number, language)
 
     def words_before_speed(self, number: int, language: Language = Language.EN) -> str:
-        """What the display writes for the mode with a number of the bus where its speed follows."""
+        """The text for the mode with a number of the bus if its speed follows."""
         return self.mode_words(number, language)
 
     def instruction(self, number: int, speed: str, language: Language = Language.EN) -> str:
@@ -188,14 +187,14 @@ class Presenter(ABC):
         return ", ".join(filter(None, (self.mode_words(number, language), speed)))
 
     def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
-        """The largest words of the display: mode and speed, or what it shows instead."""
+        """The main text of the display: mode and speed, or their replacement."""
         speed = "" if view.mode in (Regime.STOP, Regime.DEPART) else speed_words(view.shown_speed_mps)
         return self.instruction(view.mode, speed, language)
 
 
 @cache
 def presenter_of(presentation: Presentation) -> Presenter:
-    """The presenter of a presentation, from the module of its name, or from the package that brings it."""
+    """The presenter of a presentation, from the module of its name, or from the package that provides it."""
     if (door := installed(PRESENTATIONS).get(presentation)) is not None:
         brought: Presenter = door.load()
         return brought
@@ -217,10 +216,9 @@ def present(
     clock_zero_ns: int = 0,
     deviation_s: float = math.nan,
 ) -> AdviceView | None:
-    """What the display shows of advice; None if it shows nothing.
-
-    `advice` is a `das.advice.advice.Advice` or the message of the bus. `clock_zero_ns` is the moment (ns since 1970) at
-    which the cab's clock shows 0. `deviation_s` is how late the train is, for a display that shows only this.
+    """The content of the display for advice; None if it is blank. `advice` is a `das.advice.advice.Advice` or the
+    message of the bus. `clock_zero_ns` is the moment (ns since 1970) at
+    which the cab's clock shows 0. `deviation_s` is the lateness of the train, for a display of lateness alone.
     """
     if int(advice.mode) == Regime.NONE:
         return None

@@ -1,4 +1,4 @@
-"""A sheet of paper: what to do from which kilometre on, fixed before departure, whatever happens on the way."""
+"""A sheet of paper: instructions by kilometre, fixed before departure."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from sim.drivers.presentations.guide import GuidePresenter
 
 
 class SheetLook(NamedTuple):
-    """What a driver reads on his sheet at a moment (ns since 1970), in the place of the on-board system's advice.
-
-    `mode`, `speed_mps` and `effort_ratio` are those of the line for his place, `force_n` its wheel force, `way_m` the
-    distance to where the next line begins. The `next_…` fields are of that line, `next_change_s` at the present speed.
+    """The driver's reading of the sheet at a moment (ns since 1970), in place of the on-board system's advice. `mode`,
+    `speed_mps` and `effort_ratio` are those of the line for the train's position, `force_n` its wheel force, `way_m`
+    the distance to the beginning of the next line. The `next_…` fields are of that line, `next_change_s` at the present
+    speed.
     """
 
     time_ns: int
@@ -32,7 +32,7 @@ class SheetLook(NamedTuple):
 
 
 class SheetPresenter(GuidePresenter):
-    """Shows the line of the sheet for the place of the train, and the next line."""
+    """Shows the line of the sheet for the train's position, and the next line."""
 
     number = 6
     phrase = "a sheet of paper (what to do from which kilometre on, fixed before departure)"

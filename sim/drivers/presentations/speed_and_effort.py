@@ -46,7 +46,7 @@ class SpeedAndEffortPresenter(Presenter):
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The advised effort, corrected where the speed differs from the advised one.
 
-        It is not corrected while the advice is to coast, nor at the end of the controller's scale.
+        There is no correction while the advice is to coast, or at the end of the controller's scale.
         """
         if view.mode == Regime.COAST:
             return 0.0
@@ -66,7 +66,7 @@ class SpeedAndEffortFollower:
     """Feeds the advised force forward and corrects the speed."""
 
     def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command for this moment of the advice; None for a stop that is still too far away to brake for."""
+        """The command for the present advice; None for a stop that is still too far away to brake for."""
         since_s = cab.time_s - view.time_s
         speeds = (view.speed_mps, *view.horizon_speed_mps)
         forces = (view.force_n, *view.horizon_force_n)
@@ -80,7 +80,7 @@ class SpeedAndEffortFollower:
         if now > cab.limit_mps:
             return hold(cab, outlook, cab.limit_mps)
         rate = (_between(speeds, since_s + TRACKING.ahead_s) - now) / TRACKING.ahead_s
-        # Brakes are applied early enough and not released too early; traction is the other way round.
+        # Brakes are applied early enough and not released too early; traction the other way round.
         ahead_n = min(_between(forces, since_s + lead_s) for lead_s in (RULE.anticipation_s, FOLLOWING.release_s))
         # Use no more friction brake than the plan.
         low_n = min(ahead_n, _between(forces, since_s), -electric_effort(cab.speed_mps, 1.0, train))

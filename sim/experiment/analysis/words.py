@@ -1,4 +1,5 @@
-"""The findings of a study in sentences, and the tables of its trials and its design, for readers who were not there."""
+"""The findings of a study in sentences, and the tables of its trials and its design, for readers who did not take
+part."""
 
 from __future__ import annotations
 
@@ -24,16 +25,16 @@ MOST_MISSING: Final = 6
 
 
 def hangs_on(found: StudyFindings) -> list[str]:
-    """Sentences on what all findings depend on: who drove, and what the intervals cover."""
+    """Sentences on the assumptions of all findings: the drivers, and the uncertainty that the intervals cover."""
     design, trials = found.study.design, found.study.trials
     drivers = len(np.unique(trials.participant[~trials.practice]))
     count = int((~trials.practice).sum())
     said = [
-        f"Nobody drove. {drivers} simulated drivers from the population “{design.people.population}” made {count} "
+        f"No person drove. {drivers} simulated drivers from the population “{design.people.population}” made {count} "
         "trials. How they react, look, follow advice and err are assumptions (docs/reference/populations.md and "
-        "drivers.md list them). The figures say what would come out if people were like these drivers.",
-        "The intervals cover the chance of drawing other simulated drivers. They do not cover that the "
-        "assumptions may be wrong, and more simulated trials do not make that doubt smaller.",
+        "drivers.md list them). The figures show the result that would be expected if people were like these drivers.",
+        "The intervals cover the sampling of simulated drivers. They do not cover errors in the assumptions, "
+        "and more simulated trials do not reduce that uncertainty.",
     ]
     missing = _missing(found.study)
     if missing:
@@ -41,7 +42,7 @@ def hangs_on(found: StudyFindings) -> list[str]:
         said.append(
             f"{found.study.missing.total()} of the {design.planned.total()} planned trials are missing ({named}). "
             "The drivers who stopped, and the trials that failed, may not be like the others, so that the means may be "
-            "off; and the orders of the conditions are no longer balanced as designed."
+            "biased; and the orders of the conditions are no longer balanced as designed."
         )
     return said
 
@@ -62,7 +63,7 @@ def _missing(study: RunStudy) -> list[str]:
 
 
 def in_short(found: StudyFindings) -> list[tuple[str, str]]:
-    """Each planned comparison by its name, with what was found in a sentence or two."""
+    """Each planned comparison by its name, with the finding in a sentence or two."""
     if not found.differences and not found.failed:
         return [("", "No comparison was planned; the tables describe the conditions.")]
     broken = [(name, f"The comparison could not be made: {why}.") for name, why in found.failed]
@@ -87,7 +88,7 @@ def _safety(found: StudyFindings) -> list[tuple[str, str]]:
 
 
 def verdict(one: FoundDifference, design: Design) -> str:
-    """The result of a comparison, and whether it stands out from chance."""
+    """The result of a comparison, and whether it is statistically significant."""
     comparison, shown, estimate = one.comparison, one.shown, one.estimate
     changed = shown.changed(estimate.mean)
     with_b = f"{'as' if changed == SAME else 'than'} with “{comparison.b}”"
@@ -101,21 +102,21 @@ def verdict(one: FoundDifference, design: Design) -> str:
     other = f"Student's t disagrees ({shown.range(estimate.t_interval)} {shown.difference_unit}): take care."
     but = f" {other}" if one.disagrees else ""
     if one.corrected < design.alpha:
-        return f"{said} The difference stands out from chance ({chance}).{but}"
+        return f"{said} The difference is statistically significant ({chance}).{but}"
     return (
-        f"{said} It does not stand out from chance ({chance}): the study neither shows a "
+        f"{said} It is not statistically significant ({chance}): the study neither shows a "
         f"difference nor rules one out within the interval.{but}"
     )
 
 
 def _why_unknown(one: FoundDifference) -> str:
-    """Why a difference has no interval."""
+    """The reason why a difference has no interval."""
     count, sd = one.estimate.participants, one.estimate.sd
     if math.isnan(sd):
         few = f"a group has fewer than {LEAST_IN_GROUP} drivers"
         return "only one driver took part" if one.groups is None else few
     if sd > 0:
-        return f"{count} drivers are too few: whatever they do, p is above 0.05"
+        return f"{count} drivers are too few: p exceeds 0.05 for any data"
     return "the drivers do not differ at all"
 
 
@@ -135,7 +136,7 @@ def _reach(shown: ShownMeasure, interval: tuple[float, float]) -> str:
 
 
 def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
-    """How many trials were driven, and which are missing or failed."""
+    """The number of trials driven, and which ones are missing or failed."""
     trials, design = found.study.trials, found.study.design
     driven, failed = ~trials.practice, found.study.failed
     counts = Counter(trials.participant[driven].tolist())
@@ -147,7 +148,7 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
         ("practice trials, left out", str(int(trials.practice.sum()))),
         ("missing trials", _missing_words(found.study, counts)),
         ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
-         if failed else "0 (a trial fails where the train does not reach its last stop)"),
+         if failed else "0 (a trial fails if the train does not reach its last stop)"),
         ("trials without a value", gaps or "0"),
         ("comparisons planned", f"{len(design.comparisons)}, p corrected by {CORRECTION_NAMES[design.correction]}"
          if design.correction != "none" else f"{len(design.comparisons)}, p not corrected"),
@@ -155,7 +156,8 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
 
 
 def _missing_words(study: RunStudy, counts: Counter[str]) -> str:
-    """Which trials are missing: of those planned; where the design does not say them, of what other drivers drove."""
+    """Which trials are missing: of those planned; if the design does not state them, of the trials that other drivers
+    drove."""
     planned, missing = study.design.planned.total(), study.missing.total()
     if planned:
         return f"{missing} of {planned} planned" + (f": {'; '.join(_missing(study))}" if missing else "")
@@ -168,7 +170,7 @@ def _missing_words(study: RunStudy, counts: Counter[str]) -> str:
 
 
 def design_rows(found: StudyFindings) -> list[tuple[str, str]]:
-    """The design as it was frozen before the run."""
+    """The design as frozen before the run."""
     design = found.study.design
     rows = [("study", design.name), ("design frozen with hash", design.hash or "not frozen")]
     procedure = design.procedure
@@ -183,11 +185,11 @@ def design_rows(found: StudyFindings) -> list[tuple[str, str]]:
     for one in design.factors:
         kind = "every driver drives all levels" if one.within else "each driver drives one level"
         rows.append((one.name, f"{', '.join(one.texts)} ({kind})"))
-    return [*rows, ("stands out from chance", f"where the corrected p is below {design.alpha:g}")]
+    return [*rows, ("statistically significant", f"if the corrected p is below {design.alpha:g}")]
 
 
 def level_rows(found: StudyFindings) -> list[tuple[str, str]]:
-    """What the levels of each factor mean, where their names do not say it."""
+    """The meaning of each factor's levels, unless their names state it."""
     words = [
         (f"{one.name}: {level}", level_words(one.name, level))
         for one in found.study.design.factors

@@ -1,4 +1,4 @@
-"""The tables of a report: figures, stops, causes, legs, events, bookmarks, and what it all rests on."""
+"""The tables of a report: figures, stops, causes, legs, events, bookmarks and sources."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TOLD: Final = tuple(
 )
 """The kinds of events that the page lists; it counts the others."""
 TOLD_ELSEWHERE: Final = ("drawn", PASSINGS)
-"""Keys of the metadata that the page tells in other tables, or not at all."""
+"""Keys of the metadata that the page shows in other tables, or not at all."""
 NONE_TOLD: Final = "none (an empty list was received)"
 LOSSES: Final[Mapping[str, str]] = {
     Level.L0_NOREG: "none, and nothing is fed back (level L0 without regeneration)",
@@ -62,7 +62,7 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     answers = [one.facts for one in events if "followed" in one.facts]
     if answers:
         seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]
-        rows.append(("advice followed, of the changes that asked for something", f"{len(seconds)} of {len(answers)}"))
+        rows.append(("advice followed, of the changes that required an action", f"{len(seconds)} of {len(answers)}"))
         if seconds:
             rows.append(("median time until the driver followed", f"{float(np.median(seconds)):.0f} s"))
     return rows
@@ -100,10 +100,10 @@ def restrictions_told(drive: Drive) -> str:
 
 
 def rests_on(drive: Drive) -> list[tuple[str, str]]:
-    """What the figures of the page rest on: names and texts."""
+    """The basis of the page's figures: names and texts."""
     run, attribution = drive.table.run, drive.energy.attribution
     simulated = run.get("kind") == "run"
-    rows = [("the day", "simulated: train, driver, sensors and what went wrong")] if simulated else []
+    rows = [("the day", "simulated: train, driver, sensors and disturbances")] if simulated else []
     rows += [(name, run[key]) for name, key in (("line", "route"), ("train", "vehicle")) if key in run]
     rows += line_rows(drive)
     if attribution is not None:
@@ -117,13 +117,13 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
             ("losses of the optimum", LOSSES.get(attribution.inputs.level, str(attribution.inputs.level))),
         ]
     chosen = friction_chosen_by(drive)
-    rows += [("who chose the friction brake", chosen)] if chosen else []
-    known = "as the scenario says" if simulated else "not known"
+    rows += [("choice of the friction brake", chosen)] if chosen else []
+    known = "as set in the scenario" if simulated else "not known"
     return [*rows, ("wind, adhesion, passengers", known), ("times of day", str(drive.table.zone))]
 
 
 def stop_rows(drive: Drive) -> list[Row]:
-    """How well the times at every stop were kept."""
+    """Punctuality at every stop."""
     clock = drive.table.clock
 
     def at(time_ns: int) -> str:
@@ -149,7 +149,7 @@ def stop_rows(drive: Drive) -> list[Row]:
 
 
 def stop_dicts(drive: Drive) -> list[Row]:
-    """How well the times at every stop were kept, for programs: m, and s on the drive's clock; None: not known."""
+    """Punctuality at every stop, for programs: m, and s on the drive's clock; None: not known."""
     clock = drive.table.clock
 
     def at_s(time_ns: int) -> float | None:
@@ -217,7 +217,7 @@ def cause_rows(attribution: Attribution) -> list[Row]:
 
 
 def time_rows(attribution: Attribution) -> list[Row]:
-    """What departing and arriving off the timetable cost; nothing without a timetable."""
+    """The energy cost of departures and arrivals off the timetable; empty without a timetable."""
     against = attribution.against_timetable
     return [
         {"label": cause.label, "kwh": f"{kwh(against[cause]):+.1f}", "meaning": cause.meaning}
@@ -244,12 +244,12 @@ def leg_rows(attribution: Attribution) -> list[Row]:
 
 
 def event_rows(drive: Drive) -> list[Row]:
-    """What happened, without most changes of the advice and without the answers of a driver who followed it."""
+    """The events, without most changes of the advice and without the responses of a driver who followed it."""
     told = Filter(kinds=TOLD).choose(drive.events)
     unanswered = [
         one
         for one in drive.events
-        if one.kind is EventKind.DRIVER and not one.facts.get("followed")  # refused, or attention was away
+        if one.kind is EventKind.DRIVER and not one.facts.get("followed")  # refused, or inattentive
     ]
     return _rows(drive, sorted([*told, *unanswered, *_advice_at_marks(drive)], key=lambda one: one.time_ns))
 
@@ -260,7 +260,7 @@ def advice_rows(drive: Drive) -> list[Row]:
 
 
 def bookmark_rows(drive: Drive) -> list[Row]:
-    """What a reviewer wants to see first, and people's notes, with what was driven and shown then."""
+    """The bookmarks of the review and people's notes, each with the speed and the display at that time."""
     found = bookmarks(drive.events)
     moments = [dict(zip(("driven", "shown"), _moment_words(drive, one.time_ns), strict=True)) for one in found]
     rows = zip(_rows(drive, found), moments, strict=True)
@@ -296,14 +296,14 @@ def _advice_at_marks(drive: Drive) -> list[DriveEvent]:
 
 
 def left_out(drive: Drive) -> str:
-    """How many events the page does not list, in words."""
+    """The number of events that the page does not list, in words."""
     counts = {kind: sum(one.kind is kind for one in drive.events) for kind in (EventKind.ADVICE, EventKind.REPLAN)}
     counts[EventKind.ADVICE] -= len(_advice_at_marks(drive))
     return f"{counts[EventKind.ADVICE]} changes of the advice elsewhere and {counts[EventKind.REPLAN]} new plans"
 
 
 def _moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
-    """How fast the train was at a moment, and what the driver was shown then."""
+    """The train's speed at a moment, and the display at that time."""
     trip = drive.table.course
     driven = f"{kmh(float(trip.at(np.array([time_ns]), trip.speed_mps)[0])):.0f} km/h"
     seen = drive.energy.shown.at(time_ns)
@@ -316,7 +316,7 @@ def _moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
 
 
 def input_rows(drive: Drive) -> list[tuple[str, str]]:
-    """What the drive was made from: metadata, hashes and files."""
+    """The sources of the drive: metadata, hashes and files."""
     rows = [
         readable(key, value)
         for entries in drive.recording.metadata.values()
@@ -329,12 +329,12 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
             ("energies", "simulated" if drive.energy.attribution.above.measured else "estimated from positions")
         )
     said = [] if drive.table.said.saving is None else drive.table.said.saving.rows()
-    rows += [(f"said by the recording: {name}", text) for name, text in said]
+    rows += [(f"stated in the recording: {name}", text) for name, text in said]
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]
 
 
 def input_dict(drive: Drive) -> Row:
-    """What the drive was made from, for programs: metadata with their own keys, numbers as numbers, whole hashes."""
+    """The sources of the drive, for programs: metadata under their own keys, numbers as numbers, full hashes."""
     found: Row = {
         key: _as_number(key, value)
         for entries in drive.recording.metadata.values()
@@ -348,7 +348,7 @@ def input_dict(drive: Drive) -> Row:
 
 
 def _as_number(key: str, text: str) -> float | str:
-    """An entry of the metadata: a number if its key names one; what is no number stays as it is."""
+    """An entry of the metadata: a number if its key names one and the text is a number; otherwise unchanged."""
     if key not in NUMBERS and not key.endswith(UNITS):
         return text
     if text.isdecimal():

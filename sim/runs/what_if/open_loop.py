@@ -1,4 +1,4 @@
-"""Open-loop what-if: a cab with changed settings receives the recorded messages and gives new advice on them."""
+"""Open-loop what-if: a cab with changed settings receives the recorded messages and advises again."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, 
     journey if the what-if changes them. Raises DasError if the recording holds no advice or the cab cannot be made.
     """
     if not origin.has_advice:
-        raise DasError(f"{origin.path}: the recording holds no advice: use --driven-anew to simulate its day again")
+        raise DasError(f"{origin.path}: the recording holds no advice: use --driven-anew to simulate its run again")
     given = node_given(origin.contents, origin.train, origin.folder, said.node)
     given.typed, given.words = (_words(words, new) for words in (given.typed, given.words))
     given.words += ["--tables", str(said.tables)] if said.tables is not None else []

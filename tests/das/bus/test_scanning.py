@@ -148,7 +148,7 @@ def test_what_comes_after_a_damaged_length_is_found_again(whole: Path, tmp_path:
     assert content[place] == Opcode.CHUNK
     found = read_damaged(tmp_path, altered(content, place + 5, 0x11))
     assert messages_of(found) == messages_of(read_recording(whole))
-    assert "the head of a chunk, whose messages are whole" in found.health.damage[0].what
+    assert "the header of a chunk, whose messages are intact" in found.health.damage[0].what
 
 
 @pytest.mark.parametrize(("share", "first"), [(0.7, True), (1.0, True), (0.9, False), (1.0, False)])
@@ -211,8 +211,8 @@ def bomb(plain: bytes, claimed: int | None = None) -> bytes:
     [
         (200_000_000, None, "damaged: a chunk that unpacks to 190 MiB, too much for a file of"),
         (60_000_000, None, "damaged: a chunk that unpacks to 57 MiB, too much for a file of"),
-        (10_000_000, None, "damaged: a chunk with something other than messages in it"),
-        (200_000_000, 1000, "damaged: a chunk of another size than it says"),
+        (10_000_000, None, "damaged: a chunk that contains other records than messages"),
+        (200_000_000, 1000, "damaged: a chunk of another size than it states"),
     ],
 )
 def test_a_small_file_cannot_keep_its_reader_busy(tmp_path: Path, size: int, claimed: int | None, why: str) -> None:

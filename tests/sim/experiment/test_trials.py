@@ -107,8 +107,8 @@ def test_too_few_participants_for_the_planned_comparisons_are_said(designed: Des
     compare = "".join(f"[[comparisons]]\nmeasure = 'late_s'\nfactor = 'hold_s'\na = {a}\nb = 0\n" for a in (5, 10))
     (note,) = pair_notes(designed(f"{FLAT}[participants]\ncount = 6\n{THREE}{compare}"))
     assert note == (
-        "with 6 participants nothing can stand out from chance: if all differ to the same side, p is 0.0625, "
-        "corrected for 2 comparisons"
+        "with 6 participants no difference can be statistically significant: if all differ to the same side, "
+        "p is 0.0625, corrected for 2 comparisons"
     )
     assert pair_notes(designed(f"{FLAT}[participants]\ncount = 7\n{THREE}{compare}")) == []
 

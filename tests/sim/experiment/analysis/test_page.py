@@ -80,7 +80,7 @@ def test_the_page_needs_nothing_besides_itself() -> None:
 
 def test_what_the_answer_hangs_on_comes_before_every_figure() -> None:
     said = html()
-    assert said.index("Nobody drove. 12 simulated drivers") < said.index("points lower")
+    assert said.index("No person drove. 12 simulated drivers") < said.index("points lower")
     assert said.index("are assumptions") < said.index("interval is")
 
 
@@ -103,15 +103,15 @@ def test_a_verdict_has_size_interval_and_chance() -> None:
         f"Gap to the optimum: {-mean:.2f} points lower with “speed-and-effort” than with “none” (presentation)." in said
     )
     assert (
-        "points lower, from 12 drivers, 36 pairs. The difference stands out from chance (corrected p below 0.001)."
-        in said
+        "points lower, from 12 drivers, 36 pairs. "
+        "The difference is statistically significant (corrected p below 0.001)." in said
     )
 
 
 def test_one_method_decides_and_student_who_disagrees_is_named() -> None:
     of_eight = analysed(eight_drivers())
     ((_, said),) = in_short(of_eight)
-    assert "The difference stands out from chance (corrected p 0.031). Student's t disagrees (" in said
+    assert "The difference is statistically significant (corrected p 0.031). Student's t disagrees (" in said
     (row,) = as_dict(of_eight)["differences"]
     assert (row["method"], row["disagrees"]) == ("exact sign flips", True)
     (agreed, _) = as_dict(found())["differences"]
@@ -121,7 +121,7 @@ def test_one_method_decides_and_student_who_disagrees_is_named() -> None:
 def test_what_is_no_difference_is_not_called_one() -> None:
     truth = Truth(means=(0.25, 0.25, 0.25), drivers=12)
     ((_, said),) = in_short(analysed(made_up_study(truth, 3)))
-    assert "does not stand out from chance" in said
+    assert "is not statistically significant" in said
     assert re.search(r"from \d\.\d\d points lower to \d\.\d\d points higher", said)
 
 

@@ -326,7 +326,7 @@ LONG = DriveFinding(
 )  # fmt: skip
 
 
-LONG_NAME = "said by the recording: above the optimum (estimated), every unknown at its worst"
+LONG_NAME = "stated in the recording: above the optimum (estimated), every unknown at its worst"
 
 
 @pytest.fixture(scope="module")
