@@ -368,7 +368,9 @@ def told_speeds(section: Section) -> Floats:
     exact = np.unique(np.concatenate((section.limit_mps, falls_to(envelope, section.node_m)[0])))
     exact = exact[(exact > SAME_MPS) & (exact <= envelope.max() + SAME_MPS)]
     steps = step * np.arange(math.ceil(LEAST_MPS / step), math.floor(envelope.max() / step) + 1)
-    far = np.abs(steps[:, np.newaxis] - exact).min(axis=1) > SAME_MPS
-    found = np.sort(np.concatenate((exact, steps[far])))
+    near = (np.abs(steps[:, np.newaxis] - exact) <= SAME_MPS).any(axis=1)
+    found = np.sort(np.concatenate((exact, steps[~near])))
+    if not found.size:  # a section so short that the train does not even reach `LEAST_MPS`
+        return np.array([envelope.max()])
     found = found[np.append(True, np.diff(found) > SAME_MPS)]
     return np.asarray(found[:: -(-len(found) // MOST_SPEEDS)])

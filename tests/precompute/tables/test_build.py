@@ -219,14 +219,15 @@ def test_a_table_is_kept_for_its_own_job_alone(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     """One section cannot be driven; the others are built, kept, and built anew where an input has changed."""
-    route = (REPOSITORY / "das/domain/catalogue/routes/flat-6km.toml").read_text()
+    route = (REPOSITORY / "das/domain/catalogue/routes/flat-6km.toml").read_text().replace("6.0", "2.0")
+    (tmp_path / "flat.toml").write_text(route)
     (tmp_path / "steep.toml").write_text(
         route.replace('id = "flat-6km"', 'id = "steep"').replace(
-            "rows = [[0.0, 0.0]]", "rows = [[0.0, 0.0], [3.0, 100.0]]"
+            "rows = [[0.0, 0.0]]", "rows = [[0.0, 0.0], [1.0, 100.0]]"
         )
     )
     (tmp_path / "slow.toml").write_text(route.replace('id = "flat-6km"', 'id = "slow"'))
-    routes = ROUTE + '[[routes]]\nroute = "steep.toml"\n[[routes]]\nroute = "slow.toml"\n'
+    routes = "".join(f'[[routes]]\nroute = "{name}.toml"\n' for name in ("flat", "steep", "slow"))
     plan_file(tmp_path, HEAD + routes + TRAIN + QUICK)
     first = das_precompute(tmp_path, "build", "plan.toml", "--out", "tables", "--json", "--workers", "1")
     assert first.returncode == 1, first.stderr
@@ -235,9 +236,9 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert report == json.loads((tmp_path / "tables/build.json").read_text())
     failed = next(section for section in report["sections"] if section["status"] == "failed")
     assert failed["name"].startswith("steep_a-b_re460-ic_l3_")
-    assert "the train stalls at" in failed["reason"]
+    assert "the train stalls" in failed["reason"]
     (tmp_path / "slow.toml").write_text(
-        route.replace('id = "flat-6km"', 'id = "slow"').replace("[0.0, 160.0]", "[0.0, 120.0]")
+        route.replace('id = "flat-6km"', 'id = "slow"').replace("[0.0, 160.0]", "[0.0, 80.0]")
     )
     again = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables", "--workers", "1")
     assert again.returncode == 1
@@ -246,14 +247,14 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert [row["route"] for row in shown] == ["flat-6km", "slow"]
     assert all(row["refine"] == "on" and row["refinement_saved_ratio"] > 0 for row in shown)
     assert all(row["gaps_proven"] == 1 and 0 < row["largest_gap_ratio"] < 0.02 for row in shown)
-    assert shown[1]["least_time_s"] > shown[0]["least_time_s"] + 10
+    assert shown[1]["least_time_s"] > shown[0]["least_time_s"] + 5
     listed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
     assert listed.returncode == 0
-    assert re.search(r"slow +6\.0 +\d.*\n +A – B +\n +re460-ic, l3 *\n", listed.stdout)
+    assert re.search(r"slow +2\.0 +\d.*\n +A – B +\n +re460-ic, l3 *\n", listed.stdout)
     assert "gap %: by how much at most" in listed.stdout
     assert max(map(len, listed.stdout.splitlines())) <= 80
     size_mb = sum(row["size_bytes"] for row in shown) / 1e6
-    assert 0.02 < size_mb < 0.5
+    assert 0.005 < size_mb < 0.5
     assert f"2 tables, {size_mb:.1f} MB" in listed.stdout
     damaged = tmp_path / "tables" / shown[0]["name"]
     damaged.write_bytes(damaged.read_bytes()[:-9])

@@ -293,6 +293,15 @@ def test_any_number_of_limits_is_accepted() -> None:
     assert math.isfinite(scheduled_run(front, run).forecast.time_s)
 
 
+@pytest.mark.parametrize("length_m", [2_000.0, 400.0, 12.0])
+def test_a_section_whose_limit_no_train_reaches_has_a_guide(length_m: float) -> None:
+    section = with_braking(build_section(make_route(length_m, [(0.0, 160.0 * KMH)]), LOCAL), USUAL.of(LOCAL))
+    front = GuideFront(section, threads=1)
+    run, _ = in_time(front, State.at(section), 1.1 * least_time_s(section, section.start_m, 0.0))
+    assert (run.speeds_mps <= section.envelope_mps + 1e-6).all()
+    assert math.isfinite(scheduled_run(front, run).forecast.time_s)
+
+
 @pytest.mark.parametrize("from_m", [6_000.0, None])
 def test_only_what_is_ahead_of_a_train_is_solved_and_the_run_is_the_same(from_m: float | None) -> None:
     section, front, _ = solved(ROUTE, LOCAL)
