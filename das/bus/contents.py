@@ -96,10 +96,9 @@ class Contents:
 
 @dataclass
 class Raw:
-    """The records of a file before their messages are decoded.
+    """The records of a file that can be trusted, before their messages are decoded.
 
-    `loose` are records outside of chunks. Each entry of `metadata` states whether its own checksum is right (None: it
-    has none). Records without a checksum can be trusted only if the whole file is sound.
+    Each entry of `metadata` states whether its own checksum is right (None: it has none, and nothing else proves it).
     """
 
     schemas: dict[int, records.Schema] = field(default_factory=dict)
@@ -107,26 +106,17 @@ class Raw:
     messages: list[records.Message] = field(default_factory=list)
     attachments: list[records.Attachment] = field(default_factory=list)
     metadata: list[tuple[records.Metadata, bool | None]] = field(default_factory=list)
-    loose: list[FoundRecord] = field(default_factory=list)
     numbered: bool = False
     """Whether the recorder wrote the file: it gives each message of the file a number of its own."""
 
     described: dict[int, tuple[records.Channel, records.Schema]] = field(default_factory=dict)
     """Channels and their schemas by the metadata of the recorder, with the numbers that it gave them."""
 
-    def take(self, found: FoundRecord) -> None:
-        """Add a record where it belongs."""
-        record = found.record
-        if isinstance(record, records.Metadata):
-            self._take_metadata(record)
-        elif found.proven:
-            self.use(record)
-        else:
-            self.loose.append(found)
-
     def use(self, record: records.McapRecord) -> None:
-        """Keep a record that can be trusted."""
-        if isinstance(record, records.Message):
+        """Keep a record that can be trusted, and metadata, whose own checksum is judged."""
+        if isinstance(record, records.Metadata):
+            self._use_metadata(record)
+        elif isinstance(record, records.Message):
             self.messages.append(record)
         elif isinstance(record, records.Schema):
             self.schemas.setdefault(record.id, record)
@@ -135,7 +125,7 @@ class Raw:
         elif isinstance(record, records.Attachment):
             self.attachments.append(record)
 
-    def _take_metadata(self, record: records.Metadata) -> None:
+    def _use_metadata(self, record: records.Metadata) -> None:
         entries, right = unsealed(record.name, record.metadata)
         number, schema = record.name.removeprefix(CHANNELS), entries.get("schema_id", "")
         described = record.name.startswith(CHANNELS) and number.isdecimal() and schema.isdecimal()
@@ -187,10 +177,8 @@ def read_raw(path: Path) -> tuple[Raw, Health]:
 
 
 def _read(scan: Scan) -> tuple[Raw, Health]:
-    raw = Raw()
-    for found in scan.walk():
-        raw.take(found)
-    unchecked, damage = _judge_loose(raw, scan), scan.damage
+    raw, damage, found = Raw(), scan.damage, list(scan.walk())
+    unchecked = _use_trusted(raw, scan, found)
     raw.use_descriptions()
     twice = _take_out_repeated(raw)
     wrong = [record.name for record, right in raw.metadata if right is False]
@@ -208,27 +196,25 @@ def _read(scan: Scan) -> tuple[Raw, Health]:
     )
 
 
-def _judge_loose(raw: Raw, scan: Scan) -> list[str]:
-    """Keep the records outside of chunks unless they may be altered; returns the parts that no checksum covers."""
+def _use_trusted(raw: Raw, scan: Scan, found: Sequence[FoundRecord]) -> list[str]:
+    """Keep the records that a checksum or a sound file proves; returns the parts that no checksum covers."""
     trusted = scan.data_proven is True or (scan.data_proven is None and not scan.damage and scan.has_footer)
-    data = [one for one in raw.loose if isinstance(one.record, records.Message | records.Attachment)]
-    names = [one for one in raw.loose if isinstance(one.record, records.Schema | records.Channel)]
-    if trusted or scan.index_proven:
-        for one in names:
+    loose: list[FoundRecord] = []
+    for one in found:
+        named = isinstance(one.record, records.Schema | records.Channel)
+        if trusted or one.proven or isinstance(one.record, records.Metadata) or (named and scan.index_proven):
             raw.use(one.record)
-    if trusted:
-        for one in data:
-            raw.use(one.record)
-    elif data:
-        first = data[0].start_byte
-        what = f"{len(data)} records outside of chunks, which nothing proves"
-        scan.damage.append(Damage(start_byte=first, end_byte=data[-1].start_byte, what=what))
+        if not one.proven and isinstance(one.record, records.Message | records.Attachment):
+            loose.append(one)
+    if loose and not trusted:
+        what = f"{len(loose)} records outside of chunks, which nothing proves"
+        scan.damage.append(Damage(start_byte=loose[0].start_byte, end_byte=loose[-1].start_byte, what=what))
     unproven = [record.name for record, right in raw.metadata if right is None]
     raw.metadata = [(one, True if right is None and trusted else right) for one, right in raw.metadata]
     if scan.data_proven is True:
         return []
     unchecked = [f"metadata {name!r}" for name in dict.fromkeys(unproven)]
-    return [*unchecked, *(["messages outside of chunks"] if data and trusted else [])]
+    return [*unchecked, *(["messages outside of chunks"] if loose and trusted else [])]
 
 
 def _take_out_repeated(raw: Raw) -> int:
