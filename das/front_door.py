@@ -151,8 +151,7 @@ def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCEN
     A point is the solution of least energy whose time is a buffer (`buffers_percent`, rising) above the least possible
     time. The points end at the solution of least energy of all: a slower one would cost more. `time_s` and
     `buffer_percent` are those of the solution found, `energy_j` is its net energy at the current collector (without
-    comfort systems), `table_bound_j` a lower bound from the solver's table (see `Solution`), and `lambda_w` the price
-    of time (W): the energy (J) that one second less would cost.
+    comfort systems), and `lambda_w` the price of time (W): the energy (J) that one second less would cost.
 
     Raises InputError for buffers that do not rise from 0 or more.
 
@@ -181,7 +180,6 @@ def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCEN
         "time_s": np.array([run.time_s for run in runs]),
         "buffer_percent": np.array([(run.time_s / fastest.time_s - 1.0) / PERCENT for run in runs]),
         "energy_j": np.array([run.balance.input for run in runs]),
-        "table_bound_j": np.array([run.table_bound_j for run in runs]),
         "lambda_w": np.array([run.lambda_w for run in runs]),
     }
 

@@ -93,7 +93,7 @@ def refined(
 
     A trajectory that is `Fit.EARLY` may take the time that was asked for. The fastest trajectory is returned as it is,
     because no other takes its time. If nothing is saved, the solution itself is returned. `is_over` is called before
-    every pass; once it returns True, the best trajectory so far is returned. `table_bound_j` stays the same.
+    every pass; once it returns True, the best trajectory so far is returned.
     """
     if is_fastest(solution):
         return solution
@@ -128,7 +128,6 @@ class Refinement:
             requested_s=given.requested_s,
             fit=given.fit,
             lambda_w=best.price_w,
-            table_bound_j=given.table_bound_j,
         )
         in_time = found.time_s <= max(given.time_s, self.wanted_s)
         is_better = in_time and found.feasible and found.balance.input < given.balance.input

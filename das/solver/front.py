@@ -116,12 +116,6 @@ class Front(Summary):
             return state.solution(state.fastest(), least_time_s=least_s, requested_s=time_s, fit=fit)
         return TimeSearch(self.policies, state, time_s, least_time_s=least_s, tolerance_s=tolerance_s).run()
 
-    def ladder_times_s(self) -> Floats:
-        """Time (s) of the whole section under every multiplier, according to the policies."""
-        state = State.at(self.section)
-        self._cover(state)
-        return state.totals(self.policies).time_s
-
     def by_multiplier(self, s_m: float, v_mps: float) -> tuple[Floats, Floats]:
         """Times (s) of the trajectories from a state under all multipliers of the ladder, and their least costs (J)."""
         state, policies = State.at(self.section, s_m, v_mps), self.policies
@@ -167,9 +161,8 @@ class TimeSearch:
         self.least_time_s, self.tolerance_s = least_time_s, tolerance_s
         self.last = len(policies.lambda_w) - 1
         self._steps = np.arange(self.last + 1)
-        self._totals = state.totals(policies)
         # Where the front almost jumps, the times by the policies may rise with the multiplier.
-        self._table_s = np.minimum.accumulate(self._totals.time_s)
+        self._table_s = np.minimum.accumulate(state.totals(policies).time_s)
 
     def run(self) -> Solution:
         """The trajectory of the wanted time, or the nearest efficient one (see `Fit`)."""
@@ -207,7 +200,6 @@ class TimeSearch:
             requested_s=self.time_s,
             fit=fit,
             lambda_w=self.price_w(place),
-            table_bound_j=self.state.table_bound_j(self.policies, self._totals, run.time_s),
         )
 
     def _enclose(self) -> tuple[Trial | None, Trial]:

@@ -42,9 +42,6 @@ class Solution(Summary):
 
     `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`). It is computed when first asked
     for, unless a longer search has given it as `proven`; `bound_j`, `gap_ratio` and `gap_reason` are read from it.
-    `table_bound_j` is the least energy for this time according to the solver's table of values. It bounds the
-    trajectories on the table's grid from below, but not this one, which is integrated more finely: `table_gap_ratio`
-    can be negative.
     """
 
     section: Section
@@ -53,7 +50,6 @@ class Solution(Summary):
     least_time_s: float
     requested_s: float
     lambda_w: float
-    table_bound_j: float
     feasible: bool
     proven: Certificate | None = None
 
@@ -101,20 +97,12 @@ class Solution(Summary):
     @property
     def gap_ratio(self) -> float:
         """(input − bound)/|input|, never negative; NaN if no bound is proven (see `gap_reason`)."""
-        return self._above(self.bound_j)
+        return (self.balance.input - self.bound_j) / max(abs(self.balance.input), 1.0)
 
     @property
     def gap_reason(self) -> str:
         """Why no bound is proven; empty if a bound is proven."""
         return self.certificate.reason
-
-    @property
-    def table_gap_ratio(self) -> float:
-        """(input − table_bound_j)/|input|: how far the trajectory is above the table's bound; can be negative."""
-        return self._above(self.table_bound_j)
-
-    def _above(self, bound_j: float) -> float:
-        return (self.balance.input - bound_j) / max(abs(self.balance.input), 1.0)
 
 
 def plotted_on(section: Section, trajectory: Trajectory) -> PlottedRun:

@@ -117,16 +117,6 @@ class State(LineProfile):
         one_step_totals(self.speed_mps, self._first_step(), policies, self.section.loss_params, *totals)
         return totals
 
-    def table_bound_j(self, policies: Policies, totals: Totals, time_s: float) -> float:
-        """The table's least energy (J) for a time: the largest of (least total cost − λ·time) over the ladder.
-
-        It bounds only the trajectories on the decision grid. It is −inf if the policies do not know the state.
-        """
-        if self.speed_mps > self.section.envelope_mps[-len(self.node_m)] + tol.SPEED_TOLERANCE_MPS:
-            return -math.inf
-        known = totals.cost_j < tol.UNREACHABLE
-        return float((totals.cost_j[known] - policies.lambda_w[known] * time_s).max(initial=-math.inf))
-
     def solution(
         self,
         run: RollOut,
@@ -135,22 +125,17 @@ class State(LineProfile):
         requested_s: float,
         fit: Fit,
         lambda_w: float = math.inf,
-        table_bound_j: float | None = None,
     ) -> Solution:
-        """The solution of a trajectory from this state; without `table_bound_j`, its own energy is the bound."""
+        """The solution of a trajectory from this state."""
         speeds, section = run.speeds_mps, self.section
-        trajectory = trajectory_on(section, self, speeds)
-        if table_bound_j is None:
-            table_bound_j = float(trajectory.input_j(trajectory.loss_j(section.loss)).sum())
         ends_right = speeds[-1] >= section.floor_mps[-1] - tol.SPEED_TOLERANCE_MPS
         return Solution(
             section=section,
-            trajectory=trajectory,
+            trajectory=trajectory_on(section, self, speeds),
             fit=fit,
             least_time_s=least_time_s,
             requested_s=requested_s,
             lambda_w=lambda_w,
-            table_bound_j=table_bound_j,
             feasible=bool(ends_right and (speeds <= section.envelope_mps[-len(speeds) :] + 1e-6).all()),
         )
 

@@ -50,13 +50,12 @@ def _strategy(answer: Answer) -> str:
 
 def _certificate(answer: Answer) -> dict[str, float | str | None]:
     if not isinstance(answer, Solution):
-        gaps = dict.fromkeys(("lambda_kw", "bound_kwh", "gap_ratio", "table_gap_ratio"))
+        gaps = dict.fromkeys(("lambda_kw", "bound_kwh", "gap_ratio"))
         return {**gaps, "gap_reason": "a strategy other than optimal has no certificate"}
     return {
         "lambda_kw": _finite(answer.lambda_w / KW),
         "bound_kwh": _finite(kwh(answer.bound_j)),
         "gap_ratio": _finite(answer.gap_ratio),
-        "table_gap_ratio": _finite(answer.table_gap_ratio),
         "gap_reason": answer.gap_reason,
     }
 
@@ -206,8 +205,6 @@ def journey_json(
         "energy_kwh": kwh(plan.input_j),
         "comfort_kwh": kwh(plan.comfort_j),
         "bound_kwh": _finite(kwh(plan.bound_j)),
-        "table_bound_kwh": _finite(kwh(plan.table_bound_j)),
-        "table_gap_ratio": _finite(plan.table_gap_ratio),
         "gap_ratio": _finite(plan.gap_ratio),
         "gap_reason": plan.gap_reason,
         "others_kwh": {name: kwh(energy_j) for name, energy_j in others_j.items()},

@@ -15,6 +15,7 @@ from das.solver.guide.schedule import Schedule, Scheduled
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from das.solver.state import State
+from das.solver.tolerances import UNREACHABLE
 
 BUNDLED = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
 """Every section that comes with the program: its route, and its number on that route."""
@@ -57,7 +58,13 @@ def scheduled(which: Which, buffer_ratio: float) -> Scheduled:
 
 def excess_ratio(which: Which, energy_j: float, time_s: float) -> float:
     """By what share an energy exceeds the least energy of the section for the same time."""
-    return energy_j / front_of(which).trajectory(time_s).table_bound_j - 1.0
+    return energy_j / least_j(front_of(which), time_s) - 1.0
+
+
+def least_j(front: Front, time_s: float) -> float:
+    """The least energy (J) for a time on the decision grid: the largest of (least total cost − λ·time) over all λ."""
+    cost_j = State.at(front.section).totals(front.policies).cost_j
+    return float((cost_j - front.lambda_w * time_s)[cost_j < UNREACHABLE].max())
 
 
 def lasts_s(schedule: Schedule) -> list[float]:

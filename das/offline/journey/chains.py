@@ -250,12 +250,12 @@ class Chains:
         parts: Parts = {}
         ahead: Ahead | None = None
         for span in reversed(spans):
-            self.add_parts(parts, span, ahead)
+            self._add_parts(parts, span, ahead)
             if span is not spans[0]:
                 ahead = self._ahead(span, parts)
         return parts
 
-    def add_parts(self, parts: Parts, span: TightSpan, ahead: Ahead | None) -> None:
+    def _add_parts(self, parts: Parts, span: TightSpan, ahead: Ahead | None) -> None:
         """Add the fronts of a span's stretches that are not whole; `ahead` follows a passing at the span's end."""
         for stretch in span.stretches:
             if not self.fronts.is_whole(stretch):
@@ -264,10 +264,10 @@ class Chains:
     def _ahead(self, span: TightSpan, parts: Parts) -> Ahead:
         """The cost of driving a span in its time, by the speed at the passing before it: the largest dual over λ."""
         first = parts[span.stretches[0]]
-        cost_j = self.dual_j(span, parts, first.value_j[0])[:, self.lowest(span) :].max(axis=1)
-        return Ahead(speed_mps=start_speeds(first), value_j=cost_j, least_mps=self._least_speed(span, parts))
+        cost_j = self._dual_j(span, parts, first.value_j[0])[:, self.lowest(span) :].max(axis=1)
+        return Ahead(speed_mps=_grid_mps(first.section, 0), value_j=cost_j, least_mps=self._least_speed(span, parts))
 
-    def dual_j(self, span: TightSpan, parts: Parts, first_j: Floats) -> Floats:
+    def _dual_j(self, span: TightSpan, parts: Parts, first_j: Floats) -> Floats:
         """For each λ, a span's least total cost less λ·its time (J), if its first stretch costs `first_j` (…, L)."""
         tables = [self.fronts.table(stretch, parts.get(stretch), 0.0) for stretch in span.stretches[1:]]
         fixed_j = self.fronts.ladder_w * (span.least_wait_s - span.time_s)
@@ -346,11 +346,6 @@ class Chains:
         first, *inner, _ = section.places[stretch.first : stretch.last + 1]
         times_s = section.part(stretch.first, stretch.last).elapsed_s(run.speeds_mps)
         return [*(float(times_s[node - first]) for node in inner), run.time_s]
-
-
-def start_speeds(front: Front) -> Floats:
-    """The speeds (J + 1,) of a front's first node."""
-    return _grid_mps(front.section, 0)
 
 
 def _grid_mps(section: Section, node: int) -> Floats:

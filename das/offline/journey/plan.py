@@ -23,7 +23,7 @@ from das.domain.summary import Summary, needs
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import Vehicle
 from das.offline.bound.certificate import Certificate
-from das.offline.journey.certificate import PricedTimeline, lower_bound_j
+from das.offline.journey.certificate import PricedTimeline
 from das.offline.journey.chains import Chains, DrivenStretch, Solved, Split
 from das.offline.journey.sections import DriveLink, JourneySection, Tight, build_journey_sections
 from das.solver import tolerances as tol
@@ -91,17 +91,11 @@ class SectionPlan(Summary):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class JourneyPlan(Summary):
-    """A planned journey, one part for each section.
-
-    `table_bound_j` is a lower bound (J) of the energy of every run on the solver's decision grid that keeps the windows
-    (see `das.offline.journey.certificate`). Finer runs, such as those of the plan, may need less. It is −inf for a
-    split that is not the optimum, and if a span must be driven as fast as possible to keep its times.
-    """
+    """A planned journey, one part for each section."""
 
     journey: Journey
     split: Split
     sections: tuple[SectionPlan, ...]
-    table_bound_j: float
     priced: PricedTimeline
 
     def facts(self) -> dict[str, str]:
@@ -175,11 +169,6 @@ class JourneyPlan(Summary):
         return self.certificate.reason
 
     @property
-    def table_gap_ratio(self) -> float:
-        """(input − `table_bound_j`)/|input|; below 0 if the runs are finer than the bound's grid."""
-        return (self.input_j - self.table_bound_j) / max(abs(self.input_j), 1.0)
-
-    @property
     def time_s(self) -> float:
         """From the first departure to the last arrival."""
         return self.sections[-1].arrival.time_s - self.sections[0].departure.time_s
@@ -239,12 +228,10 @@ class JourneyPlanner:
         missed.
         """
         solved = self._solve(split)
-        priced = split is Split.EQUAL_MARGINAL and all(math.isfinite(span.lambda_w) for span in solved)
         return JourneyPlan(
             journey=self.journey,
             split=split,
             sections=self._section_plans(solved),
-            table_bound_j=lower_bound_j(self.chains, solved) if priced else -math.inf,
             priced=self._priced(solved),
         )
 

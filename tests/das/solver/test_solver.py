@@ -194,7 +194,6 @@ def test_a_hill_that_needs_momentum_keeps_its_certificate_finite() -> None:
     front = solve_front(build_section(route, make_train(resistance=(2_000.0, 0.0, 10.0))))
     for v_mps in (16.0, 20.0, 25.0):
         solution = front.trajectory(front.fastest(4_000.0, v_mps).time_s * 1.05, 4_000.0, v_mps)
-        assert abs(solution.table_gap_ratio) < 0.2
         assert 0.0 <= solution.gap_ratio < 0.2
 
 

@@ -12,7 +12,7 @@ from das.advice.guide.planning import Wanted, elapsed_s, passes_s, planned
 from das.solver.guide.schedule import Scheduled
 from das.solver.solution import trajectory_on
 from das.solver.state import State, fastest
-from tests.support.bundled_sections import BUNDLED, Which, asked_s, front_of, guide_of, section_of
+from tests.support.bundled_sections import BUNDLED, Which, asked_s, front_of, guide_of, least_j, section_of
 from tests.support.crossing import crossed, few
 
 EARLY_S = 0.5
@@ -44,7 +44,7 @@ def test_a_reference_is_in_time_and_near_the_optimum(which: Which, buffer_ratio:
     wanted = wanted_from_start(which, buffer_ratio)
     found = plan(which, wanted)
     assert found.forecast.time_s <= wanted.left_s + 1.0
-    bound_j = front_of(which).trajectory(found.forecast.time_s).table_bound_j
+    bound_j = least_j(front_of(which), found.forecast.time_s)
     most = 0.04 if (which, buffer_ratio) == (BUNDLED[0], 0.08) else 0.015
     assert -5e-4 <= found.forecast.energy_j / bound_j - 1.0 <= most
 
