@@ -13,21 +13,11 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap import records
 
-from das.bus.scanning import SOMEWHERE, UNCHECKED, Damage, FoundRecord, Health, Scan, unsealed
+from das.bus.scanning import SOMEWHERE, UNCHECKED, Damage, FoundRecord, Health, Scan
+from das.bus.sealing import CHANNELS, NUMBERED, RECORDING, unsealed
 from das.bus.topics import Topic, topic_of
 from das.domain.errors import DasError
 
-CHANNELS: Final = "channel "
-"""Metadata named "channel <number>" describe a channel a second time: if the chunk that describes it is lost, its later
-messages can still be read."""
-NUMBERED: Final = "numbered"
-"""The entry of a channel's metadata that marks a file of the recorder, which numbers all messages of the file."""
-RECORDING: Final = "recording"
-"""The entry of a channel's metadata, and of each metadata record, that names the recording in which it was written.
-
-Programs that merge files copy it. It is the only entry of a channel: `mcap merge` joins channels whose metadata are
-equal, and compares several entries in no fixed order.
-"""
 DRIVE: Final = "-drive-"
 """Between the name of a train and the number of its drive, for the second and later drives of one train in a file."""
 MOST_BYTES: Final = 1 << 30

@@ -29,8 +29,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from das import __version__
 from das.bus import das_pb2
-from das.bus.contents import CHANNELS, NUMBERED, RECORDING
-from das.bus.scanning import sealed
+from das.bus.sealing import CHANNELS, NUMBERED, RECORDING, sealed
 from das.bus.session import Bus
 from das.bus.topics import ADVICE, CONTROL, RECORDER, STATUS, Received, Topic
 from das.domain.clocks import WALL, Clocks

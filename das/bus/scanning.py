@@ -7,11 +7,10 @@ get a checksum of their own here, because MCAP gives them none until the file is
 
 from __future__ import annotations
 
-import json
 import re
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Any, Final, NamedTuple
@@ -22,9 +21,9 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
+from das.bus.sealing import MAGIC
 from das.domain.errors import DasError
 
-MAGIC: Final = b"\x89MCAP0\r\n"
 MAGIC_BYTES_WRONG: Final = 2
 """Largest number of the first bytes in which a damaged MCAP file may differ from an intact one."""
 RECORD: Final = struct.Struct("<BQ")
@@ -52,8 +51,6 @@ much."""
 SOMEWHERE: Final = "wrong checksum of the data, whose messages are intact"
 MOST_LISTED = 5
 """Largest number of damaged places that are listed one by one."""
-CHECKSUM: Final = "crc32"
-"""The key of the hexadecimal checksum over the name of a metadata record and its other entries."""
 UNCHECKED: Final = "unchecked "
 """The prefix to the name of metadata without any checksum; no command uses such metadata."""
 
@@ -111,17 +108,6 @@ class Health:
         if self.unchecked:
             lines.append(f"damage would go unnoticed (no checksum) in: {', '.join(self.unchecked)}")
         return lines
-
-
-def sealed(name: str, data: Mapping[str, str]) -> dict[str, str]:
-    """The entries of a metadata record with their checksum."""
-    return {**data, CHECKSUM: f"{zlib.crc32(json.dumps([name, sorted(data.items())]).encode()):08x}"}
-
-
-def unsealed(name: str, data: Mapping[str, str]) -> tuple[dict[str, str], bool | None]:
-    """The entries of a metadata record without their checksum, and whether it is right (None: there is none)."""
-    entries = {key: value for key, value in data.items() if key != CHECKSUM}
-    return entries, None if CHECKSUM not in data else sealed(name, entries) == data
 
 
 class FoundRecord(NamedTuple):

@@ -11,7 +11,7 @@ from das import __version__
 from das.bus.access import Refusals
 from das.bus.config import BusFile, bus_options
 from das.bus.recorder import Recorder, RecordingFile
-from das.bus.scanning import MAGIC
+from das.bus.sealing import MAGIC
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import RECORDED, RECORDER, Received
 from das.command_line.options import NODE_ENDPOINT, RECORDER_ENDPOINT

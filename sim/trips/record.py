@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.bus.recording import Recording
-from das.bus.scanning import MAGIC
+from das.bus.sealing import MAGIC
 from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
 from das.domain.errors import DasError, InputError
 from das.domain.files.foreign import TRIPS, refuse_foreign

@@ -17,7 +17,7 @@ from das.bus import das_pb2, topics
 from das.bus.contents import read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.recording import read_recording
-from das.bus.scanning import sealed
+from das.bus.sealing import sealed
 from das.domain.errors import DasError
 
 START_NS = 1_800_000_000_000_000_000

@@ -19,7 +19,8 @@ from das.bus import contents, das_pb2, scanning, topics
 from das.bus.contents import read_contents, read_raw
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
-from das.bus.scanning import MAGIC, UNCHECKED, Damage, Health, sealed
+from das.bus.scanning import UNCHECKED, Damage, Health
+from das.bus.sealing import MAGIC, sealed
 from das.domain.errors import DasError
 from tests.support.recordings import START_NS, write_messages
 
