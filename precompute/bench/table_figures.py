@@ -13,6 +13,7 @@ from das.command_line.process import available_cores
 from das.domain.files.load import load_vehicle
 from das.domain.units import MEGABYTE
 from das.solver.guide.policies import DEFAULT, GuideFront
+from das.solver.section import Section
 from das.table.table import Table
 from precompute.bench.figures import VEHICLE, Reference
 from precompute.bench.measuring import Figure, Times, in_turns
@@ -28,17 +29,19 @@ NOT_REFINED = TableSettings(buffers_percent=(0.0,), refine_s=0.0, proven=0)
 """The least front of a table; the cab does not need it."""
 
 
+def departures(section: Section) -> Iterator[Wanted]:
+    """What is looked up, again and again: departures with each of the `BUFFERS`."""
+    least_s = float(section.fastest_run.time_to_go_s[0])
+    for buffer in cycle(BUFFERS):
+        yield Wanted(s_m=section.start_m, v_mps=section.start_speed_mps, left_s=least_s * (1.0 + buffer))
+
+
 def look_up(reference: Reference) -> Iterator[Figure]:
     """A departure's reference looked up in a table, with the table known and just opened, against solving it again."""
-    section, threads = reference.section, reference.threads
-    least_s = float(section.fastest_run.time_to_go_s[0])
-    departures = cycle(
-        Wanted(s_m=section.start_m, v_mps=section.start_speed_mps, left_s=least_s * (1.0 + buffer))
-        for buffer in BUFFERS
-    )
+    section, threads, wanted = reference.section, reference.threads, departures(reference.section)
 
     def solved() -> None:
-        planned(GuideFront(section, threads=threads), next(departures))
+        planned(GuideFront(section, threads=threads), next(wanted))
 
     with tempfile.TemporaryDirectory(prefix="das-bench-") as folder:
         path = Path(folder) / "table.json"
@@ -50,8 +53,8 @@ def look_up(reference: Reference) -> Iterator[Figure]:
             return GuideFront(section, threads=threads, references=references)
 
         front, rounds, baseline = opened(), reference.effort.rounds, "policies and reference solved again"
-        known = in_turns(lambda: departing(front, next(departures)), solved, rounds=rounds)
-        cold = in_turns(lambda: departing(opened(), next(departures)), solved, rounds=rounds)
+        known = in_turns(lambda: departing(front, next(wanted)), solved, rounds=rounds)
+        cold = in_turns(lambda: departing(opened(), next(wanted)), solved, rounds=rounds)
     yield known.figure("look-up", f"a departure's reference from a table, {section.name}", "ms", baseline)
     yield cold.figure("cold-start", f"the same with its table, {size_mb:.2f} MB, read and checked", "ms", baseline)
 

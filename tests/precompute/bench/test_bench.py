@@ -19,6 +19,7 @@ from precompute.bench.command import NAMES, bench, figures_by_name, longest_sect
 from precompute.bench.figures import QUICK, Workload, made_up_section
 from precompute.bench.measuring import CACHED_NUMBERS, CHAIN, REPEATS, Figure, Roofline, Times, in_turns, peak_bytes_of
 from precompute.bench.plain import bisected, numpy_sweep, plain_front
+from precompute.bench.table_figures import departures
 from precompute.tables.synthetic import made_up_line
 from tests.support.closeness import assert_close
 from tests.support.making import in_a_process, make_route, make_train
@@ -78,6 +79,12 @@ def test_the_search_for_a_time_finds_what_bisection_finds(section: Section, fron
     assert solution.fit is Fit.ON_TIME
     input_j = plain.balance(section.vehicle, section.loss).input + solution.lambda_w * (found_s - solution.time_s)
     assert solution.balance.input == pytest.approx(input_j, rel=3e-4)
+
+
+def test_the_departures_that_are_looked_up_have_time_to_spare(section: Section) -> None:
+    least_s = solve_front(section).fastest().time_s
+    ratios = [one.left_s / least_s for one in itertools.islice(departures(section), 5)]
+    assert ratios == pytest.approx([1.03, 1.05, 1.08, 1.12, 1.03], rel=1e-3)
 
 
 def test_the_work_is_counted(section: Section) -> None:
