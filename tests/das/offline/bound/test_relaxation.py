@@ -75,6 +75,16 @@ def test_at_a_stand_the_whole_force_is_within_reach_however_little_the_power() -
     assert rows.hull_force[0, : rows.vertices[0]].max() >= weak.traction_force_n
 
 
+def test_the_rows_reach_the_highest_speed_that_is_allowed() -> None:
+    """Where that is a speed of the map, the tolerance of speeds takes it beyond; no plane may stop short of it."""
+    run = run_at("re460-ic")
+    assert isinstance(run.section.loss, LossMap)
+    task, speeds_mps = task_of(run, run.time_s), run.section.loss.speed_mps
+    of_map_mps = float(speeds_mps[np.searchsorted(speeds_mps, task.envelope_mps.max()) - 1])
+    task = replace(task, envelope_mps=np.minimum(task.envelope_mps, of_map_mps))
+    assert map_rows(task, run.section.loss).tau.min() <= task.low_tau.min()
+
+
 @pytest.mark.parametrize("train", few(["re460-ic", "re460-ic-igbt"], ("re460-ic-igbt",), pytest.mark.slow))
 def test_planes_are_near_the_run(train: str) -> None:
     run = run_at(train)
