@@ -376,4 +376,5 @@ def test_the_command_for_people(tmp_path: Path) -> None:
     assert max(map(len, lines)) <= 80
     assert sum(line.startswith((" mass ", " resistance", " head", " tail", " receptivity")) for line in lines) == 14
     assert "adhesion: left out, re460-ic has no data of it ([adhesion] in its file)" in lines
+    assert " s (buffer 7.00 %, " in " ".join(out.split())
     assert os.listdir(tmp_path) == []
