@@ -17,21 +17,22 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto,
 PROTO = "das/bus/das.proto"
 
 
-def main() -> int:
-    """Run protoc; returns its exit code."""
+def main(to: Path | None = None) -> int:
+    """Run protoc; returns its exit code. `to` is the folder that gets das/bus/das_pb2.py … (None: this source)."""
     from grpc_tools import protoc
 
     root = Path(str(files("das"))).parent
+    to = to or root
     well_known = Path(str(files("grpc_tools"))) / "_proto"
     arguments = ["protoc", f"-I{root}", f"-I{well_known}"]
     with TemporaryDirectory() as folder:
         kept = Path(folder) / "das.desc"
         with_comments = [f"--descriptor_set_out={kept}", "--include_source_info"]
-        code = int(protoc.main([*arguments, f"--python_out={root}", f"--mypy_out={root}", *with_comments, PROTO]))
+        code = int(protoc.main([*arguments, f"--python_out={to}", f"--mypy_out={to}", *with_comments, PROTO]))
         if code == 0:
             (file,) = FileDescriptorSet.FromString(kept.read_bytes()).file
             text = json.dumps(dict(comments_of(file)), indent=1, ensure_ascii=False)
-            (root / "das" / "bus" / "das_comments.json").write_text(f"{text}\n", encoding="utf-8")
+            (to / "das" / "bus" / "das_comments.json").write_text(f"{text}\n", encoding="utf-8")
     return code
 
 

@@ -76,17 +76,17 @@ class SectionEnergy:
     beyond_s: float = 0.0
 
     @classmethod
-    def of(cls, start: str, end: str, trip_s: float, driven_j: float, best: Solution) -> SectionEnergy:
-        """The energies of a section from its trip time (s), the energy driven (J) and the optimum for that time."""
+    def of(cls, start: str, end: str, driven_j: float, best: Solution) -> SectionEnergy:
+        """The energies of a section from the energy driven (J) and the optimum for the time that it took."""
         from das.solver.solution import Fit  # imports the solver, which reading a recording does not need
 
         return cls(
             start=start,
             end=end,
-            trip_s=trip_s,
+            trip_s=best.requested_s,
             driven_j=driven_j,
             optimum_j=best.balance.input,
-            late_s=best.time_s - trip_s if best.fit is Fit.LATE else 0.0,
+            late_s=best.time_s - best.requested_s if best.fit is Fit.LATE else 0.0,
         )
 
     @property

@@ -51,9 +51,7 @@ def above_optimum(day: Day, run: Run) -> AboveOptimum:
     sections = zip(pairwise(day.service.stops), run.legs, optimum_as_driven(true_fronts(day), run), strict=True)
     return AboveOptimum.measured_on(
         [
-            SectionEnergy.of(
-                start.name, end.name, arrived.time_s - departed.time_s, day.plant.balance(departed, arrived).input, best
-            )
+            SectionEnergy.of(start.name, end.name, day.plant.balance(departed, arrived).input, best)
             for (start, end), (departed, arrived), best in sections
         ]
     )

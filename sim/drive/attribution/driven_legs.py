@@ -390,7 +390,7 @@ class ComparedLeg:
         return self._beside_optimum(float(self.energies.motors_j[-1]))
 
     def _beside_optimum(self, driven_j: float) -> SectionEnergy:
-        found = SectionEnergy.of(self.leg.start.name, self.leg.end.name, self.leg.trip_s, driven_j, self.optimum)
+        found = SectionEnergy.of(self.leg.start.name, self.leg.end.name, driven_j, self.optimum)
         # A train that was measured drove what it drove: the planned one may only be lighter than it was.
         return replace(found, beyond_s=0.0 if self.energies.measured else self.energies.beyond_s)
 

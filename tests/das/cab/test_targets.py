@@ -136,6 +136,7 @@ def test_targets_off_the_journey_are_ignored_and_reported() -> None:
         Target(stop="Q", arrival_ns=ns(1)),
         Target(stop="B"),
         Target(s_m=-3.0, earliest_ns=ns(1)),
+        Target(s_m=LINE.length_m - 1.0, latest_ns=ns(500)),
         Target(s_m=math.nan, earliest_ns=ns(1)),
         Target(s_m=800.0, earliest_ns=ns(9), latest_ns=ns(1)),
     ]

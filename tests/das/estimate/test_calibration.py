@@ -35,6 +35,7 @@ from das.estimate.calibration import (
     Recalibration,
 )
 from das.estimate.fix import Effort
+from das.estimate.window import LineIntegral
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
@@ -254,6 +255,16 @@ def test_rotating_masses_and_tunnels_are_taken_as_known() -> None:
     assert found.resistance_ratio == pytest.approx(1.2, rel=0.02)
     blind = estimated_by(Calibrator(route, replace(vehicle, tunnel_area_m2=())), states)
     assert blind.resistance_ratio > 1.26
+
+
+def test_a_window_is_as_uncertain_as_its_speeds_scatter() -> None:
+    """The slope of speeds with the standard deviation σ has the variance σ²/Σ(t − t̄)²."""
+    sd_mps, t = 0.3, np.arange(400.0)
+    v = 20.0 + np.random.default_rng(1).normal(0.0, sd_mps, len(t))
+    s = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1])))
+    found = LineIntegral(FLAT, POINT_MASS, 0.0).window(t, s, v, np.zeros_like(t), np.zeros_like(t))
+    assert found is not None
+    assert found.acceleration_variance * np.sum((t - t.mean()) ** 2) == pytest.approx(sd_mps**2, rel=0.15)
 
 
 def test_positions_and_efforts_may_come_at_moments_of_their_own() -> None:

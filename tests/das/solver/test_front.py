@@ -50,6 +50,13 @@ def test_a_higher_price_of_time_gives_a_quicker_run(hilly: Front) -> None:
     assert [trial.miss_s for trial in trials] == [time_s - wanted.time_s for time_s in times_s]
 
 
+@pytest.mark.parametrize(("late_s", "early_s", "share"), [(1.0, -3.0, 0.25), (1.0, -1e6, 0.02), (1e6, -1.0, 0.98)])
+def test_the_next_trial_is_placed_by_the_misses_and_keeps_off_both_ends(
+    hilly: Front, late_s: float, early_s: float, share: float
+) -> None:
+    assert search(hilly, 0.1)._share(late_s, early_s) == pytest.approx(share)
+
+
 def test_one_trial_is_the_most_where_no_more_are_allowed(monkeypatch: pytest.MonkeyPatch, hilly: Front) -> None:
     """With one multiplier tried and no blend the run is what that multiplier gives: the time is missed."""
     exact = search(hilly, 0.1).run()

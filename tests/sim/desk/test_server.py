@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from http.cookiejar import CookieJar
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from sim.desk.host import listening
 from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskGiven, encoded, heard
 from sim.desk.server import BAD, FILES, FLOOD, MOST_AT_ONCE, TAKEN, Allowance, Outbox
 from sim.world.lockstep import Process
+from tests.support.desk_page import FLAT_DAY, desk_command
 from tests.support.desk_server import TOKEN, MadeUpBus, Visitor, desk_server, next_of, say, until
 
 Served = tuple[Visitor, MadeUpBus]
@@ -335,3 +339,14 @@ def test_settings_within_10_ms_are_published_as_the_last_of_them(fresh: Served) 
         assert numbers == sorted(numbers)
         assert len(numbers) < 100
         assert bus.of("controls")[-1].lever_ratio == 1.0
+
+
+@pytest.mark.slow
+def test_the_command_serves_its_page_until_it_is_asked_to_end(tmp_path: Path) -> None:
+    cookies = urllib.request.HTTPCookieProcessor(CookieJar())
+    with desk_command(tmp_path, str(FLAT_DAY), "--out", "d.mcap") as (child, address):
+        with urllib.request.build_opener(cookies).open(address, timeout=60) as answer:
+            assert b'src="desk.js"' in answer.read()
+        child.send_signal(signal.SIGINT)
+        _, said = child.communicate(timeout=60)
+    assert "Traceback" not in said

@@ -100,13 +100,33 @@ def test_a_lost_first_chunk_takes_no_channel_with_it(whole: Path, tmp_path: Path
     recover(tmp_path / "altered.mcap", tmp_path / "new.mcap")
     after = read_recording(tmp_path / "new.mcap")
     assert after.topics == ("position", "truth")
-    with (tmp_path / "new.mcap").open("rb") as file:  # the schemas are as before, also for other readers
+    assert schemas(tmp_path / "new.mcap") == schemas(whole)  # also for other readers
+
+
+def schemas(path: Path) -> dict[str, bytes]:
+    """The descriptions of the messages of a recording, by the names of their types."""
+    with path.open("rb") as file:
         summary = make_reader(file).get_summary()
-    with whole.open("rb") as file:
-        before = make_reader(file).get_summary()
     assert summary is not None
-    assert before is not None
-    assert {x.name: x.data for x in summary.schemas.values()} == {x.name: x.data for x in before.schemas.values()}
+    return {one.name: one.data for one in summary.schemas.values()}
+
+
+def test_the_description_of_messages_of_another_version_stays(whole: Path, tmp_path: Path) -> None:
+    raw, _ = read_raw(whole)
+    channel = next(one for one in raw.channels.values() if one.topic.endswith("position"))
+    named = raw.schemas[channel.schema_id]
+    other = named.data + b"\x7a\x00"  # a part that our version does not know
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        number = writer.register_channel(
+            channel.topic, "protobuf", writer.register_schema(named.name, "protobuf", other)
+        )
+        writer.add_message(number, START_NS, das_pb2.Position(time_ns=START_NS).SerializeToString(), START_NS)
+        writer.finish()
+    recover(path, tmp_path / "new.mcap")
+    assert schemas(tmp_path / "new.mcap") == {named.name: other}
 
 
 def test_metadata_that_nothing_proves_do_not_become_proven(tmp_path: Path) -> None:

@@ -246,6 +246,8 @@ def test_the_picture_is_scaled_to_forces_that_are_held(driven: tuple[Trip, Secti
     axis = Figure().subplots()
     found = estimate_run(driven[1], *braked_hard_at_last())
     draw_forces(axis, found, SEEN)
+    motors: Any = axis.patches[0]
+    np.testing.assert_allclose(1e3 * motors.get_data().values, found.trajectory.force_el_n)
     shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(found, SEEN)) / 1e3
     assert axis.get_ylim() == pytest.approx((-shown_kn, shown_kn))
     assert axis.get_title() == "cut, as shorter than 8 s: -148 kN"

@@ -93,6 +93,13 @@ def test_a_signal_stop_does_not_bend_the_matching(tmp_path: Path) -> None:
     assert trip.whole
 
 
+def test_a_train_that_stands_for_a_second_on_the_way_has_not_stopped(tmp_path: Path) -> None:
+    first = clean(3000.0, stood_s=0)
+    second = clean(5000.0, start_m=3000.0, start_s=first[-1].t + 1, stood_s=0)
+    trip = load(tmp_path, first + second)
+    assert [stand.stop for stand in trip.stands] == ["A", "B"]
+
+
 def test_stops_on_the_way_give_the_schedule(tmp_path: Path) -> None:
     first = clean(3000.0)
     second = clean(5000.0, start_m=3000.0, start_s=first[-1].t + 31)

@@ -44,6 +44,11 @@ def test_the_margin_grows_for_a_driver_who_drifts() -> None:
     assert drifted(0.0, 60).margin_s(60.0) == MARGIN_LEAST_S
 
 
+def test_the_margin_is_one_and_a_half_deviations_of_the_drift() -> None:
+    """By hand: 2 s in each third of a minute are 2²/(1/3) = 12 s² a minute, and √12 s after one minute."""
+    assert drifted(6.0, 60).margin_s(60.0) == pytest.approx(1.5 * 12**0.5, rel=1e-3)
+
+
 def test_an_unknown_driver_is_expected_to_lose_what_drivers_usually_lose() -> None:
     assert Drift().loss_s(12.0, 0.5) == 12.0
 

@@ -149,6 +149,12 @@ def test_a_slow_train_accelerates_no_further_than_the_next_step_needs() -> None:
     assert asked(2400.0, 40.0, schedule=schedule)[0].one.speed_mps == pytest.approx(60 * KMH)
 
 
+def test_before_coasting_a_slow_train_accelerates_as_far_as_its_own_step_says() -> None:
+    """What it lacks where it begins to coast, coasting does not make up."""
+    schedule = reference(("T", 0.8, 0.0, 100), ("C", 0.0, 1500.0, 90), ("B", 0.0, 4700.0, 0))
+    assert asked(1400.0, 40.0, schedule=schedule)[0].one.speed_mps == pytest.approx(100 * KMH)
+
+
 def test_a_brake_ends_at_its_speed_and_is_not_taken_up_again() -> None:
     found, memory = asked(2700.0, 80.0, schedule=LOWER)
     assert (found.one.mode in BRAKES, round(found.one.speed_mps / KMH)) == (True, 60)

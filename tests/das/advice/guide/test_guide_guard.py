@@ -104,6 +104,10 @@ def test_the_foreseen_brake_is_where_a_driver_who_goes_on_as_told_meets_the_curv
     rolls = foreseen_brake(seen(1000.0, 100), coast(80 * KMH), 0.0)
     assert rolls is not None
     assert rolls.one.way_m > found.one.way_m, "who coasts is slower there"
+    here = seen(1000.0, 100)
+    further = foreseen_brake(here._replace(state=here.state._replace(ahead_m=50.0)), hold(100 * KMH), 0.0)
+    assert further is not None
+    assert further.one.way_m == pytest.approx(found.one.way_m - 50.0, abs=1.0), "he may be 50 m further ahead"
 
 
 def test_a_driver_hardly_above_the_speed_to_hold_is_foreseen_to_hold_it() -> None:

@@ -15,7 +15,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.offline.bound.certificate import task_of
-from das.offline.bound.relaxation import MapPlanes, efficiency_planes, map_rows
+from das.offline.bound.relaxation import MapPlanes, _power_cut, efficiency_planes, map_rows
 from das.solver.section import Section, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
@@ -75,6 +75,16 @@ def test_at_a_stand_the_whole_force_is_within_reach_however_little_the_power() -
     assert rows.hull_force[0, : rows.vertices[0]].max() >= weak.traction_force_n
 
 
+def test_the_rows_reach_the_highest_speed_that_is_allowed() -> None:
+    """Where that is a speed of the map, the tolerance of speeds takes it beyond; no plane may stop short of it."""
+    run = run_at("re460-ic")
+    assert isinstance(run.section.loss, LossMap)
+    task, speeds_mps = task_of(run, run.time_s), run.section.loss.speed_mps
+    of_map_mps = float(speeds_mps[np.searchsorted(speeds_mps, task.envelope_mps.max()) - 1])
+    task = replace(task, envelope_mps=np.minimum(task.envelope_mps, of_map_mps))
+    assert map_rows(task, run.section.loss).tau.min() <= task.low_tau.min()
+
+
 @pytest.mark.parametrize("train", few(["re460-ic", "re460-ic-igbt"], ("re460-ic-igbt",), pytest.mark.slow))
 def test_planes_are_near_the_run(train: str) -> None:
     run = run_at(train)
@@ -92,6 +102,22 @@ def test_planes_are_near_the_run(train: str) -> None:
     step = np.diff(path.s_m)
     assert float(heights @ step) == pytest.approx(run.balance.input, rel=0.03)
     assert 0.0 <= run.gap_ratio < 0.04
+
+
+def test_the_cut_of_a_power_touches_its_force_at_the_run_and_is_nowhere_below_it() -> None:
+    """The force F at a slowness τ is the root of F + G·F·(F − R) = P·τ, with G = h·τ²/2M."""
+    run = run_at("re460-ic")
+    task, power_w, resisting_n = task_of(run, run.time_s), 3e6, 2e4
+    slope, offset = _power_cut(task, power_w, np.full(len(task.line.step_m), resisting_n))
+    of_run = 2.0 / (task.speeds_mps[:-1] + task.speeds_mps[1:])
+    for times in (0.7, 1.0, 1.4):
+        tau = times * of_run
+        bend = 0.5 * task.line.step_m * tau**2 / task.section.train.inertial_mass_kg
+        rest = 1.0 - bend * resisting_n
+        force_n = (np.sqrt(rest**2 + 4.0 * bend * power_w * tau) - rest) / (2.0 * bend)
+        above = (slope * tau + offset) / force_n - 1.0
+        assert above[force_n > resisting_n].min() > -1e-7
+        assert times != 1.0 or np.median(np.abs(above)) < 1e-7
 
 
 def test_planes_of_efficiencies_are_the_energy_itself() -> None:
