@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -221,20 +220,6 @@ def buffer_numbers(text: str) -> list[float]:
     for value in values:
         buffered(1.0, value)
     return values
-
-
-def chosen(only: str | None, names: Collection[str], kind: str) -> list[str]:
-    """The names that `--only` lists, each once and in the order of `names`; all of them if it is not given.
-
-    Raises DasError for an unknown name; `kind` is the word for such a name in the message.
-    """
-    if only is None:
-        return list(names)
-    asked = [name.strip() for name in only.split(",")]
-    unknown = [name for name in asked if name not in names]
-    if unknown:
-        raise DasError(f"--only {only}: no {kind} {unknown[0]!r}; expected some of {', '.join(names)}")
-    return [name for name in names if name in asked]
 
 
 def _spelled(name: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from das.command_line.application import Entry, Group, application, run_app
 
 NAME = "das-precompute"
@@ -25,15 +27,6 @@ COMMANDS: tuple[Entry | Group, ...] = (
         ),
     ),
     Entry(
-        name="few-switch",
-        where="precompute.cli.few_switch:few_switch",
-        summary="Show what few changes of the controller cost: energy for each of a list of prices of a change.",
-        examples=(
-            "das-precompute few-switch zurich-luzern re460-ic --from Zug --buffers 4,7",
-            "das-precompute few-switch flat-6km re460-ic --prices 0,0.03,0.3 --json",
-        ),
-    ),
-    Entry(
         name="journey",
         where="precompute.cli.journey:journey",
         summary="Plan a train's whole journey with the least energy: when to be where, and how to drive between.",
@@ -42,12 +35,6 @@ COMMANDS: tuple[Entry | Group, ...] = (
             "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60",
         ),
         more="precompute.cli.journey_files:COMMANDS",
-    ),
-    Entry(
-        name="sensitivity",
-        where="precompute.cli.sensitivity:sensitivity",
-        summary="Show how time and energy of a planned run change when train, wind, line or rail differ from the plan.",
-        examples=("das-precompute sensitivity zurich-luzern re460-ic --from Zug --buffer 7",),
     ),
     Entry(
         name="build",
@@ -92,16 +79,16 @@ COMMANDS: tuple[Entry | Group, ...] = (
         summary="Describe a loss map: coverage, fits of L1 and L2 with their errors, best efficiency, largest losses.",
         examples=("das-precompute loss-map re460-ic --plot map.png",),
     ),
-    Entry(
-        name="bench",
-        where="precompute.bench.command:bench",
-        summary="Measure the solver's speed on this machine, and compare it with baselines and the machine's limits.",
-        examples=("das-precompute bench --only front,trajectory --json",),
-    ),
 )
 """Every command; a test compares its summary with the first line of its docstring."""
+GONE: Final = {
+    "bench": "python -m docs.studies.bench in a checkout",
+    "few-switch": "python -m docs.studies.few_switch ROUTE VEHICLE in a checkout",
+    "sensitivity": "python -m docs.studies.changed_world ROUTE VEHICLE in a checkout",
+}
+"""Former commands, each with what to run instead."""
 
-app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS)
+app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS, gone=GONE)
 
 
 def main() -> None:

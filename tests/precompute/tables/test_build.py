@@ -28,7 +28,6 @@ from das.table.table import Table
 from precompute import pool, workers
 from precompute.tables.build import BuildStatus, build, finished, solve_jobs, table_files
 from precompute.tables.plan import USUAL, read_plan
-from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import Job, TableSettings
 from precompute.workers import Workers, differences, environment
 from tests.support import small_tables
@@ -133,8 +132,7 @@ BAD_PLANS: dict[str, tuple[str, str]] = {
     ),
     "multipliers": (BASE + "[tables]\nmultipliers = 28\n", "multipliers = 28: expected one of the keys"),
     "max": (BASE + "[tables]\nmax = 1\n", "tables.max = 1: expected true or false"),
-    "no sections": (HEAD + TRAIN + "[synthetic]\nsections = 0\nseed = 1\n", "synthetic.sections = 0: expected"),
-    "no seed": (HEAD + TRAIN + "[synthetic]\nsections = 3\n", "synthetic.seed is missing"),
+    "made-up lines": (BASE + "[synthetic]\nsections = 3\n", "synthetic = .*: expected one of the keys"),
     "twice the same": (HEAD + ROUTE + ROUTE + TRAIN, "expected every section and train once"),
 }
 
@@ -145,19 +143,6 @@ def test_a_bad_plan_is_refused(tmp_path: Path, case: str) -> None:
     with pytest.raises(DasError, match=said) as caught:
         read_plan(plan_file(tmp_path, text))
     assert str(caught.value).startswith(str(tmp_path / "plan.toml"))
-
-
-def test_synthetic_lines_come_from_their_seed() -> None:
-    routes, again, other = synthetic_routes(43, 7), synthetic_routes(43, 7), synthetic_routes(43, 8)
-    lengths = np.concatenate([np.diff([stop.position_m for stop in route.stops]) for route in routes])
-    assert len(lengths) == 43
-    assert 1000 <= lengths.min() < 3000
-    assert 15_000 < lengths.max() <= 40_000
-    for route, same in zip(routes, again, strict=True):
-        np.testing.assert_array_equal(route.gradients_ratio.value, same.gradients_ratio.value)
-        np.testing.assert_array_equal(route.limits_mps.start_m, same.limits_mps.start_m)
-    assert routes[0].length_m != other[0].length_m
-    assert np.concatenate([route.curvature_per_m.value for route in routes]).max() < 1 / 200
 
 
 # On this machine
@@ -278,7 +263,9 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert "1 of 2 tables are whole" in checked.stdout
 
 
-MANY = HEAD + "[synthetic]\nsections = 16\nseed = 3\n" + TRAIN + QUICK
+BENCHMARK = ("CH_Stadler_FLIRT_TPF", "CH_Stadler_KISS_SBB", "CN_Beijing_Subway", "NL_Intercity_VIRM6")
+LEVELS = 'levels = ["own", "l0-noreg", "l0-reg", "l1"]\n'
+MANY = HEAD + ROUTE + "".join(f'[[trains]]\nvehicle = "{name}"\n{LEVELS}' for name in BENCHMARK) + QUICK
 
 
 def started_build(folder: Path, tables: int) -> subprocess.Popen[str]:
@@ -293,7 +280,7 @@ def started_build(folder: Path, tables: int) -> subprocess.Popen[str]:
         encoding="utf-8",
         start_new_session=True,
     )
-    assert wait_until(lambda: len(list((folder / "tables").glob("synthetic*"))) >= tables)
+    assert wait_until(lambda: len(list((folder / "tables").glob("flat-6km*"))) >= tables)
     return process
 
 
