@@ -31,7 +31,7 @@ class Budget(NamedTuple):
 
 BUDGETS = {
     "das": Budget(29_660, 176),
-    "precompute": Budget(12_610, 74),
+    "precompute": Budget(12_230, 72),
     "sim": Budget(34_850, 172),
     "docs/studies": Budget(5_480, 35),
 }

@@ -11,6 +11,7 @@ import tempfile
 import time
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib.metadata import version
 from itertools import cycle
 from pathlib import Path
@@ -97,7 +98,7 @@ def rows(rounds: int, lengths_km: Sequence[float] = LENGTHS_KM) -> Iterator[str]
             yield row(name, seconds(work, rounds))
     for length_km in lengths_km:
         line = part(0.0, length_km)
-        yield row(f"front of {length_km:g} km", seconds(lambda line=line: solve_front(line), rounds))
+        yield row(f"front of {length_km:g} km", seconds(partial(solve_front, line), rounds))
 
 
 def row(name: str, found: Sequence[float]) -> str:

@@ -34,11 +34,16 @@ COMMANDS: tuple[Entry | Group, ...] = (
             "das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png",
             "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60",
         ),
-        more="precompute.cli.journey_files:COMMANDS",
+        more="precompute.cli.imports:OF_JOURNEYS",
+        gone={
+            "show": "das-precompute show JOURNEY --route ROUTE",
+            "check": "das-precompute show JOURNEY --route ROUTE --vehicle VEHICLE",
+            "new": "das-sim example DIR, and change journey.toml in it",
+        },
     ),
     Entry(
         name="build",
-        where="precompute.tables.command:build",
+        where="precompute.cli.tables:build",
         summary="Solve every section of a plan into a table for the cab.",
         examples=(
             "das-precompute build plan.toml -o tables",
@@ -47,41 +52,47 @@ COMMANDS: tuple[Entry | Group, ...] = (
     ),
     Entry(
         name="verify",
-        where="precompute.tables.command:verify",
+        where="precompute.cli.tables:verify",
         summary="Check every byte of tables, that this release can use them, and that none is missing.",
         examples=("das-precompute verify tables",),
     ),
     Entry(
         name="show",
-        where="precompute.tables.command:show",
-        summary="Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.",
-        examples=("das-precompute show tables --json",),
+        where="precompute.cli.show:show",
+        summary="Show and check a route, vehicle, journey, loss map or tables; without a file, list what is bundled.",
+        examples=(
+            "das-precompute show",
+            "das-precompute show zurich-luzern --plot line.png",
+            "das-precompute show j.toml --route zurich-luzern --vehicle re460-ic",
+            "das-precompute show tables --json",
+        ),
     ),
     Group(
         name="route",
-        summary="Own lines: import them from maps and tables, show, check and merge them.",
-        where="precompute.cli.route:COMMANDS",
-    ),
-    Entry(
-        name="catalogue",
-        where="precompute.cli.catalogue:catalogue",
-        summary="List the bundled routes and vehicles.",
-        examples=("das-precompute catalogue", "das-precompute catalogue --json"),
+        summary="Own lines: import them from maps and tables.",
+        where="precompute.cli.imports:OF_ROUTES",
+        gone={
+            "show": "das-precompute show ROUTE",
+            "check": "das-precompute show ROUTE",
+            "merge": "das-precompute route import of tables, or copy the rows from one TOML file to the other",
+            "new": "das-sim example DIR, and change route.toml in it",
+        },
     ),
     Group(
         name="vehicle",
-        where="precompute.cli.vehicle_files:COMMANDS",
-        summary="Make vehicle files from those of other programs or from tables, and show and check them.",
-    ),
-    Entry(
-        name="loss-map",
-        where="precompute.cli.catalogue:loss_map",
-        summary="Describe a loss map: coverage, fits of L1 and L2 with their errors, best efficiency, largest losses.",
-        examples=("das-precompute loss-map re460-ic --plot map.png",),
+        summary="Own trains: import them from files of other programs or from tables.",
+        where="precompute.cli.imports:OF_VEHICLES",
+        gone={
+            "show": "das-precompute show VEHICLE",
+            "check": "das-precompute show VEHICLE",
+            "new": "das-sim example DIR, and change vehicle.toml in it",
+        },
     ),
 )
 """Every command; a test compares its summary with the first line of its docstring."""
 GONE: Final = {
+    "catalogue": "das-precompute show",
+    "loss-map": "das-precompute show VEHICLE --losses, or das-precompute show MAP.csv",
     "bench": "python -m docs.studies.bench in a checkout",
     "few-switch": "python -m docs.studies.few_switch ROUTE VEHICLE in a checkout",
     "sensitivity": "python -m docs.studies.changed_world ROUTE VEHICLE in a checkout",

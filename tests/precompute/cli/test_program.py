@@ -56,11 +56,11 @@ def test_options_have_a_help_of_a_sentence_and_one_spelling_in_all_commands() ->
 
 
 PRINTED = {
-    "catalogue": "levels: ",
+    "show": "levels: ",
     "solve flat-6km re460-ic --buffer 7": "gap: ",
     "front zurich-luzern re460-ic --to Thalwil --level l2 --refine off": "saved: ",
     "journey short.toml zurich-luzern re460-ic": "≥, ≤, =: ",
-    "loss-map re460-ic": "|cruising|",
+    "show re460-ic --losses": "|cruising|",
     "front flat-6km re460-ic --exact --max-buffer 1": "supported: ",
 }
 """An abbreviation that a command explains below its table; the last takes longer."""
@@ -92,13 +92,13 @@ def test_what_is_printed_fits_80_columns_and_explains_its_abbreviations(
     out = printed(tmp_path, *shlex.split(command))
     tables = [line for line in out.splitlines() if ".toml" not in line]  # paths are as long as they are
     assert max(len(line.rstrip()) for line in tables) <= 80
-    if command != "catalogue":  # there "…" ends a source that is longer
+    if command != "show":  # there "…" ends a source that is longer
         assert "…" not in out.replace(" … ", "")
     assert PRINTED[command] in out
 
 
 def test_the_catalogue_is_what_the_files_say(tmp_path: Path) -> None:
-    done = in_a_process("precompute.cli", "catalogue", "--json", cwd=tmp_path)
+    done = in_a_process("precompute.cli", "show", "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert [one["id"] for one in found["routes"]] == list(catalogue("routes"))
@@ -120,7 +120,7 @@ def test_the_catalogue_is_what_the_files_say(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("suffix", "begins"), [("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_the_suffix_tells_the_kind_of_a_picture(suffix: str, begins: bytes, tmp_path: Path) -> None:
-    printed(tmp_path, "loss-map", "re460-ic", "--plot", f"map.{suffix}", "--json")
+    printed(tmp_path, "show", "re460-ic", "--losses", "--plot", f"map.{suffix}", "--json")
     assert (tmp_path / f"map.{suffix}").read_bytes().startswith(begins)
 
 
@@ -179,11 +179,21 @@ REFUSED = {
     "journey plan.toml flat-6km own.toml -o plan.toml": f"plan.toml: {READ}",
     "build trainless.toml -o tables": "error: trainless.toml: trains is missing: expected at least one [[trains]]\n",
     **{f"{name} x --y": f"{name} is no longer a command of this program; run instead: {GONE[name]}" for name in GONE},
-    "loss-map nix": "nix: not a bundled vehicle",
-    "loss-map no.csv": "no.csv: cannot be read",
-    "loss-map re460-ic --plot no/where.png": "no/where.png: no such folder",
-    "loss-map l2.toml": "l2.toml: no data for level l3",
-    "loss-map map.csv --out map.csv": f"map.csv: {READ}",
+    "show nix": "nix: expected a route, vehicle, journey, loss map or tables, or one of CH_Stadler_FLIRT_TPF",
+    "show no.csv": "no.csv: cannot be read",
+    "show re460-ic --losses --plot no/where.png": "no/where.png: no such folder",
+    "show l2.toml --losses": "l2.toml: no data for level l3",
+    "show --plot a.png": "--plot a.png: needs a file",
+    "show re460-ic --reverse": "--reverse: re460-ic is a vehicle",
+    "show flat-6km --load full": "--load full: flat-6km is a route",
+    "show folder --plot a.png": "--plot a.png: folder is tables",
+    "show zurich-luzern --vehicle re460-ic": "--vehicle re460-ic: zurich-luzern is a route",
+    "show map.png": "map.png: expected a route, vehicle, journey, loss map or tables",
+    **{
+        f"{group.name} {word}": f"{word} is no longer a command of this program; run instead: {instead}"
+        for group in COMMANDS
+        for word, instead in group.gone.items()
+    },
 }
 
 
