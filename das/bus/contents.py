@@ -33,7 +33,7 @@ equal, and compares several entries in no fixed order.
 DRIVE: Final = "-drive-"
 """Between the name of a train and the number of its drive, for the second and later drives of one train in a file."""
 RECOVERED: Final = "recovered"
-"""The metadata record in which `das-sim recover` states the source of a recording and what was lost."""
+"""The metadata record in which `das-sim check --save` states the source of a recording and what was lost."""
 
 
 class RecordedMessage(NamedTuple):

@@ -245,4 +245,4 @@ def import_journey(
     written.write(text, notes(found, placement, times, line), about)
     tell(f"plan it: {typed('das-precompute')} journey {written.out} {on.words()}")
     named = f"--route {on.route or 'ROUTE'} --vehicle VEHICLE{' --reverse' if on.reverse else ''}"
-    tell(f"drive it: {typed('das-sim')} make-scenario {named} --journey {written.out} -o day.toml")
+    tell(f"drive it: {typed('das-sim')} example day.toml {named} --journey {written.out}")
