@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from das.command_line.files import check_outputs, check_picture
-from das.command_line.options import JsonOption, OutCsvOption, OverwriteOption, PlotOption
+from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import tell
 from das.domain.errors import DasError
 
@@ -47,23 +47,16 @@ class Files:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableFiles(Files):
-    """The files that a command writes (rows as CSV, a picture), and whether it prints JSON."""
-
-    out: OutCsvOption = None
-    plot: PlotOption = None
-    overwrite: OverwriteOption = False
-    as_json: JsonOption = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunFiles(TableFiles):
+class RunFiles(Files):
     """The files that a command writes of one run (its trajectory as CSV, a picture), and whether it prints JSON."""
 
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Trajectory to write (.csv): one row a grid node."),
     ] = None
+    plot: PlotOption = None
+    overwrite: OverwriteOption = False
+    as_json: JsonOption = False
 
 
 @dataclass(frozen=True, kw_only=True)

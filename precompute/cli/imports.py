@@ -12,10 +12,11 @@ import typer
 
 from das.command_line.application import Entry
 from das.command_line.files import load_route
+from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.units import KM, TONNE, kmh
-from precompute.cli.files import MadeFile, TableFiles
+from precompute.cli.files import Files, MadeFile
 from precompute.journey_order import TimesRead, TripChoice
 from precompute.route_import.order import ImportOrder, Words
 from precompute.vehicle_import.figures import Figures
@@ -85,11 +86,14 @@ class OnRoute:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RouteFiles(TableFiles):
+class RouteFiles(Files):
     """The file of a route that a command writes, and its picture."""
 
     suffix = ".toml"
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")] = field()
+    plot: PlotOption = None
+    overwrite: OverwriteOption = False
+    as_json: JsonOption = False
 
 
 def import_route(

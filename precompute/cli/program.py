@@ -23,7 +23,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
         summary="Show the trade-off between time and energy: the least-energy run for each of a list of buffers.",
         examples=(
             "das-precompute front flat-6km re460-ic --buffers 0,5,10 --json",
-            "das-precompute front flat-6km re460-ic --exact --max-buffer 10",
+            "das-precompute front flat-6km re460-ic --exact --buffers 0,5,10",
         ),
     ),
     Entry(
