@@ -14,10 +14,11 @@ import typer
 
 from das.command_line.files import check_outputs, load_route, load_vehicle
 from das.command_line.given import refuse_given
-from das.command_line.options import FromOption, OverwriteOption, ReverseOption, SeedOption, ToOption
+from das.command_line.options import FromOption, OverwriteOption, ReverseOption, ToOption
 from das.command_line.printing import busy, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, toml_string, write_folder_whole, write_whole
+from sim.bundled.example import example_files
 
 BUFFER_PERCENT, DWELL_S, DEPARTURE = 8.0, 60.0, "2026-11-21T08:00:00Z"
 """Timetable of a scenario unless another is asked for."""
@@ -71,7 +72,6 @@ class OwnScenario:
         """Raise DasError for options that do not go together, and for a file that cannot be written."""
         if self.route is None or self.vehicle is None:
             raise DasError("a scenario needs --route and --vehicle")
-        refuse_given("a scenario is the same for every seed; das-sim run takes one", "--seed")
         if self.journey is not None:
             refuse_given("the journey has stops and times of its own", "--from", "--to", "--buffer", "--dwell")
         if out.suffix != ".toml":
@@ -106,7 +106,6 @@ def example(
     ],
     own: OwnScenario,
     overwrite: OverwriteOption = False,
-    seed: SeedOption = 1,
 ) -> None:
     """Write example files for a line of your own; or with --route and --vehicle, a scenario.
 
@@ -117,7 +116,7 @@ def example(
     """
     if own.route is None and own.vehicle is None:
         refuse_given("needs --route and --vehicle", *OF_SCENARIOS)
-        _write_example(out, seed, overwrite=overwrite)
+        _write_example(out, overwrite=overwrite)
     else:
         _write_scenario(out, own, overwrite=overwrite)
 
@@ -137,12 +136,9 @@ def _write_scenario(out: Path, own: OwnScenario, *, overwrite: bool) -> None:
     tell(f"drive it: {typed('das-sim')} run {shlex.quote(str(out))}")
 
 
-def _write_example(folder: Path, seed: int, *, overwrite: bool) -> None:
+def _write_example(folder: Path, *, overwrite: bool) -> None:
     filled = _check_example(folder, overwrite)
-    with busy("driving the recorded trip …"):
-        from sim.bundled.example import example_files
-
-        content = example_files(seed)
+    content = example_files()
     if filled:
         for name in content:
             check_writable(folder / name, overwrite=True)

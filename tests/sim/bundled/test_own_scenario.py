@@ -113,7 +113,6 @@ def test_the_timetable_is_the_one_asked_for(own: Path) -> None:
             "--dwell 5",
         ),
         (["--route", "route.toml", "--vehicle", "vehicle.toml", "--departure", "soon"], "departure = 'soon'"),
-        (["--route", "route.toml", "--vehicle", "vehicle.toml", "--seed", "2"], "--seed 2: a scenario is the same"),
     ],
 )
 def test_options_that_do_not_go_together_write_nothing(own: Path, args: list[str], said: str) -> None:
