@@ -59,7 +59,7 @@ class Entry:
     `name`: the word the user types. `where`: module and function, like "precompute.cli.solve:solve"; the module is
     imported only when the command is called. `summary`: the first line of the function's docstring, as the program's
     help prints it. `examples`: command lines that a user can copy. `more`: module and name of a tuple of commands that
-    begin with this one's word ("precompute.cli.imports:OF_JOURNEYS"); any other word is an argument of this one.
+    begin with this one's word ("precompute.cli.program:OF_JOURNEYS"); any other word is an argument of this one.
     `gone`: see `application`.
     """
 

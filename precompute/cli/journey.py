@@ -15,8 +15,7 @@ import typer
 from das.command_line.given import refuse_given
 from das.command_line.printing import busy, loading_solver
 from das.domain.errors import DasError
-from precompute.cli.files import RunFiles
-from precompute.cli.options import LineOptions, TrainOnLine, TrainOptions, WorldOptions, buffered
+from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered
 
 if TYPE_CHECKING:
     from das.domain.journey import Journey

@@ -18,11 +18,11 @@ from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, steps_bar, tell
 from das.domain.levels import Level
 from precompute.baselines import Strategy
-from precompute.cli.files import RunFiles
 from precompute.cli.options import (
     BoundOption,
     Pose,
     RefineOption,
+    RunFiles,
     TripTime,
     bound_seconds,
     buffer_numbers,
