@@ -17,8 +17,7 @@ from das.domain.files.writing import toml_string
 from das.domain.journey import LEAST_SPACING_M, file_clock
 from das.domain.route import Route, Stop
 from das.domain.units import KM
-from precompute.gtfs import FeedTrip, TripStop, check_ends
-from precompute.gtfs_tables import key_of, tidy
+from precompute.gtfs import FeedTrip, TripStop, check_ends, key_of, tidy
 from precompute.journey_order import TimesRead
 from precompute.polylines import Projection, along_m, projected_in_order
 

@@ -203,11 +203,10 @@ def replay(
     return Drive.read(job.processes.out)
 
 
-def write_example(folder: str | Path, seed: int = 1) -> Path:
+def write_example(folder: str | Path) -> Path:
     """Write the files of `das-sim example` into a new folder: line, train, journey, scenario, and a recorded trip.
 
-    They are invented and meant to be changed; the seed draws the errors of the trip. Raises DasError if the folder is
-    already there or cannot be written.
+    They are invented and meant to be changed. Raises DasError if the folder is already there or cannot be written.
 
         sim.write_example("my-line")
     """
@@ -216,7 +215,7 @@ def write_example(folder: str | Path, seed: int = 1) -> Path:
     path = Path(folder)
     if path.exists():
         raise DasError(f"{folder}: is already there, expected a new folder")
-    write_folder_whole(path, example_files(seed))
+    write_folder_whole(path, example_files())
     return path
 
 

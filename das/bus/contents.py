@@ -23,7 +23,7 @@ DRIVE: Final = "-drive-"
 MOST_BYTES: Final = 1 << 30
 """Largest file (bytes) that is read; recordings take 50 to 500 bytes a message."""
 RECOVERED: Final = "recovered"
-"""The metadata record in which `das-sim recover` states the source of a recording and what was lost."""
+"""The metadata record in which `das-sim check --save` states the source of a recording and what was lost."""
 
 
 class RecordedMessage(NamedTuple):

@@ -201,11 +201,11 @@ def recording_of(found: Contents, train: str | None = None) -> Recording:
 
 
 def refuse_damage(found: Contents) -> None:
-    """Raise DasError for a file with damage, or with missing messages that `das-sim recover` has not noted."""
+    """Raise DasError for a file with damage, or with missing messages that `das-sim check --save` has not noted."""
     path, health = found.path, found.health
     if health.damage:
         more = f", and {len(health.damage) - 1} more places" if len(health.damage) > 1 else ""
-        raise DasError(f"{path}: damaged: {health.damage[0]}{more}; das-sim recover saves what is sound")
+        raise DasError(f"{path}: damaged: {health.damage[0]}{more}; das-sim check --save NEW.mcap saves what is sound")
     if health.missing and RECOVERED not in found.metadata:
         raise DasError(f"{path}: damaged: {health.missing} messages are missing, according to their sequence numbers")
 

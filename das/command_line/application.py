@@ -37,6 +37,18 @@ from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_si
 from das.domain.errors import DasError, now_called
 
 EXIT_BAD_INPUT = 2
+_OF_FILE = "--max-power-kw --max-force-kn --max-brake-force-kn --max-speed-kmh --no-friction-brake --point-mass"
+GONE_OPTIONS = {
+    **dict.fromkeys(_OF_FILE.split(), "change it in the vehicle's file"),
+    **dict.fromkeys(
+        ("--boundary-speed-mps", "--start-speed-mps", "--end-speed-mps", "--step"),
+        "use das.solver.section.SectionOptions in Python",
+    ),
+    "--max-buffer": "the largest of --buffers counts",
+    "--bucket": "use precompute.exact.front.Limits in Python",
+    "--connect": "use --driver-at",
+}
+"""Former options of commands, each with what to do instead."""
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -47,7 +59,7 @@ class Entry:
     `name`: the word the user types. `where`: module and function, like "precompute.cli.solve:solve"; the module is
     imported only when the command is called. `summary`: the first line of the function's docstring, as the program's
     help prints it. `examples`: command lines that a user can copy. `more`: module and name of a tuple of commands that
-    begin with this one's word ("precompute.cli.imports:OF_JOURNEYS"); any other word is an argument of this one.
+    begin with this one's word ("precompute.cli.program:OF_JOURNEYS"); any other word is an argument of this one.
     `gone`: see `application`.
     """
 
@@ -161,6 +173,9 @@ class _Command(TyperCommand):
             return super().parse_args(ctx, args)
         except TyperException as error:
             words = re.findall(r"[\w-]+", error.format_message())
+            for word in words if "No such option" in error.format_message() else ():
+                if instead := GONE_OPTIONS.get(word):
+                    raise DasError(f"{word} is no longer an option of this command: {instead}") from None
             known = {*words, *(option for parameter in self.params for option in parameter.opts)}
             for word in words:
                 if new := now_called(word, known):

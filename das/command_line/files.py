@@ -106,18 +106,6 @@ def check_picture(path: Path | None) -> None:
         raise DasError(f"{path}: expected a file name that ends in {', '.join(PICTURES[:-1])} or {PICTURES[-1]}")
 
 
-def offscreen_pyplot() -> Any:
-    """matplotlib.pyplot that draws without a screen; DasError where matplotlib is missing."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise DasError(NO_MATPLOTLIB) from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot
-
-
 def save_figure(path: Path, figure: Any, *, dpi: int = 120, **settings: Any) -> None:
     """Write a matplotlib figure in the format that the suffix of `path` names.
 

@@ -140,9 +140,6 @@ OutRecordingOption = Annotated[
         "--out", "-o", metavar="FILE", help="Recording (.mcap) to write [default: a new file in ./recordings]."
     ),
 ]
-OutCsvOption = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Table (.csv) to write: one row a point.")
-]
 PlotOption = Annotated[
     Path | None, typer.Option("--plot", metavar="FILE", help="Picture to write: .png, .pdf or .svg.")
 ]

@@ -96,7 +96,7 @@ def bounded_lines() -> Iterator[str]:
     exact = solve_exact(case(Level.L0_REG), BUFFERS[-1], limits=Limits(bucket_ms=BUCKET_MS))
     above = 100.0 * (exact.energy_j - exact.bound_j) / np.maximum(np.abs(exact.energy_j), 1.0)
     yield (
-        f"With one partial run per state and {BUCKET_MS:g} ms (`--level l0-reg --bucket {BUCKET_MS:g}`), "
+        f"With one partial run per state and {BUCKET_MS:g} ms (level `l0-reg`), "
         f"{exact.labels / MILLION:.2g} million partial runs give {len(exact.time_s)} runs that exist, at most "
         f"{above.max():.4f} % above the dual bound and {above.mean():.4f} % in the mean."
     )

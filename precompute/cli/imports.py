@@ -6,56 +6,22 @@ import json
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.application import Entry
 from das.command_line.files import load_route
+from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.units import KM, TONNE, kmh
-from precompute.cli.files import MadeFile, TableFiles
+from precompute.cli.options import Files, MadeFile
 from precompute.journey_order import TimesRead, TripChoice
 from precompute.route_import.order import ImportOrder, Words
-from precompute.vehicle_import.figures import Figures
+from precompute.vehicle_import.tables import Figures
 
 if TYPE_CHECKING:
     from das.domain.route import Route
-
-OF_ROUTES: Final = (
-    Entry(
-        name="import",
-        where="precompute.cli.imports:import_route",
-        summary="Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.",
-        examples=(
-            "das-precompute route import tracks.geojson --from A --to B --flat -o my.toml",
-            "das-precompute route import limits.csv --altitudes heights.csv -o my.toml",
-        ),
-    ),
-)
-OF_VEHICLES: Final = (
-    Entry(
-        name="import",
-        where="precompute.cli.imports:import_vehicle",
-        summary="Make a vehicle file from rolling stock of OSRD or railtoolkit, or from a table of efforts.",
-        examples=(
-            "das-precompute vehicle import STOCK.json -o train.toml --losses re460-ic",
-            "das-precompute vehicle import TRAIN.yaml -o train.toml --losses 0.85",
-        ),
-    ),
-)
-OF_JOURNEYS: Final = (
-    Entry(
-        name="import",
-        where="precompute.cli.imports:import_journey",
-        summary="Make a journey file from a trip of a GTFS feed.",
-        examples=(
-            "das-precompute journey import FEED.zip --trip 101 -o j.toml",
-            "das-precompute journey import FEED.zip --trip 101 --route line.toml -o j.toml",
-        ),
-    ),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,11 +51,14 @@ class OnRoute:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RouteFiles(TableFiles):
+class RouteFiles(Files):
     """The file of a route that a command writes, and its picture."""
 
     suffix = ".toml"
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")] = field()
+    plot: PlotOption = None
+    overwrite: OverwriteOption = False
+    as_json: JsonOption = False
 
 
 def import_route(
@@ -121,7 +90,7 @@ def import_route(
         from das.domain.files.writing import write_whole
         from precompute.cli import route_report
         from precompute.route_import.importing import imported
-        from precompute.route_import.route_file import route_toml
+        from precompute.route_import.line import route_toml
 
         line = imported(files, order, stated)
         write_whole(written.out, route_toml(line.route, line.remarks).encode())
@@ -245,4 +214,4 @@ def import_journey(
     written.write(text, notes(found, placement, times, line), about)
     tell(f"plan it: {typed('das-precompute')} journey {written.out} {on.words()}")
     named = f"--route {on.route or 'ROUTE'} --vehicle VEHICLE{' --reverse' if on.reverse else ''}"
-    tell(f"drive it: {typed('das-sim')} make-scenario {named} --journey {written.out} -o day.toml")
+    tell(f"drive it: {typed('das-sim')} example day.toml {named} --journey {written.out}")

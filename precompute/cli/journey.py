@@ -15,8 +15,7 @@ import typer
 from das.command_line.given import refuse_given
 from das.command_line.printing import busy, loading_solver
 from das.domain.errors import DasError
-from precompute.cli.files import RunFiles
-from precompute.cli.options import LineOptions, TrainOnLine, TrainOptions, WorldOptions, buffered
+from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered
 
 if TYPE_CHECKING:
     from das.domain.journey import Journey
@@ -136,7 +135,7 @@ def journey(
         warm_up()
     began = time.perf_counter()
     with busy(f"planning {len(asked.calls) - 1} sections …"):
-        planner = JourneyPlanner(asked, line, train, level=driven.level, point_mass=driven.point_mass)
+        planner = JourneyPlanner(asked, line, train, level=driven.level)
         plan = planner.plan()
         solve_s = time.perf_counter() - began
         others_j = {"proportional": planner.plan(Split.PROPORTIONAL).input_j, "fastest": planner.fastest_j()}
@@ -199,10 +198,9 @@ def _asked(name: str, line: Route, posed: TrainOnLine, stops: StopsOptions) -> t
 
 def _least_time_s(route: Route, train: Vehicle, options: TrainOptions) -> float:
     """The sum of the least times of all sections of a route (s)."""
-    from das.solver.section import SectionOptions, build_section
+    from das.solver.section import build_section
     from precompute.baselines import strategies
 
     ends = pairwise(stop.position_m for stop in route.stops)
-    chosen = SectionOptions(point_mass=options.point_mass)
-    sections = (build_section(route, train, level=options.level, start_m=a, end_m=b, options=chosen) for a, b in ends)
+    sections = (build_section(route, train, level=options.level, start_m=a, end_m=b) for a, b in ends)
     return sum(strategies.fastest(section).time_s for section in sections)

@@ -1,45 +1,44 @@
-"""Options that only das-precompute has, in groups, and the route, train and section that they describe."""
+"""Options that only das-precompute has, in groups: a train on a section, and the files that commands write."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.files import load_route, load_vehicle
+from das.command_line.files import check_outputs, check_picture, load_route, load_vehicle
 from das.command_line.given import refuse_given
 from das.command_line.options import (
     FromOption,
+    JsonOption,
     LevelOption,
     LoadOption,
     LossMapOption,
     ModeOption,
-    PointMassOption,
+    OverwriteOption,
+    PlotOption,
     ReverseOption,
     RouteArgument,
     ToOption,
     VehicleArgument,
 )
+from das.command_line.printing import tell
 from das.domain.errors import DasError
-from das.domain.units import KMH, KN, KW
+from das.domain.units import KMH
 
 if TYPE_CHECKING:
     from das.domain.conditions import Conditions
-    from das.domain.effort import EffortEnvelope
     from das.domain.route import Route
     from das.domain.vehicle import Vehicle
     from das.solver.section import Section
 
 
 MOST_PERCENT = 1e4
-FASTEST_END_MPS = 200.0
-LARGEST = 1e9
-"""Upper bound of powers (kW), forces (kN) and speeds (km/h) on the command line."""
-SHORTEST_STEP_M, LONGEST_STEP_M = 5.0, 150.0
-"""Range of the decision steps that `--step` accepts (m)."""
+MOST_SECONDS = 1e9
 
 TimeOption = Annotated[float | None, typer.Option("--time", metavar="S", help="Trip time in s.")]
 BufferOption = Annotated[
@@ -74,73 +73,21 @@ class LineOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class EndsOptions:
-    """Where a section begins and ends, and how fast the train is there (m/s).
-
-    A stop of None is the first or last of the route; a start or end speed of None is `boundary_speed_mps`. Raises
-    DasError for an impossible speed.
-    """
+    """The stops where a section begins and ends; None: the first and the last of the route."""
 
     from_stop: FromOption = None
     to_stop: ToOption = None
-    boundary_speed_mps: Annotated[float, typer.Option(help="Speed at both ends of the section in m/s.")] = 0.0
-    start_speed_mps: Annotated[float | None, typer.Option(help="Speed at the start only in m/s.")] = None
-    end_speed_mps: Annotated[float | None, typer.Option(help="Speed at the end only in m/s.")] = None
-
-    def __post_init__(self) -> None:
-        for name in ("boundary_speed_mps", "start_speed_mps", "end_speed_mps"):
-            value = getattr(self, name)
-            if value is not None and not 0 <= value < FASTEST_END_MPS:
-                raise DasError(f"{_spelled(name)} {value}: expected a speed from 0 to {FASTEST_END_MPS:g} m/s")
-        if None not in (self.start_speed_mps, self.end_speed_mps):
-            refuse_given("--start-speed-mps and --end-speed-mps say both speeds", "--boundary-speed-mps")
-
-
-@dataclass(frozen=True, kw_only=True)
-class GridOptions:
-    """How finely the solver decides. Raises DasError for an impossible step."""
-
-    step_m: Annotated[
-        float | None,
-        typer.Option(
-            "--step",
-            metavar="M",
-            help="Decide at least every so many metres: 25 for dense limits, steep gradients, short sections "
-            "[default: 3.2 s of the fastest run, by the line, at most 150 m].",
-            show_default=False,
-        ),
-    ] = None
-
-    def __post_init__(self) -> None:
-        if self.step_m is not None and not SHORTEST_STEP_M <= self.step_m <= LONGEST_STEP_M:
-            raise DasError(f"--step {self.step_m:g}: expected a step from {SHORTEST_STEP_M:g} to {LONGEST_STEP_M:g} m")
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions:
-    """Which train runs, and what differs from its file; None = as in the file.
-
-    Raises DasError for an impossible value.
-    """
+    """Which train runs, and what differs from its file; None = as in the file."""
 
     vehicle: VehicleArgument
     level: LevelOption = None
     loss_map: LossMapOption = None
     load: LoadOption = None
     mode: ModeOption = None
-    point_mass: PointMassOption = False
-    max_power_kw: Annotated[
-        float | None, typer.Option(help="Largest power of traction and of the electric brake in kW.")
-    ] = None
-    max_force_kn: Annotated[float | None, typer.Option(help="Largest traction force in kN.")] = None
-    max_brake_force_kn: Annotated[float | None, typer.Option(help="Largest force of the electric brake in kN.")] = None
-    max_speed_kmh: Annotated[float | None, typer.Option(help="Largest speed of the train in km/h.")] = None
-    no_friction_brake: Annotated[bool, typer.Option("--no-friction-brake", help="Brake with the motors only.")] = False
-
-    def __post_init__(self) -> None:
-        for name in ("max_power_kw", "max_force_kn", "max_brake_force_kn", "max_speed_kmh"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < LARGEST:
-                raise DasError(f"{_spelled(name)} {value}: expected a number > 0 and below 1e9")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +148,7 @@ def _seconds(option: str, text: str, none: str, unlimited: str) -> float:
         seconds = float(text)
     except ValueError:
         seconds = math.nan
-    if not 0 <= seconds < LARGEST:
+    if not 0 <= seconds < MOST_SECONDS:
         raise DasError(f"{option} {text}: expected {none}, {unlimited}, or a number of seconds from 0")
     return seconds
 
@@ -220,10 +167,6 @@ def buffer_numbers(text: str) -> list[float]:
     for value in values:
         buffered(1.0, value)
     return values
-
-
-def _spelled(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,34 +194,23 @@ class TrainOnLine:
             adhesion_ratio=world.adhesion_ratio,
         )
 
-    def route(self, conditions: Conditions | None = None) -> Route:
-        """The route in the direction asked for, under given conditions (default: the user's)."""
-        route = (conditions or self.conditions()).line(load_route(self.where.route))
+    def route(self) -> Route:
+        """The route in the direction asked for, under the user's conditions."""
+        route = self.conditions().line(load_route(self.where.route))
         return route.reversed() if self.where.reverse else route
 
-    def vehicle(self, conditions: Conditions | None = None) -> Vehicle:
-        """The loaded vehicle with the overrides, under given conditions (default: the user's).
+    def vehicle(self) -> Vehicle:
+        """The vehicle in its mode and load, under the user's conditions.
 
         A loss map changes the vehicle's losses and nothing else.
         """
         from das.domain.files.vehicles import read_loss_map
-        from das.domain.vehicle import BrakePolicy
 
         asked = self.driven
         vehicle = picked(load_vehicle(asked.vehicle), asked.mode, asked.load)
         if asked.loss_map is not None:
             vehicle = vehicle.with_loss_map(read_loss_map(asked.loss_map))
-        power_w = asked.max_power_kw * KW if asked.max_power_kw is not None else None
-        if not (power_w or vehicle.electric_brake.max_power_w):
-            refuse_given(f"{vehicle.id} has no electric brake", "--max-brake-force-kn")
-        changed = replace(
-            vehicle,
-            traction=_changed(vehicle.traction, asked.max_force_kn, power_w),
-            electric_brake=_changed(vehicle.electric_brake, asked.max_brake_force_kn, power_w),
-            max_speed_mps=asked.max_speed_kmh * KMH if asked.max_speed_kmh is not None else vehicle.max_speed_mps,
-            brake_policy=BrakePolicy.ELECTRIC if asked.no_friction_brake else vehicle.brake_policy,
-        )
-        return (conditions or self.conditions()).train(changed)
+        return self.conditions().train(vehicle)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,27 +218,16 @@ class Pose(TrainOnLine):
     """One section and the train on it, as the options describe them."""
 
     ends: EndsOptions
-    grid: GridOptions
 
-    def section(self, conditions: Conditions | None = None) -> Section:
-        """Read the files and build the section (default: the user's conditions); DasError for anything unusable."""
+    def section(self) -> Section:
+        """Read the files and build the section; DasError for anything unusable."""
         from das.domain.route import section_stops
-        from das.solver.section import SectionOptions, build_section
+        from das.solver.section import build_section
 
-        route, ends = self.route(conditions), self.ends
-        start, end = section_stops(route, ends.from_stop, ends.to_stop)
+        route = self.route()
+        start, end = section_stops(route, self.ends.from_stop, self.ends.to_stop)
         return build_section(
-            route,
-            self.vehicle(conditions),
-            level=self.driven.level,
-            start_m=start.position_m,
-            end_m=end.position_m,
-            options=SectionOptions(
-                start_speed_mps=_either(ends.start_speed_mps, ends.boundary_speed_mps),
-                end_speed_mps=_either(ends.end_speed_mps, ends.boundary_speed_mps),
-                point_mass=self.driven.point_mass,
-                longest_step_m=self.grid.step_m,
-            ),
+            route, self.vehicle(), level=self.driven.level, start_m=start.position_m, end_m=end.position_m
         )
 
 
@@ -318,19 +239,63 @@ def picked(vehicle: Vehicle, mode: str | None, load: str | None) -> Vehicle:
     return vehicle if load is None else vehicle.loaded(load)
 
 
-def _either(own_mps: float | None, both_mps: float) -> float:
-    return both_mps if own_mps is None else own_mps
+class Files:
+    """The files that a command writes, and whether it prints JSON.
+
+    A group of options declares again what the user can give; a command without such an option keeps the value here.
+    `field()` makes an option that the user must give. `suffix` is what the name of `out` must end in; "": anything.
+    """
+
+    out: Path | None = None
+    plot: Path | None = None
+    overwrite: bool = False
+    as_json: bool = False
+    suffix = ""
+
+    def outputs(self) -> tuple[Path | None, ...]:
+        """All files to write; None for one that was not asked for."""
+        return self.out, self.plot
+
+    def check(self, *inputs: str | Path | None) -> None:
+        """Refuse, before the work begins, files that cannot be written or would replace an input (DasError)."""
+        if self.out is not None and self.suffix not in ("", self.out.suffix.lower()):
+            raise DasError(f"{self.out}: expected a file name that ends in {self.suffix}")
+        check_picture(self.plot)
+        check_outputs(*self.outputs(), inputs=inputs, overwrite=self.overwrite)
+
+    def tell(self) -> None:
+        """Print which files were written."""
+        for path in self.outputs():
+            if path is not None:
+                tell(f"written: {path}")
 
 
-def _changed(envelope: EffortEnvelope, force_kn: float | None, power_w: float | None) -> EffortEnvelope:
-    """The envelope with another largest force or power; DasError for more than an effort curve has."""
-    if envelope.curve is not None:
-        force_n = force_kn * KN if force_kn is not None else 0.0
-        if force_n > envelope.max_force_n or (power_w or 0.0) > envelope.max_power_w:
-            most = f"{envelope.max_force_n / KN:g} kN and {envelope.max_power_w / KW:g} kW"
-            raise DasError(f"the effort curve of the train has at most {most}: options can cut it, not raise it")
-    return replace(
-        envelope,
-        max_force_n=force_kn * KN if force_kn is not None else envelope.max_force_n,
-        max_power_w=power_w if power_w is not None else envelope.max_power_w,
-    )
+@dataclass(frozen=True, kw_only=True)
+class RunFiles(Files):
+    """The files that a command writes of one run (its trajectory as CSV, a picture), and whether it prints JSON."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Trajectory to write (.csv): one row a grid node."),
+    ] = None
+    plot: PlotOption = None
+    overwrite: OverwriteOption = False
+    as_json: JsonOption = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeFile(Files):
+    """The TOML file that a command makes."""
+
+    suffix = ".toml"
+    out: Path = field()
+    overwrite: OverwriteOption = False
+
+    def write(self, text: str, notes: Iterable[str] = (), about: str = "") -> None:
+        """Write the text; print the notes (what was assumed), and the name of the file with what it holds."""
+        from das.domain.files.writing import write_whole
+
+        write_whole(self.out, text.encode())
+        for note in notes:
+            tell(f"note: {note}")
+        tell(f"written: {self.out}{f': {about}' if about else ''}")

@@ -7,6 +7,39 @@ from typing import Final
 from das.command_line.application import Entry, Group, application, run_app
 
 NAME = "das-precompute"
+OF_ROUTES: Final = (
+    Entry(
+        name="import",
+        where="precompute.cli.imports:import_route",
+        summary="Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.",
+        examples=(
+            "das-precompute route import tracks.geojson --from A --to B --flat -o my.toml",
+            "das-precompute route import limits.csv --altitudes heights.csv -o my.toml",
+        ),
+    ),
+)
+OF_VEHICLES: Final = (
+    Entry(
+        name="import",
+        where="precompute.cli.imports:import_vehicle",
+        summary="Make a vehicle file from rolling stock of OSRD or railtoolkit, or from a table of efforts.",
+        examples=(
+            "das-precompute vehicle import STOCK.json -o train.toml --losses re460-ic",
+            "das-precompute vehicle import TRAIN.yaml -o train.toml --losses 0.85",
+        ),
+    ),
+)
+OF_JOURNEYS: Final = (
+    Entry(
+        name="import",
+        where="precompute.cli.imports:import_journey",
+        summary="Make a journey file from a trip of a GTFS feed.",
+        examples=(
+            "das-precompute journey import FEED.zip --trip 101 -o j.toml",
+            "das-precompute journey import FEED.zip --trip 101 --route line.toml -o j.toml",
+        ),
+    ),
+)
 COMMANDS: tuple[Entry | Group, ...] = (
     Entry(
         name="solve",
@@ -23,7 +56,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
         summary="Show the trade-off between time and energy: the least-energy run for each of a list of buffers.",
         examples=(
             "das-precompute front flat-6km re460-ic --buffers 0,5,10 --json",
-            "das-precompute front flat-6km re460-ic --exact --max-buffer 10",
+            "das-precompute front flat-6km re460-ic --exact --buffers 0,5,10",
         ),
     ),
     Entry(
@@ -34,7 +67,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
             "das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png",
             "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60",
         ),
-        more="precompute.cli.imports:OF_JOURNEYS",
+        more="precompute.cli.program:OF_JOURNEYS",
         gone={
             "show": "das-precompute show JOURNEY --route ROUTE",
             "check": "das-precompute show JOURNEY --route ROUTE --vehicle VEHICLE",
@@ -70,7 +103,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
     Group(
         name="route",
         summary="Own lines: import them from maps and tables.",
-        where="precompute.cli.imports:OF_ROUTES",
+        where="precompute.cli.program:OF_ROUTES",
         gone={
             "show": "das-precompute show ROUTE",
             "check": "das-precompute show ROUTE",
@@ -81,7 +114,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
     Group(
         name="vehicle",
         summary="Own trains: import them from files of other programs or from tables.",
-        where="precompute.cli.imports:OF_VEHICLES",
+        where="precompute.cli.program:OF_VEHICLES",
         gone={
             "show": "das-precompute show VEHICLE",
             "check": "das-precompute show VEHICLE",

@@ -174,13 +174,18 @@ def _unknown(source: str) -> NoReturn:
 def _route(source: str, _on: OnRoute, _of: OfTrain) -> ShownFile:
     from das.domain.files.load import load_route
     from precompute.cli import route_report
-    from precompute.drawing.line import draw_line
 
     route = load_route(source)
+
+    def drawn() -> Picture:
+        from precompute.drawing.line import draw_line
+
+        return draw_line(route)
+
     return ShownFile(
         facts=route_report.as_dict(route),
         tell=lambda: print_table(route_report.table(route)),
-        draw=lambda: draw_line(route),
+        draw=drawn,
         warnings=route_report.warnings(route),
         notes=route_report.notes(route),
     )
@@ -191,10 +196,14 @@ def _vehicle(source: str, _on: OnRoute, of: OfTrain) -> ShownFile:
         return _loss_map(source, _on, of)
     from das.domain.files.load import load_vehicle
     from precompute.cli import vehicle_report
-    from precompute.drawing.train import draw_train
 
     found = load_vehicle(source)
     train = picked(found, of.mode, of.load)
+
+    def drawn() -> Picture:
+        from precompute.drawing.train import draw_train
+
+        return draw_train(train)
 
     def printed() -> None:
         for line in vehicle_report.facts(train):
@@ -204,7 +213,7 @@ def _vehicle(source: str, _on: OnRoute, of: OfTrain) -> ShownFile:
     return ShownFile(
         facts=vehicle_report.as_dict(train),
         tell=printed,
-        draw=lambda: draw_train(train),
+        draw=drawn,
         warnings=vehicle_report.warnings(found),
     )
 
@@ -227,7 +236,6 @@ def _journey(source: str, on: OnRoute, of: OfTrain) -> ShownFile:
     from das.command_line.files import load_vehicle
     from das.domain.files.load import load_journey
     from precompute.cli import journey_report
-    from precompute.drawing.timetable import draw_timetable
 
     line = on.line()
     if of.vehicle is not None and line is None:
@@ -242,6 +250,11 @@ def _journey(source: str, on: OnRoute, of: OfTrain) -> ShownFile:
             planner = JourneyPlanner(found, line, train)
         spare = journey_report.spare_times(planner)
 
+    def drawn() -> Picture:
+        from precompute.drawing.timetable import draw_timetable
+
+        return draw_timetable(found)
+
     def printed() -> None:
         print_table(journey_report.table(found), journey_report.LEGEND)
         if spare:
@@ -250,7 +263,7 @@ def _journey(source: str, on: OnRoute, of: OfTrain) -> ShownFile:
     return ShownFile(
         facts={**journey_report.as_dict(found), "sections": spare},
         tell=printed,
-        draw=lambda: draw_timetable(found),
+        draw=drawn,
         warnings=journey_report.warnings(found, line),
     )
 

@@ -18,11 +18,11 @@ from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, steps_bar, tell
 from das.domain.levels import Level
 from precompute.baselines import Strategy
-from precompute.cli.files import RunFiles
 from precompute.cli.options import (
     BoundOption,
     Pose,
     RefineOption,
+    RunFiles,
     TripTime,
     bound_seconds,
     buffer_numbers,
@@ -168,13 +168,12 @@ def _baseline(pose: Pose, trip: TripTime, strategy: Strategy) -> tuple[Section, 
     return section, run, min_time_s, time.perf_counter() - began
 
 
-BUFFERS_PERCENT = "0,2,5,7,10,15,20"
-EXACT_MAX_BUFFER_PERCENT = 10.0
+BUFFERS_PERCENT, EXACT_BUFFERS_PERCENT = "0,2,5,7,10,15,20", "0,2,5,7,10"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExactOptions:
-    """The options of `front --exact`: the largest buffer (%), the bucket of time (ms) and the output file."""
+    """The options of `front --exact`, and its output file."""
 
     exact: Annotated[
         bool,
@@ -182,24 +181,6 @@ class ExactOptions:
             "--exact", help="Every undominated run on the paper's grid (100 m × 0.25 km/h), beside the solver's."
         ),
     ] = False
-    max_buffer_percent: Annotated[
-        float | None,
-        typer.Option(
-            "--max-buffer",
-            metavar="PERCENT",
-            help=f"With --exact: largest buffer in % [default: {EXACT_MAX_BUFFER_PERCENT:g}].",
-        ),
-    ] = None
-    bucket_ms: Annotated[
-        float,
-        typer.Option(
-            "--bucket",
-            metavar="MS",
-            min=0.0,
-            max=1000.0,
-            help="With --exact: keep one partial run per state and so many ms, for bounds where all take too long.",
-        ),
-    ] = 0.0
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="With --exact: every point of the front to write (.csv)."),
@@ -212,15 +193,9 @@ class ExactOptions:
             refuse_given("with --exact the solver's runs are not refined", "--refine")
             refuse_given("draws the solver's front, not together with --exact", "--plot")
         else:
-            refuse_given("needs --exact", "--out", "--bucket", "--max-buffer")
+            refuse_given("needs --exact", "--out")
         check_picture(plot)
         check_outputs(self.out, plot, inputs=inputs, overwrite=self.overwrite)
-
-    def largest_percent(self) -> float:
-        """The largest buffer (%) of the exact front; raises DasError if it is impossible."""
-        largest = EXACT_MAX_BUFFER_PERCENT if self.max_buffer_percent is None else self.max_buffer_percent
-        buffered(1.0, largest)
-        return largest
 
 
 def front(
@@ -229,7 +204,9 @@ def front(
     buffers: Annotated[
         str | None,
         typer.Option(
-            "--buffers", metavar="LIST", help=f"Buffers in %, separated by commas [default: {BUFFERS_PERCENT}]."
+            "--buffers",
+            metavar="LIST",
+            help=f"Buffers in %, separated by commas [default: {BUFFERS_PERCENT}; with --exact up to 10].",
         ),
     ] = None,
     refine: RefineOption = "on",
@@ -242,20 +219,18 @@ def front(
     neighbouring buffers, which help each other.
 
     With --exact, the algorithm of the paper checks the solver. It keeps every partial run that could still belong to
-    the front. Its times are those of its grid, which is a little slower than the continuous solver. 6 km with a buffer
-    of 10 % take up to half a minute; time and memory grow fast with length and buffer. On a terminal it shows how much
-    time is likely to be left. The solver's runs beside it are not refined.
+    the front, up to the largest buffer of the list. Its times are those of its grid, which is a little slower than the
+    continuous solver. 6 km with a buffer of 10 % take up to half a minute; time and memory grow fast with length and
+    buffer. The solver's runs beside it are not refined.
     """
     witness.check(plot, pose.inputs())
-    largest, budget_s = witness.largest_percent(), refine_seconds(refine)
-    wanted = buffer_numbers(BUFFERS_PERCENT if buffers is None else buffers)
+    budget_s, usual = refine_seconds(refine), EXACT_BUFFERS_PERCENT if witness.exact else BUFFERS_PERCENT
+    wanted = buffer_numbers(usual if buffers is None else buffers)
     section, solved, min_time_s, front_s = solved_front(pose)
     if witness.exact:
         from precompute.exact.command import exact_front
 
-        if buffers is None:
-            wanted = [x for x in wanted if x <= largest]
-        exact_front(solved, (largest, witness.bucket_ms), wanted, witness.out, as_json=as_json)
+        exact_front(solved, wanted, witness.out, as_json=as_json)
         return
 
     from precompute.cli import report

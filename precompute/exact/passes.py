@@ -351,7 +351,7 @@ class Pass:
             raise DasError(
                 f"{search.graph.section.name}: the exact front needs more than {search.max_memory_bytes / 1e9:.1f} GB "
                 f"after {done} of {search.graph.intervals} intervals ({self.count} partial runs); "
-                "ask for a smaller buffer, or for bounds (--bucket 3)"
+                "ask for a smaller buffer"
             )
 
     def _joined(self, pool: ThreadPoolExecutor, known: Known) -> Joined:

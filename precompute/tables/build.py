@@ -16,10 +16,9 @@ from typing import Any
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, write_whole
 from das.table.table import OLD, Table
-from precompute.pool import JobLostError, Made
 from precompute.tables.plan import BuildPlan
 from precompute.tables.writing import Job, warm_up
-from precompute.workers import Workers
+from precompute.workers import JobLostError, Made, Workers
 
 REPORT = "build.json"
 REPORT_VERSION = 2

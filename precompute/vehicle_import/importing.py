@@ -15,7 +15,7 @@ from das.domain.files.vehicles import vehicle_of
 from das.domain.vehicle import Vehicle
 from precompute.foreign_text import read_yaml
 from precompute.vehicle_import import osrd, railtoolkit, tables
-from precompute.vehicle_import.figures import Figures
+from precompute.vehicle_import.tables import Figures
 from precompute.vehicle_import.train import ImportedTrain, named_losses, vehicle_text
 
 COMMAND = "das-precompute vehicle import"

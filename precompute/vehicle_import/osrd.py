@@ -9,8 +9,7 @@ from das.domain.errors import is_seen
 from das.domain.files.efforts import MOST_POINTS
 from das.domain.files.reading import LARGEST, MOST_OF_A_NAME, Fields, in_si
 from das.domain.vehicle import Resistance
-from precompute.vehicle_import.quantities import number_in_si
-from precompute.vehicle_import.train import ImportedTrain, Mode, Points
+from precompute.vehicle_import.train import ImportedTrain, Mode, Points, number_in_si
 
 MOST_MODES = 500
 """Largest number of modes and conditions of a rolling stock."""

@@ -9,8 +9,7 @@ from das.domain.files.efforts import MOST_POINTS
 from das.domain.files.reading import Fields, in_si
 from das.domain.units import KMH, TONNE
 from das.domain.vehicle import Load, Resistance
-from precompute.vehicle_import.quantities import number_in_si
-from precompute.vehicle_import.train import ImportedTrain, Mode, Points
+from precompute.vehicle_import.train import ImportedTrain, Mode, Points, number_in_si
 
 SCHEMA = "https://railtoolkit.org/schema/rolling-stock.json"
 GRAVITY_MPS2 = 9.80665

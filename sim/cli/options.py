@@ -68,22 +68,12 @@ DriverAtOption = Annotated[
     typer.Option(
         "--driver-at",
         metavar="ENDPOINT",
-        help=f"Where the run listens for an external driver [default: {DEFAULT_DRIVER_AT}].",
+        help=f"Where a run listens for an external driver [default: {DEFAULT_DRIVER_AT}].",
     ),
 ]
-DriverHereOption = Annotated[
-    str,
-    typer.Option(
-        "--driver", metavar="DRIVER", help="The driver: a name, or a class of your own (package.module:Class)."
-    ),
-]
-RunAtOption = Annotated[
-    str | None,
-    typer.Option(
-        "--connect",
-        metavar="ENDPOINT",
-        help=f"Where the run listens [default: {DEFAULT_DRIVER_AT}].",
-    ),
+OnlyDriverOption = Annotated[
+    bool,
+    typer.Option("--only-driver", help="Be only the driver, of a run elsewhere that has --driver external."),
 ]
 DriversOption = Annotated[
     str,

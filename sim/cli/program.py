@@ -61,20 +61,17 @@ ENTRIES: Final = (
     Entry(
         name="run",
         where="sim.cli.run:run",
-        summary="Simulate a day: a train, its driver and the advice node in a closed loop.",
-        examples=("das-sim run departure-delay --driver human --advice speed-and-effort --seed 3",),
+        summary="Simulate a day: a train, its driver and the advice node in a closed loop, everything recorded.",
+        examples=(
+            "das-sim run departure-delay --driver human --advice speed-and-effort --seed 3",
+            "das-sim run clear-day --only-driver --driver human --seed 3",
+        ),
     ),
     Entry(
         name="desk",
         where="sim.cli.desk:desk",
         summary="Drive a simulated train yourself, in the browser; or look at a drive as its driver saw it.",
         examples=("das-sim desk", "das-sim desk signal-stop --advice four-mode", "das-sim desk recordings/desk.mcap"),
-    ),
-    Entry(
-        name="drive",
-        where="sim.cli.run:drive",
-        summary="Be the driver of a simulated run, as a separate process on the bus.",
-        examples=("das-sim drive clear-day --driver human --seed 3",),
     ),
     Group(
         name="experiment",
@@ -92,13 +89,7 @@ ENTRIES: Final = (
         name="check",
         where="sim.cli.recordings:check",
         summary="Check a recording: checksums, missing messages, topics, rates, gaps, late advice, versions, inputs.",
-        examples=("das-sim check recordings/run.mcap", "das-sim check run.mcap --json"),
-    ),
-    Entry(
-        name="recover",
-        where="sim.cli.recordings:recover",
-        summary="Save what is sound in a cut or damaged recording into a new file, and say what is gone.",
-        examples=("das-sim recover cut.mcap -o saved.mcap",),
+        examples=("das-sim check recordings/run.mcap", "das-sim check cut.mcap --save saved.mcap"),
     ),
     Entry(
         name="reproduce",
@@ -135,26 +126,26 @@ ENTRIES: Final = (
     ),
     Entry(
         name="example",
-        where="sim.cli.trips:example",
-        summary="Write example files for a line of your own: route, vehicle, plan, trip, posts, scenario.",
-        examples=("das-sim example my-line",),
-    ),
-    Entry(
-        name="make-scenario",
-        where="sim.cli.make_scenario:make_scenario",
-        summary="Write a scenario for a line and a train of your own.",
-        examples=("das-sim make-scenario --route my.toml --vehicle train.toml --journey journey.toml -o my-day.toml",),
+        where="sim.cli.example:example",
+        summary="Write example files for a line of your own; or with --route and --vehicle, a scenario.",
+        examples=(
+            "das-sim example my-line",
+            "das-sim example day.toml --route my.toml --vehicle train.toml --journey journey.toml",
+        ),
     ),
 )
 GONE: Final = {
     "batch": "das-sim experiment run --scenario LIST --driver LIST --advice LIST --seeds LIST -o DIR",
     "sensitivity": "python -m docs.studies.sensitivity in a checkout, or a design with human_ factors",
     "compare": "das-sim report FIRST OTHER…, with --table for the table that --out wrote",
+    "drive": "das-sim run SCENARIO --only-driver",
     "drivers": "das-sim list drivers",
     "energy": "das-sim report RECORDING --show energy",
     "events": "das-sim report RECORDING --show events, or --show bookmarks",
     "scenarios": "das-sim list scenarios",
+    "make-scenario": "das-sim example SCENARIO.toml --route ROUTE --vehicle VEHICLE",
     "make-trip": "das-sim run SCENARIO --advice none, whose recording is a recorded trip for replay and trip",
+    "recover": "das-sim check RECORDING --save NEW.mcap",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
 }
 """Former commands, each with what to run instead."""

@@ -1,4 +1,4 @@
-"""The commands on a recording: check, recover, reproduce, export, what-if."""
+"""The commands on a recording: check, reproduce, export, what-if."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise,
 
 if TYPE_CHECKING:
     from sim.recording.check import Checked
+    from sim.recording.recover import Recovered
     from sim.runs.reproduce.reproduce import Difference, Reproduction
     from sim.runs.what_if.difference import Changed
     from sim.runs.what_if.origin import Origin
@@ -52,19 +53,38 @@ FROM_A_DRIVE = (
 """Data that a day driven again from a real drive lacks."""
 
 
-def check(file: RecordingArgument, of_train: OfTrainOption = None, as_json: JsonOption = False) -> None:
+def check(
+    file: RecordingArgument,
+    of_train: OfTrainOption = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            "--save", metavar="FILE", help="New recording (.mcap) to write, of all that is sound in this one."
+        ),
+    ] = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> None:
     """Check a recording: checksums, missing messages, topics, rates, gaps, late advice, versions, inputs.
 
-    The exit code is 1 where something is wrong, 0 where nothing is.
+    The exit code is 1 where something is wrong, 0 where nothing is. With --save, what is sound in a cut or damaged
+    recording is saved in a new file first, and what is gone is said.
     """
+    check_outputs(save, inputs=(file,), overwrite=overwrite)
     from sim.recording.check import check_file
+    from sim.recording.recover import recover
 
     with busy(f"checking {file} …"):
+        saved = None if save is None else recover(file, save)
         found = check_file(file, of_train)
     if as_json:
-        print(json.dumps(found.as_dict()))
+        print(json.dumps({**found.as_dict(), "saved": None if saved is None else saved.as_dict()}))
     else:
         _print_check(found)
+        if saved is not None:
+            _print_saved(saved)
+        elif found.recording.health.damage or not found.recording.complete:
+            tell(f"save what is sound: {typed('das-sim')} check {found.recording.path} --save NEW.mcap")
     if found.findings:
         raise typer.Exit(1)
 
@@ -86,26 +106,11 @@ def _print_check(found: Checked) -> None:
     print_table(rates)
     for line in found.lines():
         tell(line)
-    if found.recording.health.damage or not found.recording.complete:
-        tell(f"save what is sound: {typed('das-sim')} recover {found.recording.path} -o NEW.mcap")
 
 
-def recover(
-    file: RecordingArgument,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="New recording (.mcap) to write.")],
-    overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
-) -> None:
-    """Save what is sound in a cut or damaged recording into a new file, and say what is gone."""
-    check_outputs(out, inputs=(file,), overwrite=overwrite)
-    with busy(f"reading {file} …"):
-        from sim.recording.course import utc
-        from sim.recording.recover import recover as save
+def _print_saved(found: Recovered) -> None:
+    from sim.recording.course import utc
 
-        found = save(file, out)
-    if as_json:
-        print(json.dumps(found.as_dict()))
-        return
     for line in found.losses():
         tell(line)
     if found.health.sound:
@@ -113,7 +118,7 @@ def recover(
     elif not found.losses():
         tell("it was cut off between two records: all that was written is saved")
     tell(f"saved: {found.messages} messages up to {utc(found.last_ns)} UTC, {found.attachments} attached files")
-    tell(f"written: {out}")
+    tell(f"written: {found.out}")
 
 
 def reproduce(

@@ -1,21 +1,14 @@
-"""The commands run and drive, which simulate one day, and scenarios and drivers, which list what can be run."""
+"""The command run, which simulates one day, or is the driver of one."""
 
 from __future__ import annotations
 
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from das.command_line.given import refuse_given
-from das.command_line.options import (
-    DEFAULT_TRAIN,
-    BusFolderOption,
-    InsecureBusOption,
-    JsonOption,
-    SeedOption,
-    TrainOption,
-)
+from das.command_line.given import is_given, refuse_given
+from das.command_line.options import JsonOption
 from das.command_line.printing import loading_solver, one_line, say, typed
 from das.domain.errors import DasError
 from sim.cli.desk import NEEDS_A_PACE, DeskLooks, drive_at_desk
@@ -24,11 +17,10 @@ from sim.cli.options import (
     DEFAULT_DRIVER_AT,
     CardsOption,
     DriverAtOption,
-    DriverHereOption,
     DriverOption,
     FrictionOption,
     InProcessOption,
-    RunAtOption,
+    OnlyDriverOption,
     ScenarioArgument,
     new_recording,
     removed_if_unused,
@@ -57,6 +49,12 @@ if TYPE_CHECKING:
     from sim.world.over_bus import How
     from sim.world.service import Day
 
+OF_THE_RUN: Final = (
+    *("--advice", "--level", "--journey", "--out", "--overwrite", "--friction", "--pace", "--in-process", "--cards"),
+    "--json",
+)
+"""Options that whoever only drives a run cannot have."""
+
 
 def run(
     scenario: ScenarioArgument,
@@ -70,21 +68,19 @@ def run(
     participant: ParticipantOption = None,
     population: PopulationOption = None,
     driver_at: DriverAtOption = None,
+    only_driver: OnlyDriverOption = False,
     cards: CardsOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
+    """Simulate a day: a train, its driver and the advice node in a closed loop, everything recorded."""
     who, factor = named_driver("--driver", driver), pace_factor(pace)
-    if who is not DriverKind.HUMAN:
-        refuse_given(f"needs --driver {DriverKind.HUMAN}", "--friction")
+    if only_driver:
+        _only_drive(scenario, (who, participant, population), asked, recorded, driver_at or DEFAULT_DRIVER_AT)
+        return
+    _check_given(who, in_process=in_process, as_json=as_json)
     if who is DESK:
         _at_desk((scenario, participant, population), asked, recorded, factor, as_json=as_json)
         return
-    if in_process:
-        refuse_given("a run --in-process records nothing", "--out", "--overwrite")
-        refuse_given("a run --in-process has no bus", "--bus", "--insecure-bus", "--train")
-    if as_json:
-        refuse_given("--json prints no cards", "--cards")
     recorded.check()
     listens = _driver_at(who, in_process, recorded.bus, driver_at)
     with loading_solver(LATE_KERNELS):
@@ -100,14 +96,28 @@ def run(
         warm_up()
     day, paced = prepared_day(read, asked, person), who is EXTERNAL and factor is not None
     reserved = new_recording("run") if recorded.out is None and not in_process else None
-    how = How(driver=who, friction=friction, advice=asked.advice, train=asked.train, command=typed_command(),
-              bus=files, driver_at=listens, paced=paced)  # fmt: skip
+    how = How(driver=who, friction=friction, advice=asked.advice, train=asked.train, command=typed_command(), bus=files,
+              driver_at=listens, paced=paced)  # fmt: skip
     made = _external(day, how, factor) if who is EXTERNAL else day.driver(who, friction)
     with removed_if_unused(reserved):
         found = drive_recorded(day, made, how, out := recorded.out or reserved, factor)
         tell_result(found, as_json)
         if cards:
             _print_cards(found.table, out)
+
+
+def _check_given(who: DriverName, *, in_process: bool, as_json: bool) -> None:
+    """Raise DasError for options that would have no effect."""
+    if who is not DriverKind.HUMAN:
+        refuse_given(f"needs --driver {DriverKind.HUMAN}", "--friction")
+    if who is DESK:
+        refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--in-process")
+        refuse_given("a person sees them at the desk", "--cards")
+    if in_process:
+        refuse_given("a run --in-process records nothing", "--out", "--overwrite")
+        refuse_given("a run --in-process has no bus", "--bus", "--insecure-bus", "--train")
+    if as_json:
+        refuse_given("--json prints no cards", "--cards")
 
 
 def _at_desk(
@@ -123,8 +133,7 @@ def _at_desk(
 
     scenario, participant, population = who
     participant_of(DESK, participant, population)
-    refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--in-process", "--driver-at")
-    refuse_given("a person sees them at the desk", "--cards")
+    refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--driver-at")
     if factor is None:
         refuse_given(NEEDS_A_PACE, "--pace")
     drive_at_desk(scenario, asked, recorded, factor or 1.0, DeskLooks(), as_json=as_json)
@@ -164,28 +173,21 @@ def _external(day: Day, how: How, factor: float | None) -> ExternalDriver:
     """The external driver, a process of its own; prints the command that starts it."""
     from sim.world.external import ExternalDriver
 
-    where = f"--bus {how.bus.path}" if how.bus is not None else f"--connect {how.driver_at}"
+    where = f"--bus {how.bus.path}" if how.bus is not None else f"--driver-at {how.driver_at}"
     scenario = shlex.quote(str(day.service.scenario.source))
-    command = f"{typed('das-sim')} drive {scenario} --train {how.train} {where}"
+    command = f"{typed('das-sim')} run {scenario} --only-driver --train {how.train} {where}"
     print(one_line(f"the run waits for its driver, for example: {command}"), file=sys.stderr)
     return ExternalDriver(day, times_real=factor)
 
 
-def drive(
-    scenario: ScenarioArgument,
-    driver: DriverHereOption = DriverKind.HUMAN,
-    seed: SeedOption = 0,
-    participant: ParticipantOption = None,
-    population: PopulationOption = None,
-    train: TrainOption = DEFAULT_TRAIN,
-    connect: RunAtOption = None,
-    bus: BusFolderOption = None,
-    insecure_bus: InsecureBusOption = False,
+def _only_drive(
+    scenario: str, who: tuple[DriverName, int | None, str | None], asked: DayAsked, recorded: RecordingAsked, at: str
 ) -> None:
-    """Drive a run from this process; start das-sim run with --driver external before or after it."""
-    who = named_driver("--driver", driver)
-    if isinstance(who, External):
-        raise DasError(f"--driver {who}: this is the external driver; expected who drives in it")
+    """Be the driver of a run that waits elsewhere; DasError for options that only a run has."""
+    driver, participant, population = who
+    if isinstance(driver, External):
+        raise DasError(f"--driver {driver}: this is the external driver; expected who drives in it")
+    refuse_given("the run decides that, not its driver", *OF_THE_RUN)
     with loading_solver():
         from das.bus.access import Role
         from das.bus.config import BusFolder, bus_options
@@ -200,14 +202,15 @@ def drive(
         read = load_scenario(scenario)
         route, vehicle, _ = lay_out(read)
         line = LineKnowledge(route=route, vehicle=vehicle)
-        person = participant_of(who, participant, population)
-        parameters, _ = read.human.of(seed, person, read.source)
-        made = make_driver(who, line, parameters=parameters, seed=seed, stream=stream_of(person))
+        person = participant_of(driver, participant, population)
+        parameters, _ = read.human.of(asked.seed, person, read.source)
+        made = make_driver(driver, line, parameters=parameters, seed=asked.seed, stream=stream_of(person))
         warm_up(line)
-    folder = None if bus is None else BusFolder(bus, insecure_bus).file(Role.DRIVER).path
-    file = bus_options(folder, insecure_bus, None, None if connect is None else [connect])
-    there = [] if file is not None else [DEFAULT_DRIVER_AT if connect is None else connect]
-    with Bus(train, connect=there, hear=HEARD, file=file) as opened:
-        say(f"{who} waits for the run of train {train} at {there[0] if there else bus}")
+    bus, insecure = recorded.bus, recorded.insecure_bus
+    folder = None if bus is None else BusFolder(bus, insecure).file(Role.DRIVER).path
+    file = bus_options(folder, insecure, None, [at] if is_given("--driver-at") else None)
+    there = [] if file is not None else [at]
+    with Bus(asked.train, connect=there, hear=HEARD, file=file) as opened:
+        say(f"{driver} waits for the run of train {asked.train} at {there[0] if there else bus}")
         looks = answer_looks(opened, made, lambda: say("the run has begun"))
     say(f"the run is over; looks answered: {looks}")

@@ -1,9 +1,8 @@
-"""The commands about recorded trips: look at one, replay it, or make a set of own files."""
+"""The commands about recorded trips: look at one, or replay it."""
 
 from __future__ import annotations
 
 import json
-import shlex
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -17,11 +16,9 @@ from das.command_line.options import (
     OutRecordingOption,
     OverwriteOption,
     PlotOption,
-    SeedOption,
 )
-from das.command_line.printing import busy, loading_solver, progress_bar, tell
+from das.command_line.printing import busy, loading_solver, progress_bar
 from das.domain.errors import DasError
-from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from sim.cli.options import TripArgument, naming_recorded, new_recording, removed_if_unused, tell_written
 from sim.options import LATE_KERNELS, ReplayOptions, TripOptions, VehiclesOption, typed_command
 
@@ -159,49 +156,3 @@ def bundled_recording() -> Path:
         if path.is_file():
             return path
     raise DasError(f"{BUNDLED}: the bundled recording is missing from this installation")
-
-
-def example(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write: a new one, or an empty one.")],
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace files of the same names in a folder that is not empty.")
-    ] = False,
-    seed: SeedOption = 1,
-) -> None:
-    """Write a working set of example files for a line of your own, with the commands to run on them.
-
-    The set holds a route, a vehicle, a journey, a plan of tables, a scenario, a recorded trip, kilometre posts and a
-    README.txt. Route and vehicle are invented; the trip is simulated.
-    """
-    filled = _check_example(folder, overwrite)
-    with busy("driving the recorded trip …"):
-        from sim.bundled.example import example_files
-
-        content = example_files(seed)
-    if filled:
-        for name in content:
-            check_writable(folder / name, overwrite=True)
-        for name, data in content.items():
-            write_whole(folder / name, data)
-    else:
-        write_folder_whole(folder, content)
-    for name in sorted(content):
-        tell(f"written: {folder / name}")
-    tell(f"what to do with them: cd {shlex.quote(str(folder))} and read README.txt")
-
-
-def _check_example(folder: Path, overwrite: bool) -> bool:
-    """Whether the folder holds files already; DasError if the example cannot be written."""
-    if not folder.resolve().parent.is_dir():
-        raise DasError(f"{folder}: no such folder {folder.parent}")
-    if not folder.exists():
-        return False
-    if not folder.is_dir():
-        raise DasError(f"{folder}: is a file, expected a folder to write")
-    try:
-        filled = any(folder.iterdir())
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be read ({error.strerror})") from error
-    if filled and not overwrite:
-        raise DasError(f"{folder}: there are files in it already; choose a new folder, or say --overwrite")
-    return filled

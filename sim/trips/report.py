@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 from rich.table import Table
 
-from das.command_line.files import offscreen_pyplot, save_figure
 from das.command_line.printing import print_table, tell
 from das.domain.files.writing import write_whole
 from das.domain.route import Floats
@@ -324,18 +323,17 @@ def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None, section: Se
 
     The suffix of `path` (.png, .pdf, .svg) decides the kind of picture. Raises DasError without matplotlib.
     """
-    pyplot = offscreen_pyplot()
+    from das.drawing.picture import Picture
+
     heights = PANEL_HEIGHTS[: 2 if driven is None else 3]
-    figure, axes = pyplot.subplots(
-        len(heights), 1, figsize=(12, 3 + sum(heights)), sharex=True, height_ratios=heights, layout="constrained"
-    )
+    figure = Picture(figsize=(12, 3 + sum(heights)), layout="constrained")
+    axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     _speeds(axes[0], trip, section)
     _distances(axes[1], trip)
     if driven is not None:
         draw_forces(axes[2], driven, trip.run.inferred)
     axes[-1].set_xlabel("position, km")
-    save_figure(path, figure)
-    pyplot.close(figure)
+    figure.save(path, overwrite=True)
 
 
 def _speeds(axis: Any, trip: Trip, section: Section | None) -> None:

@@ -15,8 +15,8 @@ from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.units import KMH
 from das.solver.section import SectionOptions, build_section
-from precompute.vehicle_import.figures import Figures
 from precompute.vehicle_import.importing import Imported, import_train
+from precompute.vehicle_import.tables import Figures
 from tests.support.making import REPOSITORY
 
 DATA = REPOSITORY / "tests" / "data" / "railtoolkit"

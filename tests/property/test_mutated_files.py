@@ -46,8 +46,8 @@ from precompute.gtfs import FeedTrip, read_trip
 from precompute.journey_import import journey_text, placed
 from precompute.journey_order import TimesRead, TripChoice
 from precompute.route_import.importing import imported
+from precompute.route_import.line import route_toml
 from precompute.route_import.order import ImportOrder, Words
-from precompute.route_import.route_file import route_toml
 from precompute.tables.plan import read_plan
 from precompute.tables.writing import make_table
 from sim.recording.check import check_contents

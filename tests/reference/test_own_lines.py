@@ -17,8 +17,8 @@ from docs.studies import own_lines
 from docs.studies.own_lines import REAL_LINES, KnownSection, altitude_table, line_of, line_table
 from precompute.route_import.altitudes import climb_and_fall_m
 from precompute.route_import.importing import imported
+from precompute.route_import.line import route_toml
 from precompute.route_import.order import ImportOrder, Words
-from precompute.route_import.route_file import route_toml
 from tests.support.kept_figures import not_on_page
 from tests.support.made_maps import same_line, written
 

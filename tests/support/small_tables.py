@@ -16,7 +16,7 @@ from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.solver.guide.policies import DEFAULT
 from das.table.table import SEAL, seal_of
-from precompute.tables import references
+from precompute.tables import writing
 from precompute.tables.writing import TableSettings
 from tests.support.making import make_route, make_train
 
@@ -45,8 +45,8 @@ def train() -> Vehicle:
 def quick_references() -> Iterator[None]:
     """Tables made here have a few references, as coarse as a cab's: for tests of what is read, written and kept."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(references, "FINE", DEFAULT)
-        patch.setattr(references, "EVERY_RATIO", 0.05)
+        patch.setattr(writing, "FINE", DEFAULT)
+        patch.setattr(writing, "EVERY_RATIO", 0.05)
         yield
 
 

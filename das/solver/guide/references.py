@@ -1,6 +1,6 @@
 """Finished references of a section: schedules of a train that departs at its start, for a ladder of times to the end.
 
-They are made beforehand, longer than there is time for in a cab (`precompute.tables.references`).
+They are made beforehand, longer than there is time for in a cab (`precompute.tables.writing`).
 """
 
 from __future__ import annotations

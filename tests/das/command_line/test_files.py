@@ -28,8 +28,7 @@ REPLAY = str(REPOSITORY / "recordings" / "references" / "replay.mcap")
 WRITERS = {
     "run": ("das-sim", "run", "clear-day", "--out", "out.mcap"),
     "replay": ("das-sim", "replay", DAY, "--out", "out.mcap"),
-    "make-scenario": ("das-sim", "make-scenario", "--route", "flat-6km", "--vehicle", "re460-ic", "-o", "out.toml"),
-    "recover": ("das-sim", "recover", DAY, "-o", "out.mcap"),
+    "check --save": ("das-sim", "check", DAY, "--save", "out.mcap"),
     "what-if": ("das-sim", "what-if", DAY, "-o", "out.mcap"),
     "report": ("das-sim", "report", DAY, "-o", "out.html"),
     "report --table": ("das-sim", "report", DAY, REPLAY, "--table", "out.csv"),
@@ -78,7 +77,7 @@ def test_what_is_to_be_overwritten_is(tmp_path: Path) -> None:
     assert out.read_bytes().startswith(b"\x89PNG")
     saved = tmp_path / "saved.mcap"
     saved.write_bytes(b"mine")
-    assert das_sim("recover", REPLAY, "-o", "saved.mcap", "--overwrite", cwd=tmp_path).returncode == 0
+    assert "written: saved.mcap" in das_sim("check", REPLAY, "--save", "saved.mcap", "--overwrite", cwd=tmp_path).stdout
     assert read_recording(saved).of("advice")
 
 

@@ -137,18 +137,9 @@ OF_PRECOMPUTE = [
     (("solve", *FLAT, "--buffer", "5", "--level", "l1", "--bound", "9"), "--bound 9: needs a loss map (--level l3)"),
     (("solve", *FLAT, "--buffer", "5", "--overwrite"), "--overwrite: no file to write is named"),
     (
-        ("front", *FLAT, *("--boundary-speed-mps", "0", "--start-speed-mps", "0", "--end-speed-mps", "9")),
-        "--boundary-speed-mps 0.0: --start-speed-mps and --end-speed-mps say both speeds",
-    ),
-    (
-        ("solve", "flat-6km", "rubs.toml", "--buffer", "5", "--max-brake-force-kn", "90"),
-        "--max-brake-force-kn 90.0: re460-ic has no electric brake",
-    ),
-    (
         ("solve", "flat-6km", "modes.toml", "--buffer", "5", "--mode", "dry", "--load", "dry"),
         "--mode dry: --load dry names a mode as well",
     ),
-    (("front", *FLAT, "--bucket", "0"), "--bucket 0.0: needs --exact"),
     (("front", *FLAT, "-o", "a.csv"), "--out a.csv: needs --exact"),
     (("front", *FLAT, "--exact", "--refine", "on"), "--refine on: with --exact the solver's runs are not refined"),
     (("front", *FLAT, "--exact", "--plot", "a.png"), "--plot a.png: draws the solver's front"),

@@ -61,7 +61,7 @@ PRINTED = {
     "front zurich-luzern re460-ic --to Thalwil --level l2 --refine off": "saved: ",
     "journey short.toml zurich-luzern re460-ic": "≥, ≤, =: ",
     "show re460-ic --losses": "|cruising|",
-    "front flat-6km re460-ic --exact --max-buffer 1": "supported: ",
+    "front flat-6km re460-ic --exact --buffers 0,1": "supported: ",
 }
 """An abbreviation that a command explains below its table; the last takes longer."""
 
@@ -146,7 +146,7 @@ REFUSED = {
     f"{SOLVE} --buffer 7 --from Zug": "no stop 'Zug'; it has 1: A, 2: B",
     f"{SOLVE} --buffer 7 --from ²": "no stop '²'; it has 1: A, 2: B",
     f"{SOLVE} --buffer 7 --from B --to A": "'A' does not come after 'B' in this dir",
-    f"{SOLVE} --buffer 7 --max-power-kw 0": "--max-power-kw 0.0: expected a number > 0",
+    f"{SOLVE} --buffer 7 --max-power-kw 9": "--max-power-kw is no longer an option of this command: change it in the",
     f"{SOLVE} --buffer 7 --loss-map small.csv": (
         "small.csv: the state 300.0 kN at 0.0 km/h (0 kW at the wheel) is outside the loss map"
     ),
@@ -165,15 +165,11 @@ REFUSED = {
         "train.json: no data for level l3 (it has l0-noreg, l0-reg, own); give a loss map with --loss-map"
     ),
     f"{FRONT} --buffers 0,x": "--buffers 0,x: expected numbers separated",
-    f"{FRONT} --step 2": "--step 2: expected a step from 5 to 150 m",
-    f"{FRONT} --max-buffer 3": "--max-buffer 3.0: needs --exact",
+    f"{FRONT} --step 2": "--step is no longer an option of this command: use das.solver.section.SectionOptions in",
+    f"{FRONT} --max-buffer 3": "--max-buffer is no longer an option of this command: the largest of --buffers counts",
     f"{FRONT} --exact --plot a.png": "--plot a.png: draws the solver's front, not together with --exact",
     f"{FRONT} --plot a.gif": "a.gif: expected a file name that ends in .png, .pdf or .svg",
-    f"{FRONT} --exact --max-buffer 3 --buffers 1,5": "--buffers 5: expected at most --max-buffer, 3 %",
-    f"{FRONT} --exact --max-buffer nan": "buffer nan %: expected a number from 0",
-    f"{FRONT} --exact --boundary-speed-mps 1": (
-        "a speed of 3.6 km/h at an end of the section, expected a multiple of 0.25 km/h"
-    ),
+    f"{FRONT} --exact --buffers nan": "buffer nan %: expected a number from 0",
     f"{FRONT} --exact --out no/front.csv": "no/front.csv: no such folder no",
     "front flat-6km own.toml --exact -o own.toml": f"own.toml: {READ}",
     "journey plan.toml flat-6km own.toml -o plan.toml": f"plan.toml: {READ}",

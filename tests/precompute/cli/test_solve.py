@@ -168,7 +168,7 @@ def test_baseline_strategies(tmp_path: Path, solved: Solved) -> None:
 
 @pytest.mark.nightly
 def test_exact_front_beside_the_solver(tmp_path: Path) -> None:
-    words = ("front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "2", "--out", "front.csv", "--json")
+    words = ("front", "flat-6km", "re460-ic", "--exact", "--buffers", "0,2", "--out", "front.csv", "--json")
     result = json.loads(printed(tmp_path, *words))
     assert [point["buffer_percent"] for point in result["points"]] == [0, 2]
     for point in result["points"]:

@@ -58,14 +58,6 @@ def test_a_journey_names_a_mode_and_the_command_line_has_precedence(train: Path)
     assert needs_kwh() != needs_kwh("--mode", "25000V")
 
 
-def test_options_cut_an_effort_curve_but_do_not_raise_it(train: Path) -> None:
-    words = ("solve", "flat-6km", "train.toml", "--buffer", "5", "--max-force-kn")
-    assert das_precompute(train.parent, *words, "120").returncode == 0
-    refused = das_precompute(train.parent, *words, "220")
-    assert refused.returncode == 2
-    assert "at most 200 kN and 2250 kW: options can cut it, not raise it" in refused.stderr
-
-
 def test_a_table_becomes_a_train(tmp_path: Path) -> None:
     (tmp_path / "own.csv").write_text(CSV)
     davis = "20 N/t, 0.1 N/t/(km/h), 0.0035 N/t/(km/h)^2"

@@ -11,7 +11,7 @@ import pytest
 
 from das.domain.files.load import catalogue, load_route
 from das.domain.route import Altitudes, Route, Stretches, Zone
-from precompute.route_import.route_file import route_toml
+from precompute.route_import.line import route_toml
 from tests.support.made_maps import ROUTE, same_line
 
 

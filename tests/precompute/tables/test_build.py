@@ -25,7 +25,7 @@ from das.domain.files.load import load_route
 from das.domain.files.writing import folder_held
 from das.domain.levels import Level
 from das.table.table import Table
-from precompute import pool, workers
+from precompute import workers
 from precompute.tables.build import BuildStatus, build, finished, solve_jobs, table_files
 from precompute.tables.plan import USUAL, read_plan
 from precompute.tables.writing import Job, TableSettings
@@ -174,7 +174,7 @@ def test_a_killed_worker_costs_one_attempt_and_a_poison_job_only_itself(tmp_path
         f"job-{i}" for i in range(12)
     }
     poison, faulty = outcomes["job-20"], outcomes["job-21"]
-    assert (poison.status, poison.attempts) == (BuildStatus.POISON, pool.ATTEMPTS)
+    assert (poison.status, poison.attempts) == (BuildStatus.POISON, workers.ATTEMPTS)
     assert poison.reason == "its worker died 3 times, last by SIGKILL"
     assert (faulty.status, faulty.attempts) == (BuildStatus.FAILED, 1)
     assert "ZeroDivisionError" in faulty.reason
@@ -187,7 +187,7 @@ def test_a_killed_worker_costs_one_attempt_and_a_poison_job_only_itself(tmp_path
 
 
 def test_workers_that_cannot_start_are_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool, "serve", os.abort)
+    monkeypatch.setattr(workers, "serve", os.abort)
     with pytest.raises(DasError, match="workers cannot be started: 3 in a row ended at once"):
         list(solve_jobs([job(1)], tmp_path, Workers(count=1)))
 

@@ -19,7 +19,7 @@ from das.solver.section import Section
 from das.solver.state import least_time_s
 from das.table.key import METHOD, key_of, section_facts
 from das.table.table import Table, table_content
-from precompute.tables.references import LONGEST_RATIO
+from precompute.tables.writing import LONGEST_RATIO
 
 EXPECTED = (
     1,

@@ -17,8 +17,7 @@ import pytest
 
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
-from precompute.pool import Made
-from precompute.workers import Workers
+from precompute.workers import Made, Workers
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.experiment import trials
 from sim.experiment.one_line import DaysAsked, parse_participants, parse_seeds

@@ -17,7 +17,7 @@ from das.bus.contents import read_contents, read_raw
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
-from sim.cli.recordings import recover as recover_command
+from sim.cli.recordings import check
 from sim.recording.check import check_file
 from sim.recording.recover import recover
 from tests.support.recordings import START_NS, write_recording
@@ -170,7 +170,7 @@ def test_nothing_is_written_where_nothing_can_be_saved(tmp_path: Path) -> None:
 
 def test_a_recording_never_replaces_itself(whole: Path) -> None:
     with pytest.raises(DasError, match="the output file is also an input"):
-        recover_command(whole, whole)
+        check(whole, save=whole)
 
 
 def test_a_device_is_written_to_and_not_replaced(whole: Path, tmp_path: Path) -> None:

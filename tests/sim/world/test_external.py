@@ -123,8 +123,19 @@ def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
     here = World(
         day, day.driver(DriverKind.HUMAN), shown, InProcess(day.service, guide=shown is Presentation.GUIDE)
     ).run()
-    arguments = ("eventful.toml", "--driver", "human", "--seed", "3", "--train", "T1", "--connect", place)
-    with process(folder, "-m", "sim.cli", "drive", *arguments) as other:
+    arguments = (
+        "eventful.toml",
+        "--driver",
+        "human",
+        "--seed",
+        "3",
+        "--train",
+        "T1",
+        "--driver-at",
+        place,
+        "--only-driver",
+    )
+    with process(folder, "-m", "sim.cli", "run", *arguments) as other:
         run, traffic = driven(day_of(folder, "eventful.toml"), place, tmp_path / "a.mcap", shown)
         _, said = other.communicate(timeout=60)
     assert run.states == here.states

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from das.domain.errors import DasError
-from sim.cli.make_scenario import make_scenario
+from sim.cli.example import OwnScenario, example
 from sim.world.disturbances import DepartureDelay
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out
@@ -30,7 +30,7 @@ def own(tmp_path: Path) -> Path:
 def made(folder: Path, *args: str) -> Path:
     out = folder / "days" / "my day.toml"
     out.parent.mkdir()
-    done = das_sim("make-scenario", *args, "-o", str(out), cwd=folder)
+    done = das_sim("example", str(out), *args, cwd=folder)
     assert done.returncode == 0
     assert done.stdout.endswith(f"das-sim run {shlex.quote(str(out))}\n")
     return out
@@ -64,8 +64,8 @@ def test_what_it_proposes_may_happen_can_happen(own: Path) -> None:
 
 def test_files_that_do_not_fit_write_nothing(own: Path) -> None:
     (own / "journey.toml").write_text((own / "journey.toml").read_text().replace("Bedorf", "Nowhere"))
-    args = ("--route", "route.toml", "--vehicle", "vehicle.toml", "--journey", "journey.toml", "-o", "day.toml")
-    done = das_sim("make-scenario", *args, cwd=own)
+    args = ("--route", "route.toml", "--vehicle", "vehicle.toml", "--journey", "journey.toml")
+    done = das_sim("example", "day.toml", *args, cwd=own)
     assert done.returncode == 2
     assert "Nowhere" in done.stderr
     assert not (own / "day.toml").exists()
@@ -89,6 +89,34 @@ def test_it_writes_a_toml_file_and_never_over_what_it_reads(
     monkeypatch.chdir(own)
     before = {path.name: path.read_bytes() for path in own.iterdir()}
     with pytest.raises(DasError) as refused:
-        make_scenario("route.toml", "vehicle.toml", Path(out), "journey.toml", overwrite=True)
+        example(Path(out), OwnScenario(route="route.toml", vehicle="vehicle.toml", journey="journey.toml"), True)
     assert str(refused.value) == said
     assert {path.name: path.read_bytes() for path in own.iterdir()} == before
+
+
+def test_the_timetable_is_the_one_asked_for(own: Path) -> None:
+    ends = ("--from", "Bedorf", "--to", "Cedorf", "--buffer", "12.5", "--dwell", "30")
+    out = made(own, "--route", "route.toml", "--vehicle", "vehicle.toml", *ends, "--departure", "2027-01-02T03:04:00Z")
+    scenario = load_scenario(str(out))
+    assert (scenario.from_stop, scenario.to_stop) == ("Bedorf", "Cedorf")
+    assert (scenario.buffer_ratio, scenario.dwell_s) == (0.125, 30.0)
+    assert "2027-01-02T03:04:00Z" in out.read_text()
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["--route", "route.toml"], "a scenario needs --route and --vehicle"),
+        (["--buffer", "5"], "--buffer 5.0: needs --route and --vehicle"),
+        (
+            ["--route", "route.toml", "--vehicle", "vehicle.toml", "--journey", "journey.toml", "--dwell", "5"],
+            "--dwell 5",
+        ),
+        (["--route", "route.toml", "--vehicle", "vehicle.toml", "--departure", "soon"], "departure = 'soon'"),
+    ],
+)
+def test_options_that_do_not_go_together_write_nothing(own: Path, args: list[str], said: str) -> None:
+    done = das_sim("example", "day.toml", *args, cwd=own)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+    assert not (own / "day.toml").exists()
