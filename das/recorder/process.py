@@ -59,7 +59,7 @@ class LifeSigns:
         if not self._silent and now_s - self._last_s >= SILENT_S:
             self._silent = True
             why = "" if self._heard else ": is every process that sends running, and named by --connect?"
-            self.say(f"nothing heard for {SILENT_S:.0f} s{why}")
+            self.say(f"nothing received for {SILENT_S:.0f} s{why}")
         if now_s - self._counted_s >= COUNTED_EVERY_S:
             self._counted_s = now_s
             self.say(f"{messages} messages so far")

@@ -31,10 +31,10 @@ MOST_S = 100.0
 OPTIMUM, FOUR_MODES = "optimum", "four modes"
 LEGEND = {
     "price": "of a change, as seconds of the train's full power",
-    "chg": "changes of what the driver does; of the optimum and four modes, changes of mode",
+    "chg": "changes of instruction; for the optimum and four modes, changes of mode",
     "/min": "changes a minute",
-    "short": "shortest time between two changes that is no brake",
-    "more": "energy above the optimum of the run's own time, which may be some seconds from the one asked for",
+    "short": "shortest time between two changes, brakes left out",
+    "more": "energy above the optimum for the run's own time, which may differ by some seconds from the requested one",
 }
 
 
@@ -51,7 +51,7 @@ def few_switch(
     ] = PRICES_S,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what few changes of the controller cost: energy for each of a list of prices of a change.
+    """Show the energy cost of few changes of the controller, for each of a list of prices of a change.
 
     A change of what the driver does is made only where it saves as much energy as the train's full power needs in the
     time given as its price. The rows show the schedule that the guide would make, with the section's own braking,
@@ -71,7 +71,7 @@ def few_switch(
         fronts = few_switch_fronts(section, prices_s)
     found = []
     for buffer_percent in wanted:
-        with busy(f"looking for runs with a buffer of {buffer_percent:g} % …"):
+        with busy(f"searching for runs with a buffer of {buffer_percent:g} % …"):
             rows = list(few_switch_rows(front, fronts, buffered(min_time_s, buffer_percent)))
         found.append({"buffer_percent": buffer_percent, "runs": rows})
     if as_json:

@@ -41,7 +41,7 @@ COMMANDS: Final = (
     Entry(
         name="check",
         where="precompute.cli.journey_files:check_journey",
-        summary="Check a journey file: what is unusual in it and, with a vehicle, the time each section has to spare.",
+        summary="Check a journey file for unusual values; with a vehicle, print the spare time of each section.",
         examples=("das-precompute journey check j.toml --route zurich-luzern --vehicle re460-ic",),
     ),
     Entry(
@@ -87,7 +87,7 @@ class JourneyFile(MadeFile):
 
 
 def import_journey(
-    feed: Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as it is published: a zip.")],
+    feed: Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as published (zip).")],
     choice: TripChoice,
     times: TimesRead,
     on: OnRoute,
@@ -149,11 +149,11 @@ def check_journey(
     journey: JourneyArgument,
     on: OnRoute,
     vehicle: Annotated[
-        str | None, typer.Option(metavar="VEHICLE", help="Train that is to keep the journey; needs --route.")
+        str | None, typer.Option(metavar="VEHICLE", help="Train for the journey; needs --route.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a journey file: what is unusual in it and, with a vehicle, the time each section has to spare.
+    """Check a journey file for unusual values; with a vehicle, print the spare time of each section.
 
     The exit code is 1 if there are warnings, and 2 if the file cannot be used or the train cannot keep its times.
     """

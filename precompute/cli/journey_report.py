@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 LEGEND = {
     "…": "open",
-    "~": "a wish: reported, not enforced",
+    "~": "a preferred time: reported, not enforced",
     "dwell": "least time at the stop",
 }
 SPARE_LEGEND = {
-    "least": "running time, driven as fast as possible",
+    "least": "least running time",
     "available": "from the earliest departure to the latest arrival, or to the latest departure less the dwell",
 }
 FAST_MPS = 100.0
@@ -114,7 +114,7 @@ def _without_dwell(journey: Journey) -> Iterator[str]:
         yield f"no dwell_s at {', '.join(bare)}: plans stop there for no time"
     open_calls = [x.name for x in journey.calls[1:-1] if x.departure == Window() and x.arrival == Window()]
     if open_calls and len(open_calls) == len(journey.calls) - 2:
-        yield "no stop on the way has a time: only the departure and the last arrival are kept"
+        yield "no intermediate stop has a time: only the departure and the last arrival are kept"
 
 
 def _misplaced(journey: Journey, route: Route) -> Iterator[str]:
@@ -158,17 +158,17 @@ def spare_table(journey: Journey, rows: list[dict[str, Any]]) -> Table:
     return found
 
 
-HEAD = """# A journey: the stops and passings of one train, with the times that it must keep there.
+HEAD = """# A journey: the stops and timing points of one train, with their times.
 # All keys: docs/reference/file-formats.md. Check it: das-precompute journey check FILE --route ROUTE --vehicle VEHICLE
 schema_version = 1
 
 [journey]
 id = "my-journey"            # letters, digits; part of names
 name = "My journey, 08:00"   # for people
-source = "where these times are from"
+source = "origin of these times"
 """
 KEYS = """
-# Times: "08:12:30", or departure_s = 750 on a clock of your own. After midnight they go on: "24:10:00".
+# Times: "08:12:30", or departure_s = 750 on a clock of your own. After midnight they continue: "24:10:00".
 #   departure          not before this time; the first stop must have one
 #   departure_latest   not after this time
 #   arrival            not after this time; the last stop must have one
@@ -177,8 +177,9 @@ KEYS = """
 # A place is a stop of the route (stop = "Name"), or a name and a position (name = "Name", position_km = 12.3).
 """
 PASSING = """
-# A passing is no stop. Its window (earliest, latest) and its speeds (lowest_speed_kmh, highest_speed_kmh) are kept.
-# A wish is reported and priced, but not enforced; tolerance_s is by how much the timetable is rounded.
+# A passing is a timing point without a stop. Its window (earliest, latest) and its speeds (lowest_speed_kmh,
+# highest_speed_kmh) are kept.
+# A wish is reported and priced, but not enforced; tolerance_s is the rounding of the timetable.
 # [[passings]]
 # name = "Junction"
 # position_km = 12.3

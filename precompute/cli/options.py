@@ -51,7 +51,7 @@ RefineOption = Annotated[
     typer.Option(
         "--refine",
         metavar="off|on|SECONDS",
-        help="Refine optimal runs beyond the solver's table: until little is saved, or for at most so many seconds.",
+        help="Refine optimal runs beyond the solver's table until savings are small, or at most for this many seconds.",
     ),
 ]
 
@@ -60,7 +60,7 @@ BoundOption = Annotated[
     typer.Option(
         "--bound",
         metavar="quick|tight|SECONDS",
-        help="Prove a tighter bound for a loss map: until little is gained (minutes), or for about so many seconds.",
+        help="Prove a tighter bound for a loss map: until gains are small (minutes), or for about this many seconds.",
     ),
 ]
 
@@ -93,7 +93,7 @@ class EndsOptions:
             if value is not None and not 0 <= value < FASTEST_END_MPS:
                 raise DasError(f"{_spelled(name)} {value}: expected a speed from 0 to {FASTEST_END_MPS:g} m/s")
         if None not in (self.start_speed_mps, self.end_speed_mps):
-            refuse_given("--start-speed-mps and --end-speed-mps say both speeds", "--boundary-speed-mps")
+            refuse_given("--start-speed-mps and --end-speed-mps give both speeds", "--boundary-speed-mps")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +105,7 @@ class GridOptions:
         typer.Option(
             "--step",
             metavar="M",
-            help="Decide at least every so many metres: 25 for dense limits, steep gradients, short sections "
+            help="Largest decision step in m: 25 for dense limits, steep gradients, short sections "
             "[default: 3.2 s of the fastest run, by the line, at most 150 m].",
             show_default=False,
         ),
@@ -154,9 +154,11 @@ class WorldOptions:
     ] = 1.0
     head_wind_kmh: Annotated[float, typer.Option(help="Wind against the train in km/h; tail wind is negative.")] = 0.0
     receptivity_ratio: Annotated[
-        float, typer.Option("--receptivity", help="Share of the recovered power that the line takes, 0 to 1.")
+        float, typer.Option("--receptivity", help="Share of the recovered power that the line accepts, 0 to 1.")
     ] = 1.0
-    adhesion_ratio: Annotated[float, typer.Option("--adhesion", help="Adhesion, as a multiple of a dry rail's.")] = 1.0
+    adhesion_ratio: Annotated[
+        float, typer.Option("--adhesion", help="Adhesion, as a multiple of that on dry rail.")
+    ] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,7 +330,7 @@ class Pose(TrainOnLine):
 def picked(vehicle: Vehicle, mode: str | None, load: str | None) -> Vehicle:
     """The vehicle in a mode and a load state; None leaves it as its file says. DasError if it has no such one."""
     if load is not None and vehicle.modes.keys() & set(load.split("+")):
-        refuse_given(f"--load {load} names a mode as well", "--mode")
+        refuse_given(f"--load {load} also names a mode", "--mode")
     vehicle = vehicle if mode is None else vehicle.in_mode(mode)
     return vehicle if load is None else vehicle.loaded(load)
 
@@ -343,7 +345,7 @@ def _changed(envelope: EffortEnvelope, force_kn: float | None, power_w: float | 
         force_n = force_kn * KN if force_kn is not None else 0.0
         if force_n > envelope.max_force_n or (power_w or 0.0) > envelope.max_power_w:
             most = f"{envelope.max_force_n / KN:g} kN and {envelope.max_power_w / KW:g} kW"
-            raise DasError(f"the effort curve of the train has at most {most}: options can cut it, not raise it")
+            raise DasError(f"the effort curve of the train has at most {most}: options can lower it, not raise it")
     return replace(
         envelope,
         max_force_n=force_kn * KN if force_kn is not None else envelope.max_force_n,

@@ -27,7 +27,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
     Entry(
         name="few-switch",
         where="precompute.cli.few_switch:few_switch",
-        summary="Show what few changes of the controller cost: energy for each of a list of prices of a change.",
+        summary="Show the energy cost of few changes of the controller, for each of a list of prices of a change.",
         examples=(
             "das-precompute few-switch zurich-luzern re460-ic --from Zug --buffers 4,7",
             "das-precompute few-switch flat-6km re460-ic --prices 0,0.03,0.3 --json",
@@ -36,7 +36,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
     Entry(
         name="journey",
         where="precompute.cli.journey:journey",
-        summary="Plan a train's whole journey with the least energy: when to be where, and how to drive between.",
+        summary="Plan a train's whole journey for the least energy: times at all points, and driving between them.",
         examples=(
             "das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png",
             "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60",
@@ -61,13 +61,13 @@ COMMANDS: tuple[Entry | Group, ...] = (
     Entry(
         name="verify",
         where="precompute.tables.command:verify",
-        summary="Check every byte of tables, that this release can use them, and that none is missing.",
+        summary="Check tables: every byte, compatibility with this release, and completeness.",
         examples=("das-precompute verify tables",),
     ),
     Entry(
         name="show",
         where="precompute.tables.command:show",
-        summary="Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.",
+        summary="Show the contents of a folder of tables: sections, trains, sizes, times, energies and certificates.",
         examples=("das-precompute show tables --json",),
     ),
     Group(
@@ -84,7 +84,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
     Group(
         name="vehicle",
         where="precompute.cli.vehicle_files:COMMANDS",
-        summary="Make vehicle files from those of other programs or from tables, and show and check them.",
+        summary="Make vehicle files from other programs' files or from tables; show and check them.",
     ),
     Entry(
         name="loss-map",

@@ -41,13 +41,13 @@ COMMANDS = (
     Entry(
         name="check",
         where="precompute.cli.route:check",
-        summary="Check a route: what is unusual in it is a warning, what it lacks a note.",
+        summary="Check a route: warnings for unusual values, notes for missing data.",
         examples=("das-precompute route check my.toml",),
     ),
     Entry(
         name="merge",
         where="precompute.cli.route:merge",
-        summary="Put a route together for one line and direction: limits from one file, gradients from another.",
+        summary="Merge routes of one line and direction: limits from one file, gradients from another.",
         examples=("das-precompute route merge my.toml --gradients heights.toml -o whole.toml",),
     ),
     Entry(
@@ -135,7 +135,7 @@ def show(route: RouteArgument, files: ShownFiles) -> None:
 
 
 def check(route: RouteArgument, as_json: JsonOption = False) -> None:
-    """Check a route: what is unusual in it is a warning, what it lacks a note.
+    """Check a route: warnings for unusual values, notes for missing data.
 
     The exit code is 0 without warnings, 1 with warnings, and 2 if the file cannot be used.
     """
@@ -176,7 +176,7 @@ class TakenFrom:
 
 
 def merge(route: RouteArgument, taken: TakenFrom, stated: Words, written: RouteFiles) -> None:
-    """Put a route together for one line and direction: limits from one file, gradients from another.
+    """Merge routes of one line and direction: limits from one file, gradients from another.
 
     Lengths may differ by up to 2 %: positions of the other route are then scaled, and the file says so. Sources and
     licences of all are kept. The result is one_way if a part that depends on the direction is.

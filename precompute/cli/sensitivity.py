@@ -38,8 +38,8 @@ def sensitivity(
         typer.Option(
             "--vary",
             metavar="LIST",
-            help="What differs from the plan: mass and resistance by %, head wind in km/h (tail wind < 0), receptivity "
-            f"and adhesion as ratios; ± is both ways, a..b five values [default: {DEFAULT}].",
+            help="Differences from the plan: mass and resistance by %, head wind in km/h (tail wind < 0), receptivity "
+            f"and adhesion as ratios; ± means both signs, a..b five values [default: {DEFAULT}].",
         ),
     ] = None,
 ) -> None:
@@ -118,11 +118,11 @@ COLUMNS: dict[str, tuple[str, float, str]] = {
 }
 """Heading of a column, its key in a row, factor and format."""
 LEGEND = {
-    "time, energy": "of a driver who follows the plan, against the plan",
+    "time, energy": "for a driver who follows the plan, relative to the plan",
     "per step": "the same for 1 % of mass, resistance, receptivity or adhesion, or for 1 km/h of wind",
-    "off plan": "share of the way on which the train could not keep to the plan",
-    "on time": "a new plan for the planned time: how late it is, and its energy, against the plan",
-    "saved": "by a new plan for the time that following the old one took",
+    "off plan": "share of the distance on which the train could not follow the plan",
+    "on time": "a new plan for the planned time: its lateness and its energy, relative to the plan",
+    "saved": "by a new plan for the time taken by following the old one",
 }
 
 

@@ -37,9 +37,7 @@ if TYPE_CHECKING:
     from precompute.cli.report import Answer
 
 
-StrategyOption = Annotated[
-    Strategy, typer.Option("--strategy", help="How the section is driven; fastest needs no time.")
-]
+StrategyOption = Annotated[Strategy, typer.Option("--strategy", help="Driving strategy; fastest needs no time.")]
 
 
 def solve(
@@ -179,7 +177,7 @@ class ExactOptions:
     exact: Annotated[
         bool,
         typer.Option(
-            "--exact", help="Every undominated run on the paper's grid (100 m × 0.25 km/h), beside the solver's."
+            "--exact", help="All non-dominated runs on the paper's grid (100 m × 0.25 km/h), next to the solver's."
         ),
     ] = False
     max_buffer_percent: Annotated[
@@ -197,7 +195,7 @@ class ExactOptions:
             metavar="MS",
             min=0.0,
             max=1000.0,
-            help="With --exact: keep one partial run per state and so many ms, for bounds where all take too long.",
+            help="With --exact: keep one partial run per state and this many ms, for bounds if all take too long.",
         ),
     ] = 0.0
     out: Annotated[

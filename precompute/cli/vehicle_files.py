@@ -38,7 +38,7 @@ COMMANDS: Final = (
     Entry(
         name="check",
         where="precompute.cli.vehicle_files:check_vehicle",
-        summary="Check a vehicle file, in every mode and load: what is unusual in it.",
+        summary="Check a vehicle file for unusual values, in every mode and load.",
         examples=("das-precompute vehicle check re460-ic",),
     ),
     Entry(
@@ -65,15 +65,16 @@ class AssumedOptions:
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Losses of the traction chain: lossless, a mean efficiency like 0.85, or the vehicle (bundled name or "
-            "file) whose efficiency the train has.",
+            help="Losses of the traction chain: lossless, a mean efficiency like 0.85, or a vehicle (bundled name or "
+            "file) with the same efficiency.",
         ),
     ] = None
     train: Annotated[
         str | None, typer.Option(metavar="ID", help="Train of a railtoolkit file [default: the first].")
     ] = None
     electric_brake: Annotated[
-        float | None, typer.Option(metavar="RATIO", help="Give it an electric brake: this share of the traction.")
+        float | None,
+        typer.Option(metavar="RATIO", help="Add an electric brake with this share of the tractive effort."),
     ] = None
     accept: Annotated[
         list[str] | None, typer.Option(metavar="CHECK", help="Accept an implausible value; the error names the check.")
@@ -140,7 +141,7 @@ def show_vehicle(
 
 
 def check_vehicle(vehicle: VehicleArgument, as_json: JsonOption = False) -> None:
-    """Check a vehicle file, in every mode and load: what is unusual in it.
+    """Check a vehicle file for unusual values, in every mode and load.
 
     The exit code is 1 if there are warnings, and 2 if the file cannot be used.
     """

@@ -78,7 +78,7 @@ def build(
 
 
 def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """Check every byte of tables, that this release can use them, and that none is missing.
+    """Check tables: every byte, compatibility with this release, and completeness.
 
     The exit code is 1 if a table is damaged, missing, or of another release.
     """
@@ -109,7 +109,7 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
 
 def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.
+    """Show the contents of a folder of tables: sections, trains, sizes, times, energies and certificates.
 
     Each table is checked first, as by `verify`; problems are listed below the others. `--json` has all points of the
     fronts and the times and energies of all references.

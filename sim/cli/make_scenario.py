@@ -47,7 +47,7 @@ def make_scenario(
     reverse: ReverseOption = False,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write a scenario for a line and a train of your own: a day to simulate, by a journey's times or by a buffer."""
+    """Write a scenario for your own line and train: a run to simulate, with a journey's times or a buffer."""
     if out.suffix != ".toml":
         raise DasError(f"{out}: expected a file name that ends in .toml")
     check_outputs(out, inputs=(route, vehicle, journey), overwrite=overwrite)

@@ -10,13 +10,13 @@ EXPERIMENTS: Final = (
     Entry(
         name="check",
         where="sim.cli.experiment:check",
-        summary="Check a design: trials, balance, duration, factors that no driver can sense; freeze it.",
+        summary="Check a design: trials, balance, duration, factors without effect; freeze it.",
         examples=("das-sim experiment check smoke", "das-sim experiment check design.toml -o study"),
     ),
     Entry(
         name="run",
         where="sim.cli.experiment:run",
-        summary="Drive all trials of a design, or days of scenarios, drivers, presentations and seeds.",
+        summary="Simulate all trials of a design, or runs of scenarios, drivers, presentations and seeds.",
         examples=(
             "das-sim experiment run smoke -o study",
             "das-sim experiment run --scenario clear-day,signal-stop --seeds 0-9 --advice guide,none -o runs",
@@ -25,13 +25,13 @@ EXPERIMENTS: Final = (
     Entry(
         name="analyse",
         where="sim.cli.experiment:analyse",
-        summary="Analyse a study that was run: differences with intervals, corrected p, effect sizes.",
+        summary="Analyse a completed study: differences with intervals, corrected p, effect sizes.",
         examples=("das-sim experiment analyse study -o report.html",),
     ),
     Entry(
         name="rescore",
         where="sim.cli.experiment:rescore",
-        summary="Compute measures again from the recordings of a study, for a new measure.",
+        summary="Recompute measures from the recordings of a study, for a new measure.",
         examples=("das-sim experiment rescore study -o again --measure my_measure_s",),
     ),
 )
@@ -39,7 +39,7 @@ EXPERIMENTS: Final = (
 
 GONE_EXPERIMENTS: Final = {
     "studies": "das-sim list studies",
-    "power": "the notebook docs/tutorials/notebook-study-statistics.ipynb, which has simulated power as a function",
+    "power": "the notebook docs/tutorials/notebook-study-statistics.ipynb, which simulates power",
 }
 """Former commands of the group, each with what to run instead."""
 
@@ -55,30 +55,30 @@ ENTRIES: Final = (
     Entry(
         name="trip",
         where="sim.cli.trips:trip",
-        summary="Look at a recorded trip: what was cleaned, how it fits the line, its energy.",
+        summary="Analyse a recorded trip: cleaning, match with the line, energy.",
         examples=("das-sim trip trip.csv --route route.toml --vehicle train.toml --posts posts.csv --plot trip.png",),
     ),
     Entry(
         name="run",
         where="sim.cli.run:run",
-        summary="Simulate a day: a train, its driver and the advice node in a closed loop.",
+        summary="Simulate a run: a train, its driver and the advice node in a closed loop.",
         examples=("das-sim run departure-delay --driver human --advice speed-and-effort --seed 3",),
     ),
     Entry(
         name="desk",
         where="sim.cli.desk:desk",
-        summary="Drive a simulated train yourself, in the browser; or look at a drive as its driver saw it.",
+        summary="Drive a simulated train yourself in the browser, or replay a drive as its driver saw it.",
         examples=("das-sim desk", "das-sim desk signal-stop --advice four-mode", "das-sim desk recordings/desk.mcap"),
     ),
     Entry(
         name="drive",
         where="sim.cli.run:drive",
-        summary="Be the driver of a simulated run, as a separate process on the bus.",
+        summary="Drive a simulated run from a separate process on the bus.",
         examples=("das-sim drive clear-day --driver human --seed 3",),
     ),
     Group(
         name="experiment",
-        summary="Human-factors experiments: check a design, drive its trials, analyse the data.",
+        summary="Human-factors experiments: check a design, run its trials, analyse the data.",
         where="sim.cli.program:EXPERIMENTS",
         gone=GONE_EXPERIMENTS,
     ),
@@ -97,13 +97,13 @@ ENTRIES: Final = (
     Entry(
         name="recover",
         where="sim.cli.recordings:recover",
-        summary="Save what is sound in a cut or damaged recording into a new file, and say what is gone.",
+        summary="Save the intact part of a truncated or damaged recording in a new file, and report the losses.",
         examples=("das-sim recover cut.mcap -o saved.mcap",),
     ),
     Entry(
         name="reproduce",
         where="sim.cli.recordings:reproduce",
-        summary="Feed a recording to this version's cab again, and compare its messages with the recorded ones.",
+        summary="Feed a recording to the cab of this version, and compare its messages with the recorded ones.",
         examples=("das-sim reproduce recordings/run.mcap",),
     ),
     Entry(
@@ -115,13 +115,13 @@ ENTRIES: Final = (
     Entry(
         name="report",
         where="sim.cli.review:report",
-        summary="Write a report about recorded drives, which begins with one page for an instructor.",
+        summary="Write a report on recorded drives; its first page is for an instructor.",
         examples=("das-sim report run.mcap -o report.html", "das-sim report before.mcap after.mcap --show energy"),
     ),
     Entry(
         name="what-if",
         where="sim.cli.recordings:what_if",
-        summary="Ask what would have been: other advice for a recorded drive, or its day driven anew.",
+        summary="Try a what-if: other advice for a recorded drive, or its run simulated again.",
         examples=(
             "das-sim what-if run.mcap --level l1 -o l1.mcap",
             "das-sim what-if run.mcap --advice guide --restriction 20-22:80",
@@ -130,19 +130,19 @@ ENTRIES: Final = (
     Entry(
         name="list",
         where="sim.cli.listing:listing",
-        summary="List scenarios, drivers, presentations, studies, measures, importers; also of other packages.",
+        summary="List scenarios, drivers, presentations, studies, measures and importers, including plug-ins.",
         examples=("das-sim list", "das-sim list scenarios", "das-sim list drivers --json"),
     ),
     Entry(
         name="example",
         where="sim.cli.trips:example",
-        summary="Write example files for a line of your own: route, vehicle, plan, trip, posts, scenario.",
+        summary="Write example files for your own line: route, vehicle, plan, trip, posts, scenario.",
         examples=("das-sim example my-line",),
     ),
     Entry(
         name="make-scenario",
         where="sim.cli.make_scenario:make_scenario",
-        summary="Write a scenario for a line and a train of your own.",
+        summary="Write a scenario for your own line and train.",
         examples=("das-sim make-scenario --route my.toml --vehicle train.toml --journey journey.toml -o my-day.toml",),
     ),
 )
@@ -159,8 +159,8 @@ GONE: Final = {
 }
 """Former commands, each with what to run instead."""
 ABOUT: Final = (
-    "Replay a train's trip, or simulate a day, against a live advice node; record it and look at it.\n\n"
-    "Without a command, das-sim replays the bundled recording, drives its trip with the guide, and compares the two."
+    "Replay a train's trip, or simulate a run, with a live advice node; record and review it.\n\n"
+    "Without a command, das-sim replays the bundled recording, simulates its trip with the guide, and compares the two."
 )
 
 

@@ -73,7 +73,7 @@ def run(
     cards: CardsOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
+    """Simulate a run: a train and its driver with the advice node over the bus, all recorded."""
     who, factor = named_driver("--driver", driver), pace_factor(pace)
     if who is not DriverKind.HUMAN:
         refuse_given(f"needs --driver {DriverKind.HUMAN}", "--friction")
@@ -124,7 +124,7 @@ def _at_desk(
     scenario, participant, population = who
     participant_of(DESK, participant, population)
     refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--in-process", "--driver-at")
-    refuse_given("a person sees them at the desk", "--cards")
+    refuse_given("a person reads them on the desk's page", "--cards")
     if factor is None:
         refuse_given(NEEDS_A_PACE, "--pace")
     drive_at_desk(scenario, asked, recorded, factor or 1.0, DeskLooks(), as_json=as_json)
@@ -156,7 +156,7 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
     if in_process:
         raise DasError("--driver external: a run --in-process has no bus")
     if bus is not None:
-        refuse_given("with --bus the bus file says where the run listens", "--driver-at")
+        refuse_given("with --bus the bus file sets where the run listens", "--driver-at")
     return DEFAULT_DRIVER_AT if endpoint is None else endpoint
 
 
@@ -185,7 +185,7 @@ def drive(
     """Drive a run from this process; start das-sim run with --driver external before or after it."""
     who = named_driver("--driver", driver)
     if isinstance(who, External):
-        raise DasError(f"--driver {who}: this is the external driver; expected who drives in it")
+        raise DasError(f"--driver {who}: this is the external driver itself; expected the driver in it")
     with loading_solver():
         from das.bus.access import Role
         from das.bus.config import BusFolder, bus_options

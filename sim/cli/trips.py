@@ -41,7 +41,7 @@ def trip(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Look at a recorded trip: what was cleaned, how it fits the line, where it stood, its energy, its train."""
+    """Analyse a recorded trip: cleaning, match with the line, standstills, energy, train."""
     check_picture(plot)
     inputs = (file, options.route, options.vehicle, options.posts, options.loss_map)
     check_outputs(out, plot, inputs=inputs, overwrite=overwrite)
@@ -67,7 +67,7 @@ def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
 
     for name, value in (("--vehicle", options.vehicle), ("--loss-map", options.loss_map)):
         if value is not None:
-            raise DasError(f"{name} {value}: expected either {name} or --vehicles, which looks for the train")
+            raise DasError(f"{name} {value}: expected either {name} or --vehicles, which finds the train")
     return candidates(vehicles)
 
 
@@ -134,7 +134,7 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
 
     with busy("reading the trip and solving its section …"):
         job = prepare(trip, options, out, typed_command())
-    with busy("estimating the energy of the trip, and how well it is known …"):
+    with busy("estimating the energy of the trip and its uncertainty …"):
         energies = trip_energies(job)
     with (
         naming_recorded(out),
@@ -168,7 +168,7 @@ def example(
     ] = False,
     seed: SeedOption = 1,
 ) -> None:
-    """Write a working set of example files for a line of your own, with the commands to run on them.
+    """Write a working set of example files for your own line, with the commands to run on them.
 
     The set holds a route, a vehicle, a journey, a plan of tables, a scenario, a recorded trip, kilometre posts and a
     README.txt. Route and vehicle are invented; the trip is simulated.
@@ -203,5 +203,5 @@ def _check_example(folder: Path, overwrite: bool) -> bool:
     except OSError as error:
         raise DasError(f"{folder}: cannot be read ({error.strerror})") from error
     if filled and not overwrite:
-        raise DasError(f"{folder}: there are files in it already; choose a new folder, or say --overwrite")
+        raise DasError(f"{folder}: the folder is not empty; choose a new folder, or use --overwrite")
     return filled

@@ -65,7 +65,7 @@ def test_options_cut_an_effort_curve_but_do_not_raise_it(train: Path) -> None:
     assert das_precompute(train.parent, *words, "120").returncode == 0
     refused = das_precompute(train.parent, *words, "220")
     assert refused.returncode == 2
-    assert "at most 200 kN and 2250 kW: options can cut it, not raise it" in refused.stderr
+    assert "at most 200 kN and 2250 kW: options can lower it, not raise it" in refused.stderr
 
 
 def test_a_table_becomes_a_train(tmp_path: Path) -> None:

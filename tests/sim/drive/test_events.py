@@ -254,7 +254,7 @@ def test_the_commands_list_events_and_keep_notes_beside_the_recording(tmp_path: 
         (("report", "day.mcap", "--show", "events", "--kind", "nothing"), "--kind nothing: expected one of departure"),
         (("report", "day.mcap", "--show", "events", "--from", "noon"), "time 'noon': expected"),
         (("report", "none.mcap", "--show", "events"), "cannot be read"),
-        (("report", "day.mcap", "--table", "day.csv"), "--table: expected two recordings or more"),
+        (("report", "day.mcap", "--table", "day.csv"), "--table: expected two or more recordings"),
         *(((name, "day.mcap"), "run instead: das-sim report") for name in ("compare", "energy", "events", "note")),
     ],
 )

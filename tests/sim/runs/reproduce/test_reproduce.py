@@ -202,7 +202,7 @@ def test_the_exit_code_says_whether_it_is_the_same(
     beginning: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     reproduce_command(beginning, NodeSaid())
-    assert "today's cab says the same" in capsys.readouterr().out
+    assert "today's cab gives the same messages" in capsys.readouterr().out
 
     def other(messages: list[RecordedMessage]) -> list[RecordedMessage]:
         next(one.message for one in messages if one.topic is STATUS).reason = "because"
