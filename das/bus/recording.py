@@ -205,7 +205,7 @@ def refuse_damage(found: Contents) -> None:
     path, health = found.path, found.health
     if health.damage:
         more = f", and {len(health.damage) - 1} more places" if len(health.damage) > 1 else ""
-        raise DasError(f"{path}: damaged: {health.damage[0]}{more}; das-sim recover saves what is sound")
+        raise DasError(f"{path}: damaged: {health.damage[0]}{more}; das-sim recover saves the intact part")
     if health.missing and RECOVERED not in found.metadata:
         raise DasError(f"{path}: damaged: {health.missing} messages are missing, according to their sequence numbers")
 
@@ -221,5 +221,5 @@ def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:
     if train is not None and train not in trains:
         raise DasError(f"{path}: holds no train {train!r}, expected one of {', '.join(trains)}")
     if train is None and len(trains) > 1:
-        raise DasError(f"{path}: holds several trains or drives, {', '.join(trains)}: say which one (--of-train)")
+        raise DasError(f"{path}: holds several trains or drives, {', '.join(trains)}: name one (--of-train)")
     return train or trains[0]

@@ -88,7 +88,7 @@ def _of_guide(found: InstructionFigures) -> Iterator[DriveFigure]:
     yield DriveFigure("odd_speeds", found.odd_speeds)
     yield DriveFigure("standing_acceleration_s", found.standing_s, "s")
     yield part("", "  instructions against the grammar", found.against_grammar, found.instructions)
-    yield part("promises_kept_ratio", "  announced changes that came", relied.kept, relied.promised)
+    yield part("promises_kept_ratio", "  announced changes kept", relied.kept, relied.promised)
     yield DriveFigure("above_limit_obeying_s", relied.above_limit_s, "s")
     yield DriveFigure("hidden_limits", relied.hidden_limits)
     yield DriveFigure("last_word_acts", relied.replaced)

@@ -196,25 +196,25 @@ FACTORS: Final = {
     for one in (
         KnownFactor(
             name="presentation", title="Presentation", unit="", read=_choice(Presentation),
-            meaning="how much of the same advice the display shows", expected=", ".join(Presentation),
+            meaning="content of the display, for the same advice", expected=", ".join(Presentation),
         ),
         KnownFactor(
             name="loss_level", title="Loss level of the advice", unit="", read=_choice(Level),
-            meaning="the losses that the advice is planned with; the true train keeps its own",
+            meaning="losses used to plan the advice; the true train keeps its own",
             expected=", ".join(Level),
         ),
         KnownFactor(
             name="update_interval_s", title="Update interval", unit="s", read=_seconds(LONGEST_S),
-            meaning="the display takes new advice only this often", expected=f"0 to {LONGEST_S:g} s",
+            meaning="update interval of the display", expected=f"0 to {LONGEST_S:g} s",
         ),
         KnownFactor(
             name="hold_s", title="Hold time", unit="s", read=_seconds(LONGEST_S),
-            meaning="what the display shows stays for at least this long, unless it is advice to brake",
+            meaning="minimum display time, except for advice to brake",
             expected=f"0 to {LONGEST_S:g} s",
         ),
         KnownFactor(
             name="preview_s", title="Preview", unit="s", read=_seconds(LONGEST_PREVIEW_S, or_all=True),
-            meaning="how far ahead the display shows what comes",
+            meaning="length of the display's preview",
             expected=f'0 to {LONGEST_PREVIEW_S:g} s, or "all"',
         ),
         KnownFactor(
@@ -223,12 +223,12 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="friction", title="Friction policy", unit="", read=_choice(FrictionPolicy),
-            meaning="which brake a human driver uses where the motors could brake", expected=", ".join(FrictionPolicy),
+            meaning="brake of a human driver if the motors could brake", expected=", ".join(FrictionPolicy),
         ),
         KnownFactor(
             name="scenario", title="Scenario", unit="", read=_scenario,
-            meaning="the line, the timetable and what happens on the day",
-            expected="a bundled scenario, a day of the bundled studies, or a TOML file",
+            meaning="line, timetable and disturbances",
+            expected="a bundled scenario, a line of the bundled studies, or a TOML file",
         ),
         KnownFactor(
             name="train", title="Train", unit="", read=_train,
@@ -236,7 +236,7 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="driver", title="Driver", unit="", read=_driver,
-            meaning="who drives: a human, a perfect follower of the advice, or another simulated driver",
+            meaning="the driver: a human, a perfect follower of the advice, or another simulated driver",
             expected=f"{', '.join(DriverKind)}, or a class of your own",
         ),
         *map(_parameter, HumanParameters.__dataclass_fields__),

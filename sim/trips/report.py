@@ -42,7 +42,7 @@ from sim.trips.trip import Trip
 
 BEST: Final = {"color": LIGHT.of[Meaning.NO_ADVICE], "linewidth": 1, "linestyle": "--"}
 """Style in which the most that the vehicle can do is drawn."""
-LEGEND: Final = {"from, to": "what the energy may have been at least and at most, whatever the unknowns are"}
+LEGEND: Final = {"from, to": "least and greatest possible energy, with all unknowns at their limits"}
 """Explanations that are printed below the table of energies."""
 PANEL_HEIGHTS = (3, 1, 2)
 """Relative heights of the panels of speeds, distances from the smooth run, and forces."""
