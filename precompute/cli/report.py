@@ -101,7 +101,7 @@ LEGEND = {
     "lost": "irreversible losses",
     "stored": "increase of kinetic and potential energy",
     "saved": "energy below that of the first row",
-    "λ": "price of time: cost of one second less",
+    "λ": "price of time, the cost of one second less",
     "gap": "largest possible excess over the least energy; – if not proven",
     "ms": "computing time",
     "fit": "whether the requested time is met",
@@ -150,7 +150,7 @@ JOURNEY_LEGEND = {
     "run": "running time",
     "buffer": "running time above the least possible",
     "input": "net energy at the current collector",
-    "λ": "price of time: cost of one second less, between two points with a window",
+    "λ": "price of time, the cost of one second less, between two points with a window",
 }
 WISH_LEGEND = {"~, !": "a preferred time kept within its tolerance, or missed"}
 _MARKS = {Held.FREE: " ", Held.EARLIEST: "≥", Held.LATEST: "≤", Held.FIXED: "="}
