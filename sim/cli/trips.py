@@ -187,7 +187,7 @@ def example(
         write_folder_whole(folder, content)
     for name in sorted(content):
         tell(f"written: {folder / name}")
-    tell(f"what to do with them: cd {shlex.quote(str(folder))} and read README.txt")
+    tell(f"next: cd {shlex.quote(str(folder))} and read README.txt")
 
 
 def _check_example(folder: Path, overwrite: bool) -> bool:
