@@ -1,6 +1,6 @@
-"""Texts of the cab's events that say more than one plain sentence. No program depends on them.
+"""Texts of the cab's events that consist of several parts. No program depends on them.
 
-The words of advice and of withdrawals are in `das.advice.wording`; an event that says the same takes them from there.
+The words of advice and of withdrawals are in `das.advice.wording`; events with the same content use those.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from das.domain.units import KM, NS
 from das.estimate.ratios import ForceDoubt
 
 MOST_NAMED = 3
-"""Most accepted targets that are named."""
+"""Largest number of accepted targets that are named."""
 
 # --- messages that are ignored ---------------------------------------------------------------------------------------
 
 
 def ignored(kind: Kind, what: str) -> str:
-    """A message that the guard rejected; `what` names it by its fault."""
+    """A message that the guard rejected; `what` describes it by its fault."""
     return about(kind, f"{what} was ignored")
 
 
 def about(kind: Kind, what: str) -> str:
-    """Something that concerns messages of one kind."""
+    """A text about messages of one kind."""
     return f"{kind}: {what}"
 
 
 def restrictions_unheeded(why: str) -> str:
-    """Restrictions that were not taken over, so that there is no advice either."""
+    """Restrictions that were not accepted; there is therefore no advice."""
     return wording.withdrawal(Withdrawal(Cause.RESTRICTIONS_UNHEEDED, why))
 
 
 def impossible_restriction(one: Restriction) -> str:
-    """A restriction with impossible ends, limit or window, or with a text that is too long to make sense."""
+    """A restriction with impossible ends, limit or window, or with an implausibly long text."""
     window = f", valid from {one.valid_from_ns} to {one.valid_until_ns} ns" if one.has_window else ""
     long = "".join(f", {key} of {len(x)} letters" for key, x in one.texts.items() if len(x) > LONGEST_TEXT)
     return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m{window}{long}"
@@ -62,12 +62,12 @@ NOT_STAMPED: Final = "one without its sender's time stamp (or with one ahead of 
 
 
 def unstamped(kind: Kind) -> str:
-    """A state without its sender's time stamp, and what its publisher has to do."""
+    """A state without its sender's time stamp, and the remedy for its publisher."""
     return f"{ignored(kind, NOT_STAMPED)}: {wording.STAMP_CURE}"
 
 
 def no_token(kind: Kind, source: str | None) -> str:
-    """A publisher of a state without a liveliness token, and what it has to do."""
+    """A publisher of a state without a liveliness token, and the remedy."""
     return about(
         kind,
         f"{_named(source)} has no liveliness token: nobody can tell when it is gone, and a newer order of another "
@@ -77,22 +77,21 @@ def no_token(kind: Kind, source: str | None) -> str:
 
 
 def two_operators(source: str | None, rival: str, *, one_is_gone: bool) -> str:
-    """The two publishers that state different restrictions, and what has to be done if one of them is gone."""
+    """The two publishers that state different restrictions, and the remedy if one of them has disconnected."""
     cure = "; one of them is gone, the other has to send its list again" if one_is_gone else ""
     return f"{_named(source)} and {_named(rival)}{cure}"
 
 
 def takes_over(kind: Kind, source: str | None, before: str, *, overtaken: bool) -> str:
-    """A publisher that counts now that the previous one is gone.
-
-    `overtaken`: nobody knows that it is gone, but it has no liveliness token and this order is newer.
+    """A publisher that is used now that the previous one has disconnected. `overtaken`: that one may still be
+    connected, but it has no liveliness token and this order is newer.
     """
     why = "has no liveliness token and its order is older" if overtaken else "is gone"
     return about(kind, f"{_named(source)} counts from now on, {_named(before)} {why}")
 
 
 def not_heeded(kind: Kind, source: str, before: str | None) -> str:
-    """A publisher that does not count while the one before is present."""
+    """A publisher that is ignored while the previous one is connected."""
     return about(kind, f"two publishers: what {_named(source)} says is not heeded while {_named(before)} is there")
 
 
@@ -105,7 +104,7 @@ def _named(source: str | None) -> str:
 
 
 def journey_refused(why: str) -> str:
-    """A journey that was not taken over, so that there is no advice either."""
+    """A journey that was not accepted; there is therefore no advice."""
     return wording.withdrawal(Withdrawal(Cause.JOURNEY_REFUSED, why))
 
 
@@ -125,7 +124,7 @@ def other_day(departure_ns: int, now_ns: int) -> str:
 
 
 def targets(accepted: Sequence[Target], zone: tzinfo = UTC) -> str:
-    """The targets that hold from now on, with times of day in a time zone; the first few are named."""
+    """The targets that apply from now on, with times of day in a time zone; the first few are named."""
     more = [f"{len(accepted) - MOST_NAMED} more"] if len(accepted) > MOST_NAMED else []
     return "targets: " + ("; ".join([*(_target(one, zone) for one in accepted[:MOST_NAMED]), *more]) or "none any more")
 
@@ -149,12 +148,12 @@ _FORCE_DOUBTS: Final = {
 
 
 def calibration_off(doubt: ForceDoubt) -> str:
-    """Measured forces that are not trusted, so that plans do not use them."""
+    """Measured forces that are not trusted and not used in plans."""
     return f"calibration off: {_FORCE_DOUBTS[doubt]}"
 
 
 def far_mass(ratio: float) -> str:
-    """An estimated mass that is used, but is so far from the planned one that something may be wrong."""
+    """An estimated mass that is used, but differs suspiciously from the planned one."""
     return (
         f"calibration: the mass found is {ratio:.2f} of the file's: either another train than planned runs, or "
         "the force sensor is wrong"
