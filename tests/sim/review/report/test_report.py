@@ -124,7 +124,7 @@ def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
     assert "ran the 6.0 km from" in text
     assert f"It drew {attribution.above.driven_j / 3.6e6:.1f} kWh" in text
     assert "against the advice" in text
-    assert "kept every limit" in text
+    assert "kept all limits" in text
 
 
 def test_a_drive_that_is_not_comparable_is_told_without_a_share_of_anything() -> None:
@@ -147,7 +147,7 @@ def test_the_paragraph_tells_a_train_that_is_too_fast_for_its_file_from_one_abov
         facts={"over_kmh": 24.3, "lasted_s": 328.0, "times": 11},
     )
     text = paragraph(other(events=(over,)))
-    assert "The train was faster than the top speed in the vehicle file 11 times, for 328 s in all" in text
+    assert "The train was above the top speed in the vehicle file 11 times, for 328 s in all" in text
     assert "It kept all limits." in text
 
 
