@@ -55,7 +55,7 @@ NUMBERS: Final[Mapping[Topic, str]] = {
 
 HOLDS_S: Final = 3.0
 """Time (s) for which a message remains valid: messages come once a second, and two may be lost. Shorter events are not
-detected, and an event within this time before a plan is its cause."""
+detected, and an event within that time before a plan is its cause."""
 HOLDS_NS: Final = round(HOLDS_S / NS)
 """`HOLDS_S` in ns."""
 
