@@ -110,7 +110,7 @@ def test_another_train_is_one_question_however_often_it_is_too_fast() -> None:
     (over,) = of_kind(recording, EventKind.BEYOND_TRAIN)
     assert (over.facts["times"], over.facts["lasted_s"]) == (6, pytest.approx(29.0))
     assert over.facts["over_kmh"] == pytest.approx(2.0 / KMH)
-    assert over.text.startswith("up to 7 km/h faster")
+    assert over.text.startswith("up to 7 km/h above")
     assert over.text.endswith("(79 km/h) for 29 s in all, 6 times: is it the right train?")
     assert over.s_m == pytest.approx(900.0)  # of the fastest
     assert sum(one.mark == "another train?" for one in Drive(recording=recording).events) == 1
