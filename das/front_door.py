@@ -1,4 +1,4 @@
-"""The functions of `import das`: few parameters, plain results, and errors that say in one line what is wrong.
+"""The functions of `import das`: few parameters, plain results, and one-line error messages.
 
 Each function imports the code that does the work only when it is called, so that loading a route does not load the
 compiled solver. The other names that `das` offers are defined where they belong, see `das.__init__`.
@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     _Word = TypeVar("_Word", bound=StrEnum)
 
 DRAWN_BUFFERS_PERCENT = tuple(range(31))
-"""Default buffers (%) of the points of a front: timetables have 3 to 10 %, and beyond 30 % little is left to save."""
+"""Default buffers (%) of the points of a front: timetables have 3 to 10 %, and beyond 30 % further savings are
+small."""
 
 
 def build_section(
@@ -53,9 +54,9 @@ def build_section(
     """The part of a route that a train drives from standstill to standstill, ready to be solved.
 
     `start` and `end` are stops of the route: a name (case does not matter) or a number counted from 1. The defaults are
-    the first and the last stop. `between_m` gives two positions on the route (m) instead. `level` says how the train's
-    losses are modelled ("l0-noreg", "l0-reg", "l1", "l2", "l3", "own"); the default is the level that the vehicle's
-    file names. The section is planned with the train's full brakes; `das.in_service` plans it as the advice does.
+    the first and the last stop. `between_m` gives two positions on the route (m) instead. `level` is the loss model of
+    the train ("l0-noreg", "l0-reg", "l1", "l2", "l3", "own"); the default is the level named in the vehicle's file. The
+    section is planned with the train's full brakes; `das.in_service` plans it as the advice does.
 
     `route.reversed()` is the other direction of a line, `route.with_restrictions(…)` a line with temporary limits.
     `Conditions(…).train(vehicle)` and `.line(route)` are a train and a line under other conditions.
@@ -88,7 +89,7 @@ def build_section(
 
 
 def in_service(section: Section, site: SiteBraking | None = None) -> Section:
-    """A section as the advice plans it: braked as usual in service for its train, or as the drivers of a site brake.
+    """The section with the braking of the advice: service braking of its train, or the braking of a site's drivers.
 
     Raises what `build_section` raises.
 
@@ -107,8 +108,8 @@ def solve(section: Section) -> Front:
     """The least energy for every trip time of a section, as a front.
 
     `front.fastest()` is the fastest solution, `front.trajectory(time_s)` the best one in that time. Both have
-    `time_s`, `balance` (where the energy goes, in J), `gap_ratio` (how far the energy can be above the least possible;
-    NaN if that is not proven) and `trajectory`, whose `columns()` are arrays over the distance. Solving takes 0.1 to
+    `time_s`, `balance` (the energy balance, in J), `gap_ratio` (largest possible excess over the least energy; NaN
+    if not proven) and `trajectory`, whose `columns()` are arrays over the distance. Solving takes 0.1 to
     3 s; a machine that has never solved a section first compiles for up to a minute.
 
         >>> import das
@@ -128,10 +129,10 @@ def solve(section: Section) -> Front:
 
 
 def refined(run: Solution) -> Solution:
-    """A solution of a front, improved beyond the grid of the front: the same time with less energy, where possible.
+    """A solution of a front, improved beyond the grid of the front: the same time with less energy, if possible.
 
     On most lines this saves 0.1 to 0.4 %, on short, steep or uneven ones up to 1.5 %, and takes 0.1 to 0.5 s. The
-    fastest solution is returned as it is.
+    fastest solution is returned unchanged.
 
         >>> import das
         >>> front = das.solve(das.build_section(das.load_route("flat-6km"), das.load_vehicle("re460-ic")))
@@ -149,7 +150,7 @@ def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCEN
     """Times and energies along a front, to draw it: arrays of shape (points,), fastest first.
 
     A point is the solution of least energy whose time is a buffer (`buffers_percent`, rising) above the least possible
-    time. The points end at the solution of least energy of all: a slower one would cost more. `time_s` and
+    time. The last point is the solution of least energy overall: a slower one would need more. `time_s` and
     `buffer_percent` are those of the solution found, `energy_j` is its net energy at the current collector (without
     comfort systems), and `lambda_w` the price of time (W): the energy (J) that one second less would cost.
 
@@ -193,10 +194,10 @@ def plot(
     """Draw one run or several over each other, or one front or several, as a picture that a notebook shows.
 
     A run is a solution, a trajectory, a planned journey, or a day or drive of `sim`. Over the "distance" (the default)
-    or the "time" since its beginning, the picture has the speed with the limit and the names of stops, and what else is
-    known: altitude, wheel forces, energy, the windows of a journey. Fronts are drawn over the "buffer" or the "time".
-    `labels` names what is drawn, in its order; without it the names are what tells one from the other. `save` writes
-    the picture as well (.png, .pdf or .svg; a file that is already there is not replaced).
+    or the "time" since its beginning, the picture has the speed with the limit and the names of stops, and, as far as
+    known, altitude, wheel forces, energy, the windows of a journey. Fronts are drawn over the "buffer" or the "time".
+    `labels` are the names in the order of drawing; without it the names state the differences. `save` also writes the
+    picture (.png, .pdf or .svg; existing files are not replaced).
 
     Raises InputError for anything else to draw, for an unknown axis or a wrong number of labels, and DasError if
     matplotlib is not installed or the file cannot be written.
@@ -240,7 +241,7 @@ def plan_journey(
 ) -> JourneyPlan:
     """The journey of least energy: the times at all points and the trajectories from stop to stop.
 
-    Every time of the plan is in its window. `split` says how the time between two fixed times is shared among the
+    Every time of the plan is in its window. `split` sets how the time between two fixed times is allocated to the
     sections: "equal-marginal" (the optimum) or "proportional" (the same buffer in per cent on each). The plan has
     `sections` (one for each part from stop to stop, with `departure`, `arrival`, `trajectory`, `balance`), `input_j`,
     `gap_ratio` and `time_s`; `plan.trajectory().columns()` is the whole journey as arrays.
@@ -262,10 +263,11 @@ def plan_journey(
 
 
 def read_table(path: str | Path) -> Table:
-    """A table that `das-precompute build` wrote: the front of a section, and its finished references.
+    """A table written by `das-precompute build`: the front of a section, and its finished references.
 
-    `front` has a row for each buffer, refined as the build was asked to; `references.finished` are the schedules that
-    the guide departs with. Raises DasError for a file that is no table, is damaged, or is of another release.
+    `front` has a row for each buffer, refined with the options of the build; `references.finished` are the schedules
+    with which the guide departs. Raises DasError for a file that is not a table, is damaged, or is from another
+    release.
 
         table = das.read_table("tables/flat-6km_a-b_re460-ic_l3_0a1b2c3d.json")
         das.to_pandas(table.columns())
@@ -297,7 +299,7 @@ def to_pandas(columns: Mapping[str, ArrayLike]) -> pd.DataFrame:
 
 
 def chosen(kind: type[_Word], source: str, key: str, word: Any) -> _Word:
-    """The member of an enumeration with this word; InputError, which lists all the words, if there is none."""
+    """The member of an enumeration with this name; if there is none, an InputError that lists all names."""
     try:
         return kind(word)
     except ValueError:
@@ -305,7 +307,7 @@ def chosen(kind: type[_Word], source: str, key: str, word: Any) -> _Word:
 
 
 def _plotted_front(front: Front) -> PlottedFront:
-    """A front as a picture shows it."""
+    """A front in the form needed for a picture."""
     from das.domain.plotted import PlottedFront
 
     points = front_points(front)
@@ -319,7 +321,7 @@ def _plotted_front(front: Front) -> PlottedFront:
 
 
 def _plotted(shown: object) -> PlottedRun:
-    """A run as a picture shows it; InputError for anything that is no run."""
+    """A run in the form needed for a picture; InputError for anything else."""
     plotted = getattr(shown, "plotted", None)
     if plotted is None:
         expected = "solutions, trajectories, planned journeys, days and drives, or fronts alone (of a list: *runs)"

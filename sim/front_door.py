@@ -1,6 +1,5 @@
-"""The functions of `import sim`: days as arrays, recorded drives and their comparison and report, and studies.
-
-What a function records or makes is written where it is told to, and no file that is already there is replaced.
+"""The functions of `import sim`: runs as arrays, recorded drives, their comparison and report, and studies. Files are
+written to the given path, and existing files are never replaced.
 """
 
 from __future__ import annotations
@@ -42,13 +41,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SimulatedDay(Summary):
-    """A day that was driven.
-
-    `names` are scenario, driver and advice, `line` what the driver knows, `between_s` first departure and last arrival.
+    """A simulated run. `names` are scenario, driver and advice, `line` the driver's knowledge, `between_s` first
+    departure and last arrival.
     `states` holds the true state of the train once a second (see `columns`), `outcome` the figures that
-    `das-sim run --json` prints: punctuality, energies (kWh), where they went, and how the advice fared.
-    `balance` is where the energy went from the first departure to the last arrival (J). `table` is the drive as the
-    table of columns that a `Drive` has.
+    `das-sim run --json` prints: punctuality, energies (kWh) and their parts, and figures of the advice. `balance` is
+    the energy balance from the first departure to the last arrival (J). `table` is the table of columns of a `Drive`.
     """
 
     states: Mapping[str, NDArray[np.float64]]
@@ -60,14 +57,14 @@ class SimulatedDay(Summary):
     table: DriveTable
 
     def facts(self) -> dict[str, str]:
-        """Scenario, driver and advice, and what the day needed."""
+        """Scenario, driver and advice, and the energy of the run."""
         told = dict(zip(("scenario", "driver", "advice"), self.names, strict=True))
         start_s, end_s = self.between_s
         late_s = self.outcome["late_s"]
         return {**told, "needed": needs(end_s - start_s, self.balance.input), "late": f"{late_s:+.0f} s"}
 
     def plotted(self) -> PlottedRun:
-        """The drive between the first departure and the last arrival, for a picture; temporary limits are not in it."""
+        """The drive between the first departure and the last arrival, for a picture; without temporary limits."""
         all_s, (start_s, end_s) = self.states["time_s"], self.between_s
         time_s = np.concatenate(([start_s], all_s[(all_s > start_s) & (all_s < end_s)], [end_s]))
         state = {name: np.interp(time_s, all_s, column) for name, column in self.states.items()}
@@ -101,14 +98,14 @@ def run_day(
     level: Level | str | None = None,
     participant: int | None = None,
 ) -> SimulatedDay:
-    """Drive a day of a scenario in closed loop: simulated train and driver, advised once a second, without a bus.
+    """Simulate a run of a scenario in closed loop: train and driver, advised once a second, without a bus.
 
-    `scenario` is the name of a bundled scenario or a TOML file. `seed` draws what happens on the day, and the driver;
-    the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "top-speed", "timetable",
-    "human", or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation",
-    "top-speed", "four-mode", "speed-and-effort", "guide" or "sheet"), `level` how losses are modelled (the default is
-    the vehicle's own). `participant` is the number of a human driver of the default population, who is the same on
-    every day. Nothing is recorded: `das-sim run` does that.
+    `scenario` is the name of a bundled scenario or a TOML file. `seed` draws the disturbances and the driver; the same
+    seed gives the same run. `driver` names the driver ("perfect", "literal", "fast", "top-speed", "timetable",
+    "human", or a class of your own as "package.module:Class"), `advice` the presentation ("none", "deviation",
+    "top-speed", "four-mode", "speed-and-effort", "guide" or "sheet"), `level` the loss model (the default is the
+    vehicle's own). `participant` is the number of a human driver of the default population, who is the same in every
+    run. Nothing is recorded; see `record_day`.
 
     Raises InputError for an unknown word, DasError for an unusable scenario or a train that does not arrive.
 
@@ -153,10 +150,11 @@ def record_day(
     advice: Presentation | str = Presentation.GUIDE,
     participant: int | None = None,
 ) -> Drive:
-    """Drive a day as `run_day` does, but with the advice node and the recorder as processes, into a recording `out`.
+    """Simulate a run like `run_day`, but with the advice node and the recorder as processes, into a recording `out`.
 
-    The parameters are those of `run_day`. The recording can be reviewed, compared, reported and asked what-ifs. Raises
-    what `run_day` raises, and DasError if `out` cannot be written or is already there, or if a process fails.
+    The parameters are those of `run_day`. The recording can be reviewed, compared, reported and used for what-ifs.
+    Raises
+    what `run_day` raises, and DasError if `out` cannot be written or exists, or if a process fails.
 
         drive = sim.record_day("departure-delay", "day.mcap", seed=3)
     """
@@ -180,8 +178,8 @@ def replay(
 ) -> Drive:
     """Replay a recorded trip with the advice node into a recording `out`, and return it as a drive.
 
-    `trip` is a file of positions (.csv, .gpx) or a recording, `posts` a file of kilometre posts. `reverse` says whether
-    the route is driven from its end. What is None comes from the recording; `das-sim replay` has more options.
+    `trip` is a file of positions (.csv, .gpx) or a recording, `posts` a file of kilometre posts. `reverse`: the route
+    is driven from its end. Values of None are taken from the recording; `das-sim replay` has more options.
 
     Raises DasError for a trip that cannot be used, for an `out` that cannot be written or is already there, and if a
     process fails.
@@ -220,11 +218,12 @@ def write_example(folder: str | Path) -> Path:
 
 
 def compare(first: Drive | str | Path, *others: Drive | str | Path, step_m: float = 10.0) -> AlignedDrives:
-    """Drives of one line at the same positions, each beside the first: times, speeds, energies, and how they differ.
+    """Drives of one line at the same positions, each compared with the first: times, speeds, energies, and their
+    differences.
 
-    A drive is one that a function returned, or the file of a recording. In the result, `columns()` are arrays with a
-    row for every `step_m`, `stretches(1)` says where the second drive needed more than the first, and printing it says
-    in sentences how the drives differ.
+    A drive is a `Drive` or the file of a recording. In the result, `columns()` are arrays with a
+    row for every `step_m`, `stretches(1)` lists where the second drive needed more than the first, and printing it
+    describes the differences in sentences.
 
     Raises DasError for recordings that cannot be used, and for drives of different lines.
 
@@ -261,12 +260,12 @@ def report(*drives: Drive | str | Path, out: str | Path) -> Path:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StudyTables(Summary):
-    """A study that was run and analysed: its findings, and its tables as columns for `das.to_pandas`."""
+    """A completed and analysed study: its findings, and its tables as columns for `das.to_pandas`."""
 
     findings: StudyFindings
 
     def facts(self) -> dict[str, str]:
-        """The folder, the number of trials, and what was found on each planned comparison."""
+        """The folder, the number of trials, and the finding of each planned comparison."""
         from sim.experiment.analysis.words import in_short
 
         study = self.findings.study
@@ -274,7 +273,7 @@ class StudyTables(Summary):
         return {**told, **{name or "found": text for name, text in in_short(self.findings)}}
 
     def trials(self) -> dict[str, NDArray[Any]]:
-        """A row for each trial: who, on which day, in which condition, and every measure."""
+        """A row for each trial: participant, seed, condition, and every measure."""
         trials = self.findings.study.trials
         who = {"participant": trials.participant, "position": trials.position, "practice": trials.practice}
         return {**who, "day": trials.day, **trials.levels, **trials.values}
@@ -299,13 +298,13 @@ class StudyTables(Summary):
 
 
 def run_experiment(design: str | Path, folder: str | Path, *, workers: int | None = None) -> StudyTables:
-    """Check a design, drive its trials with simulated drivers into a folder, and analyse them.
+    """Check a design, simulate its trials into a folder, and analyse them.
 
     `design` is a design file (TOML) or a bundled study. Finished trials in the folder are kept, so that a stopped
-    experiment goes on. `workers` is the number of processes (default: one a core): a script calls this function under
+    experiment resumes. `workers` is the number of processes (default: one a core): a script calls this function under
     `if __name__ == "__main__":`, because each of them imports the script.
 
-    Raises DasError for a design that is refused, a folder of another design, a failed trial, and if scipy is
+    Raises DasError for a design that is rejected, a folder of another design, a failed trial, and if scipy is
     not installed.
 
         study = sim.run_experiment("smoke", "smoke")
@@ -336,7 +335,7 @@ def _drive(given: Drive | str | Path) -> Drive:
 
 
 def _new(out: str | Path) -> Path:
-    """The path of a file that can be written and is not there yet; DasError for any other."""
+    """The path of a new file that can be written; DasError for any other."""
     if Path(out).is_file():
         raise DasError(f"{out}: exists already, expected the name of a new file")
     check_writable(Path(out), overwrite=False)
@@ -344,13 +343,13 @@ def _new(out: str | Path) -> Path:
 
 
 def _person(driver: DriverKind | OwnClass, number: int | None) -> Participant | None:
-    """The participant with a number; InputError for an invalid number, DasError where the driver is not human."""
+    """The participant with a number; InputError for an invalid number, DasError if the driver is not human."""
     if number is not None and (not isinstance(number, int) or isinstance(number, bool) or number < 0):
         raise InputError("run_day", "participant", number, "a whole number >= 0")
     return participant_of(driver, number, None)
 
 
 def _who(driver: DriverKind | str) -> DriverKind | OwnClass:
-    """The driver that a word or the name of a class names; InputError for anything else."""
+    """The driver given by its name or by the name of a class; InputError for anything else."""
     named = named_driver("run_day: driver", driver) if isinstance(driver, str) and ":" in driver else None
     return named if isinstance(named, OwnClass) else chosen(DriverKind, "run_day", "driver", driver)

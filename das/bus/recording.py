@@ -221,5 +221,5 @@ def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:
     if train is not None and train not in trains:
         raise DasError(f"{path}: holds no train {train!r}, expected one of {', '.join(trains)}")
     if train is None and len(trains) > 1:
-        raise DasError(f"{path}: holds several trains or drives, {', '.join(trains)}: say which one (--of-train)")
+        raise DasError(f"{path}: holds several trains or drives, {', '.join(trains)}: name one (--of-train)")
     return train or trains[0]

@@ -80,7 +80,7 @@ class Fronts:
         if not tables.is_dir():
             raise DasError(f"{tables}: no such folder of tables")
         if any(tables.glob(OLD)):
-            self.notes.append(f"{tables}: holds tables of an earlier release, which no longer serve; build them again")
+            self.notes.append(f"{tables}: tables of an earlier release, no longer usable; build them again")
         elif not any(tables.glob("*.json")):
             self.notes.append(f"{tables}: no table in this folder")
 

@@ -55,8 +55,8 @@ def warn_of_braking(vehicle: Vehicle) -> None:
 
     rubs = vehicle.brake_policy is not BrakePolicy.ELECTRIC and vehicle.friction_brake_force_n > 0
     line = (
-        f"{vehicle.source}: max_deceleration is missing: plans brake with all of the friction brake at once, which "
-        "takes some seconds to build up; state the deceleration that drivers use"
+        f"{vehicle.source}: max_deceleration is missing: plans use the full friction brake without its build-up of "
+        "some seconds; state the deceleration that drivers use"
     )
     if rubs and math.isinf(vehicle.max_deceleration_mps2):
         warn_once(line)

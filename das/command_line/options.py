@@ -71,11 +71,11 @@ ModeOption = Annotated[
     str | None,
     typer.Option("--mode", metavar="NAME", help="Mode named in the vehicle's file [default: its default_mode]."),
 ]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn at random.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
 StrictOption = Annotated[
     bool,
     typer.Option(
-        "--strict", help="Refuse a trip if points would have to be dropped, or their order or its direction reversed."
+        "--strict", help="Reject a trip if points would have to be dropped, or its order or direction reversed."
     ),
 ]
 
@@ -90,20 +90,18 @@ ConnectOption = Annotated[
 ]
 BusFileOption = Annotated[
     Path | None,
-    typer.Option(
-        "--bus", metavar="FILE", help="Zenoh configuration of the site (JSON5) [default: this machine alone]."
-    ),
+    typer.Option("--bus", metavar="FILE", help="Zenoh configuration of the site (JSON5) [default: only this machine]."),
 ]
 BusFolderOption = Annotated[
     Path | None,
-    typer.Option("--bus", metavar="DIR", help="Folder made by das-node tls-init [default: this machine alone]."),
+    typer.Option("--bus", metavar="DIR", help="Folder made by das-node tls-init [default: only this machine]."),
 ]
 InsecureBusOption = Annotated[
     bool, typer.Option("--insecure-bus", help="Let --bus open the bus to the network without mutual TLS.")
 ]
 WithParentOption = Annotated[
     int | None,
-    typer.Option("--with-parent", metavar="PID", help="End with the process of this id, which started it."),
+    typer.Option("--with-parent", metavar="PID", help="End when the parent process with this id ends."),
 ]
 TablesOption = Annotated[
     Path | None, typer.Option("--tables", metavar="DIR", help="Folder of tables made by das-precompute build.")
@@ -130,7 +128,7 @@ class BusPlace:
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 OverwriteOption = Annotated[
-    bool, typer.Option("--overwrite", help="Replace an existing file; a symbolic link is refused.")
+    bool, typer.Option("--overwrite", help="Replace an existing file; symbolic links are rejected.")
 ]
 OutFolder = Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]
 OutFolderOption = Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]

@@ -1,4 +1,4 @@
-"""How trains are braked in service: the figures that the advice plans with, each stated separately as in ETCS."""
+"""Service braking of trains: the values used to plan the advice, each stated separately as in ETCS."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ that a reserve is left on descents as well (assumption)."""
 
 @dataclass(frozen=True, kw_only=True)
 class ServiceBraking:
-    """The braking that advice plans with; full brakes stay in reserve.
+    """The braking used to plan advice; full braking remains in reserve.
 
     A train planned in this way stops in time with its service deceleration even if it begins to brake `reaction_s` late
-    and its brakes take `build_up_s` to act fully. For a lower limit, the reserve is that delay times the speed to take
-    off. It never needs more than `SERVICE_SHARE` of its brakes' force, on whatever descent.
+    and its brakes take `build_up_s` to act fully. For a lower limit, the reserve is that delay times the speed
+    difference. It never needs more than `SERVICE_SHARE` of its brakes' force, on any descent.
     """
 
     deceleration_mps2: float
-    """The highest deceleration planned for limits and stops; it is lower where `SERVICE_SHARE` of the force of all the
-    train's brakes gives less."""
+    """The highest deceleration planned for limits and stops; it is lower if `SERVICE_SHARE` of the force of all the
+    train's brakes is not sufficient."""
     build_up_s: float
     """The time from the driver's command until the brakes act fully."""
     reaction_s: float = REACTION_S
@@ -47,7 +47,7 @@ class ServiceBraking:
 
 @dataclass(frozen=True, kw_only=True)
 class SiteBraking:
-    """How the drivers of a site brake, as its operator states; deceleration None: as the train's file states."""
+    """The braking of a site's drivers, as stated by its operator; deceleration None: as stated in the train's file."""
 
     deceleration_mps2: float | None = None
     reaction_s: float = REACTION_S
@@ -66,4 +66,4 @@ class SiteBraking:
 
 
 USUAL = SiteBraking()
-"""The braking planned if the operator states nothing about its drivers."""
+"""The braking planned without a statement of the operator about its drivers."""

@@ -1,4 +1,4 @@
-"""Conditions of the day that may differ from the files: load, resistance, wind, receptivity, adhesion."""
+"""Conditions that may differ from the files: load, resistance, wind, receptivity, adhesion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ class Conditions:
     """Changes to a train and a line relative to their files; the defaults change nothing.
 
     `mass_ratio` and `resistance_ratio` multiply the mass and the running resistance, `receptivity_ratio` the share of
-    the power fed back that the line takes, and `adhesion_ratio` the adhesion of the rail. `head_wind_mps` is the speed
+    the power fed back that the line accepts, and `adhesion_ratio` the adhesion of the rail. `head_wind_mps` is the
+    speed
     of the wind against the train (tail wind < 0).
     """
 

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 SAMPLE_STEP_MPS = 0.1 * KMH
 """Spacing of the speeds (m/s) at which the solver's kernels hold an effort curve. The points of most real tables lie at
-whole multiples of it; a bend elsewhere is cut by about 1/10 000 of the force."""
+whole multiples of it; a kink elsewhere is off by about 1/10 000 of the force."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class EffortEnvelope:
 
     @classmethod
     def of_curve(cls, curve: EffortCurve, top_mps: float) -> EffortEnvelope:
-        """The envelope that a curve alone gives, for a train with a top speed (m/s)."""
+        """The envelope of a curve alone, for a train with a top speed (m/s)."""
         beyond_w = top_mps * curve.force_n[-1] if top_mps > curve.speed_mps[-1] else 0.0
         return cls(max_force_n=max(curve.force_n), max_power_w=max(curve.largest_power_w, beyond_w), curve=curve)
 

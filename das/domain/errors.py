@@ -10,7 +10,7 @@ from typing import Final
 
 MOST_OF_A_MESSAGE = 2000
 MOST_OF_A_VALUE = 200
-"""Longest message and longest value or key in it (characters): a file may hold megabytes where a number belongs."""
+"""Longest message and longest value or key in it (characters): a file may contain megabytes in place of a number."""
 NOW_CALLED: Final = {
     "coach": ("guide", "braking"),
     "rms": ("top-speed",),
@@ -20,15 +20,13 @@ NOW_CALLED: Final = {
     "--line": ("--posts",),
     "--speed": ("--pace",),
 }
-"""Old names of options, keys and words, each with today's: one as a word, another as a table of a file."""
+"""Old names of options, keys and words, each with the present one."""
 _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
 class DasError(Exception):
-    """Something the user asked for cannot be done.
-
-    The message says why, in one line. It is cut after `MOST_OF_A_MESSAGE` characters, and control characters, which a
-    terminal would obey, become escapes.
+    """A request of the user cannot be fulfilled. The message gives the reason in one line. It is cut after
+    `MOST_OF_A_MESSAGE` characters, and control characters, which a terminal would execute, become escapes.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -55,11 +53,11 @@ MISSING = _Missing()
 
 
 class InfeasibleError(DasError):
-    """The train cannot do what is asked on this section (climb, brake, or arrive in time)."""
+    """The train cannot meet the requirements of this section (climb, brake, or arrive in time)."""
 
 
 class RunawayError(InfeasibleError):
-    """A train that its brakes do not hold on a descent; they hold it from `held_from_m` on (m; infinity: not said)."""
+    """A train that its brakes cannot hold on a descent; they hold it from `held_from_m` on (m; infinity: unknown)."""
 
     def __init__(self, text: str, held_from_m: float = math.inf) -> None:
         super().__init__(text)
@@ -67,13 +65,13 @@ class RunawayError(InfeasibleError):
 
 
 def now_called(name: object, known: Iterable[str]) -> str | None:
-    """The name of today, out of those that are known, of something with an old name; None for any other name."""
+    """The present name, among the known ones, for an old name; None for any other name."""
     names = set(known)
     return next((new for new in NOW_CALLED.get(str(name), ()) if new in names), None)
 
 
 def one_of(known: Iterable[str], name: object, kind: str = "") -> str:
-    """What an error expects in place of an unknown name: its name of today, or else one of those that are known."""
+    """The expectation of an error for an unknown name: its present name, or else one of the known ones."""
     new = now_called(name, known)
     return f"{new}, as {name} is now called" if new is not None else f"one of {kind}{', '.join(known)}"
 

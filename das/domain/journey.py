@@ -1,4 +1,4 @@
-"""A journey: the stops and passing points of one train with the times it must keep there."""
+"""A journey: the stops and passing points of one train with their required times."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LEAST_SPACING_M = 1.0
 
 
 class Held(StrEnum):
-    """At which bound of its window a time lies."""
+    """The bound of its window at which a time lies."""
 
     FREE = "free"
     EARLIEST = "earliest"
@@ -30,7 +30,7 @@ class Held(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Window:
-    """When something may happen (s on the journey's clock); infinite bounds are open."""
+    """The window of an event (s on the journey's clock); infinite bounds are open."""
 
     earliest_s: float = -math.inf
     latest_s: float = math.inf
@@ -41,7 +41,7 @@ class Window:
         return cls(earliest_s=time_s, latest_s=time_s)
 
     def held_at(self, time_s: float, tolerance_s: float) -> Held:
-        """At which bound of the window a time lies, within a tolerance."""
+        """The bound of the window at which a time lies, within a tolerance."""
         early, late = (abs(bound_s - time_s) <= tolerance_s for bound_s in (self.earliest_s, self.latest_s))
         if early and late:
             return Held.FIXED
@@ -66,8 +66,8 @@ class Call:
 class Passing:
     """A point passed within a window of time and between two speeds; or, without a window, a timing point.
 
-    A `wish` is not enforced: plans report whether its window was kept to within `tolerance_s`, by which the timetable
-    is rounded, and what keeping it would cost.
+    A `wish` is not enforced: plans report whether its window was kept to within `tolerance_s` (the rounding of the
+    timetable), and the cost of keeping it.
     """
 
     name: str
@@ -85,7 +85,7 @@ class Passing:
         return Window(earliest_s=window.earliest_s - more_s, latest_s=window.latest_s + more_s)
 
     def missed_s(self, time_s: float) -> float:
-        """By how much (s; late > 0) a time lies outside the tolerated window; 0 inside it."""
+        """The distance (s; late > 0) of a time from the tolerated window; 0 inside it."""
         window = self.tolerated
         return max(time_s - window.latest_s, 0.0) + min(time_s - window.earliest_s, 0.0)
 
@@ -134,7 +134,7 @@ class Journey(Summary):
         """A journey from the first to the last stop in `time_s`, calling at all of them for at least `dwell_s`.
 
         Only the departure (0 s) and the last arrival are timed, so the split of the time is free.
-        Raises InputError where the stops make no journey.
+        Raises InputError if the stops do not form a journey.
         """
         first, *inner, last = stops
         calls = [Call(name=x.name, position_m=x.position_m, dwell_s=dwell_s) for x in inner]
@@ -150,7 +150,7 @@ class Journey(Summary):
 
     @property
     def passings(self) -> tuple[Passing, ...]:
-        """The points of the journey that are no stops."""
+        """The points of the journey that are not stops."""
         return tuple(point for point in self.points if isinstance(point, Passing))
 
     def check_on(self, route: Route) -> None:
@@ -185,7 +185,7 @@ class Journey(Summary):
                 reached_s, since = window.earliest_s, key
 
     def _windows(self) -> Iterator[tuple[str, Window, float]]:
-        """Every enforced time in order: what it is, its window, and the least dwell before it."""
+        """Every enforced time in order: its description, its window, and the least dwell before it."""
         for point in self.points:
             if isinstance(point, Call):
                 yield f"arrival at {point.name}", point.arrival, 0.0
@@ -224,6 +224,6 @@ def clock(time_s: float) -> str:
 
 
 def file_clock(time_s: float) -> str:
-    """A time >= 0 as journey files have it, "08:12:30"; after midnight it goes on beyond 24 hours."""
+    """A time >= 0 as journey files have it, "08:12:30"; after midnight it continues beyond 24 hours."""
     whole = round(time_s)
     return f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Level(StrEnum):
-    """Realism of the loss model (Nold & Corman 2024, section 3); OWN: the losses the vehicle's file gives."""
+    """Realism of the loss model (Nold & Corman 2024, section 3); OWN: the losses in the vehicle's file."""
 
     L0_NOREG = "l0-noreg"
     L0_REG = "l0-reg"

@@ -1,7 +1,7 @@
 """Losses of the traction chain: efficiency models (levels L0 to L2) and loss maps (level L3).
 
-The levels are those of Nold & Corman (2024), section 3. A loss is the power in W that the chain from current
-collector to wheel turns into heat at wheel force `force_n` (negative = electric brake) and speed `speed_mps`; at
+The levels are those of Nold & Corman (2024), section 3. A loss is the power in W dissipated in the chain from current
+collector to wheel at wheel force `force_n` (negative = electric brake) and speed `speed_mps`; at
 standstill it is zero at every level.
 """
 
@@ -205,11 +205,11 @@ class OperatingPoints:
     loss_w: Floats
 
     def input_w(self) -> Floats:
-        """Power that goes into the chain (W): from the collector when driving, from the wheel when braking."""
+        """Input power of the chain (W): from the collector when driving, from the wheel when braking."""
         return self.power_w + np.where(self.force_n < 0, 0.0, self.loss_w)
 
     def efficiency_ratio(self) -> Floats:
-        """Power that comes out of the chain over the power that goes in; 0 if braking recovers nothing."""
+        """Output power of the chain divided by its input power; 0 if braking recovers nothing."""
         into = np.maximum(self.input_w(), 1e-9)
         return np.maximum(into - self.loss_w, 0.0) / into
 
@@ -225,7 +225,7 @@ def operating_points(model: LossMap, max_power_w: float, max_force_n: float = np
 
 @dataclass(frozen=True, kw_only=True)
 class FitError:
-    """How far a fitted loss is from a map over its operating points; residual = map − fit.
+    """The deviation of a fitted loss from a map over its operating points; residual = map − fit.
 
     `mean_to_input_ratio`: mean |residual| over the mean power that goes into the chain – the error of an energy.
     `mean_to_largest_ratio`, `rms_to_largest_ratio`: mean |residual| and root mean square residual over the largest

@@ -17,13 +17,13 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 LEAST_RESTRICTION_MPS = 0.5
-"""Lowest speed restriction (m/s): a train could not get through a lower one."""
+"""Lowest speed restriction (m/s): a train could not pass a lower one."""
 COUNTS_BEFORE_S = 900.0
 """Time (s) before its window opens from which plans keep to a restriction. No train needs as long to brake: from 500
 km/h at 0.2 m/s² it takes 700 s, so the train is slow enough, or past the restriction, when the window opens."""
 COUNTS_AFTER_S = 10.0
-"""Time (s) after its window has closed until which plans keep to a restriction. The node goes on advising if its clock
-is set by up to 5 s; the margin is twice as much."""
+"""Time (s) after its window has closed until which plans keep to a restriction. The node continues to advise if its
+clock is corrected by up to 5 s; the margin is twice as much."""
 LONGEST_TEXT = 200
 """A message with a longer text, name or id (letters) is rejected as nonsense."""
 LATEST_NS = 2**63 - 1
@@ -33,13 +33,12 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 @dataclass(frozen=True, order=True)
 class Restriction:
-    """A temporary speed limit between two positions. It holds for the whole train, until its tail has left.
+    """A temporary speed limit between two positions. It applies to the whole train, until its rear has left, from
+    `valid_from_ns` to `valid_until_ns` (ns since 1970; 0: the window is open at that end). Raises InputError for an
+    implausible value.
 
-    It holds from `valid_from_ns` to `valid_until_ns` (ns since 1970; 0: the window is open at that end). Raises
-    InputError for a value that makes no sense.
-
-    A field that is only text for people changes no plan: declare it `field(default="", compare=False)`. Restrictions
-    that differ in their texts alone are equal.
+    A field with text for people does not affect plans: declare it `field(default="", compare=False)`. Restrictions that
+    differ only in their texts are equal.
     """
 
     start_m: float
@@ -66,7 +65,7 @@ class Restriction:
 
     @property
     def figures(self) -> tuple[float, ...]:
-        """The values of the fields that are no texts, in their order: where, how fast and when."""
+        """The values of the fields other than texts, in their order: extent, speed and window."""
         return tuple(getattr(self, one.name) for one in fields(self) if one.compare)
 
     @property
@@ -81,11 +80,11 @@ class Restriction:
 
     @property
     def unlimited(self) -> Restriction:
-        """The same restriction without its window, for a caller that has decided that plans must keep to it."""
+        """The same restriction without its window, for a caller that has decided that plans must observe it."""
         return replace(self, valid_from_ns=0, valid_until_ns=0) if self.has_window else self
 
     def holds_at(self, time_ns: int | Times) -> Any:
-        """Whether the restriction holds at each time (ns since 1970): `from ≤ time < until`."""
+        """Whether the restriction is in force at each time (ns since 1970): `from ≤ time < until`."""
         return (time_ns >= self.valid_from_ns) & (time_ns < (self.valid_until_ns or LATEST_NS))
 
     def counts_at(self, now_ns: int) -> bool:

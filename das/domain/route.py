@@ -30,12 +30,12 @@ NEUTRAL = -2.0
 
 
 class Altitudes(StrEnum):
-    """What the gradients of a line were made from, as far as it tells how wrong energies may be."""
+    """The origin of the gradients of a line, which indicates the possible error of energies."""
 
     LEVEL = "level"
-    """The line is level in truth."""
+    """The line is really level."""
     NONE = "none"
-    """No altitudes were known: the line is taken as flat."""
+    """No altitudes were known: the line is assumed flat."""
     POINTS = "points"
     """A few points (stations, summits), joined by straight lines."""
     SMOOTHED = "smoothed"
@@ -56,7 +56,7 @@ class Stop:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretches:
-    """A piecewise constant quantity: `value[i]` holds from `start_m[i]` to the next start or the end of the line."""
+    """A piecewise constant quantity: `value[i]` applies from `start_m[i]` to the next start or the end of the line."""
 
     start_m: Floats
     value: Floats
@@ -71,17 +71,18 @@ class Stretches:
         return cls(start_m=np.zeros(1), value=np.array([value]))
 
     def at(self, position_m: ArrayLike) -> Floats:
-        """Value at each position; the first and the last value go on beyond the ends."""
+        """Value at each position; the first and the last value continue beyond the ends."""
         i = np.searchsorted(self.start_m, np.asarray(position_m, dtype=float), side="right") - 1
         return np.asarray(self.value[np.clip(i, 0, len(self.value) - 1)], dtype=float)
 
     def mean(self, from_m: ArrayLike, to_m: ArrayLike) -> Floats:
-        """Mean over each interval (from < to); the first and the last value go on beyond the ends."""
+        """Mean over each interval (from < to); the first and the last value continue beyond the ends."""
         from_m, to_m = np.asarray(from_m, dtype=float), np.asarray(to_m, dtype=float)
         return np.asarray((self.integral(to_m) - self.integral(from_m)) / (to_m - from_m), dtype=float)
 
     def integral(self, position_m: Floats) -> Floats:
-        """Integral of the quantity from 0 to each position (m); the first and the last value go on beyond the ends."""
+        """Integral of the quantity from 0 to each position (m); the first and the last value continue beyond the
+        ends."""
         lengths = np.diff(self.start_m)
         upto = np.concatenate(([0.0], np.cumsum(lengths * self.value[:-1])))
         i = np.clip(np.searchsorted(self.start_m, position_m, side="right") - 1, 0, len(self.value) - 1)
@@ -96,7 +97,7 @@ class Stretches:
         return np.asarray(np.minimum.reduceat(np.append(self.value, np.inf), edges)[::2], dtype=float)
 
     def reversed(self, length_m: float, sign: float = 1.0) -> Stretches:
-        """The same quantity seen from the other end of a line of `length_m`."""
+        """The same quantity counted from the other end of a line of `length_m`."""
         inside = self.start_m < length_m - POSITION_TOLERANCE_M  # one that begins at the end has no length
         start, value = self.start_m[inside], self.value[inside]
         ends = np.append(start[1:], length_m)
@@ -126,10 +127,11 @@ class Route(Summary):
     """A line from position 0 to `length_m`.
 
     `curvature_per_m` holds the mean |κ| of each stretch (a clothoid counts with its mean curvature).
-    `receptivity_ratio` is the share of the power fed back that the line takes (0 to 1). While the head of the train is
+    `receptivity_ratio` is the share of the power fed back that the line accepts (0 to 1). While the head of the train
+    is
     in one of the `neutral_sections` there is neither traction nor electric brake, and in one of the `no_regeneration`
     zones there is no electric brake. `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where
-    unknown. `restrictions` are the temporary ones that `limits_mps` holds. `time_zone` is the IANA name of the zone
+    unknown. `restrictions` are the temporary ones contained in `limits_mps`. `time_zone` is the IANA name of the zone
     whose clock the line has. `source` is the file; `data_source` and `licence` are what the file says of the origin of
     its data. A `one_way` line describes one direction alone and cannot be reversed.
     """
@@ -289,7 +291,7 @@ class Route(Summary):
         )
 
     def with_restrictions(self, restrictions: Sequence[Restriction]) -> Route:
-        """The same line with temporary limits, whenever they are valid; the lowest limit at a position holds there."""
+        """The same line with temporary limits, regardless of their windows; the lowest limit at a position applies."""
         limits = self.limits_mps
         edges = np.array([edge for one in restrictions for edge in (one.start_m, one.end_m)])
         inside = edges[(edges > 0) & (edges < self.length_m)]

@@ -27,16 +27,16 @@ PART_WORDS: Final = {
     "kinetic": "speed gained",
     "potential": "height gained",
 }
-"""The parts that sum to the input of an energy balance, in the words of every table."""
+"""The parts that sum to the input of an energy balance, as named in all tables."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class EnergyBalance(Summary):
-    """Where the energy of a trajectory goes, in J.
+    """The energy balance of a trajectory, in J.
 
     input = resistance + component_loss + friction_brake + unreturned + kinetic + potential. `input` is the net energy
-    at the current collector without the comfort systems, whose energy is `comfort`. `unreturned` is the energy that was
-    fed back and that the line did not take; it heats the brake resistors.
+    at the current collector without the comfort systems, whose energy is `comfort`. `unreturned` is the energy fed back
+    that the line did not accept; it is dissipated in the brake resistors.
     """
 
     resistance: float
@@ -60,7 +60,7 @@ class EnergyBalance(Summary):
 
     @property
     def stored(self) -> float:
-        """What the train holds more at the end than at the start, as speed and height (J): input − irreversible."""
+        """The increase of kinetic and potential energy from start to end (J): input − irreversible."""
         return self.kinetic + self.potential
 
     @property
@@ -79,7 +79,7 @@ class EnergyBalance(Summary):
 
     @property
     def residual_ratio(self) -> float:
-        """How far the energy balance is from closing, relative to its largest term."""
+        """The residual of the energy balance, relative to its largest term."""
         difference = self.input - sum(self.parts.values())
         scale = max(abs(self.input), self.resistance, abs(self.potential), abs(self.kinetic), 1.0)
         return abs(difference) / scale
@@ -111,7 +111,7 @@ class Trajectory(Summary):
         return float(self.t_s[-1])
 
     def facts(self) -> dict[str, str]:
-        """Where, how long and how fast."""
+        """Extent, duration and speeds."""
         return {
             "from": f"km {self.s_m[0] / KM:.3f}",
             "to": f"km {self.s_m[-1] / KM:.3f}",
@@ -176,12 +176,13 @@ class Trajectory(Summary):
         return loss.loss_w(self.force_el_n, self.mean_speed_mps()) * self.interval_s()
 
     def input_j(self, loss_j: Floats) -> Floats:
-        """Energy of each interval at the current collector (J), net of what the line takes back."""
+        """Energy of each interval at the current collector (J), net of the energy accepted by the line."""
         gross = self.force_el_n * np.diff(self.s_m) + loss_j
         return np.where(gross > 0, gross, np.clip(self.supply, 0.0, 1.0) * gross)
 
     def braked_as(self, vehicle: Vehicle, level: Level) -> Trajectory:
-        """The same motion with its forces split between motors and friction brake as the vehicle does at a level."""
+        """The same motion with its forces split between motors and friction brake in the way of the vehicle at a
+        level."""
         total = self.force_el_n + self.force_friction_n
         faster = np.maximum(self.v_mps[:-1], self.v_mps[1:])
         electric = vehicle.electric_effort_n(total, faster, level, self.supply)
@@ -234,6 +235,7 @@ def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
 
 
 def mean_resistance_n(resistance: Resistance, v_mps: Floats, tunnel_n_per_mps2: Floats) -> Floats:
-    """Running and tunnel resistance (N), averaged exactly over the distance of each interval of even acceleration."""
+    """Running and tunnel resistance (N), averaged exactly over the distance of each interval of constant
+    acceleration."""
     quadratic = resistance.c2_n_per_mps2 + tunnel_n_per_mps2
     return mean_davis_resistance_n(v_mps, resistance.c0_n, resistance.c1_n_per_mps, quadratic)

@@ -28,10 +28,10 @@ Floats = NDArray[np.float64]
 
 
 class BrakePolicy(StrEnum):
-    """Which brakes a planned trajectory may use."""
+    """The brakes that a planned trajectory may use."""
 
     ELECTRIC = "electric"
-    """Electric brake only; what it recovers goes back to the line."""
+    """Electric brake only; the recovered energy is fed back to the line."""
     BLENDED = "blended"
     """Electric brake first, friction brake for the rest."""
     FRICTION = "friction"
@@ -61,7 +61,7 @@ class Resistance:
     def in_head_wind(self, wind_mps: float) -> Resistance:
         """The resistance in a head wind (m/s, tail wind < 0): R(v) = c0 + c1·v + c2·(v + w)².
 
-        A train slower than a tail wind would be pushed; here it is held back by as much.
+        A tail wind faster than the train would push it; here it holds the train back by the same force.
         """
         c0, c1, c2 = davis_in_head_wind(self.c0_n, self.c1_n_per_mps, self.c2_n_per_mps2, wind_mps)
         return Resistance(c0_n=c0, c1_n_per_mps=c1, c2_n_per_mps2=c2)
@@ -69,7 +69,7 @@ class Resistance:
 
 @dataclass(frozen=True, kw_only=True)
 class ServiceBrake:
-    """How a train is braked in ordinary service: the largest deceleration, and the time until its brakes act fully."""
+    """The braking of a train in normal service: the largest deceleration, and the time until its brakes act fully."""
 
     deceleration_mps2: float = 0.7
     """The largest deceleration in service (m/s²); assumed if a file states none, as is usual for passenger trains."""
@@ -90,9 +90,9 @@ class Load:
 class Vehicle(Summary):
     """A train as the planner sees it, in SI units.
 
-    `rotating_mass_ratio` is the share of rotating mass on top of `mass_kg` (0.06 = 6 %). `losses` holds the loss
-    model of each level the file gives; the others follow from them (see `loss_model`). Accelerations may be inf.
-    `adhesive_mass_kg` is the mass on the driven axles (inf: adhesion is no limit), `adhesion_ratio` the state of the
+    `rotating_mass_ratio` is the additional rotating mass as a share of `mass_kg` (0.06 = 6 %). `losses` contains the
+    loss model of each level in the file; the others are derived from them (see `loss_model`). Accelerations may be inf.
+    `adhesive_mass_kg` is the mass on the driven axles (inf: no adhesion limit), `adhesion_ratio` the state of the
     rail (1 = dry, as Curtius and Kniffler found it). `auxiliary_power_w` is drawn while the train moves, on top of the
     losses of OWN, L2 or L3. `comfort_power_w` stays outside the optimisation. `traction` and `electric_brake` are those
     of the mode `mode`, "" if the file names no default; see `in_mode`.
@@ -164,7 +164,7 @@ class Vehicle(Summary):
         """The component losses at `level`.
 
         L0 has no losses. L1 and L2 are those of the file, or fitted to the vehicle's L3 map; L1 may also be the mean of
-        OWN's two ratios. L3 and OWN must be given by the file. `auxiliary_power_w` is part of OWN, L2 and L3; L1 is a
+        OWN's two ratios. L3 and OWN must be in the file. `auxiliary_power_w` is part of OWN, L2 and L3; L1 is a
         pure efficiency.
         Raises DasError if the vehicle has nothing to derive the level from.
         """
@@ -190,7 +190,7 @@ class Vehicle(Summary):
         raise DasError(f"{self.source}: no data for level {level} (it has {have}); {hint}")
 
     def brakes_at(self, level: Level) -> BrakePolicy:
-        """Brake policy at a level: L0 NOREG dissipates everything, the others brake as the train does."""
+        """Brake policy at a level: L0 NOREG dissipates everything, the others brake like the train."""
         return BrakePolicy.FRICTION if level is Level.L0_NOREG else self.brake_policy
 
     def traction_effort_n(self, speed_mps: ArrayLike) -> Floats:
@@ -215,7 +215,7 @@ class Vehicle(Summary):
 
     @property
     def braked_adhesive_force_n(self) -> float:
-        """Weight on all axles times the state of the rail (N); inf if adhesion is no limit."""
+        """Weight on all axles times the state of the rail (N); inf without an adhesion limit."""
         if np.isinf(self.adhesive_mass_kg):
             return np.inf
         return self.mass_kg * STANDARD_GRAVITY_MPS2 * self.adhesion_ratio
@@ -224,7 +224,7 @@ class Vehicle(Summary):
         return np.asarray(self.adhesive_force_n * adhesion_coefficient(speed_mps))
 
     def electric_effort_n(self, force_n: ArrayLike, speed_mps: ArrayLike, level: Level, supply: ArrayLike) -> Floats:
-        """The part of each wheel force (N) at a speed (m/s) that the motors give or take; the rest is friction brake.
+        """The part of each wheel force (N) at a speed (m/s) of the motors; the rest is the friction brake.
 
         `supply` is that of `das.domain.route.Route.supply`: where it forbids the electric brake, the friction brake
         does all the braking.
@@ -260,7 +260,7 @@ class Vehicle(Summary):
     def line_resistance_mps2(self, route: Route) -> Stretches:
         """The resistance per unit of this train's mass (m/s²) along a line, apart from gradients: that of curves.
 
-        Planner, simulated trains and drivers all ask here; each averages it over the train in its own way.
+        Used by planner, simulated trains and drivers; each averages it over the train in its own way.
         """
         curves = route.curvature_per_m
         return Stretches(start_m=curves.start_m.copy(), value=curve_resistance_mps2(curves.value))
@@ -279,7 +279,7 @@ class Vehicle(Summary):
         )
 
     def loaded(self, name: str) -> Vehicle:
-        """The train in one of its load states or modes, or in both ("empty+15kv"); DasError if it has no such one."""
+        """The train in one of its load states or modes, or in both ("empty+15kv"); DasError if there is none."""
         known = {*self.loads, *self.modes}
         train, parts = self, (name,) if name in known else tuple(name.split("+"))
         for part_of in (self.loads, self.modes):

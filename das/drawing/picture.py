@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 WIDTH_IN: Final = 10.0
 LETTERS: Final = 100
-"""Most letters in a line of the title."""
+"""Largest number of characters in a line of the title."""
 MINUTE_S: Final = 60.0
 NAME_APART: Final = 0.012
 """Share of the axis below which a stop's name is left out as too near to the name before it."""
@@ -42,7 +42,7 @@ LIMITS, LIMITS_OF_FIRST = "limit", "limit of the first run"
 
 
 class Over(StrEnum):
-    """What the horizontal axis of a picture shows."""
+    """The quantity on the horizontal axis of a picture."""
 
     DISTANCE = "distance"
     TIME = "time"
@@ -83,16 +83,16 @@ class _Runs:
     over: Over
 
     def x(self, run: PlottedRun) -> Floats:
-        """Where the nodes of a run lie on the horizontal axis: in km, or in minutes since its beginning."""
+        """The positions of a run's nodes on the horizontal axis: in km, or in minutes since its beginning."""
         return run.s_m / KM if self.over is Over.DISTANCE else (run.time_s - run.time_s[0]) / MINUTE_S
 
     def drawn(self) -> Iterator[tuple[PlottedRun, Floats, dict[str, Any]]]:
-        """Each run with its place on the horizontal axis and its look."""
+        """Each run with its coordinates on the horizontal axis and its style."""
         for number, (run, label) in enumerate(zip(self.runs, self.labels, strict=True)):
             yield run, self.x(run), {**look_of(number), "label": label}
 
     def stops(self) -> list[tuple[str, float]]:
-        """Names of the stops of the first run and where they lie on the horizontal axis."""
+        """Names of the stops of the first run and their coordinates on the horizontal axis."""
         run = self.runs[0]
         if self.over is Over.DISTANCE:
             return [(name, at_m / KM) for name, at_m in run.stops]
@@ -100,16 +100,15 @@ class _Runs:
 
 
 class _Panel(NamedTuple):
-    """A quantity of runs, drawn in an axis of its own: its height (in), and what draws it."""
+    """A quantity of runs with its own axis: its height (in), and its drawing function."""
 
     height_in: float
     draw: Callable[[Any, _Runs], None]
 
 
 def draw_runs(runs: Sequence[PlottedRun], over: Over = Over.DISTANCE, labels: Sequence[str] | None = None) -> Picture:
-    """Speed with limit and stops, altitude, wheel forces, energy, and the windows of a journey: what is known of them.
-
-    A run is named by its label, or else by what tells it from the others, and by its time and energy.
+    """Speed with limit and stops, altitude, wheel forces, energy, and the windows of a journey, as far as known. A run
+    is named by its label, or else by its differences from the others, and by its time and energy.
     """
     told, title = _told_apart([(*([] if run.route is None else [run.route.name]), *run.names) for run in runs])
     words = told if labels is None else [[label] for label in labels]
@@ -169,12 +168,12 @@ def new_figure(heights: Sequence[float], *, below_in: float = 0.0) -> tuple[Pict
 
 
 def credits_of(credits: Iterable[str]) -> str:
-    """What a picture says of the origin of its lines' data; empty if no file states it."""
+    """The origin of the data of a picture's lines; empty if no file states it."""
     return "; ".join(dict.fromkeys(credit for credit in credits if credit))
 
 
 def explain(figure: Picture, axis: Any, title: str, credit: str = "") -> None:
-    """Write the title and the origin of the line's data, and below the picture what the lines of an axis are."""
+    """Write the title and the origin of the line's data, and a legend below the picture."""
     lines = [textwrap.fill(title, LETTERS), *([textwrap.fill(f"data: {credit}", LETTERS)] if credit else [])]
     figure.suptitle("\n".join(lines), x=0.01, ha="left", color=INK, fontsize=11)
     handles, labels = axis.get_legend_handles_labels()
@@ -183,7 +182,7 @@ def explain(figure: Picture, axis: Any, title: str, credit: str = "") -> None:
 
 
 def name_stops(axis: Any, stops: Sequence[tuple[str, float]]) -> None:
-    """Write the names of stops above an axis, slanted, as far as they do not lie upon each other."""
+    """Write the names of stops above an axis, slanted, as far as they do not overlap."""
     low, high = axis.get_xlim()
     last = -math.inf
     for name, at in stops:
@@ -196,7 +195,7 @@ def name_stops(axis: Any, stops: Sequence[tuple[str, float]]) -> None:
 
 
 def _panels(shown: _Runs) -> list[_Panel]:
-    """The panels in which there is something to draw."""
+    """The panels that are not empty."""
     runs = shown.runs
     wanted = (
         (True, _Panel(2.6, _speed)),

@@ -1,9 +1,9 @@
-"""The unit of the measured speeds: whether they are a known multiple of what the measured positions cover.
+"""The unit of the measured speeds: whether they are a known multiple of the speeds that follow from the positions.
 
 A sender of km/h in place of m/s is wrong by 3.6, one of mm/s (or of positions in km) by 1000, one that converts twice
-by 1/3.6. Neither the filter nor its gates can tell: a speed of 40 is as possible as one of 11. Nor can the deviation
-that the sender states: whoever sends another unit is as sure of it. Until the way has told the unit, a speed is as
-uncertain as the units that the way leaves make it, unless the train stood.
+by 1/3.6. Neither the filter nor its gates can detect this: a speed of 40 is as plausible as one of 11. The stated
+deviation does not help either, because it is just as small in another unit. Until the distance covered has determined
+the unit, the uncertainty of a speed includes all units that are still possible, unless the train stood.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from das.estimate.fix import SPEED_LATE_S, PositionFix, Quality, deviations
 from das.estimate.plausibility import EXPECTED_SLOW_MPS, LARGEST_M
 
 OFF_FACTOR: Final = 1.4
-"""Factor within which both the whole distance and the median step must give the scale: a jump of the position, or the
-spinning of a wheel, gives it by chance in one of the two only."""
+"""Factor within which both the whole distance and the median step must yield the scale: a jump of the position, or a
+spinning wheel, affects only one of the two."""
 WINDOW_S: Final = 10.0
 """Time (s) whose fixes are compared."""
 FIRST_WINDOW_S: Final = 60.0
-"""Time (s) whose fixes are compared until the speeds are confirmed: a slow train needs longer."""
+"""Time (s) whose fixes are compared until the speeds are confirmed; a slow train needs longer."""
 OTHER_UNIT_PROBABILITY: Final = 0.5
 """Probability, before anything is compared, that a sender sends another unit."""
 LEAST_FIXES: Final = 4
-"""Least number of fixes that are compared, however rarely they come."""
+"""Least number of fixes that are compared, at any rate."""
 LONGEST_GAP_S: Final = 6.0
 """After a longer time without a fix, the comparison restarts."""
 APART_SDS: Final = 4.0
-"""Standard deviations of the difference of two positions by which the distances by speeds and by positions must differ,
-to find another unit or to rule all others out for good."""
+"""Standard deviations of the difference of two positions by which the distances by speeds and by positions must differ
+to detect another unit or to exclude all others permanently."""
 APART_LEAST_M: Final = 10.0
-"""Least difference (m) of the two distances, however exact the sensors claim to be."""
+"""Least difference (m) of the two distances, for any stated accuracy of the sensors."""
 FACTORS: Final = (3.6, 1.0 / 3.6, 1000.0, 0.001)
 """Speeds in km/h for m/s, or m/s converted once too often; speeds in mm/s or positions in km, or the reverse."""
 NEAREST: Final = FACTORS[:2]
-"""Factors that are compared; the way rules out the other ones long before them."""
+"""Factors that are compared; the distance covered excludes all others much earlier."""
 
 
 class SpeedScale:
-    """Compares the measured speeds of the last seconds with the way between the measured positions."""
+    """Compares the measured speeds of the last seconds with the distance between the measured positions."""
 
     def __init__(self) -> None:
         self._fixes: deque[PositionFix] = deque()
@@ -54,18 +54,20 @@ class SpeedScale:
         self._unit_sd_ratio = 0.0
 
     def unit_sd_mps(self, speed_mps: float) -> float:
-        """Return one standard deviation of a speed (m/s) by the units that neither way nor standstill has ruled out."""
+        """Return one standard deviation of a speed (m/s) from the units that neither distance nor standstill has
+        excluded."""
         return 0.0 if self._confirmed or not self._fixes else self._unit_sd_ratio * speed_mps
 
     @property
     def problem(self) -> Problem | None:
-        """The problem of every fix while the speeds are a multiple of what the positions cover; else None."""
+        """The problem of every fix while the speeds are a multiple of those from the positions; else None."""
         return Problem(ProblemKind.SPEED_UNIT, self.factor) if self.factor != 1.0 else None
 
     def judge(self, fix: PositionFix) -> Problem | None:
-        """Return the problem of a fix whose speed, like those before it, is a multiple of what the positions cover.
+        """Return the problem of a fix whose speed, like those before it, is a multiple of the one from the positions.
 
-        It is a problem until the speeds fit the way again. Any fix may be given, also one that is rejected elsewhere.
+        It remains a problem until the speeds match the distance again. Any fix may be given, also one that is rejected
+        elsewhere.
         """
         fixes = self._fixes
         if fix.quality is Quality.INVALID or not abs(fix.s_m) <= LARGEST_M:
@@ -86,7 +88,7 @@ class SpeedScale:
         return self.problem
 
     def _compare(self, fixes: list[PositionFix]) -> None:
-        """Find the factor from the fixes of the last seconds; it stays where these do not tell."""
+        """Find the factor from the fixes of the last seconds; it is unchanged if they are inconclusive."""
         steps = list(itertools.pairwise(fixes))
         ways_m = [after.s_m - before.s_m for before, after in steps]
         said_m = [
@@ -100,7 +102,7 @@ class SpeedScale:
             return
         ratios = [said / way if way > 0 else math.inf for said, way in zip(said_m, ways_m, strict=True)]
         each = statistics.median(ratios)
-        # Speeds that come late are too high while the train brakes, too low while it gains speed.
+        # Delayed speeds are too high while the train brakes, too low while it accelerates.
         late_m = 2.0 * SPEED_LATE_S * (fixes[0].speed_mps - fixes[-1].speed_mps)
         for factor in (1.0, *FACTORS):
             sign = math.copysign(1.0, factor - 1.0)
@@ -109,7 +111,7 @@ class SpeedScale:
                 self.factor = factor
 
     def _weigh(self, way_m: float, said_m: float, sd_m: float) -> None:
-        """Weigh the nearest other units by how well each explains the way (Bayes), whose deviation is `sd_m`."""
+        """Weigh the nearest other units by how well each explains the distance (Bayes), whose deviation is `sd_m`."""
         least = 0.5 * ((way_m - said_m) / sd_m) ** 2
         against = [0.5 * ((way_m - said_m / factor) / sd_m) ** 2 - least for factor in NEAREST]
         self._confirmed |= self.factor == 1.0 and min(against) > 0.5 * APART_SDS**2

@@ -48,7 +48,7 @@ def _several() -> None:
 
 @tls_app.command("tls-init", epilog="Example: das-node tls-init bus-tls --train IC1")
 def tls_init(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; must not be there yet.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to create; must not exist yet.")],
     train: Annotated[str, typer.Option(help="Train name, the second part of every key.")] = "train-1",
     port: Annotated[int, typer.Option(help="The node's port; simulator and recorder take the next two.", min=1)] = 7447,
     days: Annotated[float, typer.Option(help="How long the certificates are valid.", max=3650)] = 90.0,
@@ -72,7 +72,7 @@ def tls_init(
     ports = {role: port + i for i, role in enumerate(LISTENERS)}
     until = write_bus_folder(folder, check_train_name(train), ports, days)
     print(f"written: {folder}, valid until {until:%Y-%m-%d %H:%M} UTC")
-    print("for tests and trials, not a public-key infrastructure; the authority's key is thrown away")
+    print("for tests and trials, not a public-key infrastructure; the authority's key is discarded")
     print(f"use it with: {typed('das-sim')} run clear-day --bus {folder} --train {train}")
     print(f"or one by one: {typed('das-node')} … --bus {folder / 'node.json5'} --train {train}")
 

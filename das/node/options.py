@@ -61,7 +61,7 @@ class TrainServed:
         typer.Option(
             "--other-vehicle",
             metavar="VEHICLE",
-            help="Another train that a journey may name, beside the bundled ones (may be repeated).",
+            help="Another train that a journey may name, in addition to the bundled ones (may be repeated).",
         ),
     ] = None
 

@@ -1,6 +1,6 @@
 """The process das-node: it builds the cab from its options and runs the node until stopped.
 
-`run` decides when to look for messages and when to advise.
+`run` decides when to check for messages and when to advise.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ from das.node.node import BusClock, Node, WallClock
 from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, TrainServed
 
 LOOK_S = 0.1
-"""Longest time (s) between two looks at the clock and for messages."""
+"""Longest interval (s) between two checks of the clock and for messages."""
 SEARCH_LOOK_S = 0.005
-"""Longest time (s) between two looks at the clock while a front is being solved or advice is urgent."""
+"""Longest interval (s) between two checks of the clock while a front is being solved or advice is urgent."""
 LEAST_GAP_S = 0.05
-"""Least time (s) from one advice to the next if a change of the situation makes the next one early."""
+"""Least interval (s) between two advice messages if a change of the situation makes the second one early."""
 WAITING_SAID_EVERY_S = 1.0
 """Period (s) in which a node that follows the clock of the bus reports that it waits for a journey."""
 SWITCH_S = 0.0005
-"""Python's switch interval (s): how long the thread that solves a front may hold up the one that advises."""
+"""Python's switch interval (s): the time for which the thread that solves a front may delay the one that advises."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
 """Parameter of glibc's mallopt, and the least size (bytes) of a block that is mapped, and goes back to the system when
 it is freed."""
@@ -54,7 +54,7 @@ it is freed."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CabPlan:
-    """What a cab is made from. `stops_m` are the positions (m) of the stops that the node serves."""
+    """The inputs of a cab. `stops_m` are the positions (m) of the stops that the node serves."""
 
     post: Post
     situation: Situation
@@ -68,7 +68,7 @@ class CabPlan:
 
 
 def plan_cab(options: NodeOptions) -> CabPlan:
-    """Read the files that the options name. Raises DasError for anything unusable."""
+    """Read the files named in the options. Raises DasError for anything unusable."""
     line, driven, advice = options.line, options.driven, options.advice
     if advice.tables is not None and not advice.led.guide:
         raise DasError(f"--tables {advice.tables}: tables have the guide's departures: expected no --no-guide")
@@ -107,7 +107,7 @@ def _line(line: LineServed) -> tuple[Route, list[float]]:
 
 
 def _vehicle(driven: TrainServed) -> Vehicle:
-    """The train before a load state is applied, with the loss map that the options name, if any."""
+    """The train before a load state is applied, with the loss map named in the options, if any."""
     vehicle = load_vehicle(driven.vehicle)
     return vehicle.with_loss_map(read_loss_map(driven.loss_map)) if driven.loss_map is not None else vehicle
 
@@ -129,7 +129,7 @@ def run(
 ) -> None:
     """Run the node until stopped. With the wall clock, advise once per period and whenever the situation changes.
 
-    `seconds` never jump, and tell when a period is over.
+    `seconds` never jump; they determine when a period is over.
     """
     due, last, said = seconds() + period_s, 0.0, 0.0
     by_wall = node.clock.is_wall
@@ -154,7 +154,7 @@ def run(
 
 
 def prepare_process() -> None:
-    """Return the memory of freed fronts to the system, and let threads take turns more often than by default."""
+    """Return the memory of freed fronts to the system, and switch threads more often than by default."""
     sys.setswitchinterval(SWITCH_S)
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):  # Another C library may have no mallopt.
@@ -183,7 +183,7 @@ def serve(options: NodeOptions) -> None:
 
 
 def _begin(node: Node, stops_m: list[float]) -> None:
-    """Load the compiled code, take a journey that is on the bus already, and prepare the first section."""
+    """Load the compiled code, accept a journey that is already on the bus, and prepare the first section."""
     node.bus.watch([JOURNEY, RESTRICTION, TARGET, STATUS])
     node.status(NodeState.STARTING, "solving the section")
     with loading_solver():

@@ -28,7 +28,7 @@ class FileMade:
             "--out",
             "-o",
             metavar="FILE",
-            help="Recording (.mcap) to write; if it exists, a new one is written beside it [default: TRAIN.mcap].",
+            help="Recording (.mcap) to write; if it exists, a new one is written next to it [default: TRAIN.mcap].",
         ),
     ] = None
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the recording if it exists already.")] = False
@@ -38,7 +38,7 @@ class FileMade:
     ] = None
     attach: Annotated[
         list[Path] | None,
-        typer.Option("--attach", metavar="FILE", help="File to put into the recording (may be repeated)."),
+        typer.Option("--attach", metavar="FILE", help="File to attach to the recording (may be repeated)."),
     ] = None
 
 

@@ -33,7 +33,7 @@ COUNTED_EVERY_S = 60.0
 
 
 class LifeSigns:
-    """Says on standard error what becomes of a recording; a full disk or a closed terminal never holds it up."""
+    """Reports the state of a recording on standard error; a full disk or a closed terminal never delays it."""
 
     def __init__(self, name: str, clocks: Clocks = WALL, tell: Callable[[str], None] = say) -> None:
         self._name, self._seconds, self._tell = name, clocks.seconds, tell
@@ -42,11 +42,11 @@ class LifeSigns:
         self._silent = False
 
     def say(self, text: str) -> None:
-        """Say something about this recorder."""
+        """Print a message about this recorder."""
         self._tell(f"das-record {self._name}: {text}")
 
     def take(self, received: Received) -> None:
-        """Take note of a message; the first one of each sender is named."""
+        """Count a message; the first one of each sender is reported."""
         self._last_s, self._silent = self._seconds(), False
         sender = received.topic.publisher, received.source
         if sender not in self._heard:
@@ -54,12 +54,12 @@ class LifeSigns:
             self.say(f"hears the {received.topic.publisher} ({received.topic.name})")
 
     def look(self, messages: int) -> None:
-        """Say how many messages are recorded, if that is due, and that nothing comes any more."""
+        """Report the number of recorded messages, if due, and the absence of new ones."""
         now_s = self._seconds()
         if not self._silent and now_s - self._last_s >= SILENT_S:
             self._silent = True
             why = "" if self._heard else ": is every process that sends running, and named by --connect?"
-            self.say(f"nothing heard for {SILENT_S:.0f} s{why}")
+            self.say(f"nothing received for {SILENT_S:.0f} s{why}")
         if now_s - self._counted_s >= COUNTED_EVERY_S:
             self._counted_s = now_s
             self.say(f"{messages} messages so far")
@@ -76,7 +76,7 @@ def record(options: RecorderOptions) -> None:
 
 
 def _bus(options: RecorderOptions) -> tuple[Bus, str]:
-    """The bus to record, not opened yet, and where on it the recorder is, in words."""
+    """The bus to record, not opened yet, and the recorder's endpoints, in words."""
     place = options.place
     file: BusFile | None = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
     listen = None if file else check_endpoint(RECORDER_ENDPOINT if place.listen is None else place.listen)
@@ -93,7 +93,7 @@ def _record(options: RecorderOptions, made: Bus, where: str, out: Path, stop: St
     attachments = [(path, _content(path)) for path in options.made.attach or ()]
     metadata = _metadata(options)
     file = RecordingFile(_place(out, options.made))
-    # A program that starts a recorder as a part of itself tells its user what happens.
+    # A program that starts a recorder reports to its own user.
     signs = LifeSigns(options.place.train, tell=say if options.with_parent is None else lambda _text: None)
     try:
         for path, content in attachments:

@@ -25,7 +25,7 @@ BLOCK_NODES = 32
 """Decision nodes whose transitions are kept at a time: a few MB, and threads rarely wait for each other."""
 
 BEHIND_M = 1_000.0
-"""Distance (m) behind a train under way at which its front begins: further than its position is ever corrected."""
+"""Distance (m) behind a train under way at which its front begins: more than any correction of its position."""
 
 
 def solve_front(
@@ -38,14 +38,14 @@ def solve_front(
 ) -> Front:
     """Solve a section for a ladder of multipliers (default: `default_ladder`).
 
-    If the end speed of the section is free, `end_value_j` holds for each of its J + 1 possible end speeds what the line
-    beyond the section costs (J).
+    If the end speed of the section is free, `end_value_j` holds for each of its J + 1 possible end speeds the cost of
+    the line beyond the section (J).
 
     Blocks of decision nodes are solved one after another, from the end. First the transitions of a block are found,
     with its nodes shared out among the threads; then the block is swept, with the multipliers shared out among them.
     The kernels release the GIL and share nothing that they write. Only the transitions of one block are kept, because
-    all of them together would be as large as the result. The number of threads and the size of a block change no bit
-    of the result.
+    all of them together would be as large as the result. The result does not depend on the number of threads or the
+    size of a block, bit for bit.
     """
     sweep = _Sweep(section, lambda_w, end_value_j, threads=threads, block_nodes=block_nodes)
     sweep.come_down_to(0)
@@ -60,7 +60,7 @@ def solve_ahead(
     lambda_w: Floats | None = None,
     end_value_j: Floats | None = None,
 ) -> Front:
-    """The front of a section for a train that is at a position (m): only what is ahead of it is solved.
+    """The front of a section for a train that is at a position (m): only the part ahead of it is solved.
 
     The sweep starts from the end, so the part ahead equals that of the whole front, bit for bit. For a trajectory from
     a position more than `BEHIND_M` behind the train, the front first solves the rest. The other arguments are those of
@@ -79,7 +79,7 @@ def node_behind(section: Section, s_m: float) -> int:
 
 
 class _Sweep:
-    """The sweep of a section from its end towards its start, as far as it has come; thread-safe."""
+    """The partial sweep of a section from its end towards its start; thread-safe."""
 
     def __init__(
         self,
@@ -170,7 +170,7 @@ class Transitions:
 
     @property
     def moves(self) -> Moves:
-        """The arrays as the kernels take them."""
+        """The arrays in the form required by the kernels."""
         return Moves(self.time_s, self.energy_j, self.target, self.weight, self.count)
 
     def rows(self, first: int, last: int) -> Transitions:

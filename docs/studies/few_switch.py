@@ -37,10 +37,10 @@ PRICES_S: Final = (0.0, 0.03, 0.08, 0.15, 0.3, 1.0)
 OPTIMUM, FOUR_MODES = "optimum", "four modes"
 LEGEND: Final = {
     "price": "of a change, as seconds of the train's full power",
-    "chg": "changes of what the driver does; of the optimum and four modes, changes of mode",
+    "chg": "changes of instruction; for the optimum and four modes, changes of mode",
     "/min": "changes a minute",
-    "short": "shortest time between two changes that is no brake",
-    "more": "energy above the optimum of the run's own time, which may be some seconds from the one asked for",
+    "short": "shortest time between two changes, brakes left out",
+    "more": "energy above the optimum for the run's own time, which may differ by some seconds from the requested one",
 }
 
 

@@ -76,7 +76,7 @@ class JourneyFiles(RunFiles):
         typer.Option(
             "--sheet",
             metavar="FILE",
-            help="Driver's sheet to write (.html, or .pdf with Chromium): what to do from which kilometre on.",
+            help="Driver's sheet to write (.html, or .pdf with Chromium): instructions by kilometre.",
         ),
     ] = None
 
@@ -113,7 +113,7 @@ def journey(
     stops: StopsOptions,
     files: JourneyFiles,
 ) -> None:
-    """Plan a train's whole journey with the least energy: when to be where, and how to drive between.
+    """Plan a train's whole journey for the least energy: times at all points, and driving between them.
 
     Every window is kept: no stop is left early, none is reached late, and passing points are passed in time. Where no
     window binds, time is shared so that one second less would cost the same everywhere; this price of time changes only
@@ -142,7 +142,7 @@ def journey(
 
     from precompute.cli import report
 
-    with busy("pricing the wishes that are missed …"):
+    with busy("pricing the missed preferred times …"):
         missed = report.missed_wishes(planner, plan)
     _write(files, planner, plan)
     if files.as_json:

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 LEGEND = {
     "…": "open",
-    "~": "a wish: reported, not enforced",
+    "~": "a preferred time: reported, not enforced",
     "dwell": "least time at the stop",
 }
 SPARE_LEGEND = {
-    "least": "running time, driven as fast as possible",
+    "least": "least running time",
     "available": "from the earliest departure to the latest arrival, or to the latest departure less the dwell",
 }
 FAST_MPS = 100.0
@@ -111,7 +111,7 @@ def _without_dwell(journey: Journey) -> Iterator[str]:
         yield f"no dwell_s at {', '.join(bare)}: plans stop there for no time"
     open_calls = [x.name for x in journey.calls[1:-1] if x.departure == Window() and x.arrival == Window()]
     if open_calls and len(open_calls) == len(journey.calls) - 2:
-        yield "no stop on the way has a time: only the departure and the last arrival are kept"
+        yield "no intermediate stop has a time: only the departure and the last arrival are kept"
 
 
 def _misplaced(journey: Journey, route: Route) -> Iterator[str]:

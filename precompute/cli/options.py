@@ -49,7 +49,7 @@ RefineOption = Annotated[
     typer.Option(
         "--refine",
         metavar="off|on|SECONDS",
-        help="Refine optimal runs beyond the solver's table: until little is saved, or for at most so many seconds.",
+        help="Refine optimal runs beyond the solver's table until savings are small, or at most for this many seconds.",
     ),
 ]
 
@@ -58,7 +58,7 @@ BoundOption = Annotated[
     typer.Option(
         "--bound",
         metavar="quick|tight|SECONDS",
-        help="Prove a tighter bound for a loss map: until little is gained (minutes), or for about so many seconds.",
+        help="Prove a tighter bound for a loss map: until gains are small (minutes), or for about this many seconds.",
     ),
 ]
 
@@ -100,9 +100,11 @@ class WorldOptions:
     ] = 1.0
     head_wind_kmh: Annotated[float, typer.Option(help="Wind against the train in km/h; tail wind is negative.")] = 0.0
     receptivity_ratio: Annotated[
-        float, typer.Option("--receptivity", help="Share of the recovered power that the line takes, 0 to 1.")
+        float, typer.Option("--receptivity", help="Share of the recovered power that the line accepts, 0 to 1.")
     ] = 1.0
-    adhesion_ratio: Annotated[float, typer.Option("--adhesion", help="Adhesion, as a multiple of a dry rail's.")] = 1.0
+    adhesion_ratio: Annotated[
+        float, typer.Option("--adhesion", help="Adhesion, as a multiple of that on dry rail.")
+    ] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +236,7 @@ class Pose(TrainOnLine):
 def picked(vehicle: Vehicle, mode: str | None, load: str | None) -> Vehicle:
     """The vehicle in a mode and a load state; None leaves it as its file says. DasError if it has no such one."""
     if load is not None and vehicle.modes.keys() & set(load.split("+")):
-        refuse_given(f"--load {load} names a mode as well", "--mode")
+        refuse_given(f"--load {load} also names a mode", "--mode")
     vehicle = vehicle if mode is None else vehicle.in_mode(mode)
     return vehicle if load is None else vehicle.loaded(load)
 

@@ -97,13 +97,13 @@ def draw_front(path: Path, section: Section, solutions: Sequence[Solution]) -> N
 LEGEND = {
     "buffer": "time above the least possible",
     "input": "net energy at the current collector = lost + stored",
-    "lost": "what never comes back",
-    "stored": "gained as speed and height, negative where they were used up",
+    "lost": "irreversible losses",
+    "stored": "increase of kinetic and potential energy",
     "saved": "energy below that of the first row",
-    "λ": "price of time, what one second less would cost",
-    "gap": "how far the energy can be above the least, at most; – where that is not proven",
+    "λ": "price of time, the cost of one second less",
+    "gap": "largest possible excess over the least energy; – if not proven",
     "ms": "computing time",
-    "fit": "whether the time asked for was met",
+    "fit": "whether the requested time is met",
 }
 
 
@@ -149,9 +149,9 @@ JOURNEY_LEGEND = {
     "run": "running time",
     "buffer": "running time above the least possible",
     "input": "net energy at the current collector",
-    "λ": "price of time, what one second less would cost, between two points with a window",
+    "λ": "price of time, the cost of one second less, between two points with a window",
 }
-WISH_LEGEND = {"~, !": "a wish that is kept to within its tolerance, or missed"}
+WISH_LEGEND = {"~, !": "a preferred time kept within its tolerance, or missed"}
 _MARKS = {Held.FREE: " ", Held.EARLIEST: "≥", Held.LATEST: "≤", Held.FIXED: "="}
 
 
@@ -276,7 +276,7 @@ def _shown(timing: PlannedTime) -> str:
 
 def _totals(plan: JourneyPlan, others_j: dict[str, float]) -> Iterator[str]:
     gap = f", gap to the lower bound {100 * plan.gap_ratio:.3f} %" if math.isfinite(plan.gap_ratio) else ""
-    yield f"in all {clock(plan.time_s)}, {kwh(plan.input_j):.2f} kWh{gap}"
+    yield f"in total {clock(plan.time_s)}, {kwh(plan.input_j):.2f} kWh{gap}"
     names = {"proportional": "with the same buffer everywhere", "fastest": "as fast as possible, waiting at the stops"}
     for name, energy_j in others_j.items():
         yield f"{names[name]}: {kwh(energy_j):.2f} kWh, the plan saves {100 * (1 - plan.input_j / energy_j):.2f} %"

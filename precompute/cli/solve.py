@@ -37,9 +37,7 @@ if TYPE_CHECKING:
     from precompute.cli.report import Answer
 
 
-StrategyOption = Annotated[
-    Strategy, typer.Option("--strategy", help="How the section is driven; fastest needs no time.")
-]
+StrategyOption = Annotated[Strategy, typer.Option("--strategy", help="Driving strategy; fastest needs no time.")]
 
 
 def solve(
@@ -178,7 +176,7 @@ class ExactOptions:
     exact: Annotated[
         bool,
         typer.Option(
-            "--exact", help="Every undominated run on the paper's grid (100 m × 0.25 km/h), beside the solver's."
+            "--exact", help="All non-dominated runs on the paper's grid (100 m × 0.25 km/h), next to the solver's."
         ),
     ] = False
     out: Annotated[

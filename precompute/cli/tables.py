@@ -78,7 +78,7 @@ def build(
 
 
 def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """Check every byte of tables, that this release can use them, and that none is missing.
+    """Check tables: every byte, compatibility with this release, and completeness.
 
     The exit code is 1 if a table is damaged, missing, or of another release.
     """

@@ -1,4 +1,4 @@
-"""Draws a line alone: limits, gradients, altitude, curves, tunnels, stops, and a map without tiles."""
+"""Draws a line without trains: limits, gradients, altitude, curves, tunnels, stops, and a map without tiles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_STOPS_ON_MAP: Final = 25
 
 
 def draw_line(route: Route) -> Picture:
-    """The picture of a line: what is known of it, over the position, and its course on the map."""
+    """The picture of a line: its known quantities over the position, and its course on the map."""
     panels = [(2.2, _limits)]
     if float(np.ptp(route.altitude_m(_edges(route.gradients_ratio, route)))) > LEAST_RISE_M:
         panels += [(1.4, _altitude), (1.2, _gradients)]

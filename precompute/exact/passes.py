@@ -1,7 +1,7 @@
 """One pass of the exact front: labels from both ends of the section, node by node, until they meet and are joined.
 
 A label is a partial run from the start to a state, or from a state to the end. The number of labels grows with the
-distance from where they began, so two halves that meet have far fewer labels than one whole. Two bounds drop labels
+distance from their origin, so two halves have far fewer labels than a single pass. Two bounds drop labels
 that cannot lead to the front: dual values bound every completion from below, known runs bound the front from above.
 """
 
@@ -24,7 +24,7 @@ Ints = NDArray[np.int64]
 Labels32 = NDArray[np.uint32]
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how many layers of it are done, and how many there are."""
+"""Progress callback: called with the name of the step, the number of finished layers and their total."""
 
 BLOCKS = 24
 """Number of blocks into which the states of a node are split for the threads."""
@@ -47,7 +47,7 @@ KNOWN_STEPS = 1 << 18
 
 
 def undominated(time_ns: Ints, energy_mj: Ints) -> Ints:
-    """Indices of the runs that no other run beats, by rising time; the first of several equal runs."""
+    """Indices of the non-dominated runs, by rising time; the first of several equal runs."""
     order = np.lexsort((energy_mj, time_ns))
     energy = energy_mj[order]
     before = np.concatenate(([kernels.NEVER], np.minimum.accumulate(energy)[:-1]))
@@ -57,13 +57,13 @@ def undominated(time_ns: Ints, energy_mj: Ints) -> Ints:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Known:
-    """Times (ns, rising) and energies (mJ, falling) of runs that exist; no run that they beat is on the front."""
+    """Times (ns, rising) and energies (mJ, falling) of feasible runs; no run that they dominate is on the front."""
 
     time_ns: Ints
     energy_mj: Ints
 
     def with_runs(self, time_ns: Ints, energy_mj: Ints) -> Known:
-        """These runs and the given ones, without those that another run beats."""
+        """These runs and the given ones, without dominated ones."""
         time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
         keep = undominated(time, energy)
         return Known(time_ns=time[keep], energy_mj=energy[keep])
@@ -135,7 +135,7 @@ class Duals:
         return np.concatenate((self._followed(first, first + 1, at), self._followed(first + 1, first, at)))
 
     def forget_runs(self) -> None:
-        """Free the memory that only making runs needs."""
+        """Free the memory that is needed only to make runs."""
         self._choice = []
 
     def _followed(self, first: Ints, then: Ints, at: Ints) -> Ints:
@@ -155,7 +155,7 @@ def first_ladder(power_w: float) -> Floats:
 
 
 def refined_ladder(lambda_w: Floats, time_ns: Ints, least_ns: int, latest_ns: int) -> Floats:
-    """Multipliers whose runs spread evenly over the times asked for."""
+    """Multipliers whose runs are spread evenly over the requested times."""
     order = np.argsort(time_ns, kind="stable")
     times = np.linspace(least_ns, latest_ns, LADDER)
     logs = np.interp(times, time_ns[order], np.log(np.maximum(lambda_w[order], 1.0)))
@@ -165,7 +165,7 @@ def refined_ladder(lambda_w: Floats, time_ns: Ints, least_ns: int, latest_ns: in
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Search:
-    """What all passes have in common: the grid and its states, the bounds, the latest arrival, threads and memory."""
+    """The common data of all passes: the grid and its states, the bounds, the latest arrival, threads and memory."""
 
     graph: Graph
     layers: list[Layer]
@@ -232,7 +232,7 @@ class Half:
         self._parents = [np.zeros(1, np.uint32)]
 
     def advance(self, pool: ThreadPoolExecutor) -> None:
-        """Go on to the next node."""
+        """Advance to the next node."""
         search, bounds, onward = self._search, self._bounds, self._onward
         k = self.node if onward else self.node - 1
         arcs = onward_arcs(search.graph, search.layers[k], search.layers[k + 1])
@@ -305,7 +305,7 @@ class Joined:
     second: Labels32
 
     def with_runs(self, time_ns: Ints, energy_mj: Ints, first: Labels32, second: Labels32) -> Joined:
-        """These runs and the given ones, without those that another run beats."""
+        """These runs and the given ones, without dominated ones."""
         time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
         keep = undominated(time, energy)
         first = np.concatenate((self.first, first))[keep]
@@ -314,7 +314,7 @@ class Joined:
 
 
 class Pass:
-    """One pass over all intervals; `runs` are the undominated runs that its joined labels make."""
+    """One pass over all intervals; `runs` are the non-dominated runs of its joined labels."""
 
     def __init__(self, search: Search, known: Known, bucket_ns: int, progress: Progress | None) -> None:
         self._search = search
@@ -355,7 +355,7 @@ class Pass:
             )
 
     def _joined(self, pool: ThreadPoolExecutor, known: Known) -> Joined:
-        """The undominated runs of all pairs of labels that meet."""
+        """The non-dominated runs of all pairs of labels that meet."""
         a, b, latest_ns = self._first.labels, self._second.labels, self._search.latest_ns
         origin_ns = int(known.time_ns[0])
         width_ns = (latest_ns - origin_ns) // KNOWN_STEPS + 1

@@ -54,7 +54,7 @@ def import_train(
     found = found.up_to_its_speed()
     chosen = named_losses(losses, found.power_w)
     text = vehicle_text(found, chosen, COMMAND, accepted)
-    vehicle = vehicle_of(Fields.of(source, tomllib.loads(text)), "if it is meant, say --accept {check}")
+    vehicle = vehicle_of(Fields.of(source, tomllib.loads(text)), "to accept it, use --accept {check}")
     return Imported(text, vehicle, (*found.notes, chosen.note))
 
 

@@ -78,7 +78,7 @@ def desk(
     of_train: OfTrainOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive a simulated train yourself, in the browser; or look at a drive as its driver saw it.
+    """Drive a simulated train yourself in the browser, or replay a drive as its driver saw it.
 
     The advice node runs beside it, and everything is recorded. A recording plays on the same page, at any pace.
     """

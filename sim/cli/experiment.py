@@ -44,7 +44,7 @@ def check(
     out: OutFolderOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a design: trials, balance, duration, and factors that no driver can sense; freeze it in a folder.
+    """Check a design: trials, balance, duration, factors without effect; freeze it in a folder.
 
     Nothing is driven. With --out, the design is frozen there, and only this design can be run in that folder.
     """
@@ -97,7 +97,7 @@ def run(
     recordings: RecordingsOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive all trials of a design, or every scenario with every driver, presentation and seed.
+    """Simulate all trials of a design, or every scenario with every driver, presentation and seed.
 
     A stopped experiment continues where it left off and tries failed trials again. The folder holds trials.csv with one
     row a trial, the design, a README, and recordings if they are asked for. A design is checked and frozen there first,
@@ -191,7 +191,7 @@ def analyse(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse a study that was run: planned differences with intervals, corrected p, effect sizes, a forest plot."""
+    """Analyse a completed study: planned differences with intervals, corrected p, effect sizes, a forest plot."""
     check_packages("experiment", "jinja2", "matplotlib", "scipy")
     from sim.experiment.analysis.comparing import analyse_study
     from sim.experiment.analysis.page import as_dict, page
@@ -223,7 +223,7 @@ def rescore(
         typer.Option("--measure", metavar="NAME", help="Measure; may be given several times [default: all]."),
     ] = None,
 ) -> None:
-    """Compute measures from the recordings of a study, into another folder that can be analysed.
+    """Compute measures from the recordings of a study, in another folder that can be analysed.
 
     These are the measures that a recording alone gives, among them those of other packages (das-sim list).
     """

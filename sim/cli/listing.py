@@ -51,7 +51,7 @@ def listing(
     what: Annotated[Listed | None, typer.Argument(metavar="[WHAT]", help="One kind [default: all, by name].")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List what is installed: scenarios, drivers, presentations, studies, measures and importers, also of packages.
+    """List installed scenarios, drivers, presentations, studies, measures and importers, including plug-ins.
 
     With one kind it says what each is, and for scenarios and studies where its file is, to copy and change.
     """

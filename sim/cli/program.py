@@ -10,13 +10,13 @@ EXPERIMENTS: Final = (
     Entry(
         name="check",
         where="sim.cli.experiment:check",
-        summary="Check a design: trials, balance, duration, factors that no driver can sense; freeze it.",
+        summary="Check a design: trials, balance, duration, factors without effect; freeze it.",
         examples=("das-sim experiment check smoke", "das-sim experiment check design.toml -o study"),
     ),
     Entry(
         name="run",
         where="sim.cli.experiment:run",
-        summary="Drive all trials of a design, or days of scenarios, drivers, presentations and seeds.",
+        summary="Simulate all trials of a design, or runs of scenarios, drivers, presentations and seeds.",
         examples=(
             "das-sim experiment run smoke -o study",
             "das-sim experiment run --scenario clear-day,signal-stop --seeds 0-9 --advice guide,none -o runs",
@@ -25,13 +25,13 @@ EXPERIMENTS: Final = (
     Entry(
         name="analyse",
         where="sim.cli.experiment:analyse",
-        summary="Analyse a study that was run: differences with intervals, corrected p, effect sizes.",
+        summary="Analyse a completed study: differences with intervals, corrected p, effect sizes.",
         examples=("das-sim experiment analyse study -o report.html",),
     ),
     Entry(
         name="rescore",
         where="sim.cli.experiment:rescore",
-        summary="Compute measures again from the recordings of a study, for a new measure.",
+        summary="Recompute measures from the recordings of a study, for a new measure.",
         examples=("das-sim experiment rescore study -o again --measure my_measure_s",),
     ),
 )
@@ -39,7 +39,7 @@ EXPERIMENTS: Final = (
 
 GONE_EXPERIMENTS: Final = {
     "studies": "das-sim list studies",
-    "power": "the notebook docs/tutorials/notebook-study-statistics.ipynb, which has simulated power as a function",
+    "power": "the notebook docs/tutorials/notebook-study-statistics.ipynb, which simulates power",
 }
 """Former commands of the group, each with what to run instead."""
 
@@ -55,7 +55,7 @@ ENTRIES: Final = (
     Entry(
         name="trip",
         where="sim.cli.trips:trip",
-        summary="Look at a recorded trip: what was cleaned, how it fits the line, its energy.",
+        summary="Analyse a recorded trip: cleaning, match with the line, energy.",
         examples=("das-sim trip trip.csv --route route.toml --vehicle train.toml --posts posts.csv --plot trip.png",),
     ),
     Entry(
@@ -70,12 +70,12 @@ ENTRIES: Final = (
     Entry(
         name="desk",
         where="sim.cli.desk:desk",
-        summary="Drive a simulated train yourself, in the browser; or look at a drive as its driver saw it.",
+        summary="Drive a simulated train yourself in the browser, or replay a drive as its driver saw it.",
         examples=("das-sim desk", "das-sim desk signal-stop --advice four-mode", "das-sim desk recordings/desk.mcap"),
     ),
     Group(
         name="experiment",
-        summary="Human-factors experiments: check a design, drive its trials, analyse the data.",
+        summary="Human-factors experiments: check a design, run its trials, analyse the data.",
         where="sim.cli.program:EXPERIMENTS",
         gone=GONE_EXPERIMENTS,
     ),
@@ -94,7 +94,7 @@ ENTRIES: Final = (
     Entry(
         name="reproduce",
         where="sim.cli.recordings:reproduce",
-        summary="Feed a recording to this version's cab again, and compare its messages with the recorded ones.",
+        summary="Feed a recording to the cab of this version, and compare its messages with the recorded ones.",
         examples=("das-sim reproduce recordings/run.mcap",),
     ),
     Entry(
@@ -106,13 +106,13 @@ ENTRIES: Final = (
     Entry(
         name="report",
         where="sim.cli.review:report",
-        summary="Write a report about recorded drives, which begins with one page for an instructor.",
+        summary="Write a report on recorded drives; its first page is for an instructor.",
         examples=("das-sim report run.mcap -o report.html", "das-sim report before.mcap after.mcap --show energy"),
     ),
     Entry(
         name="what-if",
         where="sim.cli.recordings:what_if",
-        summary="Ask what would have been: other advice for a recorded drive, or its day driven anew.",
+        summary="Try a what-if: other advice for a recorded drive, or its run simulated again.",
         examples=(
             "das-sim what-if run.mcap --level l1 -o l1.mcap",
             "das-sim what-if run.mcap --advice guide --restriction 20-22:80",
@@ -121,7 +121,7 @@ ENTRIES: Final = (
     Entry(
         name="list",
         where="sim.cli.listing:listing",
-        summary="List scenarios, drivers, presentations, studies, measures, importers; also of other packages.",
+        summary="List scenarios, drivers, presentations, studies, measures and importers, including plug-ins.",
         examples=("das-sim list", "das-sim list scenarios", "das-sim list drivers --json"),
     ),
     Entry(
@@ -150,8 +150,8 @@ GONE: Final = {
 }
 """Former commands, each with what to run instead."""
 ABOUT: Final = (
-    "Replay a train's trip, or simulate a day, against a live advice node; record it and look at it.\n\n"
-    "Without a command, das-sim replays the bundled recording, drives its trip with the guide, and compares the two."
+    "Replay a train's trip, or simulate a run, with a live advice node; record and review it.\n\n"
+    "Without a command, das-sim replays the bundled recording, simulates its trip with the guide, and compares the two."
 )
 
 

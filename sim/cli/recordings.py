@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 MOST_FIELDS = 12
 """Most fields shown of the first message that differs."""
 WAYS = {
-    WhatIfKind.OPEN_LOOP: "the recorded drive, and the advice that it would have had",
-    WhatIfKind.DRIVEN_ANEW: "the recorded day, driven by a simulated driver",
+    WhatIfKind.OPEN_LOOP: "the recorded drive, with the advice that it would have received",
+    WhatIfKind.DRIVEN_ANEW: "the recorded run, driven by a simulated driver",
 }
 """Recorded and recomputed parts of each kind of what-if."""
 FROM_A_DRIVE = (
@@ -114,9 +114,9 @@ def _print_saved(found: Recovered) -> None:
     for line in found.losses():
         tell(line)
     if found.health.sound:
-        tell("nothing was wrong with this recording")
+        tell("this recording is intact")
     elif not found.losses():
-        tell("it was cut off between two records: all that was written is saved")
+        tell("it was cut off between two records: everything written is saved")
     tell(f"saved: {found.messages} messages up to {utc(found.last_ns)} UTC, {found.attachments} attached files")
     tell(f"written: {found.out}")
 
@@ -127,7 +127,7 @@ def reproduce(
     of_train: OfTrainOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Feed a recording to this version's cab again, and compare its messages with the recorded ones.
+    """Feed a recording to the cab of this version, and compare its messages with the recorded ones.
 
     The exit code is 1 where something differs, 0 where nothing does.
     """
@@ -136,7 +136,7 @@ def reproduce(
         from sim.runs.reproduce.reproduce import reproduce as run
 
         warm_up()
-    with progress_bar(f"hearing {file.name} again", "solving the first section", "messages") as progress:
+    with progress_bar(f"replaying {file.name}", "solving the first section", "messages") as progress:
         found = run(file, progress, train=of_train, node=said.node, tables=said.tables)
     if as_json:
         print(json.dumps(found.as_dict()))
@@ -153,7 +153,7 @@ def _print_reproduction(found: Reproduction) -> None:
         tell(f"note: {note}")
     differences = found.comparison.differences
     if not differences:
-        tell("today's cab says the same")
+        tell("today's cab gives the same messages")
         return
     tell(f"{len(differences)} messages differ; the first:")
     _print_first(differences[0], found)
@@ -191,13 +191,13 @@ def export(
     end: ToTimeOption = None,
     trim_ends: Annotated[
         bool,
-        typer.Option("--trim-ends", help="Leave out what was before the train first moved and after it last did."),
+        typer.Option("--trim-ends", help="Leave out the time before the train first moved and after it last moved."),
     ] = False,
     anonymous: Annotated[
         bool,
         typer.Option(
             "--anonymous",
-            help="Leave out who and where: names, texts, places on the map, the day, the zero of the route.",
+            help="Remove identifying data: names, texts, coordinates, the date, the zero of the route.",
         ),
     ] = False,
     kind: Annotated[str, typer.Option("--format", metavar="FORMAT", help="parquet, csv or both.")] = "both",
@@ -221,7 +221,7 @@ def export(
         print(json.dumps({"folder": str(found.folder), "rows": found.rows, "files": found.files}))
         return
     paragraph("rows: " + ", ".join(f"{name} {rows}" for name, rows in found.rows.items()))
-    tell(f"written: {found.files} files in {found.folder}; columns.csv says what each column is")
+    tell(f"written: {found.files} files in {found.folder}; columns.csv explains each column")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,13 +240,13 @@ class WhatIfAsked:
         ),
     ] = None
     without_restrictions: Annotated[
-        bool, typer.Option("--without-restrictions", help="Leave out the restrictions that were told on the day.")
+        bool, typer.Option("--without-restrictions", help="Leave out the announced restrictions.")
     ] = False
     anew: Annotated[
         bool | None,
         typer.Option(
             "--driven-anew/--open-loop",
-            help="Drive the day again, or keep the drive as it was [default: again if a driver or display is named].",
+            help="Simulate the run again, or keep the recorded drive [default: again if a driver or display is named].",
         ),
     ] = None
 
@@ -266,13 +266,13 @@ def what_if(
     said: NodeSaid,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Recording (.mcap) to write [default: beside the old one]."),
+        typer.Option("--out", "-o", metavar="FILE", help="Recording (.mcap) to write [default: next to the old one]."),
     ] = None,
     overwrite: OverwriteOption = False,
     of_train: OfTrainOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Ask what would have been: other advice for a recorded drive, or its day driven anew; into a new recording.
+    """Try a what-if in a new recording: other advice for a recorded drive, or its run simulated again.
 
     What no option changes stays as it was. Without any change, the new recording holds the same messages.
     """
@@ -304,9 +304,12 @@ def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
         anew = new.driven.asks_for_a_driver or not origin.has_advice
     if anew:
         return WhatIfKind.DRIVEN_ANEW
-    refuse_given("no driver drives in an open loop", "--driver", "--friction", "--participant", "--population")
+    refuse_given("there is no driver in an open loop", "--driver", "--friction", "--participant", "--population")
     if new.driven.advice not in (None, Presentation.GUIDE, Presentation.SPEED_AND_EFFORT):
-        refuse_given("no display in an open loop: expected guide or speed-and-effort, or --driven-anew", "--advice")
+        refuse_given(
+            "there is there is no display in an open loop: expected guide or speed-and-effort, or --driven-anew",
+            "--advice",
+        )
     return WhatIfKind.OPEN_LOOP
 
 
@@ -323,13 +326,13 @@ def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeS
     if kind is WhatIfKind.OPEN_LOOP:
         from sim.runs.what_if.open_loop import advise_otherwise
 
-        with progress_bar(f"hearing {origin.path.name} again", "solving the first section", "messages") as progress:
+        with progress_bar(f"replaying {origin.path.name}", "solving the first section", "messages") as progress:
             return advise_otherwise(origin, new, said, out, progress)
     from sim.runs.what_if.anew import day_again, drive_again
 
-    refuse_given("a day driven anew solves its sections", "--tables")
+    refuse_given("a run driven anew solves its sections", "--tables")
     if origin.is_simulated:
-        refuse_given("the day of a simulation is driven anew by its scenario", "--node")
+        refuse_given("a simulated run is driven anew by its scenario", "--node")
     with busy("solving the sections …"):
         again = day_again(origin, new, said.node)
     with (

@@ -81,10 +81,11 @@ class NewNote:
 
     note: Annotated[
         str | None,
-        typer.Option("--note", metavar="TEXT", help="Note to keep beside the recording, about the time --at."),
+        typer.Option("--note", metavar="TEXT", help="Note to save next to the recording, about the time --at."),
     ] = None
     at: Annotated[
-        str | None, typer.Option("--at", metavar="TIME", help="When: 12:34 on the drive's clock, or 08:16:34Z.")
+        str | None,
+        typer.Option("--at", metavar="TIME", help="Time of the note: 12:34 on the drive's clock, or 08:16:34Z."),
     ] = None
 
     def add(self, files: Sequence[Path]) -> None:
@@ -110,16 +111,14 @@ BesideOption = Annotated[
     typer.Option(
         "--beside",
         metavar="FILE",
-        help="Recording of another drive on the line, whose speed is drawn under this one's.",
+        help="Recording of another drive on the line, drawn below this one.",
     ),
 ]
 SaveOption = Annotated[
     Path | None,
     typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
 ]
-LanguageOption = Annotated[
-    Language, typer.Option("--language", help="The language of what the driver's display shows.")
-]
+LanguageOption = Annotated[Language, typer.Option("--language", help="Language of the driver's display.")]
 SHOWN = 8
 """Stretches in the table of a comparison: those on which the drives differ most."""
 
@@ -136,16 +135,16 @@ def report(
     noted: NewNote,
     show: Annotated[
         list[ReportPart] | None,
-        typer.Option("--show", help="What to print of each drive; may be given several times [default: words]."),
+        typer.Option("--show", help="Part to print for each drive; may be repeated [default: words]."),
     ] = None,
     table: Annotated[
         Path | None,
-        typer.Option("--table", metavar="FILE", help="Table (.csv) of the drives that are compared: a row every 10 m."),
+        typer.Option("--table", metavar="FILE", help="Table (.csv) of the compared drives: a row every 10 m."),
     ] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a report about recorded drives: one page for an instructor, then figures, pictures and what happened."""
+    """Write a report on recorded drives: one page for an instructor, then figures, pictures and events."""
     parts = tuple(show or (ReportPart.WORDS,))
     paged = any(path is not None for path in written.paths)
     _check_asked(files, parts, listed, table)
@@ -177,9 +176,9 @@ def report(
 def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, table: Path | None) -> None:
     """Raise DasError for options that would have no effect."""
     if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
-        raise DasError("--kind, --from and --to choose events: expected --show events or --show bookmarks beside them")
+        raise DasError("--kind, --from and --to choose events: expected --show events or --show bookmarks with them")
     if table is not None and len(files) < 2:
-        raise DasError("--table: expected two recordings or more, of which the first is the one to compare with")
+        raise DasError("--table: expected two or more recordings; the others are compared with the first")
 
 
 def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
@@ -217,7 +216,7 @@ def _print_events(drive: Drive, wanted: Filter) -> None:
 
     clock, found = drive.table.clock, wanted.choose(drive.events)
     if not drive.recording.complete:
-        tell(f"{drive.recording.path}: this recording was cut off; these are the events before that")
+        tell(f"{drive.recording.path}: this recording was cut off; these are the events until then")
     if not found:
         tell(f"no such events among {len(drive.events)}")
         return
@@ -313,13 +312,13 @@ def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     ]
     if not parted:
         return
-    title = f"where {aligned.drives[index].label} parts from the first"
+    title = f"where {aligned.drives[index].label} differs from the first"
     table = new_table(title, (), ("from", "to", "time, s", "drawn, kWh", "lost, kWh"), lines=True)
     most = sorted(parted, key=lambda one: -abs(one.lost_j))[:SHOWN]
     for one in sorted(most, key=lambda one: one.start_m):
         numbers = (f"{one.time_s:+.1f}", f"{kwh(one.energy_j):+.2f}", f"{kwh(one.lost_j):+.2f}")
         table.add_row(place_text(one.start_m), place_text(one.end_m), *numbers)
-    print_table(table, {"drawn": "at the current collector", "lost": "without what went into the train's speed"})
+    print_table(table, {"drawn": "at the current collector", "lost": "without the train's kinetic energy"})
 
 
 def view(

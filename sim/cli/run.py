@@ -165,7 +165,7 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
     if in_process:
         raise DasError("--driver external: a run --in-process has no bus")
     if bus is not None:
-        refuse_given("with --bus the bus file says where the run listens", "--driver-at")
+        refuse_given("with --bus the bus file sets where the run listens", "--driver-at")
     return DEFAULT_DRIVER_AT if endpoint is None else endpoint
 
 

@@ -38,7 +38,7 @@ def trip(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Look at a recorded trip: what was cleaned, how it fits the line, where it stood, its energy, its train."""
+    """Analyse a recorded trip: cleaning, match with the line, standstills, energy, train."""
     check_picture(plot)
     inputs = (file, options.route, options.vehicle, options.posts, options.loss_map)
     check_outputs(out, plot, inputs=inputs, overwrite=overwrite)
@@ -64,7 +64,7 @@ def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
 
     for name, value in (("--vehicle", options.vehicle), ("--loss-map", options.loss_map)):
         if value is not None:
-            raise DasError(f"{name} {value}: expected either {name} or --vehicles, which looks for the train")
+            raise DasError(f"{name} {value}: expected either {name} or --vehicles, which finds the train")
     return candidates(vehicles)
 
 
@@ -131,7 +131,7 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
 
     with busy("reading the trip and solving its section …"):
         job = prepare(trip, options, out, typed_command())
-    with busy("estimating the energy of the trip, and how well it is known …"):
+    with busy("estimating the energy of the trip and its uncertainty …"):
         energies = trip_energies(job)
     with (
         naming_recorded(out),

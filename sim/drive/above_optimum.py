@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NOT_COMPARABLE: Final = "not comparable"
 """Text that every command prints if it cannot state the energy above the optimum."""
-SAID_BY_THE_RECORDING: Final = "the recording says that its trip and the optimum cannot be compared"
+SAID_BY_THE_RECORDING: Final = "according to the recording, its trip and the optimum cannot be compared"
 """Why, by a recording that is older than `Saving.not_comparable`."""
 NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the stops"
 """Why, for a drive without a departure from one stop and an arrival at another."""

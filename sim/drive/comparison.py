@@ -194,7 +194,7 @@ class AlignedDrives(Summary):
         low_m = max(float(drive.s_m[0]) for drive in drives)
         high_m = min(float(drive.s_m[-1]) for drive in drives)
         if high_m - low_m < step_m:
-            raise DasError("the drives have no way in common, so that there is nothing to compare")
+            raise DasError("the drives have no part of the line in common, so they cannot be compared")
         s_m, limit_mps = _rows(drives[0].drive, low_m, high_m, step_m)
         speed = np.array([drive.at(s_m, drive.speed_mps) for drive in drives])
         own = same_brakes([drive.drive for drive in drives])
@@ -423,7 +423,7 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
     if other.train != first.train:
         told.append(f"They are different trains: {first.train} and {other.train}.")
     elif other.drive.table.inputs.vehicle.mass_kg != first.drive.table.inputs.vehicle.mass_kg:
-        told.append("They have the same train, but of another mass.")
+        told.append("They have the same train, but with different masses.")
     told += energy_sentences(aligned, index)
     advised = aligned.first_different_advice(index)
     if advised is None:

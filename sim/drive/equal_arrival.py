@@ -32,7 +32,7 @@ SAME_BRAKES: Final = {
 """Conditions of a difference if both drives have the same brakes; the key tells whether their energy was measured."""
 OTHER_BRAKES: Final = (
     "The brakes or the sources of the energies differ, so that both are estimates for the planned train with motors "
-    "that brake first: what friction brakes took is in neither."
+    "that brake first; neither includes friction braking."
 )
 """Conditions of a difference if the drives have other brakes."""
 
@@ -149,7 +149,7 @@ def why_not_saved(first: Drive, other: Drive) -> str:
     """Why two drives do not tell what advice saved, in words; empty if they do."""
     runs = run_of(first), run_of(other)
     if not all(runs):
-        return "that takes two simulated runs of the same day, one of them without advice"
+        return "this needs two simulated runs with the same disturbances, one of them without advice"
     if _apart(runs, DAY) or _day(first) != _day(other):
         return "the days differ"
     if _apart(runs, DRIVER) or _drawn(first).get("human") != _drawn(other).get("human"):
@@ -157,7 +157,7 @@ def why_not_saved(first: Drive, other: Drive) -> str:
     if not same_brakes((first, other)):
         return "the brakes differ"
     if sum(run.get("advice") == Presentation.NONE for run in runs) != 1:
-        return "not exactly one of them was driven without advice"
+        return "exactly one of them must be driven without advice"
     return ""
 
 

@@ -216,7 +216,7 @@ def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
     return tuple(one for one in events if one.mark or one.kind is EventKind.NOTE)
 
 
-NOT_HEARD: Final = "the node is not heard"
+NOT_HEARD: Final = "no message from the node"
 
 
 class Span(NamedTuple):
@@ -375,7 +375,7 @@ def advice_events(table: DriveTable) -> Iterator[DriveEvent]:
         if told.mode is not Regime.NONE:
             last = bisect_right(made, time_ns) - 1
             new = last >= 0 and made[last] > since_ns
-            cause = f"new plan: {plans[last].cause}" if new else "the plan goes on"
+            cause = f"new plan: {plans[last].cause}" if new else "the plan continues"
             if guide is not None and guide.replan.time_ns > max(since_ns, replanned_ns):
                 cause = f"new plan: {REPLANS.get(guide.replan.cause, 'there was none before')}"
                 replanned_ns = guide.replan.time_ns
@@ -607,7 +607,7 @@ def stand_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[Dri
             continue
         yield DriveEvent(
             time_ns=arrived, end_ns=departed, kind=EventKind.STAND, s_m=stand.s_m,
-            text=f"stood for {lasted_s:.0f} s where there is no stop", facts={"lasted_s": lasted_s},
+            text=f"stood for {lasted_s:.0f} s outside stops", facts={"lasted_s": lasted_s},
         )  # fmt: skip
 
 
@@ -631,7 +631,7 @@ def top_speed_events(trip: DrivenCourse, top_mps: float) -> Iterator[DriveEvent]
     worst, lasted_s = max(spans, key=lambda one: one.over_mps), sum(one.lasted_s for one in spans)
     often = "" if len(spans) == 1 else f" in all, {times_text(len(spans))}"
     text = (
-        f"up to {kmh(worst.over_mps):.0f} km/h faster than the vehicle file says the train can go "
+        f"up to {kmh(worst.over_mps):.0f} km/h above the top speed in the vehicle file "
         f"({kmh(top_mps):.0f} km/h) for {lasted_s:.0f} s{often}: is it the right train?"
     )
     facts = {"top_speed_mps": top_mps, "over_kmh": kmh(worst.over_mps), "lasted_s": lasted_s, "times": len(spans)}
@@ -708,7 +708,7 @@ def decision_events(table: DriveTable) -> Iterator[DriveEvent]:
                 text = f"{advice} is followed after a reaction of {after.value:.1f} s" if follows else text
             yield DriveEvent.on(trip, EventKind.DRIVER, one.time_ns, text, **facts)
         elif one.kind == "lapse":
-            text = f"attention is away for {one.value:.0f} s, unless the train warns"
+            text = f"inattention for {one.value:.0f} s, unless the train warns"
             end_ns = one.time_ns + round(one.value / NS)
             yield DriveEvent.on(trip, EventKind.DRIVER, one.time_ns, text, end_ns=end_ns, away_s=one.value)
 

@@ -1,7 +1,6 @@
-"""The figures of a drive that are no times at stops and no energies, each with its name, value, unit and words once.
-
-A run that was just driven counts them as it goes; of a recording they are counted from its table. JSON has the names
-and values, tables have the labels and words.
+"""The figures of a drive other than times at stops and energies, each defined once with name, value, unit and words. A
+simulated run counts them while it is driven; for a recording they are counted from its table. JSON contains names and
+values, tables contain labels and words.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from sim.recording.course import known
 class DriveFigure(NamedTuple):
     """A figure: its name for programs, its value (None: there is none) and unit, and its label and words for people.
 
-    A figure without a label is for programs alone, one without a name for people.
+    A figure without a label is only for programs, one without a name only for people.
     """
 
     name: str
@@ -34,7 +33,7 @@ class DriveFigure(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class DriveFigures:
-    """How signals and limits were kept, how stable the advice shown was, and how the guide kept to its grammar."""
+    """Compliance with signals and limits, stability of the advice shown, and adherence of the guide to its grammar."""
 
     violations: Violations
     stability: AdviceStability
@@ -50,7 +49,7 @@ class DriveFigures:
         return {one.name: one.value for one in self.listed if one.name}
 
     def rows(self) -> list[tuple[str, str]]:
-        """Labels and words for tables; nothing of a display or a guide that said nothing."""
+        """Labels and words for tables; without those of a blank display or an absent guide."""
         return [(one.label, one.words) for one in self.listed if one.label]
 
 
@@ -88,7 +87,7 @@ def _of_guide(found: InstructionFigures) -> Iterator[DriveFigure]:
     yield DriveFigure("odd_speeds", found.odd_speeds)
     yield DriveFigure("standing_acceleration_s", found.standing_s, "s")
     yield part("", "  instructions against the grammar", found.against_grammar, found.instructions)
-    yield part("promises_kept_ratio", "  announced changes that came", relied.kept, relied.promised)
+    yield part("promises_kept_ratio", "  announced changes kept", relied.kept, relied.promised)
     yield DriveFigure("above_limit_obeying_s", relied.above_limit_s, "s")
     yield DriveFigure("hidden_limits", relied.hidden_limits)
     yield DriveFigure("last_word_acts", relied.replaced)

@@ -1,8 +1,8 @@
 """A drive as one table of columns, read once from its recording.
 
-A row is a moment at which the train, the node or the cab said something: usually one a second. A column has the name
-of its topic in front, as in the tables of `das-sim export` (`advice_mode`, `cab_lever_ratio`); where its topic said
-nothing at that moment, it has NaN, 0 or None. Everything that tells of a drive reads this table, and no messages.
+A row is a moment with a message of the train, the node or the cab, usually one a second. The name of a column begins
+with its topic, as in the tables of `das-sim export` (`advice_mode`, `cab_lever_ratio`); without a message of its topic
+at that moment, its value is NaN, 0 or None. All evaluations of a drive read this table, and no messages.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ NUMBERS: Final[Mapping[Topic, str]] = {
 
 
 HOLDS_S: Final = 3.0
-"""Time (s) after its moment for which a message counts: messages come once a second, and two may be lost. A shorter
-event was not noticed, and one that came within it before a plan is its cause."""
+"""Time (s) for which a message remains valid: messages come once a second, and two may be lost. Shorter events are not
+detected, and an event within that time before a plan is its cause."""
 HOLDS_NS: Final = round(HOLDS_S / NS)
 """`HOLDS_S` in ns."""
 
@@ -71,7 +71,7 @@ class JourneyTold(NamedTuple):
 
 
 class PlanMade(NamedTuple):
-    """A plan of the node: when it was made (ns since 1970), positions (m), times from then (s) and speeds (m/s)."""
+    """A plan of the node: its time (ns since 1970), positions (m), times from then (s) and speeds (m/s)."""
 
     time_ns: int
     s_m: Floats
@@ -98,7 +98,7 @@ class TargetTold(NamedTuple):
 
 
 class LogLine(NamedTuple):
-    """A line that simulator or node logged: when (ns since 1970), its level, who logged it, and the text."""
+    """A log line of simulator or node: its time (ns since 1970), level, logger and text."""
 
     time_ns: int
     level: int
@@ -112,7 +112,8 @@ class LogLine(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What a simulated driver did or decided: when (ns since 1970), the kind (one of `KINDS`), and a number."""
+    """An action or decision of a simulated driver: its time (ns since 1970), its kind (one of `KINDS`), and a
+    number."""
 
     time_ns: int
     kind: str
@@ -121,10 +122,10 @@ class Decision(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Occasional:
-    """What was said now and then on a drive, each in order of time.
+    """The irregular messages of a drive, each kind in order of time.
 
     `simulator` and `node` are their logs, `marks_ns` the moments that a person at the desk marked (ns since 1970),
-    `places` times (ns), latitudes and longitudes (°) of the train, `saving` the energies that the recording states.
+    `places` times (ns), latitudes and longitudes (°) of the train, `saving` the energies stated in the recording.
     """
 
     journeys: tuple[JourneyTold, ...]
@@ -143,9 +144,9 @@ class Occasional:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DriveTable:
-    """A drive as columns of shape (rows,) by name, with what was said now and then beside them (`said`).
+    """A drive as columns of shape (rows,) by name, with the irregular messages in `said`.
 
-    `time_ns` (ns since 1970) rises; `spoke` tells for each topic in which rows it has a message. `recording` is the
+    `time_ns` (ns since 1970) rises; `spoke` marks for each topic the rows in which it has a message. `recording` is the
     file's head: its name, metadata and attached files. `given`: line and train, if the recording lacks them.
     """
 
@@ -177,39 +178,40 @@ class DriveTable:
         )
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """A column; KeyError if there is none of that name."""
+        """A column; KeyError if there is none with that name."""
         return self.columns[name]
 
     def of_topic(self, topic: str, *names: str) -> tuple[NDArray[Any], ...]:
-        """The times (ns since 1970) at which a topic spoke, and columns of it there, each of shape (messages,)."""
+        """The times (ns since 1970) of a topic's messages, and columns of it at these times, each of shape
+        (messages,)."""
         rows = self.spoke[topic]
         return self.time_ns[rows], *(self.columns[f"{topic}_{name}"][rows] for name in names)
 
     def has(self, topic: str) -> bool:
-        """Whether a topic ever spoke."""
+        """Whether a topic has any message."""
         return bool(self.spoke[topic].any())
 
     @property
     def run(self) -> Mapping[str, str]:
-        """How the drive came about, as its recording says; empty if it does not."""
+        """The origin of the drive, as stated in its recording; empty if it is not stated."""
         return as_now_called(self.recording.metadata.get("run", {}))
 
     @property
     def own_timetable(self) -> bool:
-        """Whether the times of the journey are those of the drive itself: nobody gave a timetable for its replay."""
+        """Whether the times of the journey are those of the drive itself (a replay without a timetable)."""
         return own_timetable(self.recording)
 
     @cached_property
     def course(self) -> DrivenCourse:
-        """Where the train was, and how fast; DasError for a recording without positions."""
+        """The positions and speeds of the train; DasError for a recording without positions."""
         return DrivenCourse.of(self.recording)
 
     @cached_property
     def received(self) -> DrivenCourse | None:
         """The positions that the node received; None if there are none, or if a simulator recorded the true ones.
 
-        The recorded truth of a replay is only a smooth estimate, one state a second: the positions that its node
-        received show better when the train stood.
+        The recorded truth of a replay is only a smooth estimate, one state a second: the positions received by its node
+        show standstills better.
         """
         if self.knows_truth or not self.has("position"):
             return None
@@ -249,12 +251,12 @@ class DriveTable:
 
     @property
     def zone(self) -> tzinfo:
-        """The time zone of the line; UTC where the line is not known."""
+        """The time zone of the line; UTC if the line is not known."""
         return UTC if self.known_inputs is None else self.known_inputs.route.zone
 
     @property
     def journey(self) -> JourneyTold | None:
-        """The journey that the node received last; None if it received none."""
+        """The last journey received by the node; None if there is none."""
         return self.said.journeys[-1] if self.said.journeys else None
 
     @property
@@ -269,7 +271,8 @@ def _display(presentations: NDArray[Any]) -> Presenter:
 
 
 def _objects(recording: Recording, topic: Topic) -> dict[str, NDArray[Any]]:
-    """The columns of a topic that are no numbers: what a display shows of each advice, why, and what the cab shows."""
+    """The columns of a topic other than numbers: the display's content for each advice, its reason, and the cab's
+    content."""
     messages = [entry.message for entry in recording.of(topic)]
     if topic is topics.CAB:
         views: list[AdviceView | None] = [recorded_view(one) for one in messages]

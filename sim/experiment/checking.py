@@ -37,7 +37,7 @@ def idle_factors(design: Design) -> Iterator[str]:
     if all(one.presentation is Presentation.NONE for one in settings):
         for name in OF_DISPLAY:
             if name in names:
-                yield f"factor {name}: the display shows nothing (presentation none), so no driver can sense it"
+                yield f"factor {name}: the display is blank (presentation none), so the factor has no effect"
     people = [one for one in settings if one.driver is DriverKind.HUMAN]
     if "friction" in names and not people and all(isinstance(one.driver, DriverKind) for one in settings):
         yield "factor friction: only the human driver has a choice of brakes"
@@ -162,9 +162,7 @@ def group_notes(design: Design) -> list[str]:
         "many more participants than a paired comparison"
     ]
     if design.procedure.days is not Days.COMMON:
-        said.append(
-            "the groups meet different days, and luck with days is part of the noise (procedure.days = 'common')"
-        )
+        said.append("the groups have different runs, which adds noise (procedure.days = 'common')")
     return said
 
 

@@ -1,8 +1,8 @@
 """The design of an experiment: factors, participants, order, measures and planned comparisons, and the file it is in.
 
 The format: docs/reference/experiments.md. A design is frozen in its study's folder as JSON with the same keys, every
-default written out, and with its hash, which shows whether anything in it was changed afterwards. The frozen form is
-read by the same functions; it needs no file besides itself.
+default written out, and with its hash, which reveals later changes. The frozen form is read by the same functions,
+without any other file.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from sim.experiment.measures import BUNDLED, MEASURES
 from sim.recording.inputs import sha256
 
 DESIGN_TEXT: Final = "design.toml"
-"""The frozen design as the user wrote it, with its comments."""
+"""The frozen design as written by the user, with its comments."""
 DESIGN_JSON: Final = "design.json"
 """The frozen design: every default written out, the hashes of its files, and the hash of all that."""
 DEFAULT_ALPHA: Final = 0.05
@@ -47,24 +47,25 @@ class ConditionOrder(StrEnum):
     """The order in which a participant drives the conditions."""
 
     WILLIAMS = "williams"
-    """Each participant takes a row of a Williams square, in whose rows together conditions follow each other alike."""
+    """Each participant is assigned a row of a Williams square, in which every condition follows every other equally
+    often."""
     FULL = "full"
-    """The participants take all permutations in turn."""
+    """The participants are assigned all permutations in turn."""
     RANDOM = "random"
-    """Each participant has an order of their own, drawn by the seed of the design."""
+    """Each participant has an individual order, drawn with the seed of the design."""
     LISTED = "listed"
     """All participants drive the conditions in the order of the design."""
 
 
 class Days(StrEnum):
-    """Which simulated days the trials take place on."""
+    """The assignment of simulated days (seeds) to trials."""
 
     OWN = "own"
-    """Every participant has days of their own, one for each repetition, and drives each under every condition."""
+    """Every participant has individual days, one for each repetition, and drives each under every condition."""
     COMMON = "common"
     """All participants drive the same days, one for each repetition, each under every condition."""
     NEW = "new"
-    """Every trial is on a day of its own."""
+    """Every trial has its own day."""
 
 
 class Chances(StrEnum):
@@ -73,14 +74,14 @@ class Chances(StrEnum):
     NEW = "new"
     """Redrawn for every trial, as with people."""
     PAIRED = "paired"
-    """The same for all trials of a participant on one day, which takes chance out of comparisons."""
+    """The same for all trials of a participant on one day, which removes their effect from comparisons."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedComparison:
-    """A comparison that was planned before the run: `measure` at level `a` of `factor` minus `measure` at level `b`.
+    """A planned comparison: `measure` at level `a` of `factor` minus `measure` at level `b`.
 
-    `where` fixes the levels of other factors. A factor that it does not name enters with all its levels.
+    `where` fixes the levels of other factors. Factors that are not named enter with all their levels.
     """
 
     name: str
@@ -92,7 +93,7 @@ class PlannedComparison:
 
     @property
     def title(self) -> str:
-        """The name of the comparison; its contrast where the design gave it no name of its own."""
+        """The name of the comparison; its contrast if the design states no name."""
         return self.contrast() if self.name.startswith(f"{self.measure}: ") else self.name
 
     def contrast(self, between: str = ", ") -> str:
@@ -110,13 +111,13 @@ class Factor:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The levels as tables write them."""
+        """The texts of the levels in tables."""
         return tuple(level.text for level in self.levels)
 
 
 @dataclass(frozen=True, kw_only=True)
 class People:
-    """The participants: how many, from which number of the population on, and how practised they are.
+    """The participants: their number, the first number in the population, and their practice.
 
     With `average`, the only one has the default of every parameter, as in `das-sim run`, instead of being drawn. With
     `learning`, a participant has made `trips_before` trips before the first trial, and each trial counts as one more.
@@ -135,7 +136,7 @@ class Procedure:
     """The procedure for a participant: order, repetitions of all conditions, practice trials, breaks, days, chances.
 
     After every `break_after` trials (0: never) there is a break of `break_s`, and another session begins. `seeds` are
-    those of common days, one for each repetition; they are drawn where it is empty.
+    those of common days, one for each repetition; they are drawn if it is empty.
     """
 
     order: ConditionOrder = ConditionOrder.WILLIAMS
@@ -150,10 +151,11 @@ class Procedure:
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """An experiment: its factors, what is the same for all trials, its participants, their procedure, and its analysis.
+    """An experiment: its factors, the fixed settings of all trials, its participants, their procedure, and its
+    analysis.
 
     `fixed` has the level of each factor that does not vary, by name; a train or loss level that is neither fixed nor a
-    factor is the scenario's. `seed` decides everything that is drawn; `source` is the design's file. `measures` are
+    factor is the scenario's. `seed` determines all random draws; `source` is the design's file. `measures` are
     analysed; `comparisons` were planned, and their p are corrected for their number by `correction`. `hash` is that of
     a frozen design, and empty for a design that was read from the user's file.
     """
@@ -187,7 +189,7 @@ class Design:
 
     @property
     def planned(self) -> Counter[tuple[str, str]]:
-        """How many trials without practice are planned, by participant and condition.
+        """The number of planned trials without practice, by participant and condition.
 
         A condition is the texts of the levels of all factors, in the order of the design, with spaces between them.
         """
@@ -204,7 +206,8 @@ class Design:
         return " ".join(condition[one.name].text for one in self.factors)
 
     def setting(self, condition: Mapping[str, FactorLevel]) -> Setting:
-        """How a trial under a condition is driven; a factor that the condition does not name keeps its fixed level."""
+        """The setting of a trial under a condition; factors that the condition does not name keep their fixed
+        levels."""
         values: dict[str, Any] = {name: level.value for name, level in (dict(self.fixed) | dict(condition)).items()}
         of_human = sorted(name for name in values if name.startswith(OF_HUMAN))
         human = tuple((name.removeprefix(OF_HUMAN), values.pop(name)) for name in of_human)
@@ -217,7 +220,7 @@ class Design:
 
 
 def bundled_studies() -> dict[str, Path]:
-    """The design of each study that comes with the program, by name."""
+    """The designs of the bundled studies, by name."""
     return bundled_files("sim.experiment", "studies")
 
 
@@ -269,7 +272,7 @@ class _Vocabulary:
 
 
 def as_text(level: object) -> str:
-    """A level as the table of trials writes it; equal numbers give the same text."""
+    """The text of a level in the table of trials; equal numbers give the same text."""
     if isinstance(level, bool):
         return str(level).lower()
     try:
@@ -336,7 +339,7 @@ def _factors(fields: Fields, known: _Vocabulary) -> tuple[Factor, ...]:
 
 
 def _fixed(table: Fields, factors: tuple[Factor, ...], known: _Vocabulary) -> dict[str, FactorLevel]:
-    """What is the same for all trials, defaults included; InputError for a factor that varies as well."""
+    """The fixed settings of all trials, defaults included; InputError for a factor that also varies."""
     if known.factors:
         table.check_keys(known.factors)
     for factor in factors:

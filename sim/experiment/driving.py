@@ -223,7 +223,7 @@ def _day(trial: StudyTrial, who: Participant | None) -> Day:
         return _with_parameters(day, trial.setting)
     if "trips" in day.service.scenario.human.given:
         source = day.service.scenario.source
-        raise DasError(f"{source}: human.trips: expected no trips here, because the design counts them (learning)")
+        raise DasError(f"{source}: human.trips: expected none, because the design counts trips (learning)")
     return _with_parameters(replace(day, human=day.human.after(trial.trips)), trial.setting)
 
 

@@ -1,4 +1,4 @@
-"""The setting of a trial, and the factors of it that an experiment can vary: what each means, and its levels."""
+"""The setting of a trial, and the factors that an experiment can vary, with their meanings and levels."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from sim.world.service import scenario_files
 
 LONGEST_PREVIEW_S: Final = 3600.0
 OF_HUMAN: Final = "human_"
-"""Factors whose names begin so are parameters of the human driver, which are then the same for all participants."""
+"""Prefix of factors that are parameters of the human driver, which are then the same for all participants."""
 
 
 def study_days() -> dict[str, Path]:
-    """The scenario files that come with the bundled studies, by name."""
+    """The scenario files of the bundled studies, by name."""
     folder = Path(str(files("sim.experiment") / "studies" / "days"))
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
@@ -39,12 +39,11 @@ def day_of(name_or_path: str) -> Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """How a trial is driven.
-
-    `loss_level` is the level of losses that the advice is planned with (None: the train's own); the losses of the true
+    """The setting of a trial. `loss_level` is the level of losses used to plan the advice (None: the train's own); the
+    losses of the true
     train do not change with it. `scenario` and `train` are names of bundled files or paths; `train` None is the
-    scenario's train. Times are in s; `preview_s` is infinite if the display shows everything ahead. `human` has
-    parameters of a human driver that are not the participant's own, by name.
+    scenario's train. Times are in s; `preview_s` is infinite if the display shows everything ahead. `human` contains
+    parameters of a human driver that replace the participant's own, by name.
     """
 
     scenario: str = "clear-day"
@@ -61,7 +60,7 @@ class Setting:
 
     @property
     def screen(self) -> ScreenSettings:
-        """How the display shows the advice."""
+        """The settings of the display."""
         return ScreenSettings(
             update_interval_s=self.update_interval_s,
             hold_s=self.hold_s,
@@ -75,7 +74,7 @@ class Setting:
         return scenario if self.train is None else replace(scenario, vehicle=self.train, load=None)
 
     def figures(self) -> dict[str, Any]:
-        """Every field as JSON takes it; an infinite preview is None."""
+        """Every field in a form for JSON; an infinite preview is None."""
         found = {name: getattr(self, name) for name in self.__dataclass_fields__}
         found |= {name: str(found[name]) for name in ("driver", "presentation", "friction")}
         found["loss_level"] = None if self.loss_level is None else str(self.loss_level)
@@ -101,7 +100,7 @@ class FactorLevel:
 
 @dataclass(frozen=True, kw_only=True)
 class KnownFactor:
-    """A factor that experiments may vary: its name, what it means, its unit, and what its levels may be.
+    """A factor that experiments may vary: its name, meaning, unit and allowed levels.
 
     `read` makes a level from a table, a key and the value under it, and raises InputError for a value that is not
     allowed.
@@ -196,25 +195,25 @@ FACTORS: Final = {
     for one in (
         KnownFactor(
             name="presentation", title="Presentation", unit="", read=_choice(Presentation),
-            meaning="how much of the same advice the display shows", expected=", ".join(Presentation),
+            meaning="content of the display, for the same advice", expected=", ".join(Presentation),
         ),
         KnownFactor(
             name="loss_level", title="Loss level of the advice", unit="", read=_choice(Level),
-            meaning="the losses that the advice is planned with; the true train keeps its own",
+            meaning="losses used to plan the advice; the true train keeps its own",
             expected=", ".join(Level),
         ),
         KnownFactor(
             name="update_interval_s", title="Update interval", unit="s", read=_seconds(LONGEST_S),
-            meaning="the display takes new advice only this often", expected=f"0 to {LONGEST_S:g} s",
+            meaning="update interval of the display", expected=f"0 to {LONGEST_S:g} s",
         ),
         KnownFactor(
             name="hold_s", title="Hold time", unit="s", read=_seconds(LONGEST_S),
-            meaning="what the display shows stays for at least this long, unless it is advice to brake",
+            meaning="minimum display time, except for advice to brake",
             expected=f"0 to {LONGEST_S:g} s",
         ),
         KnownFactor(
             name="preview_s", title="Preview", unit="s", read=_seconds(LONGEST_PREVIEW_S, or_all=True),
-            meaning="how far ahead the display shows what comes",
+            meaning="length of the display's preview",
             expected=f'0 to {LONGEST_PREVIEW_S:g} s, or "all"',
         ),
         KnownFactor(
@@ -223,12 +222,12 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="friction", title="Friction policy", unit="", read=_choice(FrictionPolicy),
-            meaning="which brake a human driver uses where the motors could brake", expected=", ".join(FrictionPolicy),
+            meaning="brake of a human driver if the motors could brake", expected=", ".join(FrictionPolicy),
         ),
         KnownFactor(
             name="scenario", title="Scenario", unit="", read=_scenario,
-            meaning="the line, the timetable and what happens on the day",
-            expected="a bundled scenario, a day of the bundled studies, or a TOML file",
+            meaning="line, timetable and disturbances",
+            expected="a bundled scenario, a line of the bundled studies, or a TOML file",
         ),
         KnownFactor(
             name="train", title="Train", unit="", read=_train,
@@ -236,7 +235,7 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="driver", title="Driver", unit="", read=_driver,
-            meaning="who drives: a human, a perfect follower of the advice, or another simulated driver",
+            meaning="the driver: a human, a perfect follower of the advice, or another simulated driver",
             expected=f"{', '.join(DriverKind)}, or a class of your own",
         ),
         *map(_parameter, HumanParameters.__dataclass_fields__),

@@ -128,7 +128,7 @@ def _of_the_file(recording: Recording) -> Iterator[CheckFinding]:
         text = "the file was cut off: its recorder was killed, its disk was full, or it is still recording"
         yield CheckFinding(kind=CheckKind.CUT_OFF, text=text, time_ns=last_ns)
     for what in health.unchecked:
-        yield CheckFinding(kind=CheckKind.UNCHECKED, text=f"no checksum covers the {what}: damage would not be seen")
+        yield CheckFinding(kind=CheckKind.UNCHECKED, text=f"no checksum covers the {what}: damage would go unnoticed")
 
 
 def _topics(recording: Recording) -> Iterator[CheckFinding]:
@@ -178,7 +178,7 @@ def _stale(recording: Recording) -> Iterator[CheckFinding]:
     time_ns, age_s = _position_ages(recording)
     stale = np.nonzero(age_s > STALE_AFTER_S)[0]
     if len(stale):
-        text = f"{len(stale)} advice messages were given on a position older than {STALE_AFTER_S:g} s"
+        text = f"{len(stale)} advice messages were based on a position older than {STALE_AFTER_S:g} s"
         text += f", the oldest of {age_s.max():.1f} s"
         yield CheckFinding(kind=CheckKind.STALE, text=text, time_ns=int(time_ns[stale[0]]))
 
@@ -196,7 +196,7 @@ def _expired(recording: Recording) -> Iterator[CheckFinding]:
     late_s = (data["time_ns"][1:] - data["valid_until_ns"][:-1]) * NS
     expired = np.nonzero((data["mode"][:-1] != Regime.NONE) & (late_s > 0))[0]
     if len(expired):
-        text = f"{len(expired)} times advice had run out before the next came, by up to {late_s[expired].max():.1f} s"
+        text = f"{len(expired)} times advice expired before the next came, by up to {late_s[expired].max():.1f} s"
         yield CheckFinding(kind=CheckKind.EXPIRED, text=text, time_ns=int(data["valid_until_ns"][expired[0]]))
 
 
@@ -294,7 +294,7 @@ class Checked:
         clock = DriveClock.of_recording(self.recording)
         wrong = [_line(one, clock) for one in self.findings]
         count = f"{len(wrong)} finding{'s' if len(wrong) > 1 else ''}"
-        return [*noted, *wrong, count if wrong else "nothing is wrong with this recording"]
+        return [*noted, *wrong, count if wrong else "no fault was found in this recording"]
 
 
 def check_file(path: Path, train: str | None = None) -> Checked:
@@ -338,7 +338,7 @@ def _figure_rows(recording: Recording, found: Mapping[str, Any]) -> dict[str, st
     first_ns, last_ns = found["from_ns"], found["to_ns"]
     rows = {
         "train": recording.train,
-        "kind": "a node at work" if found["node_at_work"] else "a trip without a node",
+        "kind": "an active node" if found["node_at_work"] else "a trip without a node",
         "from, to (UTC)": f"{utc(first_ns)} – {utc(last_ns)[11:]}",
         "lasts": f"{(last_ns - first_ns) * NS:.0f} s",
         "size": f"{found['size_bytes'] / 1e6:.2f} MB, {found['messages']} messages",

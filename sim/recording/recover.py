@@ -46,7 +46,7 @@ class Recovered:
         if health.missing:
             lines.append(f"{health.missing} messages are missing, according to their sequence numbers")
         if self.undescribed:
-            lines.append(f"{self.undescribed} messages are left out: nothing says what their channels hold")
+            lines.append(f"{self.undescribed} messages are left out: their channels are not described")
         if health.cut_byte >= 0:
             lines.append(f"the last {health.size_bytes - health.cut_byte} bytes are a record without its end")
         for name in self.unchecked_metadata:

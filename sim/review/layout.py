@@ -42,7 +42,7 @@ LANES: Final = "/"
 TABS: Final = {
     "Over time": (
         Row("speed", 2.0),
-        Row(LANES, 0.6, lanes=DRIVING, title="What was said, and what the driving cost (kWh)"),
+        Row(LANES, 0.6, lanes=DRIVING, title="Display text, and energy cost of the driving (kWh)"),
         Row("lever", 1.2),
     ),
     "Energy": (Row("lost", 1.0), Row("energy", 1.0, "LeftTop")),
@@ -52,7 +52,7 @@ TABS: Final = {
         Row("deviation", 1.2, "RightTop"),
         Row("buffer", 0.9),
     ),
-    "What the node knows": (
+    "State of the node": (
         Row(LANES, 0.2, lanes=NODE, title="Modes advised, state of the node, and times without advice"),
         Row("estimate", 2.0, "RightTop"),
         Row("calibration", 2.0, "RightTop"),
@@ -100,7 +100,7 @@ def _cab(scene: ReviewScene) -> list[rrb.View]:
     )
     bounds = rrb.VisualBounds2D(x_range=(-EXTENT, EXTENT), y_range=(-EXTENT, 0.8 * EXTENT))
     quiet: dict[Any, Any] = {f"{DIAL}/{part}": rrb.EntityBehavior(interactive=False) for part in ("scale", "figures")}
-    words = rrb.TextDocumentView(origin=CAB_CARD, name="The display's words at the cursor")
+    words = rrb.TextDocumentView(origin=CAB_CARD, name="Text of the display at the cursor")
     return [rrb.Spatial2DView(origin=DIAL, name=name, visual_bounds=bounds, overrides=quiet), words]
 
 

@@ -153,7 +153,7 @@ def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> Non
 def send_attribution(out: rr.RecordingStream, scene: ReviewScene) -> None:
     """Send where the energy went in a scene with its energy attribution, or why it is not known."""
     lines, shown = Timelines.of_scene(scene), scene.attribution
-    why_not = f"Where the energy went is not known: {scene.drive.energy.why_no_attribution}."
+    why_not = f"The energy is not attributed: {scene.drive.energy.why_no_attribution}."
     out.log(ENERGY, rr.TextDocument(why_not if shown is None else shown.text, media_type=MARKDOWN), static=True)
     if shown is not None:
         for name in shown.series:

@@ -34,7 +34,7 @@ def summary(drive: Drive, filled_from: str = "") -> str:
     recording = drive.recording
     lines = [f"### Train {recording.train}", ""]
     if not recording.complete:
-        lines += ["**This recording was cut off; it holds what was written before.**", ""]
+        lines += ["**This recording was cut off; its end is missing.**", ""]
     lines += [f"**Damaged: {one}.**\n" for one in recording.health.damage]
     lines += [f"**{filled_from[0].upper()}{filled_from[1:]}.**\n"] if filled_from else []
     if len(recording.trains) > 1:

@@ -78,8 +78,8 @@ class FindingKind(StrEnum):
         return kind
 
     NO_TIME = "no_time", "no time", "dropped", True
-    NEWEST_FIRST = "newest_first", "newest point first", "turned round", True
-    OTHER_WAY = "other_way", "trip runs the other way", "driven the other way", True
+    NEWEST_FIRST = "newest_first", "newest point first", "reversed", True
+    OTHER_WAY = "other_way", "trip runs the other way", "replayed the other way", True
     DUPLICATE_TIME = "duplicate_time", "time given twice", "dropped", True
     TIME_BACK = "time_back", "time running back", "dropped", True
     NO_POSITION = "no_position", "no position", "dropped", True
@@ -91,9 +91,9 @@ class FindingKind(StrEnum):
     AFTER_SECTION = "after_section", "after the section", "cut", True
     LONG_STAND_AT_START = "long_stand_at_start", "long stand at the start", "cut"
     LONG_STAND_AT_END = "long_stand_at_end", "long stand at the end", "cut"
-    STANDING_DRIFT = "standing_drift", "position drifts while standing", "put together"
-    SLOWS_TO_STAND = "slows_to_stand", "slows down to a stand at an end of the record", "taken for a stand"
-    STEP_BACK = "step_back", "small step back", "made flat"
+    STANDING_DRIFT = "standing_drift", "position drifts while standing", "merged"
+    SLOWS_TO_STAND = "slows_to_stand", "slows down to a stand at an end of the record", "treated as a standstill"
+    STEP_BACK = "step_back", "small step back", "flattened"
     SPEED_MISSING = "speed_missing", "no usable speed", "speed from positions"
     SPEED_DROPOUT = "speed_dropout", "speed dropout", "speed from positions"
     SPEED_SPIKE = "speed_spike", "impossible speed", "speed from positions"

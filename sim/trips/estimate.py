@@ -1,8 +1,7 @@
 """The forces and the energy of a driven run, by inverse dynamics with a chosen vehicle.
 
-Positions do not tell which train it was, its mass, the wind, how motors and friction brake shared the braking (electric
-first is assumed), nor what the auxiliaries drew. So the figures are an estimate and are called so; `energy_range` says
-how far off they may be.
+Positions do not show the train, its mass, the wind, the shares of motors and friction brake (electric first is
+assumed), or the energy of auxiliaries. The figures are therefore estimates; `energy_range` gives their uncertainty.
 """
 
 from __future__ import annotations
@@ -35,14 +34,14 @@ from sim.trips.settings import (
 ESTIMATE_MIN_STEP_M: Final = 0.05
 """Distance (m) below which points count as one, at which the train stands."""
 ESTIMATE_MOST_DOUBT_RATIO: Final = 0.25
-"""Largest further doubt of mass and resistance for want of force: an empty or an overloaded train."""
+"""Largest additional uncertainty of mass and resistance due to missing force: an empty or an overloaded train."""
 ESTIMATE_SMOOTHING_RATIO: Final = 10.0
 """Factor by which the density of jerk may be higher or lower: the window shrinks or grows by a factor of 1.8."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown:
-    """Something unknown about the drive, and the energy at the collector (J) at both ends of its range.
+    """An unknown of the drive, and the energy at the collector (J) at both ends of its range.
 
     `assumed` is the range of the unknown, in words.
     """
@@ -73,7 +72,8 @@ class DrivenEstimate:
 
     `index[i]` is the point of the run at node i of the trajectory. `traction_n` and `brakes_n` are the largest forces
     of the vehicle at the speed of each interval, and `beyond` marks intervals in which the run needs more for 8 s; then
-    it was another train, or the positions are rough. `lacking_ratio` is the largest share of the force needed for 8 s
+    it was another train, or the positions are inaccurate. `lacking_ratio` is the largest share of the force needed for
+    8 s
     that the vehicle lacks.
     """
 
@@ -145,9 +145,8 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
 
 
 def _beyond(t: Floats, force_n: Floats, largest_n: Floats) -> tuple[NDArray[np.bool_], float]:
-    """Which intervals between times (s) lie in 8 s whose mean force (N) is above that of the largest forces.
-
-    With them, the largest share of such a mean force that is lacking.
+    """Mask of the intervals between times (s) in 8 s whose mean force (N) is above that of the largest forces, and the
+    largest missing share of such a mean force.
     """
     seconds = np.arange(t[0] + 0.5, t[-1], 1.0)
     here = np.searchsorted(t, seconds) - 1
@@ -177,7 +176,7 @@ def strongest_held_n(driven: DrivenEstimate, inferred: NDArray[np.bool_]) -> tup
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenCase:
-    """One possible truth about the drive; the defaults are what the estimate assumes."""
+    """One possible case of the drive; the defaults are those of the estimate."""
 
     mass_ratio: float = 1.0
     resistance_ratio: float = 1.0
@@ -192,18 +191,18 @@ class DrivenCase:
         ).train(vehicle)
 
     def brakes(self, section: Section) -> BrakePolicy:
-        """How the train braked in this case."""
+        """The braking of the train in this case."""
         return BrakePolicy.FRICTION if self.all_friction else section.brakes
 
 
 BRAKING = "braking"
-"""The name of one unknown: how motors and friction brake shared the braking."""
+"""The name of an unknown: the shares of motors and friction brake in braking."""
 
 MASS = "mass"
-"""The name of another: how heavy the train was."""
+"""The name of an unknown: the mass of the train."""
 
 RESISTANCE = "running resistance"
-"""The name of a third: how easily the train ran."""
+"""The name of an unknown: the resistance of the train."""
 
 _UnknownEnds = tuple[str, str, tuple[dict[str, Any], dict[str, Any]]]
 """The name of an unknown, its range in words, and the changes of a case at either end of the range."""
@@ -228,10 +227,10 @@ _DIGITS = 3
 
 
 def doubt(beyond_ratio: float, lacking_ratio: float) -> float:
-    """How much further mass and resistance may be off than those of a known train, as a share.
+    """The additional uncertainty of mass and resistance compared with a known train, as a share.
 
-    If the trip needs more force than the train has in too much of the time (`beyond_ratio`), it was perhaps another
-    train: one that is lighter or runs more easily by the share of the force that is lacking could have driven it.
+    If the trip needs more force than the train has in too much of the time (`beyond_ratio`), it may have been another
+    train: one that is lighter or has less resistance by the missing share of the force could have driven it.
     """
     return min(lacking_ratio, ESTIMATE_MOST_DOUBT_RATIO) if beyond_ratio > ESTIMATE_FOREIGN_RATIO else 0.0
 
@@ -256,11 +255,11 @@ class DrivenPart(NamedTuple):
 
 
 SmoothedParts = Callable[[float], Sequence[DrivenPart]]
-"""Returns the parts of a trip when its record is smoothed with another density of the jerk (m²/s⁵)."""
+"""Returns the parts of a trip if its record is smoothed with another density of the jerk (m²/s⁵)."""
 
 
 def energy_range(section: Section, parts: SmoothedParts, doubt_ratio: float = 0.0) -> EnergyRange:
-    """How far off the energy of a driven trip may be: inverse dynamics is repeated for every case.
+    """The uncertainty of the energy of a driven trip: inverse dynamics is repeated for every case.
 
     Mass and resistance may be off by `doubt_ratio` more than those of a known train, as `doubt` says.
     """
@@ -268,9 +267,8 @@ def energy_range(section: Section, parts: SmoothedParts, doubt_ratio: float = 0.
 
 
 def over_unknowns(energy_j: Callable[[DrivenCase], float | None], doubt_ratio: float = 0.0) -> EnergyRange:
-    """The range of an energy (J): for each unknown alone, and for all together at the ends that give least and most.
-
-    All together give the outermost range, not the likeliest. `energy_j` returns None for an impossible case, which is
+    """The range of an energy (J): for each unknown alone, and for all together at the ends with the least and the most.
+    All together give the extreme range, not the likeliest. `energy_j` returns None for an impossible case, which is
     left out.
     """
     known: dict[DrivenCase, float | None] = {}
@@ -291,8 +289,9 @@ def over_unknowns(energy_j: Callable[[DrivenCase], float | None], doubt_ratio: f
 def _energy_at(case: DrivenCase, energy_j: Callable[[DrivenCase], float | None], doubt_ratio: float) -> float | None:
     """The energy (J) in a case; None if it is impossible.
 
-    A train that lacks force had perhaps more effort than its file says. So one that is heavier or more resisted is not
-    impossible for want of effort: its energy is as far from the assumed one as that of the opposite train.
+    A train with too little force may have had more effort than in its file. A heavier one, or one with more resistance,
+    is therefore not impossible for lack of effort: its energy is as far from the assumed one as that of the opposite
+    train.
     """
     found_j = energy_j(case)
     if found_j is not None or not doubt_ratio:
@@ -321,9 +320,10 @@ def one_by_one(energy_j: Callable[[DrivenCase], float | None], doubt_ratio: floa
 def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float, unknowns: Sequence[_UnknownEnds]) -> float:
     """The least (sign < 0) or the most energy (J) with every unknown at one of its ends.
 
-    First, each unknown is set to the end that leads furthest on its own. One unknown may reverse what another does: a
-    train that brakes by friction loses more with a tail wind. Therefore each in turn is then set to the end that leads
-    furthest from there, until none leads further.
+    First, each unknown is set to the end with the largest effect on its own. One unknown may reverse what another does:
+    a
+    train that brakes by friction loses more with a tail wind. Therefore each in turn is then set to the end with the
+    largest effect, until nothing changes.
     """
 
     def reach(case: DrivenCase) -> float:
@@ -343,7 +343,7 @@ def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float, unkn
 
 
 def driven_energy(section: Section, parts: SmoothedParts) -> Callable[[DrivenCase], float]:
-    """A function that gives the energy at the collector (J) of a driven trip in a case, the sum of its parts."""
+    """A function that returns the energy at the collector (J) of a driven trip in a case, the sum of its parts."""
     smoothed = cache(parts)
 
     def driven_j(case: DrivenCase) -> float:
@@ -363,7 +363,7 @@ def _moving_points(s_m: Floats) -> NDArray[np.intp]:
 
 
 def _in_map(section: Section, force_n: Floats, speed_mps: Floats) -> Floats:
-    """Forces (N) limited to what a loss map covers at their speeds; a foreign run may ask for more."""
+    """Forces (N) limited to the range of a loss map at their speeds; a foreign run may need more."""
     if not isinstance(section.loss, LossMap):
         return force_n
     speed = _speed_in_map(section, speed_mps)

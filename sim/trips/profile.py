@@ -20,11 +20,11 @@ SMOOTHING_POSITION_SIGMA_M: Final = 25.0
 SMOOTHING_SPEED_SIGMA_MPS: Final = 0.5
 """Weight of a reported speed per second, as a standard deviation (m/s)."""
 SMOOTHING_EXACT: Final = 1e-3
-"""Standard deviation of what is known exactly: the position of a stop (m), and the speed 0 there (m/s)."""
+"""Standard deviation of exact values: the position of a stop (m), and the speed 0 there (m/s)."""
 SMOOTHING_MAX_SPEED_GAP_S: Final = 3.0
-"""Longest gap (s) over which reported speeds are joined; inertia leads through longer ones."""
+"""Longest gap (s) over which reported speeds are joined; longer ones are bridged by inertia."""
 SMOOTHING_USUAL_STEPS_JOINED: Final = 2.0
-"""Usual steps up to which points of a sparse record are joined nevertheless."""
+"""Multiple of the usual step up to which points of a sparse record are still joined."""
 SMOOTHING_MIN_LAG_GAIN_RATIO: Final = 0.2
 """Share of the spread between integrated speed and position that a lag of the speed must explain, else it is 0."""
 SMOOTHING_MIN_LAG_GAIN_M: Final = 1.0
@@ -39,9 +39,9 @@ class DrivenRun:
     """A run on an even grid from departure to arrival, arrays of shape (steps + 1,).
 
     s is the trapezoidal integral of the speed, and the acceleration is the slope of the speed. `dropout` marks times
-    whose reported speed dropped out, `inferred` those in a gap,
-    where inertia alone leads on. `position_rms_m` is the RMS distance of s from the matched positions,
-    `speed_lag_s` how late the reported speed was.
+    whose reported speed dropped out, `inferred` those in a gap, bridged by inertia alone. `position_rms_m` is the RMS
+    distance of s from the matched positions,
+    `speed_lag_s` the lag of the reported speed.
     """
 
     time_s: Floats
@@ -56,7 +56,7 @@ class DrivenRun:
 
     @property
     def course(self) -> DrivenCourse:
-        """When the train was where, and how fast."""
+        """The train's positions and speeds over time."""
         time_ns = self.start_time_ns + np.rint(self.time_s / NS).astype(np.int64)
         return DrivenCourse(time_ns=time_ns, s_m=self.s_m, speed_mps=self.speed_mps)
 
@@ -71,11 +71,12 @@ def to_profile(
 ) -> DrivenRun:
     """Resample a trip from departure to arrival in steps of `step_s`, smooth and consistent.
 
-    GPS receivers filter the speed, so it comes seconds late. The lag is estimated by sliding the integrated speed
+    GPS receivers filter the speed, which delays it by seconds. The lag is estimated by sliding the integrated speed
     against the positions; departure and arrival are known from the speed and therefore move with the lag. The run is
     then the likeliest motion under white jerk of density `jerk_psd_m2ps5` (Kalman filter and Rauch–Tung–Striebel
-    smoother for s, v, a). Positions have little weight and govern over long distances; speeds have more weight and give
-    the detail over some 8 s. Positions and inertia bridge dropouts, inertia alone bridges gaps. An end at which the
+    smoother for s, v, a). Positions have little weight and dominate over long distances; speeds have more weight and
+    determine the detail over some 8 s. Positions and inertia bridge dropouts, inertia alone bridges gaps. An end at
+    which the
     train stands is exact in position and speed, and is moved to the next step. Negative speeds become 0, and s is
     integrated from the speed. Raises DasError for a run shorter than 3 steps.
     """
@@ -125,10 +126,10 @@ def _run_times(matched: MatchedTrip, lag_s: float) -> tuple[float, float]:
 
 
 def speed_lag_s(time_s: Floats, position_m: Floats, speed_mps: Floats) -> float:
-    """How late (s) the reported speed is against the positions; 0 if no lag stands out.
+    """The lag (s) of the reported speed behind the positions; 0 if no lag is significant.
 
-    The lag minimises the spread of s(t) − c − k·∫v(t + lag)dt. The free factor k keeps a speed that is too low
-    throughout from looking late.
+    The lag minimises the spread of s(t) − c − k·∫v(t + lag)dt. Because of the free factor k, a speed that is always too
+    low does not look delayed.
     """
     spread = []
     for lag in LAGS_S:
@@ -159,7 +160,8 @@ def _joined(grid: Floats, time_s: Floats, values: Floats, longest_gap_s: float) 
 
 
 def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Floats, jerk_psd_m2ps5: float) -> Floats:
-    """Speed of the likeliest motion under white jerk; `variance` (2 × n) of positions and speeds, inf = not seen."""
+    """Speed of the likeliest motion under white jerk; `variance` (2 × n) of positions and speeds, inf = not
+    measured."""
     h = step_s
     move = np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]])
     noise = jerk_psd_m2ps5 * np.array(
@@ -185,7 +187,7 @@ def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Fl
 def _integrated(matched: MatchedTrip, position_m: Floats, v: Floats, step_s: float) -> tuple[Floats, Floats]:
     """Position (m) integrated from the speed, beginning at an end where the train stands, and the speed (m/s).
 
-    If the train stands at both ends, position and speed are scaled to take up the last fraction of a metre.
+    If the train stands at both ends, position and speed are scaled to match the last fraction of a metre.
     """
     if matched.ends.starts_standing:
         v[0] = 0.0

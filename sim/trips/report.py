@@ -41,7 +41,7 @@ from sim.trips.trip import Trip
 
 BEST: Final = {"color": LIGHT.of[Meaning.NO_ADVICE], "linewidth": 1, "linestyle": "--"}
 """Style in which the most that the vehicle can do is drawn."""
-LEGEND: Final = {"from, to": "what the energy may have been at least and at most, whatever the unknowns are"}
+LEGEND: Final = {"from, to": "least and greatest possible energy, with all unknowns at their limits"}
 """Explanations that are printed below the table of energies."""
 PANEL_HEIGHTS = (3, 1, 2)
 """Relative heights of the panels of speeds, distances from the smooth run, and forces."""
@@ -146,8 +146,8 @@ def doubt_words(assumed: Sequence[Mapping[str, Any]]) -> str:
     """A sentence on the ranges of a trip that needs more force than its train has, by its `unknowns`."""
     off = [f"a {one['name']} {one['assumed']}" for one in assumed if one["name"] in (MASS, RESISTANCE)]
     return (
-        f"it was perhaps another train: the ranges are for {' and '.join(off)}, wider than for a known train by the "
-        "share of the force that is lacking"
+        f"it may have been another train: the ranges are for {' and '.join(off)}, wider than for a known train by the "
+        "share of the missing force"
     )
 
 
@@ -160,27 +160,27 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
     if unseen_s > 0:
         share = unseen_s / max(float(trip.run.time_s[-1]), 1e-9)
         notes.append(
-            f"what happened in gaps of {unseen_s:.0f} s in all ({100 * share:.0f} % of the run): "
-            "inertia leads through, and no highest value is taken from there"
+            f"the motion in gaps of {unseen_s:.0f} s in all ({100 * share:.0f} % of the run): "
+            "bridged by inertia, and not used for highest values"
         )
     steps_s = _steps_s(trip)
     for step_s, what in ((steps_s[0], "departed"), (steps_s[-1], "arrived")):
         if step_s > SMOOTHING_MAX_POSITION_GAP_S:
-            notes.append(f"when the train {what}: there is a gap beside that end of the run")
+            notes.append(f"when the train {what}: there is a gap next to that end of the run")
     if not trip.whole:
         better = f" (try {trip.better_stops})" if trip.better_stops else ""
-        notes.append(f"how the rest of the section was driven: the trip does not stand at both its stops{better}")
+        notes.append(f"the driving on the rest of the section: the trip does not stand at both its stops{better}")
     if section is None:
-        return [*notes, "forces and energies: give a --vehicle, or look for the train with --vehicles all"]
+        return [*notes, "forces and energies: give a --vehicle, or find the train with --vehicles all"]
     notes += [
-        "the true train and its load, the wind, and how brakes were blended: their ranges are in the table",
-        "what auxiliaries drew: those of the vehicle's file are in the estimate",
+        "the true train and its load, the wind, and the blending of brakes: their ranges are in the table",
+        "the energy of auxiliaries: the estimate uses those of the vehicle's file",
     ]
     comfort_w = section.vehicle.comfort_power_w
     if comfort_w > 0:
         added = kwh(comfort_w * float(trip.run.time_s[-1]))
         notes.append(
-            f"whether comfort systems ran: at the vehicle's full {comfort_w / 1e3:.0f} kW {added:.1f} kWh more"
+            f"the energy of comfort systems: at the vehicle's full {comfort_w / 1e3:.0f} kW {added:.1f} kWh more"
         )
     return notes
 
@@ -191,7 +191,7 @@ def direction_by_posts(trip: Trip) -> str:
     posts = "turn the list of posts round and " if turned else ""
     right, wrong = ("--reverse", "--no-reverse") if trip.reversed else ("--no-reverse", "--reverse")
     return (
-        f"kilometre posts do not tell which way the trip ran: {trip.start.name} to {trip.end.name} is taken; "
+        f"kilometre posts do not show the direction of the trip: {trip.start.name} to {trip.end.name} is assumed; "
         f"{posts}give {right} if it is so, {wrong} if not"
     )
 
@@ -200,7 +200,7 @@ def part_words(part: str) -> str:
     """A sentence that says which part of an open trip is compared; `part` has its ends."""
     return (
         f"the trip does not stand at both its stops: the energies are those of its longest part between equal speeds, "
-        f"{part}, beside an optimum with the same speeds there"
+        f"{part}, compared with an optimum with the same speeds there"
     )
 
 
@@ -243,7 +243,7 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
 def cleaning_table(report: CleaningReport) -> Table:
     """The table of what was cleaned, one row for each kind of finding."""
     table = Table(title=f"cleaning: {report.kept} of {report.read} points kept", title_justify="left")
-    for name, right in (("count", True), ("what", False), ("done", False), ("first at", False), ("seen", False)):
+    for name, right in (("count", True), ("finding", False), ("action", False), ("first at", False), ("detail", False)):
         table.add_column(name, justify="right" if right else "left")
     for f in report.findings:
         table.add_row(str(f.count), f.kind.words, f.kind.done, f"{f.first}, {f.first_time[11:]}", f.detail)
@@ -272,15 +272,15 @@ def _matching_table(found: dict[str, Any]) -> Table:
     table.add_row("position from", anchor)
     if matching["stand_uncertainty_m"] > 0:
         table.add_row("stands at the ends known to", f"{matching['stand_uncertainty_m']:.1f} m")
-    table.add_row("record against its smooth run, RMS", f"{matching['along_rms_m']:.1f} m")
-    table.add_row("reported speed comes late by", f"{matching['speed_lag_s']:.2f} s")
+    table.add_row("deviation from the smoothed run, RMS", f"{matching['along_rms_m']:.1f} m")
+    table.add_row("lag of the reported speed", f"{matching['speed_lag_s']:.2f} s")
     if found["route_data"]:
         table.add_row("data of the line", found["route_data"])
     return table
 
 
 def _stands_table(stands: list[dict[str, Any]]) -> Table:
-    table = Table(title="where it stood", title_justify="left")
+    table = Table(title="stops", title_justify="left")
     for name in ("stop", "km", "off by", "arrival", "departure", "stood", "running time"):
         table.add_column(name, justify="left" if name == "stop" else "right")
     for s in stands:
@@ -308,7 +308,7 @@ def _energy_table(energy: dict[str, Any]) -> Table:
     for name, words in PART_WORDS.items():
         share = f"{energy[f'{name}_kwh']:z.1f}"
         if float(share):  # A part that rounds to 0 is not shown.
-            table.add_row(f"  of it {words}", share, "", "")
+            table.add_row(f"  of which {words}", share, "", "")
     table.add_row(
         f"strongest traction / braking held for {ESTIMATE_HELD_S} s, kN",
         f"{energy['strongest_traction_kn']:.0f}",

@@ -245,7 +245,7 @@ def answer_looks(bus: Bus, driver: Driver, begun: Callable[[], None] = lambda: N
             if not looks:
                 _say_it_is_there(bus)
             elif time.monotonic() - heard_s > LOST_S:
-                raise DasError(f"nothing has been heard of the run for {LOST_S:.0f} s, after {looks} looks")
+                raise DasError(f"no message from the run for {LOST_S:.0f} s, after {looks} looks")
             continue
         heard_s, message = time.monotonic(), received.message
         if message is None:

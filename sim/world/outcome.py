@@ -327,7 +327,7 @@ class DayResult:
 
 STOP_LEGEND: Final = {
     "due, arrived, departed": "minutes and seconds since the timetable's first departure",
-    "stopping error": "by how much the train stood beyond the stop (before it: negative)",
+    "stopping error": "distance of the train beyond the stop (before it: negative)",
 }
 """The legend below the table of stops."""
 TIMES: Final = ("due", "arrived", "departed")
@@ -400,7 +400,7 @@ def _balance_rows(found: DayOutcome) -> list[tuple[str, str]]:
     parts = found.balance.parts.items()
     return [
         ("  at stops on the way", f"{kwh(found.energies.at_stops_j):+z.1f} kWh"),
-        ("energy, stops included: the sum of", f"{kwh(found.balance.input):.1f} kWh"),
+        ("energy including stops, the sum of", f"{kwh(found.balance.input):.1f} kWh"),
         *((f"  {PART_WORDS[name]}", f"{kwh(energy_j):+z.1f} kWh") for name, energy_j in parts),
         ("comfort systems, not part of it", f"{kwh(found.balance.comfort):.1f} kWh"),
     ]
@@ -409,7 +409,7 @@ def _balance_rows(found: DayOutcome) -> list[tuple[str, str]]:
 def _notes(result: DayResult) -> list[str]:
     """Notes that help to read the figures: what happened, who drove, what was violated."""
     found, violations = result.outcome, result.outcome.figures.violations
-    notes = [f"on this day: {result.happens}"]
+    notes = [f"disturbances: {result.happens}"]
     human = result.drawn["human"] if result.driver is DriverKind.HUMAN else {}
     if human:
         notes.append("the driver: " + ", ".join(f"{name} {value:.4g}" for name, value in human.items()))
@@ -417,7 +417,7 @@ def _notes(result: DayResult) -> list[str]:
     if truth:
         notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
     beyond = (call for call in found.calls if call.stopping_error_m > AT_STOP_M)
-    notes += [f"the train came to stand {call.stopping_error_m:.0f} m beyond {call.name}" for call in beyond]
+    notes += [f"the train stopped {call.stopping_error_m:.0f} m beyond {call.name}" for call in beyond]
     early = ((call.name, (call.due_departure_ns - call.departed_ns) * NS) for call in found.calls[:-1])
     notes += [f"the train left {name} {early_s:.1f} s before its time" for name, early_s in early if early_s > EARLY_S]
     if violations.signals_passed:
@@ -429,7 +429,7 @@ def _notes(result: DayResult) -> list[str]:
     if found.energies.above.why_not:
         notes.append(f"{NOT_COMPARABLE}: {found.energies.above.why_not}")
     if why := found.energies.no_own_braking:
-        notes.append(f"optimum with such braking not known: {why}")
+        notes.append(f"optimum with such braking unknown: {why}")
     if found.counts.above_limit:
         notes.append(f"{found.counts.above_limit} advice messages were above the limit: please report this")
     return notes

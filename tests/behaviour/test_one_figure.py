@@ -204,7 +204,7 @@ def test_a_trip_its_replay_and_a_what_if_of_it_have_one_set_of_figures(folder: P
         check_same(replay=figures(told), **of_recording(source))
     found = run(folder, "what-if", path.name, "--advice", "guide", "-o", new.name)["comparison"]["drives"]
     assert found[0]["energy_kwh"] == pytest.approx(told["energy_kwh"])
-    two_runs = "that takes two simulated runs of the same day, one of them without advice"
+    two_runs = "this needs two simulated runs with the same disturbances, one of them without advice"
     assert found[1]["saved_by_advice_not_comparable"] == two_runs
     *_, other = of_comparison(Drive.read(path), Drive.read(new))
     check_same(what_if=figures(found[1]), again=other)

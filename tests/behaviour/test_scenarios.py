@@ -188,7 +188,7 @@ def test_the_parts_of_the_end_table_sum_to_the_energy_that_it_prints(
     print_result(DayResult(outcome=driven.found, wall_s=1.0, **how))
     rows = re.findall(r"^│( *\S.*?) *│ *([-+]?[\d.]+) kWh│$", capsys.readouterr().out, re.MULTILINE)
     printed_kwh = {words.strip(): float(energy) for words, energy in rows}
-    whole_kwh = printed_kwh["energy, stops included: the sum of"]
+    whole_kwh = printed_kwh["energy including stops, the sum of"]
     parts_kwh = [printed_kwh[words] for words in PART_WORDS.values()]
     assert sum(parts_kwh) == pytest.approx(whole_kwh, abs=ROUNDED_KWH * (len(parts_kwh) + 1))
     sections_kwh = printed_kwh["energy, departures to arrivals"] + printed_kwh["at stops on the way"]

@@ -281,7 +281,7 @@ BAD_STOCK: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"gamma": 3}, {}, r"gamma = 'int': expected a table of keys"),
     ({"rolling_resistance": {"A": 1, "B": 2}}, {}, r"rolling_resistance\.C is missing: expected a number"),
     ({"inertia_coefficient": 0.05}, {}, "inertia_coefficient = 0.05: expected a number from 1 to 10"),
-    ({"mass": 200}, {}, r"mass \(t\) = 0.2: expected 1 to 20000 t; if it is meant, say --accept mass"),
+    ({"mass": 200}, {}, r"mass \(t\) = 0.2: expected 1 to 20000 t; to accept it, use --accept mass"),
 ]
 LONG = BR642.read_text("utf-8").replace("mass: 68.0", f"mass: 0x{'f' * 9000}")
 BAD_FILES: list[tuple[str, object, str]] = [

@@ -72,30 +72,30 @@ LABELS = {
 }
 
 MEANINGS = {
-    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best there, for time given away elsewhere.",
-    EnergyCause.LATE_COASTING: "The train should have coasted, and still had traction, or was held by its brakes.",
-    EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; less effort than best from there, made up by more later.",
-    EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
-    EnergyCause.AS_ADVISED: "The advice was followed, or its speed was reached. To hold and mend it costs energy.",
-    EnergyCause.LATENESS: "It was driven, by the advice or not, for an arrival that it missed by more than 10 s.",
-    EnergyCause.FRICTION: "The friction brake took what the motors could have fed back.",
+    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best, for time lost elsewhere.",
+    EnergyCause.LATE_COASTING: "The train should have coasted, but had traction, or held its speed by braking.",
+    EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; less effort than in the best run, made up by more later.",
+    EnergyCause.AGAINST_ADVICE: "Advice was shown, but speed or effort differed from it.",
+    EnergyCause.AS_ADVISED: "The advice was followed, or its speed was reached. Correcting speeds costs energy.",
+    EnergyCause.LATENESS: "Driven, with advice or without, for an arrival that was missed by more than 10 s.",
+    EnergyCause.FRICTION: "The friction brake dissipated energy that the motors could have fed back.",
     EnergyCause.SIGNAL: "A signal at danger was in sight.",
-    EnergyCause.RESTRICTION: "It cost this much from where it was told; no driver could have avoided that.",
-    EnergyCause.TRAIN: "Train, wind or rail were not as planned; errors of sampling once a second are in it as well.",
+    EnergyCause.RESTRICTION: "The cost from the place of its announcement; no driver could have avoided it.",
+    EnergyCause.TRAIN: "Train, wind or rail were not as planned; this includes errors of sampling once a second.",
     EnergyCause.REST: "The driving was nearly the best, or the cause is not known.",
-    EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",
+    EnergyCause.RECOVERED: "The train left late; arriving by the timetable takes at least this much more.",
     EnergyCause.ARRIVAL: "Arriving before the timetable's time costs energy, arriving after it saves some.",
 }
 
 NEXT_TIME: Final = {
-    EnergyCause.TOO_MUCH_EFFORT: "Next time: do at each place what the best run does.",
-    EnergyCause.LATE_COASTING: "Next time: begin to coast sooner.",
-    EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more there, but keep a margin to the limit.",
-    EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
+    EnergyCause.TOO_MUCH_EFFORT: "Next time: follow the best run at each place.",
+    EnergyCause.LATE_COASTING: "Next time: begin to coast earlier.",
+    EnergyCause.TOO_LITTLE_EFFORT: "Next time: accelerate more there, but keep a margin to the limit.",
+    EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or report why that was not possible.",
     EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
-    EnergyCause.FRICTION: "Next time: brake with the motors alone, and be as fast at each place as the best run.",
+    EnergyCause.FRICTION: "Next time: brake with the motors alone, and match the speed of the best run at each place.",
 }
-NOT_THE_DRIVERS: Final = "Nothing for the driver to do otherwise."
+NOT_THE_DRIVERS: Final = "Nothing for the driver to change."
 """Text for a cause that is not in `NEXT_TIME`."""
 BY_SPEED: Final = frozenset(
     {EnergyCause.TOO_MUCH_EFFORT, EnergyCause.LATE_COASTING, EnergyCause.TOO_LITTLE_EFFORT, EnergyCause.AGAINST_ADVICE}

@@ -67,7 +67,7 @@ def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
 
 def elsewhere(named: Iterable[WorstPlace], above_j: float) -> str:
     """What follows a list of places that lost more than the whole drive did (J); empty if they lost no more."""
-    return "; elsewhere it lost less than the best drive" if sum(one.more_j for one in named) > above_j else ""
+    return "; elsewhere it lost less than the best run" if sum(one.more_j for one in named) > above_j else ""
 
 
 class CauseStretch(NamedTuple):

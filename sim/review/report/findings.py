@@ -27,7 +27,7 @@ BY_ADVICE: Final = "hurried by the advice"
 SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
 """The kinds of events that are findings about safety, each in words."""
 SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
-GAINED: Final = "Next time: keep a margin; a limit holds until the whole train has left it."
+GAINED: Final = "Next time: keep a margin; a limit applies until the whole train has left it."
 """Advice to the driver of a train that was not braking late, but gained speed while it was above the limit."""
 GAINED_MPS: Final = 0.5
 """Gain (m/s) of the highest over the first speed above the limit from which a train gained speed."""

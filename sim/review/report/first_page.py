@@ -29,9 +29,9 @@ from sim.trips.estimate import BRAKING, MASS, RESISTANCE
 from sim.trips.settings import ESTIMATE_FOREIGN_RATIO
 
 NOT_KNOWN: Final = "not known"
-NUMBERS: Final = "The numbers are those of the findings: where each happened, or where its cause took most."
-LOST: Final = "Below: where more was then lost than by the optimum; its cause may lie before."
-OPTIMUM: Final = "The optimum has the same times, and knows of no signals and no temporary restrictions."
+NUMBERS: Final = "The numbers mark the findings: the place of each, or the place where its cause lost most."
+LOST: Final = "Below: the places where more was lost than by the optimum; the cause may lie before."
+OPTIMUM: Final = "The optimum has the same times, without signals and temporary restrictions."
 MOST_CHANGES: Final = 2
 """Most changes of the lateness on the page, the largest."""
 
@@ -102,7 +102,7 @@ def _driven(drive: Drive) -> PageFigure:
         "train_known": train_known(drive),
     }
     if driven_j is None:
-        beside = "for the reason beside it" if drive.energy.not_comparable else drive.energy.why_no_attribution
+        beside = "for the reason next to it" if drive.energy.not_comparable else drive.energy.why_no_attribution
         return PageFigure(name, NOT_KNOWN, beside, told)
     how = "as simulated" if drive.energy.measured else "computed from positions"
     doubt = ", if it was this train" if _right_train(drive) else ""
@@ -148,11 +148,11 @@ def _right_train(drive: Drive) -> str:
     doubt = f"The trip {told}. {RIGHT_TRAIN}"
     if drive.energy.not_comparable:
         return doubt
-    doubt += " If not, energies and findings do not hold."
+    doubt += " If not, energies and findings are not valid."
     if drive.energy.likely is None or short <= ESTIMATE_FOREIGN_RATIO:
         return doubt
     off = [f"a {one.name} {one.assumed}" for one in drive.energy.likely.unknowns if one.name in (MASS, RESISTANCE)]
-    return f"{doubt} The likely range is for {' and '.join(off)}, because the train lacks force."
+    return f"{doubt} The likely range is for {' and '.join(off)}, because the train's force is not sufficient."
 
 
 def beyond_ratio(drive: Drive) -> float:
@@ -169,13 +169,13 @@ def _over_limit(drive: Drive) -> PageFigure:
     if found.over_limit_s:
         return PageFigure(name, f"{found.over_limit_s:.0f} s", f"by up to {kmh(found.over_limit_mps):.0f} km/h", told)
     if not drive.limit_known:
-        return PageFigure(name, NOT_KNOWN, "the recording does not bring its line along", dict.fromkeys(told))
+        return PageFigure(name, NOT_KNOWN, "the recording does not contain its line", dict.fromkeys(told))
     return PageFigure(name, "0 s", "no limit was exceeded by more than 1 km/h", told)
 
 
 def how_sure(drive: Drive) -> list[str]:
     """What the figures depend on, in sentences: energy measured or computed, train known or assumed, unknowns."""
-    told = [] if drive.recording.complete else ["The recording was cut off, so that its end is missing."]
+    told = [] if drive.recording.complete else ["The recording was cut off: its end is missing."]
     told += [*_energy_sure(drive), *_range_sure(drive)]
     if drive.violations.over_limit_s:
         told.append("The time above the limit is read from the samples of position and speed, mostly one a second.")
@@ -220,16 +220,16 @@ def _range_sure(drive: Drive) -> list[str]:
             "The energy above the optimum has no range; its division into causes is computed with the train as planned."
         ]
     if drive.energy.measured:
-        return ["How far the energy above the optimum depends on that train is not known."]
+        return ["The dependence of the energy above the optimum on that train is not known."]
     if drive.energy.likely is None:
         return ["The likely range of the energy above the optimum is not known."]
     told = ["The energy of a single finding is less certain than the likely range of the total."]
     unknowns = [one for one in drive.energy.likely.unknowns if one.name != BRAKING]
     largest = max(unknowns, key=lambda one: one.high_j - one.low_j, default=None)
     if largest is not None:
-        told.append(f"That range hangs most on the {largest.name}.")
+        told.append(f"That range depends mostly on the {largest.name}.")
     if not math.isnan(drive.energy.likely.by_friction_j):
-        told.append("More depends on which brakes were used, which was not recorded: the findings assume the motors.")
+        told.append("It depends even more on the brakes used, which were not recorded: the findings assume the motors.")
     return told
 
 
@@ -276,11 +276,11 @@ def _rest(drive: Drive, found: Sequence[DriveFinding]) -> str:
     if not told_j or drive.energy.above is None or drive.energy.not_comparable:
         return ""
     rest_kwh = kwh((drive.energy.above.above_j or 0.0) - sum(told_j))
-    return "" if abs(rest_kwh) < NAMED_KWH else f"All other causes, and what is not attributed: {rest_kwh:+.1f} kWh."
+    return "" if abs(rest_kwh) < NAMED_KWH else f"All other causes, and energy not attributed: {rest_kwh:+.1f} kWh."
 
 
 def _why_none(drive: Drive, found: Sequence[DriveFinding]) -> str:
     """Why the page has no finding about energy; empty if that needs no word."""
     if drive.energy.attribution is None:
-        return f"Where the energy went cannot be said: {drive.energy.why_no_attribution}."
+        return f"The energy cannot be attributed: {drive.energy.why_no_attribution}."
     return "" if found else f"No cause took {NAMED_KWH} kWh or more above the optimum."

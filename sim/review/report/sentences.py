@@ -29,21 +29,21 @@ MAIN_CAUSES: Final = 3
 NAMED_KWH: Final = 0.1
 """Least energy (kWh) of a cause that the paragraph names."""
 RIGHT_TRAIN: Final = "Is it the right train?"
-LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not bring its line along."
+LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not contain its line."
 DRIVERS: Final[Mapping[str, str]] = {
     DriverKind.PERFECT: "a driver who follows advice exactly",
-    DriverKind.LITERAL: "a driver who does what the guide's card says and knows nothing else",
-    DriverKind.FAST: "a driver who runs as fast as he may",
+    DriverKind.LITERAL: "a driver who follows the guide's card and nothing else",
+    DriverKind.FAST: "a driver who runs as fast as permitted",
     DriverKind.TOP_SPEED: "a driver who keeps a reduced maximum speed",
-    DriverKind.TIMETABLE: "a driver who keeps the timetable",
+    DriverKind.TIMETABLE: "a driver who keeps to the timetable",
     DriverKind.HUMAN: "a simulated human",
-    External.EXTERNAL: "a driver of its own process",
+    External.EXTERNAL: "a driver in a separate process",
     External.DESK: "a person at the cab desk",
 }
 FRICTION: Final[Mapping[str, str]] = {
-    FrictionPolicy.AS_MEASURED: "the simulated driver's habit to brake a share by friction, whatever is shown",
-    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver, who brakes by friction only where the motors cannot",
-    FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while he follows advice on effort",
+    FrictionPolicy.AS_MEASURED: "the simulated driver's habit to brake a share by friction, with any display",
+    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver, who brakes by friction only if the motors cannot",
+    FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while following advice on effort",
 }
 TOLD_S: Final = 3.0
 """Least change (s) of the lateness in the sentences."""
@@ -67,7 +67,7 @@ def _day(drive: Drive) -> str:
 
 def paragraph(drive: Drive) -> str:
     """The figures of a drive in a few sentences."""
-    cut = [] if drive.recording.complete else ["The recording was cut off; what follows is about the drive until then."]
+    cut = [] if drive.recording.complete else ["The recording was cut off; the report covers the drive until then."]
     return " ".join([*cut, *ran(drive), *came_about(drive), *_took(drive), *_kept(drive)])
 
 
@@ -107,7 +107,7 @@ def came_about(drive: Drive, *, short: bool = False) -> list[str]:
             else f"{day} and was shown {_presentation(shown)}."
         )
         happens = run.get("happens", NOTHING)
-        told.append("Nothing was to go wrong on this day." if happens == NOTHING else f"On this day: {happens}.")
+        told.append("The run had no disturbances." if happens == NOTHING else f"Disturbances: {happens}.")
     elif run.get("kind") == "replay":
         told.append(f"It is a replay of {run.get('trip', 'a trip')}: the driver did not see the advice.")
     if WHAT_IF in run:
@@ -128,7 +128,7 @@ def _took(drive: Drive) -> list[str]:
     """How much energy the drive took, how much more than the optimum, and why."""
     attribution = drive.energy.attribution
     if attribution is None:
-        return [f"Where its energy went cannot be said: {drive.energy.why_no_attribution}."]
+        return [f"Its energy cannot be attributed: {drive.energy.why_no_attribution}."]
     driven, more, best = (
         kwh(attribution.above.driven_j),
         kwh(attribution.above.difference_j),
@@ -140,11 +140,11 @@ def _took(drive: Drive) -> list[str]:
     share = "" if ratio is None else f" ({percent_of_optimum(abs(ratio))})"
     told = [
         f"{how} {driven:.1f} kWh at the current collector: {abs(more):.1f} kWh{share} {word} "
-        f"the {best:.1f} kWh of the best possible drive with the same departures and arrivals, which knew of no "
-        "signal and no temporary restriction."
+        f"the {best:.1f} kWh of the best possible drive with the same departures and arrivals, without "
+        "signals and temporary restrictions."
     ]
     if more < 0 and not attribution.above.measured:
-        told.append("Less than the best possible is an error of positions and assumptions, not a saving.")
+        told.append("Less than the best possible energy is due to errors of positions and assumptions, not a saving.")
     if drive.energy.likely is not None:
         band = EnergyBand(drive.energy.likely.low_j, drive.energy.likely.high_j).words
         unknown = "mass, resistance, wind and the motion between positions"
@@ -181,8 +181,8 @@ def _kept(drive: Drive) -> list[str]:
     """How limits and advice were kept."""
     events = drive.events
     told = _fast(events, EventKind.OVERSPEED, "above the limit")
-    told = told or (["It kept every limit."] if drive.limit_known else [LIMIT_UNKNOWN])
-    told += _fast(events, EventKind.BEYOND_TRAIN, "faster than the vehicle file says the train can go")
+    told = told or (["It kept all limits."] if drive.limit_known else [LIMIT_UNKNOWN])
+    told += _fast(events, EventKind.BEYOND_TRAIN, "above the top speed in the vehicle file")
     told += [RIGHT_TRAIN] if any(one.kind is EventKind.BEYOND_TRAIN for one in events) else []
     followed = compliance(drive)
     if followed is not None:
@@ -216,7 +216,7 @@ def at_signals(drive: Drive) -> list[str]:
     seen = [one for one in drive.events if one.kind is EventKind.SIGNAL]
     if not seen or not drive.energy.shown.any_shown:
         return []
-    return ["The advice knows of no signals: while one was at danger, the driver had to go by the signal alone."]
+    return ["Signals are unknown to the advice: while one was at danger, the driver had to follow the signal alone."]
 
 
 def compliance(drive: Drive) -> float | None:
@@ -257,7 +257,7 @@ def where_time_went(drive: Drive, most: int | None = None) -> list[str]:
             what = f"From {before.name} to {after.name} it {word} {abs(change_s):.0f} s against the timetable"
             told.append((abs(change_s), f"{what}{_because(drive, before, after)}."))
     if calls and not told and not math.isnan(calls[-1].arrived_late_s):
-        told.append((0.0, f"Nowhere did it lose or make up more than {TOLD_S:.0f} s against the timetable."))
+        told.append((0.0, f"It never lost or made up more than {TOLD_S:.0f} s against the timetable."))
     kept = sorted((change_s for change_s, _ in told), reverse=True)[:most]
     return [text for change_s, text in told if change_s in kept]
 

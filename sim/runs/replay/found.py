@@ -23,8 +23,8 @@ from sim.trips.trip import Trip, section_with
 
 TRAINS_LEGEND: Final = {
     "likely": "if one of them drove, and none was likelier beforehand; no: it cannot have driven this record",
-    "mass, resistance": "what fits best, with one standard deviation; the resistance is a multiple of the file's",
-    "beyond": "share of the time in which the train would need more effort than it has: this stays unexplained",
+    "mass, resistance": "best fit, with one standard deviation; the resistance is a multiple of the file's",
+    "beyond": "share of the time in which the train would need more effort than it has (unexplained)",
     "kWh, above": "energy as driven by the train as it fits, and what is above its optimum, in % of that as well",
 }
 """Explanations that are printed below the table of trains."""
@@ -118,9 +118,9 @@ def notes_on_trains(trains: list[dict[str, Any]]) -> list[str]:
     names = {id(one): Path(one["names"][0]).stem for one in trains}
     notes = [f"{names[id(one)]} cannot have driven this record: {one['why_not']}" for one in trains if one["why_not"]]
     if not possible:
-        return [*notes, "none of these trains can have driven this record: try others"]
+        return [*notes, "none of these trains can have made this trip: try others"]
     if not possible[0]["mass_known"]:
-        notes.append("the record hardly shows the mass: full effort and long coasting would show it")
+        notes.append("the record contains little information on the mass: that needs full effort and long coasting")
     reasons: dict[str, list[str]] = {}
     for one in possible:
         if one["not_comparable"] is not None:

@@ -95,7 +95,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     pace_factor(options.pace)
     check_timing(options)
     if out.resolve() == trip_path.resolve():
-        raise DasError(f"{out}: the recording to write would replace the trip that is read")
+        raise DasError(f"{out}: the recording to write would replace the trip being read")
     bus = bus_folder(options.bus, options.insecure_bus, options.train)
     folder = tempfile.TemporaryDirectory(prefix="das-replay-")
     of_trip, trip = open_trip(trip_path, options.trip, Path(folder.name))

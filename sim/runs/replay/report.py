@@ -249,7 +249,7 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("least possible time", f"{found['min_time_s']:.0f} s"),
         ("advice messages sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
         ("energy as driven (estimated)", f"{found['energy_kwh']:.1f} kWh"),
-        ("  it may have been", f"{found['energy_low_kwh']:.0f} to {found['energy_high_kwh']:.0f} kWh"),
+        ("  possible range", f"{found['energy_low_kwh']:.0f} to {found['energy_high_kwh']:.0f} kWh"),
         (
             f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
             f"{found['energy_optimum_kwh']:.1f} kWh",
@@ -317,12 +317,12 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     if found["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(
-            f"in {share:.0f} % of the time the trip asks more force than this vehicle has: das-sim trip marks where "
-            "(--plot), and looks for other trains (--vehicles all)"
+            f"in {share:.0f} % of the time the trip needs more force than this vehicle has: das-sim trip marks where "
+            "(--plot), and finds other trains (--vehicles all)"
         )
         notes.append(doubt_words(found["energy_unknowns"]))
     if found["above_optimum_kwh"] is not None and not found["above_optimum_certain"]:
-        notes.append("with the unknowns at their worst it took no more than the optimum, or hardly more")
+        notes.append("with the unknowns at their worst it took no more than the optimum, or only slightly more")
     if found["direction_note"]:
         notes.append(found["direction_note"])
     if found["above_optimum_cases_left_out"]:
@@ -336,12 +336,12 @@ def _notes_of_trip(found: dict[str, Any]) -> list[str]:
     notes = []
     if found["map_stand_uncertainty_m"] > 0:
         beyond_m = found["map_stand_uncertainty_m"]
-        notes.append(f"positions alone tell that it stood at the record's ends: up to {beyond_m:.1f} m beyond them")
+        notes.append(f"only positions show that it stood at the record's ends: up to {beyond_m:.1f} m beyond them")
     if found["map_anchor"] in ("start", "end"):
         notes.append(f"the kilometrage is anchored at the {found['map_anchor']} only (lengths differ by over 1 %)")
     for finding in found["cleaning"]["findings"]:
         if finding["kind"] == FindingKind.OTHER_WAY:
-            notes.append(f"the trip runs the other way, and was driven so: {finding['detail']}")
+            notes.append(f"the trip runs in the other direction, and was replayed so: {finding['detail']}")
     if found["cleaning"]["findings"]:
         notes.append(f"the trip was cleaned: {found['cleaning_summary']}")
     return notes

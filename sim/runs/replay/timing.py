@@ -48,7 +48,7 @@ def check_timing(options: ReplayOptions) -> None:
         if value is not None and not 0 <= value < LONGEST_S:
             raise DasError(f"{name} {value:g}: expected seconds >= 0, less than a day")
         if value is not None and options.journey is not None:
-            raise DasError(f"{name} {value:g}: expected none beside --journey, which has the times")
+            raise DasError(f"{name} {value:g}: expected none with --journey, which has the times")
     if options.running_time_s is not None and options.running_time_s <= 0:
         raise DasError(f"--running-time {options.running_time_s:g}: expected a running time > 0 s")
 

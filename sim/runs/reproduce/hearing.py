@@ -51,7 +51,7 @@ class NodeGiven:
         try:
             single_command("das-node", keep, ())(list(self.words), standalone_mode=False)
         except TyperException as error:
-            raise DasError(f"options of the node: {error.format_message()} (say them with --node)") from None
+            raise DasError(f"options of the node: {error.format_message()} (give them with --node)") from None
         if not kept:  # --help or --version were among them
             raise DasError("options of the node: expected those with which it advises")
         return kept[0]
@@ -97,7 +97,7 @@ def _guessed(contents: Contents, train: str, run: Mapping[str, str]) -> NodeGive
     heard = [one for one in contents.messages if one.train == train]
     journey = next((one.message for one in heard if one.topic is topics.JOURNEY), None)
     if journey is None:
-        raise DasError(f"{contents.path}: there is no journey: say with what the node was started (--node)")
+        raise DasError(f"{contents.path}: there is no journey: give the options of the node (--node)")
     vehicle, _, load = journey.vehicle_id.partition("/")
     words = ["--route", journey.route_id, "--vehicle", vehicle]
     words += ["--load", load] if load else []
@@ -106,8 +106,8 @@ def _guessed(contents: Contents, train: str, run: Mapping[str, str]) -> NodeGive
     words += ["--calibrate"] if any(one.topic is topics.ESTIMATE for one in heard) else []
     guided = any(one.topic is topics.ADVICE and one.message.HasField("guide") for one in heard)
     words += ["--guide" if guided else "--no-guide"]
-    note = "the recording does not say with what its node was started; guessed: " + " ".join(words)
-    return NodeGiven(words, [f"{note} (say it with --node)"])
+    note = "the options of the node are not in the recording; assumed: " + " ".join(words)
+    return NodeGiven(words, [f"{note} (give it with --node)"])
 
 
 def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]:
@@ -121,7 +121,7 @@ def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]
             words[place] = str(files.place_vehicle() if kind == "vehicle" else files.place(kind))
         else:
             what = kind.replace("_", " ")
-            given.notes.append(f"the recording does not bring its {what} along: {words[place]} of today is used")
+            given.notes.append(f"the recording does not contain its {what} along: {words[place]} of today is used")
     return words
 
 
@@ -142,7 +142,7 @@ def _refuse_what_is_only_named(recording: Path, options: NodeOptions, folder: Pa
     for option, name in named:
         if name is not None and name not in bundled and not Path(name).resolve().is_relative_to(folder.resolve()):
             raise DasError(
-                f"{recording}: names {option} {name}, which is not attached and not opened unasked: "
+                f"{recording}: names {option} {name}, which is not attached, and opened only if you name it: "
                 f"expected --node with all options of das-node, {option} among them"
             )
 

@@ -31,9 +31,9 @@ COMPARED: Final = tuple(topic for topic in TOPICS if topic.publisher == "node")
 TOLD_FIRST: Final = [topic.name for topic in (EVENT, PLAN, STATUS, ESTIMATE)]
 """The order of the differences in one tick, because events and plans explain the rest; other topics follow."""
 IGNORED: Final = {
-    "status.version": "it says which program speaks, not what it decides",
-    "status.solve_s": "it is measured with a stopwatch",
-    "status.last_advice_s": "it is measured with a stopwatch",
+    "status.version": "it names the program, not its decisions",
+    "status.solve_s": "it is a measured duration",
+    "status.last_advice_s": "it is a measured duration",
 }
 """Fields that are not compared, and why."""
 TOLERANCES: Final = {
@@ -207,8 +207,8 @@ EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
 CONTEXT_S = 5.0
 """Time (s) before the first difference whose messages are shown."""
 BY_THE_WALL = (
-    "the node went by the time of day and looked for its plans in the background: when it had them depended on its "
-    "machine, and so does every plan made after that; differences do not mean that this version advises differently"
+    "the node used the wall clock and planned in the background: the time of each plan depended on its machine, and "
+    "so do all later plans; differences do not mean that this version advises differently"
 )
 
 
@@ -316,7 +316,7 @@ def _tables_note(contents: Contents, found: Comparison, tables: Path | None) -> 
     from das.advice.advice import Source
 
     used = any(one.topic is ADVICE and one.message.source == Source.TABLE for one in contents.messages)
-    return ["the node used tables: say where they are with --tables"] if used and tables is None else []
+    return ["the node used tables: give their folder with --tables"] if used and tables is None else []
 
 
 def _context(messages: list[RecordedMessage], first: Difference) -> list[tuple[float, str, str]]:

@@ -51,7 +51,7 @@ def attached_scenario(origin: Origin) -> Scenario:
     """
     files, path = origin.files, origin.path
     if not files.has("scenario"):
-        raise DasError(f"{path}: does not bring its scenario along, so that its day cannot be had again")
+        raise DasError(f"{path}: does not contain its scenario, so that its run cannot be repeated")
     scenario = read_scenario(files.place("scenario"))
     scenario = replace(
         scenario,
@@ -304,13 +304,13 @@ def _how(origin: Origin, new: Otherwise) -> How:
         driver = named_driver(f"{origin.path}: driver", run.get("driver", DriverKind.HUMAN))
         if isinstance(driver, OwnClass):
             raise DasError(
-                f"{origin.path}: was driven by the class {driver}, which is not run unasked: "
+                f"{origin.path}: was driven by the class {driver}, which is run only if you name it: "
                 f"expected --driver {driver}, or another driver"
             )
     if isinstance(driver, External):
         if driven.driver is not None:
-            raise DasError(f"--driver {driver}: expected a driver who drives within this process")
-        raise DasError(f"{origin.path}: was driven by a process of its own: say who drives it again (--driver)")
+            raise DasError(f"--driver {driver}: expected a driver within this process")
+        raise DasError(f"{origin.path}: was driven by a separate process: name a driver for the new run (--driver)")
     if driven.friction is not None and driver is not DriverKind.HUMAN:
         raise DasError(f"--friction {driven.friction}: needs --driver {DriverKind.HUMAN}")
     shown = Presentation.GUIDE if origin.has_guide else Presentation.SPEED_AND_EFFORT

@@ -128,7 +128,7 @@ class Changed:
         if self.kind is WhatIfKind.DRIVEN_ANEW and self.aligned is not None:
             told += energy_sentences(self.aligned, 1)
         if self.aligned is None:
-            told.append(f"The drives cannot be put beside each other: {self.why_not}.")
+            told.append(f"The drives cannot be compared: {self.why_not}.")
         return told
 
 

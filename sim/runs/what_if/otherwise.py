@@ -35,7 +35,7 @@ class CabOtherwise:
 
     level: Annotated[
         Level | None,
-        typer.Option("--level", help="Loss level that the advice is planned with.", show_default=False),
+        typer.Option("--level", help="Loss level used to plan the advice.", show_default=False),
     ] = None
     vehicle: Annotated[
         str | None,
@@ -54,7 +54,7 @@ class CabOtherwise:
     below_limit: Annotated[
         float | None,
         typer.Option(
-            "--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Plans stay this far below every limit.",
+            "--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin of plans below every limit.",
             show_default=False,
         ),
     ] = None  # fmt: skip
@@ -85,13 +85,13 @@ class DrivenOtherwise:
         Presentation | None,
         typer.Option(
             "--advice", show_default=False,
-            help="What the display of the new run shows; with --open-loop, guide or speed-and-effort: advice with "
+            help="Presentation of the new run; with --open-loop, guide or speed-and-effort: advice with "
             "or without the guide.",
         ),
     ] = None  # fmt: skip
     friction: Annotated[
         FrictionPolicy | None,
-        typer.Option("--friction", help="How a human driver brakes where the motors could.", show_default=False),
+        typer.Option("--friction", help="Brake used by a human driver if the motors could brake.", show_default=False),
     ] = None
     participant: ParticipantOption = None
     population: PopulationOption = None
@@ -172,7 +172,7 @@ def read_restriction(text: str, departure_ns: int = 0) -> Restriction:
         raise DasError(f"--restriction {text}: expected km-km:km/h, for example 12.5-14:80 or 12.5-14:80@08:10-08:25")
     start_km, end_km, limit_kmh = map(float, found.groups()[:3])
     if not start_km < end_km:
-        raise DasError(f"--restriction {text}: expected an end behind the start")
+        raise DasError(f"--restriction {text}: expected an end beyond the start")
     if not SLOWEST_KMH <= limit_kmh <= FASTEST_KMH:
         raise DasError(f"--restriction {text}: expected a limit of {SLOWEST_KMH:g} to {FASTEST_KMH:g} km/h")
     one = Restriction(start_km * KM, end_km * KM, limit_kmh * KMH)

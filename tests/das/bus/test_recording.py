@@ -113,7 +113,7 @@ def test_messages_are_in_the_order_of_their_log_times(tmp_path: Path) -> None:
 
 def test_no_train_of_two_is_chosen_in_silence(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "two.mcap", trains=("b", "a"), seconds=5)
-    assert "holds several trains or drives, b, a: say which one (--of-train)" in refused(path)
+    assert "holds several trains or drives, b, a: name one (--of-train)" in refused(path)
     with pytest.raises(DasError, match="holds no train 'c', expected one of b, a"):
         read_recording(path, train="c")
     for train in ("a", "b"):

@@ -327,7 +327,7 @@ def test_a_file_rewritten_without_a_topic_is_read(whole: Path, tmp_path: Path, g
 def test_two_trains_of_merged_recordings_are_read_by_their_names(tmp_path: Path) -> None:
     one, other = drive(tmp_path / "1.mcap", "t1", 0, "anna"), drive(tmp_path / "2.mcap", "t2", 5, "ben")
     merged = rewritten(tmp_path / "merged.mcap", one, other)
-    with pytest.raises(DasError, match="several trains or drives, t1, t2: say which one"):
+    with pytest.raises(DasError, match="several trains or drives, t1, t2: name one"):
         read_recording(merged)
     for train, source in (("t1", one), ("t2", other)):
         found, alone = read_recording(merged, train=train), read_recording(source)
@@ -339,7 +339,7 @@ def test_two_trains_of_merged_recordings_are_read_by_their_names(tmp_path: Path)
 def test_two_drives_of_one_train_in_a_merged_file_are_read_by_their_names(tmp_path: Path) -> None:
     one, other = drive(tmp_path / "1.mcap", "t1", 0, "anna"), drive(tmp_path / "2.mcap", "t1", 100, "ben")
     merged = rewritten(tmp_path / "merged.mcap", one, other)
-    with pytest.raises(DasError, match="several trains or drives, t1, t1-drive-2: say which one"):
+    with pytest.raises(DasError, match="several trains or drives, t1, t1-drive-2: name one"):
         read_recording(merged)
     for train, source in (("t1", one), ("t1-drive-2", other)):
         found = read_recording(merged, train=train)
@@ -352,7 +352,7 @@ def test_merged_drives_of_one_train_at_the_same_time_are_read_by_their_names(tmp
     """Channels name their recording, so that the standard tool keeps them apart; so do the metadata."""
     one, other = drive(tmp_path / "1.mcap", "t1", 0, "anna"), drive(tmp_path / "2.mcap", "t1", later_s, "ben")
     merged = rewritten(tmp_path / "merged.mcap", one, other, by_time=True, merged=True)
-    with pytest.raises(DasError, match="several trains or drives, t1, t1-drive-2: say which one"):
+    with pytest.raises(DasError, match="several trains or drives, t1, t1-drive-2: name one"):
         read_recording(merged)
     for train, source in (("t1", one), ("t1-drive-2", other)):
         found, alone = read_recording(merged, train=train), read_recording(source)

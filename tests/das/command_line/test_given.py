@@ -108,8 +108,8 @@ OF_SIM = [
     (("trip", "trip.csv", "--overwrite"), "--overwrite: no file to write is named"),
     (("replay", "trip.csv", "--overwrite"), "--overwrite: no file to write is named"),
     (("replay", "run.mcap", "--vehicle", "", "-o", "a.mcap"), "not a bundled vehicle"),
-    (("what-if", "replay.mcap", "--driven-anew", "--tables", "t"), "--tables t: a day driven anew solves its sections"),
-    (("what-if", "run.mcap", "--driven-anew", "--node", "--guide"), "--node --guide: the day of a simulation"),
+    (("what-if", "replay.mcap", "--driven-anew", "--tables", "t"), "--tables t: a run driven anew solves its sections"),
+    (("what-if", "run.mcap", "--driven-anew", "--node", "--guide"), "--node --guide: a simulated run is driven"),
     (
         ("what-if", "replay.mcap", "--driven-anew", "--driver", "perfect", "--friction", "by-advice"),
         "--friction by-advice: needs --driver human",
@@ -138,7 +138,7 @@ OF_PRECOMPUTE = [
     (("solve", *FLAT, "--buffer", "5", "--overwrite"), "--overwrite: no file to write is named"),
     (
         ("solve", "flat-6km", "modes.toml", "--buffer", "5", "--mode", "dry", "--load", "dry"),
-        "--mode dry: --load dry names a mode as well",
+        "--mode dry: --load dry also names a mode",
     ),
     (("front", *FLAT, "-o", "a.csv"), "--out a.csv: needs --exact"),
     (("front", *FLAT, "--exact", "--refine", "on"), "--refine on: with --exact the solver's runs are not refined"),

@@ -127,7 +127,7 @@ def test_what_cannot_be_is_refused_unless_its_file_insists(
         path = file_of(tmp_path, text, change, accepted=insists)
         with pytest.raises(InputError) as refused:
             load(path)
-        assert str(refused.value) == f'{path}: {said}; if it is meant, say {ACCEPTED} = ["{check}"] in [{table}]'
+        assert str(refused.value) == f'{path}: {said}; to accept it, set {ACCEPTED} = ["{check}"] in [{table}]'
     warned = warnings_of(load(file_of(tmp_path, text, change, accepted=f'"{check}"')))
     assert any(line.startswith(f"{path}: {said.split(' = ')[0].split(' (')[0]} = ") for line in warned)
     assert table == "vehicle" or len(warned) == 1
@@ -235,7 +235,7 @@ def test_a_command_says_once_what_is_unusual_and_refuses_in_one_line(tmp_path: P
     )
     assert refused.returncode == 2
     assert refused.stderr.splitlines() == [
-        f"error: {wrong}: all brakes over mass (m/s²) = 6.818: expected at most 3 m/s²; if it is meant, say "
+        f"error: {wrong}: all brakes over mass (m/s²) = 6.818: expected at most 3 m/s²; to accept it, set "
         f'{ACCEPTED} = ["max_deceleration"] in [vehicle]'
     ]
 

@@ -20,7 +20,7 @@ def test_senders_silence_and_counts_are_said_once_each() -> None:
     signs.look(0)
     signs.look(0)
     assert said == [
-        "das-record T1: nothing heard for 10 s: is every process that sends running, and named by --connect?"
+        "das-record T1: nothing received for 10 s: is every process that sends running, and named by --connect?"
     ]
     for topic, source in ((STATUS, "a"), (ADVICE, "a"), (STATUS, "b"), (POSITION, "c")):
         signs.take(received(topic, source))
@@ -31,7 +31,7 @@ def test_senders_silence_and_counts_are_said_once_each() -> None:
     ]
     now_s[0] = COUNTED_EVERY_S - 1.0
     signs.look(4)
-    assert said[4:] == ["das-record T1: nothing heard for 10 s"]
+    assert said[4:] == ["das-record T1: nothing received for 10 s"]
     now_s[0] = COUNTED_EVERY_S
     signs.take(received(POSITION, "c"))
     signs.look(5)

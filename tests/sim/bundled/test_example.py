@@ -161,7 +161,7 @@ def test_a_folder_with_files_in_it_is_refused_unless_they_may_be_replaced(tmp_pa
     (tmp_path / "full" / "notes.txt").write_text("mine")
     (tmp_path / "full" / "route.toml").write_text("old")
     (tmp_path / "empty").mkdir()
-    assert "full: there are files in it already" in refusal("example", "full", cwd=tmp_path)
+    assert "full: the folder is not empty" in refusal("example", "full", cwd=tmp_path)
     assert sorted(path.name for path in (tmp_path / "full").iterdir()) == ["notes.txt", "route.toml"]
     assert das_sim("example", "full", "--overwrite", cwd=tmp_path).returncode == 0
     assert (tmp_path / "full" / "notes.txt").read_text() == "mine"
@@ -228,14 +228,14 @@ def test_tables_are_built_shown_and_verified_and_a_node_starts_with_them(folder:
 
 @pytest.mark.nightly
 def test_a_day_is_driven_and_drawn_and_many_are(folder: Path) -> None:
-    for line in commands(folder, "das-sim run", "das-sim view day", "das-sim experiment run"):
+    for line in commands(folder, "das-sim run", "das-sim report day", "das-sim experiment run"):
         assert run(folder, line)
-    assert (folder / "day.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "day.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert (folder / "runs" / "trials.csv").is_file()
 
 
 @pytest.mark.nightly
 def test_the_recorded_trip_is_replayed_and_drawn(folder: Path) -> None:
-    for line in commands(folder, "das-sim replay", "das-sim view replay"):
+    for line in commands(folder, "das-sim replay", "das-sim report replay"):
         said = run(folder, line)
-    assert "written: replay.png" in said
+    assert "written: replay.html" in said

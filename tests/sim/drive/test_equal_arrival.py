@@ -64,8 +64,8 @@ def test_the_time_difference_is_worth_what_the_optimum_needs_for_it() -> None:
         ({"driver": "timetable"}, "the drivers differ"),
         ({"drawn": json.dumps({"human": {"participant": 3}})}, "the drivers differ"),
         ({"friction_policy": "electric-first"}, "the brakes differ"),
-        ({"advice": "none"}, "not exactly one of them was driven without advice"),
-        ({"kind": "replay"}, "that takes two simulated runs of the same day, one of them without advice"),
+        ({"advice": "none"}, "exactly one of them must be driven without advice"),
+        ({"kind": "replay"}, "this needs two simulated runs with the same disturbances, one of them without advice"),
     ],
 )
 def test_what_is_no_pair_is_refused(other: dict[str, str], why_not: str) -> None:

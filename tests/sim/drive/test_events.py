@@ -96,7 +96,7 @@ def test_the_vehicle_files_top_speed_is_no_limit_of_the_line() -> None:
     assert Drive(recording=recording).limit_mps == pytest.approx(160 / 3.6)
     (over,) = of_kind(recording, EventKind.BEYOND_TRAIN)
     assert over.facts["over_kmh"] == pytest.approx(6.0)
-    assert over.text.endswith("the vehicle file says the train can go (30 km/h) for 105 s: is it the right train?")
+    assert over.text.endswith("above the top speed in the vehicle file (30 km/h) for 105 s: is it the right train?")
     assert over.mark == "another train?"
     assert of_kind(with_files(drive(stops=STOPS), 200.0), EventKind.BEYOND_TRAIN) == []
 
@@ -110,7 +110,7 @@ def test_another_train_is_one_question_however_often_it_is_too_fast() -> None:
     (over,) = of_kind(recording, EventKind.BEYOND_TRAIN)
     assert (over.facts["times"], over.facts["lasted_s"]) == (6, pytest.approx(29.0))
     assert over.facts["over_kmh"] == pytest.approx(2.0 / KMH)
-    assert over.text.startswith("up to 7 km/h faster")
+    assert over.text.startswith("up to 7 km/h above")
     assert over.text.endswith("(79 km/h) for 29 s in all, 6 times: is it the right train?")
     assert over.s_m == pytest.approx(900.0)  # of the fastest
     assert sum(one.mark == "another train?" for one in Drive(recording=recording).events) == 1
@@ -145,7 +145,7 @@ def test_a_change_of_the_advice_tells_whether_the_plan_went_on_or_why_it_is_new(
         planned(1, 10.0, 0.0), planned(50, 12.0, way_at(50)), planned(80, 10.0, way_at(80)),
     )  # fmt: skip
     texts = [one.text for one in of_kind(recording, EventKind.ADVICE)]
-    assert texts[:2] == ["full traction: the first advice", "cruise at 0 km/h: the plan goes on"]
+    assert texts[:2] == ["full traction: the first advice", "cruise at 0 km/h: the plan continues"]
     assert "7.2 km/h above the plan" in texts[2]
     assert texts[3] == "reduced brake: new plan: restrictions were received or lifted"
     assert [one.text for one in of_kind(recording, EventKind.RESTRICTION)] == [
@@ -254,7 +254,7 @@ def test_the_commands_list_events_and_keep_notes_beside_the_recording(tmp_path: 
         (("report", "day.mcap", "--show", "events", "--kind", "nothing"), "--kind nothing: expected one of departure"),
         (("report", "day.mcap", "--show", "events", "--from", "noon"), "time 'noon': expected"),
         (("report", "none.mcap", "--show", "events"), "cannot be read"),
-        (("report", "day.mcap", "--table", "day.csv"), "--table: expected two recordings or more"),
+        (("report", "day.mcap", "--table", "day.csv"), "--table: expected two or more recordings"),
         *(((name, "day.mcap"), "run instead: das-sim report") for name in ("compare", "energy", "events", "note")),
     ],
 )

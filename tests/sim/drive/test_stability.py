@@ -149,7 +149,7 @@ def test_restless_advice_is_told_and_calm_advice_is_not() -> None:
         "advice_restless": False,
     }
     short = found(modes((T, 60), (C, 7), (H, 120)))
-    assert short.warning == "the advice shown was restless: a mode that stood for 7 s (less than 8 s)"
+    assert short.warning == "the advice shown was restless: a mode that lasted 7 s (less than 8 s)"
     assert told(short)["advice_restless"] is True
     often = found([Shown(H, speed) for speed in (50, 51, 52, 53) for _ in range(20)])
     assert often.warning == "the advice shown was restless: 2.3 changes a minute (more than 2)"

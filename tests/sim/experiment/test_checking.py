@@ -26,7 +26,7 @@ def refused(designed: Designed, fixed: str, factor: str, scenario: str = "flat-6
 @pytest.mark.parametrize(
     ("fixed", "factor", "said"),
     [
-        ("presentation = 'none'", HOLD, "factor hold_s: the display shows nothing"),
+        ("presentation = 'none'", HOLD, "factor hold_s: the display is blank"),
         ("driver = 'perfect'", FRICTION, "factor friction: only the human driver"),
         ("presentation = 'guide'", REASON, "factor reason: human drivers ignore reasons"),
     ],

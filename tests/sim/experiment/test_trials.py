@@ -99,7 +99,7 @@ def test_groups_meet_one_level_each_and_imbalance_is_said(designed: Designed) ->
     ]
     notes = group_notes(design)
     assert notes[0].startswith("presentation: each participant meets one level, so groups of 2 are compared unpaired")
-    assert [note[:24] for note in notes[1:]] == ["the groups meet differen"]
+    assert [note[:24] for note in notes[1:]] == ["the groups have differen"]
 
 
 def test_too_few_participants_for_the_planned_comparisons_are_said(designed: Designed) -> None:

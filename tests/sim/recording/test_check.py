@@ -148,7 +148,7 @@ def test_a_cut_and_a_flipped_bit(tmp_path: Path) -> None:
 
 def test_the_exit_code_says_whether_something_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(session(tmp_path / "sound.mcap"))
-    assert "nothing is wrong with this recording" in capsys.readouterr().out
+    assert "no fault was found in this recording" in capsys.readouterr().out
     with pytest.raises(typer.Exit) as ended:
         check(session(tmp_path / "gap.mcap", removed("position", 10, 11, 12)), as_json=True)
     assert ended.value.exit_code == 1
@@ -159,6 +159,6 @@ def test_the_exit_code_says_whether_something_is_wrong(tmp_path: Path, capsys: p
 
 def test_several_trains_are_checked_one_by_one(tmp_path: Path) -> None:
     path = small(tmp_path / "two.mcap", "b", "a")
-    with pytest.raises(DasError, match="holds several trains or drives, b, a: say which one"):
+    with pytest.raises(DasError, match="holds several trains or drives, b, a: name one"):
         check_file(path)
     assert check_file(path, "a").notes[0] == "also recorded, not checked: b (--of-train)"

@@ -410,7 +410,7 @@ def test_nothing_is_compared_before_the_direction_is_known(tmp_path: Path, rever
     found = replay_report.result(job, ReplayOutcome(traffic=Traffic(), replay_s=1.0), trip_energies(job))
     assert found["direction_known"] == (reverse is not None)
     assert (found["above_optimum_kwh"] is None) == (reverse is None)
-    told = [note for note in replay_report.notes(found) if "which way the trip ran" in note]
+    told = [note for note in replay_report.notes(found) if "the direction of the trip:" in note]
     assert len(told) == (reverse is None)
     if reverse is not None:
         assert found["above_optimum_low_kwh"] < found["above_optimum_kwh"] < found["above_optimum_high_kwh"]

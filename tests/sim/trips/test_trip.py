@@ -197,8 +197,8 @@ def test_no_highest_speed_and_no_force_is_taken_from_a_gap(tmp_path: Path) -> No
 )
 def test_a_departure_within_a_gap_is_not_known(tmp_path: Path, gap: range, what: str) -> None:
     trip = on_route(tmp_path, [p for i, p in enumerate(clean()) if i not in gap])
-    notes = [note for note in describe(trip, None, None)["not_known"] if "beside that end" in note]
-    assert notes == ([f"when the train {what}: there is a gap beside that end of the run"] if what else [])
+    notes = [note for note in describe(trip, None, None)["not_known"] if "next to that end" in note]
+    assert notes == ([f"when the train {what}: there is a gap next to that end of the run"] if what else [])
 
 
 @pytest.mark.parametrize("every", [1, 2, 3])

@@ -160,7 +160,7 @@ def test_a_trial_and_a_run_drew_the_same(flat: Callable[[str], Path], tmp_path: 
     shown = das_sim("run", str(path), "--seed", "5", "--in-process", cwd=tmp_path).stdout
     assert f"the driver: reaction_median_s {expected['human']['reaction_median_s']:.4g}, trips 3" in shown
     assert f"the true train: resistance_ratio {expected['truth']['resistance_ratio']:.4g}" in shown
-    assert "on this day: dwell at A 7 s longer" in shown
+    assert "disturbances: dwell at A 7 s longer" in shown
 
 
 def test_every_seed_draws_its_truth(flat: Callable[[str], Path]) -> None:

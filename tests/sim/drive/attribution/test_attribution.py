@@ -118,7 +118,7 @@ def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_energy_attribut
     with pytest.raises(DasError, match=f"day.mcap: not comparable: {why}"):
         _ = Drive(recording=recording, given=slow).energy.known_attribution
     said = {**recording.messages, "saving": (Stamped(0, das_pb2.Saving(comparable=False)),)}
-    why = "the recording says that its trip and the optimum cannot be compared"
+    why = "according to the recording, its trip and the optimum cannot be compared"
     with pytest.raises(DasError, match=f"day.mcap: not comparable: {why}"):
         _ = Drive(recording=replace(recording, messages=said), given=inputs).energy.known_attribution
 
@@ -242,5 +242,5 @@ def test_a_recording_without_a_journey_is_refused() -> None:
 def test_places_that_lost_more_than_the_whole_drive_are_said_to_be_made_up_elsewhere() -> None:
     """13.5 kWh "most lost" of 9.9 kWh in all, without a word of the rest."""
     places = [WorstPlace("km 1.0 to 2.0", 8.0, ()), WorstPlace("km 3.0 to 4.0", 5.5, ())]
-    assert elsewhere(places, 9.9) == "; elsewhere it lost less than the best drive"
+    assert elsewhere(places, 9.9) == "; elsewhere it lost less than the best run"
     assert elsewhere(places[:1], 9.9) == elsewhere([], 9.9) == ""

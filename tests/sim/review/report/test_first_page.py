@@ -132,7 +132,7 @@ def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Subj
     apart = [value for cause, value in causes.items() if cause != EnergyCause.REST]
     assert energies == sorted(apart, reverse=True)[: len(energies)]
     rest_kwh = told["first_page"]["above_optimum_kwh"] - sum(energies)
-    assert (f"All other causes, and what is not attributed: {rest_kwh:+.1f} kWh." in html) == (
+    assert (f"All other causes, and energy not attributed: {rest_kwh:+.1f} kWh." in html) == (
         abs(rest_kwh) >= NAMED_KWH
     )
 
@@ -240,7 +240,7 @@ def test_a_drive_that_is_not_comparable_says_so_with_its_reason() -> None:
     assert (above.value, above.beside) == ("not comparable", reason)
     assert (arrival.value, driven.value, over.value) == ("not known", "not known", "0 s")
     html, told = first_in_html(not_compared), in_json(not_compared)
-    assert f"Where the energy went cannot be said: not comparable: {reason}." in html
+    assert f"The energy cannot be attributed: not comparable: {reason}." in html
     figures = told["first_page"]
     assert [figures[name] for name in ("arrived_late_s", "energy_kwh", "above_optimum_kwh")] == [None, None, None]
     assert (figures["findings"], told["not_comparable"]) == ([], reason)
@@ -257,12 +257,12 @@ def test_the_page_says_what_its_figures_hang_on() -> None:
     computed = " ".join(how_sure(bundled().drive))
     assert "The energy was not measured" in computed
     assert re.search(r"The train is assumed: .* t, .* m\.", computed)
-    assert re.search(r"That range hangs most on the \w+", computed)
+    assert re.search(r"That range depends mostly on the \w+", computed)
     likely = page_figures(bundled().drive)[2].beside
     assert re.search(r"likely [\d.]+ to [\d.]+ kWh if the motors braked first, \d+ kWh if friction alone did", likely)
     measured = " ".join(how_sure(fast().drive))  # a simulator would record the true train's optimum as well
     assert "The energy is that of the simulated train. The train is assumed" in measured
-    assert "How far the energy above the optimum depends on that train is not known." in measured
+    assert "The dependence of the energy above the optimum on that train is not known." in measured
     unknown = other(_any_attribution=DasError("no line"), _above=DasError("no line"), driven_j=None)
     assert not [one for one in how_sure(unknown) if "likely" in one or "train is" in one]
 
@@ -363,7 +363,7 @@ def test_the_first_page_is_one_page_of_a4(tmp_path: Path, crowded: str) -> None:
 def test_a_long_name_leaves_its_value_room_on_paper(tmp_path: Path, crowded: str) -> None:
     """Twenty values once took sixteen pages, one letter to a line. A browser, if there is one, prints them."""
     html = crowded
-    begin = html.index("What it was made from")
+    begin = html.index("Sources<")
     assert ".pairs { table-layout: fixed; } .pairs th { width: 36%; }" in html
     assert '<table class="pairs">' in html[begin:]
     if not any(map(shutil.which, BROWSERS)):

@@ -124,14 +124,14 @@ def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
     assert "ran the 6.0 km from" in text
     assert f"It drew {attribution.above.driven_j / 3.6e6:.1f} kWh" in text
     assert "against the advice" in text
-    assert "kept every limit" in text
+    assert "kept all limits" in text
 
 
 def test_a_drive_that_is_not_comparable_is_told_without_a_share_of_anything() -> None:
     """A share of an optimum that is none is nonsense: −339 % and 540 % were told of one real trip."""
     found = other(_any_attribution=DasError("fast.mcap: not comparable: this train cannot arrive as early"))
     text = paragraph(found)
-    assert "Where its energy went cannot be said: not comparable: this train cannot arrive as early." in text
+    assert "Its energy cannot be attributed: not comparable: this train cannot arrive as early." in text
     assert "%" not in text.partition("While a speed")[0]
     assert "best possible" not in text
     (row,) = as_dict([ReviewedDrive(found, fast().checked)], None, "")["drives"]
@@ -147,8 +147,8 @@ def test_the_paragraph_tells_a_train_that_is_too_fast_for_its_file_from_one_abov
         facts={"over_kmh": 24.3, "lasted_s": 328.0, "times": 11},
     )
     text = paragraph(other(events=(over,)))
-    assert "The train was faster than the vehicle file says the train can go 11 times, for 328 s in all" in text
-    assert "It kept every limit." in text
+    assert "The train was above the top speed in the vehicle file 11 times, for 328 s in all" in text
+    assert "It kept all limits." in text
 
 
 def told_of(**run: str) -> str:
@@ -163,7 +163,7 @@ def test_the_paragraph_says_how_the_drive_came_about() -> None:
         "The day was simulated (scenario flat, seed 3): a simulated human drove and was shown the guide in the cab"
         in text
     )
-    assert "On this day: a signal at danger." in text
+    assert "Disturbances: a signal at danger." in text
     assert "It is a replay of trip.csv: the driver did not see the advice." in told_of(kind="replay", trip="trip.csv")
     text = told_of(what_if="open loop", what_if_of="day.mcap", what_if_changed="loss level l1")
     assert "It is a what-if of day.mcap, open loop; otherwise: loss level l1." in text
@@ -199,13 +199,13 @@ def test_the_page_says_where_time_was_lost_and_by_what() -> None:
     found = at_danger()
     (told,) = where_time_went(found)
     assert re.match(r"From A to B it lost \d+ s against the timetable; on the way: a signal at danger, in sight", told)
-    assert "The advice knows of no signals" in paragraph(found)
+    assert "Signals are unknown to the advice" in paragraph(found)
 
 
 def test_attention_that_was_away_is_listed_and_is_no_answer() -> None:
     """A simulated driver's lapses are events of the driver like his answers, and used to end the command."""
     away = DriveEvent(
-        time_ns=fast().drive.table.clock.zero_ns, kind=EventKind.DRIVER, text="attention is away for 12 s", s_m=0.0,
+        time_ns=fast().drive.table.clock.zero_ns, kind=EventKind.DRIVER, text="inattention for 12 s", s_m=0.0,
         facts={"away_s": 12.0},
     )  # fmt: skip
     found = other(events=(*fast().drive.events, away))
@@ -245,7 +245,7 @@ def test_the_page_needs_nothing_besides_itself() -> None:
     heights_pt = [float(one) for drawing in drawings for one in re.findall(rb'<svg [^>]*height="([\d.]+)pt', drawing)]
     assert len(heights_pt) == len(drawings)
     assert max(heights_pt) < 842, "each fits on a sheet A4"
-    parts = ("Punctuality", "Where the energy went", "Bookmarks and notes", "What happened", "Health", "What it was")
+    parts = ("Punctuality", "Where the energy went", "Bookmarks and notes", "Events", "Health", "Sources")
     for part in parts:
         assert part in html
 
@@ -268,7 +268,7 @@ def test_what_people_wrote_cannot_become_markup_and_without_line_there_is_no_ene
     assert "<script>" not in html
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
     assert found.drive.energy.attribution is None
-    assert "Where the energy went cannot be said: its route" in html
+    assert "The energy cannot be attributed: its route" in html
 
 
 def test_a_recording_that_was_cut_off_is_said_to_be_with_the_health_that_the_check_finds(tmp_path: Path) -> None:

@@ -257,7 +257,7 @@ def test_a_journey_that_is_not_of_the_trip_is_refused(driven: Driven, tmp_path: 
     path.write_text(calls)
     with pytest.raises(DasError, match="M: expected a time of arrival"):
         plan_timing(elsewhere, job.legs, asked)
-    with pytest.raises(DasError, match="--delay 5: expected none beside --journey"):
+    with pytest.raises(DasError, match="--delay 5: expected none with --journey"):
         check_timing(replace(asked, delay_s=5.0))
 
 
@@ -281,7 +281,7 @@ def test_less_than_the_best_possible_is_told_to_be_an_error(driven: Driven, repl
     resistance = Resistance(c0_n=5000.0, c1_n_per_mps=0.0, c2_n_per_mps2=12.0)
     given = given_inputs(job, replace(job.front.section.vehicle, resistance=resistance))
     held_back = Drive(recording=recorded(job, found), given=given)
-    assert ["is an error of positions" in paragraph(drive) for drive in (replayed, held_back)] == [False, True]
+    assert ["due to errors of positions" in paragraph(drive) for drive in (replayed, held_back)] == [False, True]
 
 
 def test_a_trip_that_needs_more_force_than_its_train_has_is_doubted_on_page_one(

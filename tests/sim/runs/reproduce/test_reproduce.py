@@ -145,7 +145,7 @@ def test_what_is_not_known_of_the_node_is_guessed_and_said(beginning: Path, tmp_
     found = heard_again(tmp_path / "bare.mcap")
     assert found.same
     assert found.comparison.compared["advice"] == SHORT_S
-    assert found.notes[0].startswith("the recording does not say with what its node was started; guessed: --route")
+    assert found.notes[0].startswith("the options of the node are not in the recording; assumed: --route")
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,9 @@ def test_a_file_that_a_recording_only_names_is_opened_only_if_the_user_says_so(
     words = [word.replace("FILE", str(pipe)) for word in words]
     path = with_run(beginning, tmp_path / "run.mcap", without=True, node_arguments=json.dumps(words))
     option = next(a.partition("=")[0] for a, b in pairwise([*words, ""]) if str(pipe) in (b, a.partition("=")[2]))
-    expected = f"run.mcap: names {option} {pipe}, which is not attached and not opened unasked: expected --node"
+    expected = (
+        f"run.mcap: names {option} {pipe}, which is not attached, and opened only if you name it: expected --node"
+    )
     with pytest.raises(DasError, match=re.escape(expected)):
         heard_again(path)
 
@@ -203,7 +205,7 @@ def test_the_exit_code_says_whether_it_is_the_same(
     beginning: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     reproduce_command(beginning, NodeSaid())
-    assert "today's cab says the same" in capsys.readouterr().out
+    assert "today's cab gives the same messages" in capsys.readouterr().out
 
     def other(messages: list[RecordedMessage]) -> list[RecordedMessage]:
         next(one.message for one in messages if one.topic is STATUS).reason = "because"

@@ -248,7 +248,9 @@ def test_a_class_that_a_recording_names_is_not_run_unless_the_user_names_it(
     monkeypatch.chdir(tmp_path)
     path = with_run(FOLDER / "clear-day.mcap", tmp_path / "day.mcap", driver="planted:Driver")
     for new in (Otherwise(), Otherwise(driven=DrivenOtherwise(advice=Presentation.GUIDE))):
-        with pytest.raises(DasError, match=r"class planted:Driver, which is not run unasked: expected --driver plan"):
+        with pytest.raises(
+            DasError, match=r"class planted:Driver, which is run only if you name it: expected --driver plan"
+        ):
             day_again(origin_of(path), new)
     assert not Path("has-run").exists()
     with pytest.raises(DasError, match="has no class Driver"):
@@ -288,7 +290,7 @@ def test_a_drive_without_advice_has_no_open_loop(tmp_path: Path) -> None:
     ("text", "expected"),
     [
         ("5", "expected km-km:km/h"),
-        ("2-1:80", "expected an end behind the start"),
+        ("2-1:80", "expected an end beyond the start"),
         ("1-2:0.1", "expected a limit of 5 to 700 km/h"),
         ("-1-2:80", "expected km-km:km/h"),
         ("1-2:80@8:10-8:20", "expected km-km:km/h"),
