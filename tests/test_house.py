@@ -30,7 +30,7 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(29_660, 176),
+    "das": Budget(29_260, 172),
     "precompute": Budget(11_930, 65),
     "sim": Budget(34_720, 172),
     "docs/studies": Budget(5_480, 35),
