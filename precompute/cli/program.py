@@ -86,7 +86,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
     Entry(
         name="verify",
         where="precompute.cli.tables:verify",
-        summary="Check every byte of tables, that this release can use them, and that none is missing.",
+        summary="Check tables: every byte, compatibility with this release, and completeness.",
         examples=("das-precompute verify tables",),
     ),
     Entry(
