@@ -19,6 +19,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
 from precompute.baselines import Strategy
+from precompute.baselines.search import BaselineRun, FourModeSearch
 from precompute.baselines.strategies import Baseline, baseline, fastest, four_modes, reduced_maximum_speed
 from precompute.cli.report import solution_json
 from tests.support.benchmark import track_path, train_path
@@ -99,6 +100,20 @@ def both(section: Section, time_s: float) -> tuple[Baseline, Baseline]:
         assert_on_time(run, time_s)
         assert_possible(run, section)
     return runs
+
+
+def test_no_other_cruising_speed_is_tried_where_the_first_is_as_good_as_the_bound(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried, runs_on_time = list[float](), FourModeSearch._runs_on_time
+
+    def counted(search: FourModeSearch, cruise_mps: float) -> list[BaselineRun]:
+        tried.append(cruise_mps)
+        return runs_on_time(search, cruise_mps)
+
+    monkeypatch.setattr(FourModeSearch, "_runs_on_time", counted)
+    four_modes(build_section(make_route(6_000.0, [(0.0, 40.0)]), train(1500.0, 4.0)), 260.0)
+    assert len(tried) == 1
 
 
 # --- closed forms -----------------------------------------------------------------------------------------------
