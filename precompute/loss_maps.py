@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.command_line.files import load_vehicle, offscreen_pyplot, save_figure
+from das.command_line.files import load_vehicle
+from das.command_line.printing import new_table
 from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError
 from das.domain.files.vehicles import read_loss_map
@@ -17,10 +19,22 @@ from das.domain.losses import EfficiencyLoss, LossMap, deviation_ratio, fit_erro
 from das.domain.units import KMH, KN, KW
 from das.domain.vehicle import Vehicle
 
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from das.drawing.picture import Picture
+
 Floats = NDArray[np.float64]
 
 CRUISING_MPS = np.arange(40.0, 160.5) * KMH
 """Speeds of cruising on level track at which the deviation of a fit is computed."""
+LEGEND = {
+    "fit": "level whose constant efficiency is fitted to the map",
+    "idle": "constant loss of the fit",
+    "mean/in": "mean deviation of the fit, relative to the mean input power",
+    "mean/max, rms/max": "mean and root mean square deviation, relative to the largest loss",
+    "cruising": "mean of (map − fit)/fit at 40 to 160 km/h on the level, |cruising| of its magnitude",
+}
 CSV_VEHICLE = "re460-ic"
 """The train whose forces bound a CSV map, unless another is named."""
 
@@ -110,14 +124,42 @@ def best_point(loss_map: LossMap, vehicle: Vehicle, sign: int) -> dict[str, floa
     }
 
 
-def csv_bytes(loss_map: LossMap) -> bytes:
-    """The map in the format that `das.domain.files.vehicles` reads."""
-    lines = ["speed_kmh,force_n,loss_w"]
-    for i, speed in enumerate(loss_map.speed_mps):
-        for force, loss in zip(loss_map.force_n, loss_map.loss_w_table[i], strict=True):
-            if np.isfinite(loss):
-                lines.append(f"{speed / KMH:.10g},{force:.10g},{loss:.9g}")
-    return ("\n".join(lines) + "\n").encode()
+def facts(loss_map: LossMap, vehicle: Vehicle, summary: dict[str, Any]) -> Iterator[str]:
+    """What a map covers, its largest losses and its best points, a line each."""
+    cover = summary["coverage"]
+    (slow, fast), (least, most) = cover["speed_kmh"], cover["force_kn"]
+    yield loss_map.name
+    yield f"covers {slow:g} … {fast:g} km/h, {least:g} … {most:g} kN"
+    most_kw = vehicle.traction.max_power_w / KW
+    yield f"{cover['operating_points']} operating points within {most_kw:g} kW of {vehicle.id}"
+    full = [f"{name} {loss:.0f} kW" for name, loss in summary["full_power_loss_kw"].items() if loss is not None]
+    yield f"largest loss {summary['largest_loss_kw']:.0f} kW; mean at full power: {', '.join(full) or 'none'}"
+    for name, best in summary["best"].items():
+        if best is not None:
+            yield (
+                f"best efficiency {name}: {best['efficiency_ratio']:.1%} at {best['speed_kmh']:.0f} km/h, "
+                f"{best['force_kn']:.0f} kN ({best['power_share_ratio']:.0%} of the power)"
+            )
+
+
+def table(summary: dict[str, Any]) -> Table:
+    """The fits of L1 and L2 with their errors."""
+    errors = ("mean/in\n%", "mean/max\n%", "rms/max\n%", "cruising\n%", "|cruising|\n%")
+    found = new_table("", (), ("fit", "mean\nefficiency", "idle\nkW", *errors))
+    for level, fit in summary["fits"].items():
+        cruising, absolute = fit["cruising_deviation_ratio"], fit["cruising_absolute_deviation_ratio"]
+        found.add_row(
+            level,
+            f"{fit['mean_efficiency_ratio']:.4f}",
+            f"{fit['idle_kw']:.1f}",
+            *(
+                f"{100 * fit[f'error_{name}_ratio']:.2f}"
+                for name in ("mean_to_input", "mean_to_largest", "rms_to_largest")
+            ),
+            f"{100 * cruising:+.2f}" if cruising is not None else "–",
+            f"{100 * absolute:.2f}" if absolute is not None else "–",
+        )
+    return found
 
 
 _LOWEST_SHOWN_EFFICIENCY = 0.70
@@ -190,12 +232,14 @@ def _grid(loss_map: LossMap, vehicle: Vehicle) -> tuple[Floats, Floats, NDArray[
     return speed, force, inside
 
 
-def draw_maps(path: Path, loss_map: LossMap, vehicle: Vehicle) -> None:
-    """Draw efficiency and loss side by side."""
-    pyplot = offscreen_pyplot()
+def draw_maps(loss_map: LossMap, vehicle: Vehicle) -> Picture:
+    """Efficiency and loss side by side."""
     from matplotlib.ticker import PercentFormatter
 
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(13, 6), sharey=True, layout="constrained")
+    from das.drawing.picture import Picture
+
+    figure = Picture(figsize=(13, 6), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
     efficiency = draw_efficiency_map(left, loss_map, vehicle)
     left.set_title("efficiency of the traction chain")
     figure.colorbar(efficiency, ax=left, format=PercentFormatter(1.0, decimals=1))
@@ -214,5 +258,4 @@ def draw_maps(path: Path, loss_map: LossMap, vehicle: Vehicle) -> None:
     right.set_ylabel("")
     figure.colorbar(loss, ax=right)
     figure.suptitle(vehicle.name if loss_map is vehicle.losses.get(Level.L3) else Path(loss_map.name).name)
-    save_figure(path, figure, dpi=110)
-    pyplot.close(figure)
+    return figure

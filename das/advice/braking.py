@@ -8,6 +8,7 @@ effort above 1 uses the friction brake as well.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -83,6 +84,8 @@ class BrakingAhead:
         _, firsts, which = np.unique(section.supply, return_index=True, return_inverse=True)
         brakes = np.array([_most_n(section, self._train, i, 1.0) > 0.0 for i in firsts.tolist()])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
+        # A planned brake that is announced asks for the same effort every second.
+        self._known_effort = lru_cache(maxsize=64)(self._found_effort)
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
         """Whether a train that keeps its speed will be above a braking curve within a time (s).
@@ -112,6 +115,10 @@ class BrakingAhead:
         """
         planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
         return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
+
+    def nodes_ahead(self, s_m: float) -> int:
+        """The number of nodes ahead of a position; the last one is ahead of every position."""
+        return len(self.section.node_m) - 1 - _interval(self.section, s_m)
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
         """Where (m) a train with these speeds at the nodes ahead meets a braking curve; else the end of the section.
@@ -183,6 +190,9 @@ class BrakingAhead:
 
     def effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
         """The least effort that slows the train from here to a speed at a place; the largest if none is enough."""
+        return self._known_effort(s_m, v_mps, to_m, target_mps)
+
+    def _found_effort(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
         section = self.section
         stops = target_mps <= SPEED_SLACK_MPS
         to_m = to_m + STOP_SLACK_M if stops else to_m

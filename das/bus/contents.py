@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -32,6 +30,8 @@ equal, and compares several entries in no fixed order.
 """
 DRIVE: Final = "-drive-"
 """Between the name of a train and the number of its drive, for the second and later drives of one train in a file."""
+MOST_BYTES: Final = 1 << 30
+"""Largest file (bytes) that is read; recordings take 50 to 500 bytes a message."""
 RECOVERED: Final = "recovered"
 """The metadata record in which `das-sim recover` states the source of a recording and what was lost."""
 
@@ -166,13 +166,18 @@ class Raw:
 
 
 def read_raw(path: Path) -> tuple[Raw, Health]:
-    """All records of a file; raises DasError if it is missing, not MCAP, or would keep its reader busy."""
+    """All records of a file; raises DasError if it is missing, not MCAP, or would keep its reader busy.
+
+    The file is read as a whole: a map of it into memory would end the process if someone cut the file meanwhile.
+    """
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise DasError(f"{path}: not a regular file")  # opening a pipe would wait for its other end
         with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            return _read(Scan(mmap(file.fileno(), 0, access=ACCESS_READ) if size else b""))
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise DasError(f"{path}: is larger than {MOST_BYTES >> 20} MiB: cut it into shorter recordings")
+        return _read(Scan(data))
     except OSError as error:
         raise DasError(f"{path}: cannot be read ({error.strerror})") from error
     except ValueError as error:

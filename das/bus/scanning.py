@@ -38,7 +38,7 @@ SIGNATURE: Final = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
 """The bytes that name a chunk's compression; a search for the next chunk looks for them."""
 SIGNATURE_AT: Final = RECORD.size + CHUNK.size - 4
 """The byte of a chunk's record at which its compression is named."""
-KINDS: Final = {one: getattr(records, one.name.title().replace("_", "")) for one in Opcode}
+KINDS: Final[dict[int, Any]] = {one: getattr(records, one.name.title().replace("_", "")) for one in Opcode}
 """The library's class of each kind of record."""
 PRIVATE: Final = 0x80
 """First number of the record kinds of other programs, which a reader skips."""
@@ -148,8 +148,8 @@ class Scan:
     record of a cut file begins; -1 if the file ends with a whole record.
     """
 
-    def __init__(self, data: Any) -> None:
-        """`data` is the content of the file: bytes, or a map of it into memory."""
+    def __init__(self, data: bytes) -> None:
+        """`data` is the content of the file."""
         self.data, self.size = data, len(data)
         self.ended = self.size >= 2 * len(MAGIC) and data[-len(MAGIC) :] == MAGIC
         self._last = self.size - len(MAGIC) * self.ended
@@ -319,8 +319,7 @@ class Scan:
             self._note(at, here[0], "the header of a chunk, whose messages are intact", lost=False)
             return here
         end = self._end(at)
-        known = end < self._last and self.data[end] in KINDS
-        if end == self._last or (known and self._end(end) <= self._last):
+        if end == self._last or (end < self._last and self.data[end] in KINDS and self._end(end) <= self._last):
             self._note(at, end, str(why), times_ns=why.times_ns)
             return end, []
         for signature in SIGNATURE.finditer(self.data, at + 1 + SIGNATURE_AT, self._last):

@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from das.advice import wording
-from das.advice.advice import Advice, Cause
+from das.advice.advice import Advice, Cause, Withdrawal
 from das.advice.quiet import Quiet
 from das.advice.reason import Reason
 from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
-from das.cab import event_wording
 from das.cab.fronts import Fronts
-from das.cab.guard import Guard
+from das.cab.guard import Guard, off_route
 from das.cab.heard import (
     ClockSet,
     DelayHeard,
@@ -137,7 +136,9 @@ class Cab:
             return []
         if isinstance(message, ClockSet):
             self._localisation.set_clock(message.step_s)
-            self._reporting.complain(message.heard_ns, event_wording.clock_set(message.step_s))
+            way = f"{'forward' if message.step_s > 0 else 'back'} by {abs(message.step_s):.1f} s"
+            text = f"the clock was set {way}; until the next position, the train may be as far off"
+            self._reporting.complain(message.heard_ns, text)
             return self._reporting.take()
         if isinstance(message, PublisherSeen):
             waiting = self._guard.see(message)
@@ -199,7 +200,7 @@ class Cab:
             self.legs.set_delay(message.delay_s)
         elif isinstance(message, RestrictionsHeard):
             self.legs.set_restrictions([judged(one) for one in message.restrictions])
-            if astray := event_wording.off_route(message.restrictions, self._post.route.length_m):
+            if astray := off_route(message.restrictions, self._post.route.length_m):
                 self._reporting.complain(self._now.clock_ns, astray)
             self._trust = dataclasses.replace(self._trust, restrictions_received=True)
         elif isinstance(message, TargetsHeard):
@@ -236,14 +237,14 @@ class Cab:
         known = self._trust.journey_refused == why
         self._trust = dataclasses.replace(self._trust, journey_refused=why)
         self.legs.end()
-        text = event_wording.journey_refused(why)
+        text = wording.withdrawal(Withdrawal(Cause.JOURNEY_REFUSED, why))
         self._reporting.complain(self._now.clock_ns, text, Severity.ERROR)
         if not known or self._reporting.may_report(self._now.clock_ns):
             self._reporting.add(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
     def _ignore(self, kind: Kind, why: str) -> None:
         """Report that a message was ignored; an ignored list of restrictions withdraws the advice."""
-        self._reporting.complain(self._now.clock_ns, event_wording.about(kind, why))
+        self._reporting.complain(self._now.clock_ns, f"{kind}: {why}")
         if kind is Kind.RESTRICTION:
             self._guard.lose_restrictions(why)
 

@@ -6,10 +6,11 @@ counts until it is gone (`Operator`); for a measurement, until it is silent (`Pu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from das.advice import wording
-from das.cab import event_wording
+from das.advice.advice import Cause, Withdrawal
 from das.cab.heard import (
     STATES,
     UNSTAMPED,
@@ -44,6 +45,7 @@ AHEAD_S = 60.0
 """Time (s) ahead of the clock above which a message waits: taken immediately, it would shut out all later ones."""
 TOKEN_AFTER_S = 2.0
 """Time (s) after its first message by which a publisher without a seen liveliness token has none."""
+NOT_STAMPED = "one without its sender's time stamp (or with one ahead of the clock)"
 SILENT_S = STALE_AFTER_S
 """Silence (s) after which a publisher of measurements gives way to another one; a position can be used for as long."""
 
@@ -78,10 +80,11 @@ class Guard:
             self._newest_ns.pop(kind, None)
             self._early.pop(kind, None)
             if is_counted:
-                overtaken = before == operator.overtaken
-                self._news.append(event_wording.takes_over(kind, operator.source, before, overtaken=overtaken))
+                why = "has no liveliness token and its order is older" if before == operator.overtaken else "is gone"
+                self._news.append(f"{kind}: {_named(operator.source)} counts from now on, {_named(before)} {why}")
         elif not is_counted and not known and operator.is_rival(source):
-            self._news.append(event_wording.not_heeded(kind, source, before))
+            there = f"what {_named(source)} says is not heeded while {_named(before)} is there"
+            self._news.append(f"{kind}: two publishers: {there}")
         return is_counted
 
     def see(self, seen: PublisherSeen) -> Heard | None:
@@ -114,10 +117,10 @@ class Guard:
         measured = self._publishers.get(kind)
         if not found and measured is not None and not measured.counts(message.source, now_ns):
             second = f"one of a second publisher ({message.source or 'unnamed'})"
-            found = event_wording.NOT_STAMPED if message.source == UNSTAMPED else second
+            found = NOT_STAMPED if message.source == UNSTAMPED else second
         if not found and isinstance(message, StateHeard):
             found = self._replayed(message)
-        return event_wording.ignored(kind, found) if found else ""
+        return f"{kind}: {found} was ignored" if found else ""
 
     def due(self, now_ns: int) -> list[StateHeard]:
         """The messages that count now that time has passed; the caller has to judge them again.
@@ -131,7 +134,11 @@ class Guard:
             del self._early[kind_of(one)]
         for kind, operator in self._operators.items():
             if operator.turns_out_unannounced(now_ns):
-                self._news.append(event_wording.no_token(kind, operator.source))
+                self._news.append(
+                    f"{kind}: {_named(operator.source)} has no liveliness token: nobody can tell when it is gone, and "
+                    "a newer order of another publisher replaces its own; publish with das.bus.session.Bus, or with "
+                    "zenoh.ext.declare_advanced_publisher and publisher_detection=True"
+                )
             overtaking = operator.overtaking()
             if overtaking is not None:
                 due.append(overtaking)
@@ -151,13 +158,14 @@ class Guard:
         return bool(efforts.contested(now_ns)) or efforts.unstamped(now_ns)
 
     def rival_operators(self) -> str:
-        """The two publishers that state different restrictions; else empty."""
+        """The two publishers that state different restrictions, and what has to be done if one is gone; else empty."""
         operator = self._operators[Kind.RESTRICTION]
         other = operator.contradiction()
         if other is None:
             return ""
         one_is_gone = operator.is_gone(operator.source) or operator.is_gone(other)
-        return event_wording.two_operators(operator.source, other, one_is_gone=one_is_gone)
+        cure = "; one of them is gone, the other has to send its list again" if one_is_gone else ""
+        return f"{_named(operator.source)} and {_named(other)}{cure}"
 
     def lose_restrictions(self, why: str) -> None:
         """Treat the restrictions in force as unknown until a list is received that can be used."""
@@ -166,25 +174,25 @@ class Guard:
     def _refuse_unstamped(self, kind: Kind) -> None:
         """Refuse a state without its sender's time stamp: two such senders could not be distinguished."""
         if kind is Kind.RESTRICTION:
-            why = f"{event_wording.NOT_STAMPED}: {wording.STAMP_CURE}"
-            self.lose_restrictions(why)
-            self._news.append(event_wording.restrictions_unheeded(why))
+            self._news.append(self._unheeded(f"{NOT_STAMPED}: {wording.STAMP_CURE}"))
         else:
-            self._news.append(event_wording.unstamped(kind))
+            self._news.append(f"{kind}: {NOT_STAMPED} was ignored: {wording.STAMP_CURE}")
+
+    def _unheeded(self, why: str) -> str:
+        """Lose the restrictions in force; returns in words that there is no advice because of that."""
+        self.lose_restrictions(why)
+        return wording.withdrawal(Withdrawal(Cause.RESTRICTIONS_UNHEEDED, why))
 
     def _problem_of_restrictions(self, message: Heard) -> str:
         """Like `problem`, for restrictions: there must be no advice until a list is received that can be used."""
         found = self._problem_by_itself(message)
         if found or not isinstance(message, RestrictionsHeard):
-            self.lose_restrictions(found)
-            return event_wording.restrictions_unheeded(found)
+            return self._unheeded(found)
         received = list(message.restrictions)
         if found := self._replayed(message):
             if received != self._in_force:  # A replay, or an operator whose clock was set back: nobody can tell.
-                why = f"{found}, which said otherwise"
-                self.lose_restrictions(why)
-                return event_wording.restrictions_unheeded(why)
-            return event_wording.ignored(Kind.RESTRICTION, found)
+                return self._unheeded(f"{found}, which said otherwise")
+            return f"{Kind.RESTRICTION}: {found} was ignored"
         self._in_force, self.unheeded = received, None
         return ""
 
@@ -226,7 +234,7 @@ class Guard:
                 try:
                     judged(one)
                 except DasError:
-                    return event_wording.impossible_restriction(one)
+                    return described(one)
             return ""
         if isinstance(message, TargetsHeard):
             if len(message.targets) > MOST_TARGETS:
@@ -402,6 +410,27 @@ class Operator:
     def _differs(self, source: str) -> bool:
         """Whether a session said other restrictions last than the one that counts."""
         return _places(self._said.get(source)) != _places(self._said.get(self.source))
+
+
+def described(one: Restriction) -> str:
+    """A restriction with impossible ends, limit or window, or with a text that is too long to make sense, in words."""
+    window = f", valid from {one.valid_from_ns} to {one.valid_until_ns} ns" if one.has_window else ""
+    long = "".join(f", {key} of {len(x)} letters" for key, x in one.texts.items() if len(x) > LONGEST_TEXT)
+    return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m{window}{long}"
+
+
+def off_route(received: Sequence[Restriction], length_m: float) -> str:
+    """Restrictions wholly off a route of this length: their sender may have another zero point. Empty if none."""
+    astray = [one for one in received if one.end_m <= 0 or one.start_m >= length_m]
+    if not astray:
+        return ""
+    more = f" and {len(astray) - 1} more" if len(astray) > 1 else ""
+    return f"{Kind.RESTRICTION}: {described(astray[0])}{more} is off the route (0 to {length_m:.0f} m)"
+
+
+def _named(source: str | None) -> str:
+    """The name of a session; words for one without a name."""
+    return source or "one without a name"
 
 
 def _places(message: Heard | None) -> list[tuple[float, ...]] | None:

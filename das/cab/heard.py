@@ -11,8 +11,7 @@ from enum import StrEnum
 from typing import ClassVar, Final, NamedTuple
 
 from das.domain.restriction import Restriction
-from das.estimate.effort import Effort
-from das.estimate.fix import PositionFix
+from das.estimate.fix import Effort, PositionFix
 
 UNSTAMPED: Final = "a sender without time stamps"
 """The source of a message without its sender's time stamp; two such senders cannot be distinguished."""

@@ -5,20 +5,27 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from das.cab import event_wording
 from das.cab.heard import EffortHeard, Heard, Kind, PositionHeard
 from das.cab.outputs import Estimated, is_fresh
 from das.domain.conditions import Conditions
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration import Calibrator, Recalibration
+from das.estimate.calibration import Calibrator, Estimates, ForceDoubt, Recalibration
 from das.estimate.fix import Quality
 from das.estimate.localisation import ClockDifference
-from das.estimate.ratios import Estimates, ForceDoubt
 
 CLOCKS_DIFFER_S: Final = 0.3
 """Difference (s) between the time stamps of forces and positions above which they belong to other moments."""
 REPORT_EVERY_S = 10.0
 """Interval (s) at which the estimates are reported; a change in the trust in the forces is reported no more often."""
+
+CALIBRATION_ON: Final = "calibration on again: nothing speaks against the measured forces any more"
+FORCE_DOUBTS: Final = {
+    ForceDoubt.TWO_PUBLISHERS: "two publishers of the efforts",
+    ForceDoubt.CLOCKS: "the clocks of efforts and positions differ",
+    ForceDoubt.TOO_STRONG: "the measured forces are above those that the train has",
+    ForceDoubt.COASTING: "a coasting train moves otherwise than the measured forces say",
+    ForceDoubt.GAIN: "mass and resistance are off by the same factor, as a wrong gain of the force sensor makes them",
+}
 
 
 class Learning:
@@ -89,8 +96,9 @@ class Learning:
             return ""
         self._doubt_reported, self._doubt_reported_ns = doubt, now_ns
         if found is not None and doubt is ForceDoubt.FAR_MASS:
-            return event_wording.far_mass(found.mass_ratio)
-        return event_wording.calibration_off(doubt) if doubt is not None else event_wording.CALIBRATION_ON
+            ratio = f"the mass found is {found.mass_ratio:.2f} of the file's"
+            return f"calibration: {ratio}: either another train than planned runs, or the force sensor is wrong"
+        return f"calibration off: {FORCE_DOUBTS[doubt]}" if doubt is not None else CALIBRATION_ON
 
     def due(self, now_ns: int) -> Conditions | None:
         """Mass and resistance to plan with from now on; None while they are near enough to those of the plan."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime, tzinfo
 from itertools import pairwise
 from typing import Final
 
@@ -12,7 +13,6 @@ from das.advice.advice import Advice, Timetable
 from das.advice.goal import AT_STOP_M
 from das.advice.guide.drift import Drift
 from das.advice.settings import DEFAULT, AdviceSettings
-from das.cab import event_wording
 from das.cab.heard import Target
 from das.cab.leg import Leg, assign_targets
 from das.cab.preparation import News, Preparation
@@ -23,12 +23,15 @@ from das.domain.errors import DasError, RunawayError
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.route import Stop
+from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
 
 BACK_M: Final = 200.0
 """Distance back on the previous section (m) beyond which a train that has begun a section counts as back there."""
 
+MOST_NAMED: Final = 3
+"""Largest number of accepted targets that are named."""
 Moment = tuple[float, bool] | None
 """The position of the train (m) and whether it stands there; None if it is not known."""
 
@@ -68,7 +71,7 @@ class Legs:
         news = self.preparation.take_news() + [News(text, True) for text in self.last_words.take_news()]
         if self._accepted != self._accepted_reported:
             self._accepted_reported = self._accepted
-            news.append(News(event_wording.targets(self._accepted, self.situation.route.zone)))
+            news.append(News(_in_words(self._accepted, self.situation.route.zone)))
         return news
 
     def judged(self, advice: Advice, here: Estimate) -> Advice:
@@ -234,3 +237,16 @@ def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool])
     if not stands and before == index - 1 and s_m < ends_m[before] + LOST_BEYOND_M:
         return before
     return index
+
+
+def _in_words(accepted: Sequence[Target], zone: tzinfo) -> str:
+    """The targets that apply from now on, with times of day in a time zone; the first few are named."""
+    more = [f"{len(accepted) - MOST_NAMED} more"] if len(accepted) > MOST_NAMED else []
+    return "targets: " + ("; ".join([*(_named(one, zone) for one in accepted[:MOST_NAMED]), *more]) or "none any more")
+
+
+def _named(target: Target, zone: tzinfo) -> str:
+    words = (("at", target.arrival_ns), ("not before", target.earliest_ns), ("not after", target.latest_ns))
+    times = (f"{word} {datetime.fromtimestamp(at_ns * NS, zone):%H:%M:%S}" for word, at_ns in words if at_ns > 0)
+    why = f" ({target.reason})" if target.reason else ""
+    return " ".join([target.stop or f"km {target.s_m / KM:.1f}", *times]) + why

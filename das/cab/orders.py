@@ -1,18 +1,19 @@
-"""Checks whether a journey is for this train and this line, and takes from it what the legs need."""
+"""Checks whether a journey is for this train and this line, finds its train, and takes from it what the legs need."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import pairwise
 
 from das.advice.advice import Timetable
-from das.cab import event_wording
 from das.cab.heard import JourneyHeard, OrderedStop
-from das.cab.trains import Trains
 from das.domain.errors import DasError
+from das.domain.files.load import catalogue, load_vehicle
 from das.domain.levels import Level
 from das.domain.route import Route, Stop
+from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 
 DAY_NS = 86_400 * 10**9
@@ -23,6 +24,40 @@ def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
     """Whether all times of a journey are more than a day from the clock (ns since 1970; 0: not set, so False)."""
     times_ns = [time_ns for stop in journey.stops for time_ns in (stop.arrival_ns, stop.departure_ns) if time_ns > 0]
     return now_ns > 0 and bool(times_ns) and min(abs(time_ns - now_ns) for time_ns in times_ns) > DAY_NS
+
+
+class Trains:
+    """Finds a train by its id and load state, and gives the same object each time.
+
+    `started` is the train that the node was started with, `base` the same train without a load state; `others` are
+    names or files of further trains. Raises DasError for a file that cannot be used.
+    """
+
+    def __init__(self, started: Vehicle, base: Vehicle, others: Sequence[str] = ()) -> None:
+        self._found = {(base.id, ""): base, (started.id, ""): started}
+        for name in others:
+            vehicle = load_vehicle(name)
+            self._found.setdefault((vehicle.id, ""), vehicle)
+
+    @property
+    def known(self) -> list[Vehicle]:
+        """The trains that have been found so far."""
+        return list(self._found.values())
+
+    def find(self, vehicle_id: str, load: str = "") -> Vehicle:
+        """The train of an id in a load state (empty: that of its file); DasError if there is none."""
+        if (vehicle_id, load) not in self._found:
+            self._found[vehicle_id, load] = self._read(vehicle_id, load)
+        return self._found[vehicle_id, load]
+
+    def _read(self, vehicle_id: str, load: str) -> Vehicle:
+        if load:
+            return self.find(vehicle_id).loaded(load)
+        # The id is never taken as a path, because it comes over the bus.
+        if vehicle_id not in catalogue("vehicles"):
+            known = sorted({name for name, _ in self._found} | set(catalogue("vehicles")))
+            raise DasError(f"it is for vehicle {vehicle_id!r}, this node knows {', '.join(known)}")
+        return load_vehicle(vehicle_id)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +86,15 @@ class Post:
         if journey.train and journey.train != self.train:
             raise DasError(f"it is for train {journey.train!r}, this node is for {self.train!r}")
         if journey.reversed != self.reverse:
-            raise DasError(event_wording.other_direction(ordered_reverse=journey.reversed, own_reverse=self.reverse))
+            ordered, own = ("in reverse" if way else "forwards" for way in (journey.reversed, self.reverse))
+            raise DasError(f"it drives the route {ordered}, this node has it {own}")
         if len(journey.stops) < 2:
             raise DasError(f"it has {len(journey.stops)} stops, expected at least 2")
         _check_times(journey.stops)
         if is_of_another_day(journey, journey.heard_ns):
-            raise DasError(event_wording.other_day(journey.stops[0].departure_ns, journey.heard_ns))
+            both_ns = journey.stops[0].departure_ns, journey.heard_ns
+            departs, now = (f"{datetime.fromtimestamp(at_ns * NS, UTC):%Y-%m-%d %H:%M} UTC" for at_ns in both_ns)
+            raise DasError(f"it departs on {departs}, more than a day from the node's clock ({now})")
         if journey.level and journey.level not in list(Level):
             raise DasError(f"level {journey.level!r}: expected one of {', '.join(Level)}")
         return Order(

@@ -12,7 +12,6 @@ from das.advice import wording
 from das.advice.advice import Advice, Cause
 from das.advice.plan import Plan
 from das.advice.regimes import Regime
-from das.cab import event_wording
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 
@@ -209,7 +208,9 @@ class Reporting:
         agree = abs(off_s) < CLOCKS_DIFFER_S
         self._clock_reported = (0.0 if agree else off_s), here.time_ns
         severity = Severity.INFO if agree else Severity.WARNING
-        text = "position: its time stamps agree with the clock again" if agree else event_wording.clocks_differ(off_s)
+        late = "are heard late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
+        way = f"{late} {abs(off_s):.1f} s; the train may be anywhere on the way of that time"
+        text = f"position: its time stamps {'agree with the clock again' if agree else way}"
         self.complain(here.time_ns, text, severity)
 
     def plan(self, plan: Plan | None, now_ns: int) -> None:

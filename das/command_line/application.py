@@ -47,7 +47,8 @@ class Entry:
     `name`: the word the user types. `where`: module and function, like "precompute.cli.solve:solve"; the module is
     imported only when the command is called. `summary`: the first line of the function's docstring, as the program's
     help prints it. `examples`: command lines that a user can copy. `more`: module and name of a tuple of commands that
-    begin with this one's word ("precompute.cli.journey_files:COMMANDS"); any other word is an argument of this one.
+    begin with this one's word ("precompute.cli.imports:OF_JOURNEYS"); any other word is an argument of this one.
+    `gone`: see `application`.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Entry:
     summary: str
     examples: tuple[str, ...]
     more: str = ""
+    gone: Mapping[str, str] = field(default_factory=dict)
 
     def entries(self) -> tuple[Entry, ...]:
         """The commands that begin with this one's word, whose list is imported here."""
@@ -178,6 +180,8 @@ class _LazyCommand(TyperCommand):
         for entry in self.entry.entries() if args else ():
             if args[0] == entry.name:
                 return entry.load().make_context(f"{info_name} {entry.name}", args[1:], parent=parent, **extra)
+        if args and args[0] in self.entry.gone:
+            return _GoneCommand(args[0], self.entry.gone[args[0]]).make_context(f"{info_name} {args[0]}", args[1:])
         return self.entry.load().make_context(info_name, args, parent=parent, **extra)
 
 

@@ -132,7 +132,6 @@ OverwriteOption = Annotated[
 ]
 OutFolder = Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]
 OutFolderOption = Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]
-OutRecording = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Recording (.mcap) to write.")]
 OutRecordingOption = Annotated[
     Path | None,
     typer.Option(

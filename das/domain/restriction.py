@@ -106,10 +106,6 @@ class Restriction:
         """Whether the restriction is under a train of a length (m) with its head anywhere between two positions (m)."""
         return (to_m > self.start_m) & (from_m < self.end_m + length_m)
 
-    def mirrored(self, line_length_m: float) -> Restriction:
-        """The same restriction for a line that is driven the other way, where positions count from its other end."""
-        return replace(self, start_m=line_length_m - self.end_m, end_m=line_length_m - self.start_m)
-
     @property
     def words(self) -> str:
         """The restriction in words, for example "80 km/h, km 20.00 to 22.00 from 08:10:00 until 08:20:00 UTC"."""

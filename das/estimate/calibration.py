@@ -1,56 +1,237 @@
 """Online calibration: mass and running resistance of the train from how it moves under the forces that it measures.
 
-It has no clock and no randomness: the same positions and efforts give the same estimates. Each window of samples is one
-row of a least-squares problem, solved recursively. Its two unknowns are the ratios of mass and resistance to those of
-the planned train (docs/explanation/calibration.md).
+A Kalman filter of two unknowns, the ratios of mass and resistance to those of the planned train, learns from one window
+of samples after the other. Between windows the resistance drifts with the wind; the mass changes only where doors open.
+
+No motion under measured forces tells a wrong gain of the force sensor from another train, because a gain changes mass
+and resistance alike. Three things give a wrong sensor away: a force that the train cannot have; a coasting train on
+known gradients, where the force is zero whatever the gain is; and mass and resistance that are off by one and the same
+factor. Each is reported as a doubt (docs/explanation/calibration.md).
 """
 
 from __future__ import annotations
 
-from typing import Final
+from collections import deque
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from das.domain.conditions import Conditions
 from das.domain.formulary import adhesion_coefficient
-from das.domain.route import Route
-from das.domain.units import NS
+from das.domain.route import Floats, Route
+from das.domain.units import NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
-from das.estimate.effort import Effort
+from das.estimate.fix import OVERSPEED_RATIO, Effort
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.estimate.ratios import CheckedLearner, Estimates
-from das.estimate.window import LONGEST_GAP_S, LineIntegral, Pairing, Sample
+from das.estimate.window import FORCE_SD_RATIO, LineIntegral, MeasuredWindow
 
-SAMPLE_EVERY_S: Final = 0.9
-"""Least time (s) between samples; a nearer one is left out, so that a window takes about one a second."""
+
+class MassAndResistance(NamedTuple):
+    """One figure for the mass ratio and one for the resistance ratio."""
+
+    mass: float
+    resistance: float
+
+
+WINDOW_SAMPLES: Final = 20
+"""Samples of a window: at 1 Hz and 0.05 m/s of noise their slope gives the acceleration to 0.002 m/s²."""
+SAMPLE_EVERY_NS: Final = round(0.9 / NS)
+"""Least time (ns) between samples; a nearer one is left out, so that a window takes about one a second."""
+LONGEST_GAP_NS: Final = round(2.5 / NS)
+"""Longest gap (ns) between samples, and between the efforts around them, within a window."""
 SLOWEST_MPS: Final = 5.0
 """Samples at lower speeds do not count: there brakes are being released, couplers stretch, and the resistance does
 not follow Davis."""
 ADHESION_RATIO: Final = 0.9
 """Share of the adhesion limit of a dry rail above which samples of forces do not count: wheels may slip."""
-WINDOW_SAMPLES: Final = 20
-"""Samples of a window: at 1 Hz and 0.05 m/s of noise their slope gives the acceleration to 0.002 m/s²."""
-IDLE_RATIO: Final = 0.005
-"""Share of the train's starting force below which forces are those of a coasting train."""
 STANDS_FOR_S: Final = 20.0
 """Standstill (s) after which a train may have let passengers on and off."""
 REPLAN_EVERY_S: Final = 120.0
 """Least time (s) between new plans that follow from the estimates."""
+CERTAIN_SDS: Final = 3.0
+"""Standard deviations beyond which a difference is no chance: of an estimate from the plan, of a force from the train's
+largest, of coasting from the measured forces, of the mass from the resistance."""
+IN_A_ROW: Final = 3
+"""Windows in a row that are no accident: surprising ones mean another resistance, coasting ones contradict forces."""
+LINE_SD_RATIO: Final = 2e-4
+"""Uncertainty of gradients and curves under the train, as a share of its weight (one standard deviation)."""
+PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
+"""Standard deviations of the two ratios before anything is measured."""
+CHANGE_SD: Final = MassAndResistance(0.05, 0.01)
+"""Standard deviations by which the ratios change: the mass at a stop (500 people in a train of 440 t are 9 %), the
+resistance from one window to the next (wind)."""
+MODEL_SD: Final = MassAndResistance(0.005, 0.015)
+"""The uncertainty that no amount of measuring removes (one standard deviation): forces between samples are unknown,
+and so is the exact shape of the resistance."""
+USABLE_SD: Final = MassAndResistance(0.02, 0.08)
+"""Largest standard deviations with which the estimates are usable."""
+STEP: Final = MassAndResistance(0.03, 0.05)
+"""Differences from the plan's ratios below which another plan is not worth while."""
+LEAST: Final = MassAndResistance(0.5, 0.4)
+"""The least values of the two estimates: an empty train, and a long tail wind."""
+MOST: Final = MassAndResistance(1.6, 2.5)
+"""The largest values of the two estimates: an overloaded train, and a storm from ahead."""
+NEAR_MASS: Final = (0.7, 1.4)
+"""Mass ratios outside which both explanations are reported: another train than planned, or a wrong force sensor."""
+
+
+class ForceDoubt(StrEnum):
+    """Why the measured forces are not trusted, so that no plan uses estimates from them; FAR_MASS is only reported."""
+
+    TWO_PUBLISHERS = "two-publishers"
+    """Two publishers measure the forces of one train."""
+    CLOCKS = "clocks"
+    """Forces and positions are measured by clocks that differ, so that they do not belong together."""
+    TOO_STRONG = "too-strong"
+    """The forces are above those that the motors and brakes of the train can exert."""
+    COASTING = "coasting"
+    """While coasting on known gradients, the train moves differently from what the measured forces imply."""
+    GAIN = "gain"
+    """Mass and resistance are off by the same factor, which a wrong gain of the sensor would explain as well."""
+    FAR_MASS = "far-mass"
+    """The mass is far from the planned one: another train, or a wrong sensor. It is used, and reported."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimates:
+    """Mass and running resistance as ratios of the planned train's, each with one standard deviation.
+
+    The ratios are those of `das.domain.conditions.Conditions`: the resistance c0 grows with the mass, and the
+    resistance ratio multiplies all of the running resistance. The wind is part of the resistance.
+    """
+
+    mass_ratio: float
+    mass_sd: float
+    resistance_ratio: float
+    resistance_sd: float
+    samples: int
+    """Windows on which the estimates rest."""
+    usable: bool
+    """Whether both ratios are known well enough and lie within their bounds, and the forces behind them are trusted."""
+    doubt: ForceDoubt | None = None
+    """Why the forces are not trusted; None if they are."""
+
+    def differs(self, conditions: Conditions) -> bool:
+        """Whether the train certainly differs from one under these conditions, and by enough to replan."""
+        mass = abs(self.planned_mass_ratio - conditions.mass_ratio)
+        resistance = abs(self.resistance_ratio - conditions.resistance_ratio)
+        return self.usable and (
+            mass >= max(STEP.mass, CERTAIN_SDS * self.mass_sd)
+            or resistance >= max(STEP.resistance, CERTAIN_SDS * self.resistance_sd)
+        )
+
+    def remark(self) -> ForceDoubt | None:
+        """Return what to report: a doubt about the forces, or a usable mass far from the planned one; else None."""
+        least, most = NEAR_MASS
+        return ForceDoubt.FAR_MASS if self.usable and not least < self.mass_ratio < most else self.doubt
+
+    @property
+    def planned_mass_ratio(self) -> float:
+        """The mass ratio to plan with: never below 1, so that no plan counts on a lighter train's better brakes."""
+        return max(self.mass_ratio, 1.0)
+
+    def applied(self, conditions: Conditions) -> Conditions:
+        """Return these conditions with the mass and the resistance to plan with."""
+        return replace(conditions, mass_ratio=self.planned_mass_ratio, resistance_ratio=self.resistance_ratio)
+
+
+class Belief(NamedTuple):
+    """The estimate θ (n,) of n unknowns and its covariance P (n, n)."""
+
+    theta: Floats
+    covariance: Floats
+
+    def updated(self, row: Floats, residual: float, variance: float) -> Belief:
+        """Return the belief after one observation y = φ·θ + noise.
+
+        `row` is φ (n,), `residual` is y − φ·θ at the present estimate, and `variance` is that of the noise, r.
+
+            K = Pφ/(r + φᵀPφ),  θ ← θ + K·(y − φ·θ),  P ← P − KφᵀP
+        """
+        toward = self.covariance @ row
+        whole = float(row @ toward) + variance
+        return Belief(self.theta + toward * (residual / whole), self.covariance - np.outer(toward, toward) / whole)
+
+    def drifted(self, sd: tuple[float, ...], most_sd: tuple[float, ...]) -> Belief:
+        """Return the belief after random changes (standard deviations); no unknown becomes less certain than most."""
+        covariance = self.covariance.copy()
+        np.fill_diagonal(covariance, np.minimum(np.diag(covariance) + np.square(sd), np.square(most_sd)))
+        return Belief(self.theta, covariance)
+
+
+class RatioLearner:
+    """Learns the two ratios from one window after the other."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self.belief = Belief(np.ones(2), np.diag(np.square(PRIOR_SD)))
+        """The two ratios and their covariance."""
+        self.samples = self._surprises = 0
+
+    def change_load(self) -> None:
+        """Make the mass less certain: passengers may have got on and off."""
+        self.belief = self.belief.drifted((CHANGE_SD.mass, 0.0), PRIOR_SD)
+
+    def learn(self, window: MeasuredWindow) -> None:
+        """Learn from one window.
+
+        F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², made linear at the mass ratio µ and the
+        resistance ratio κ believed so far. A window with little information, or far from what is expected, is left out.
+        """
+        row, residual, variance = self._observation(window)
+        if np.square(row * PRIOR_SD).sum() < CERTAIN_SDS**2 * variance:
+            return
+        belief = self.belief.drifted((0.0, CHANGE_SD.resistance), PRIOR_SD)
+        if residual**2 > CERTAIN_SDS**2 * (float(row @ belief.covariance @ row) + variance):
+            self._surprises += 1
+            if self._surprises < IN_A_ROW:
+                return
+            # The resistance may be anything now; the mass changes little on the way, if at all.
+            self.change_load()
+            belief = Belief(belief.theta, np.diag([self.belief.covariance[0, 0], PRIOR_SD.resistance**2]))
+        self._surprises = 0
+        learned = belief.updated(row, residual, variance)
+        self.belief = learned._replace(theta=np.clip(learned.theta, LEAST, MOST))
+        self.samples += 1
+
+    def distance_sds(self, window: MeasuredWindow) -> float:
+        """Return how far a window is from what the ratios predict, in standard deviations of both together."""
+        row, residual, variance = self._observation(window)
+        return residual / float(np.sqrt(row @ self.belief.covariance @ row + variance))
+
+    def _observation(self, window: MeasuredWindow) -> tuple[Floats, float, float]:
+        """Return the row, the residual (N) and the variance (N²) of a window."""
+        train, (mass, resistance) = self._vehicle, self.belief.theta
+        c0_n = train.resistance.c0_n
+        pull_n = train.mass_kg * (window.acceleration_mps2 + window.line_mps2)
+        rotating_kg = train.mass_kg * train.rotating_mass_ratio
+        held_n = resistance * (mass * c0_n + window.moving_n) + window.tunnel_n
+        residual_n = window.force_n - mass * pull_n - rotating_kg * window.acceleration_mps2 - held_n
+        moved_variance = (mass * train.mass_kg + rotating_kg) ** 2 * window.acceleration_variance
+        line_n = LINE_SD_RATIO * mass * train.mass_kg * STANDARD_GRAVITY_MPS2
+        row = np.array([pull_n + resistance * c0_n, mass * c0_n + window.moving_n])
+        return row, float(residual_n), float(moved_variance + line_n**2 + window.force_variance)
 
 
 class Calibrator:
     """Estimates the mass and the running resistance of one train from measured positions and efforts.
 
-    `vehicle` is the train as planned, with its load. Positions and efforts may come at moments of their own.
+    `vehicle` is the train as planned, with its load. Positions and efforts may come at moments of their own: a window
+    is used once its forces are known up to its last position. There is no clock and no randomness in it: the same
+    positions and efforts give the same estimates.
     """
 
     def __init__(self, route: Route, vehicle: Vehicle, *, point_mass: bool = False) -> None:
         self._route, self._vehicle, self._point_mass = route, vehicle, point_mass
-        train_length_m = 0.0 if point_mass else vehicle.train_length_m
-        idle_n = IDLE_RATIO * vehicle.traction.max_force_n
-        self._line = LineIntegral(route, vehicle, train_length_m, idle_n=idle_n)
-        self._pairing = Pairing(vehicle, route.length_m)
-        self._learner = CheckedLearner(vehicle)
-        self._window: list[Sample] = []
-        self._stands_since_s: float | None = None
+        self._line = LineIntegral(route, vehicle, 0.0 if point_mass else vehicle.train_length_m)
+        self._all, self._driven = RatioLearner(vehicle), RatioLearner(vehicle)
+        self._too_strong, self._moving_n, self._windows = False, 0.0, 0
+        self._distances_sds: deque[float] = deque(maxlen=IN_A_ROW)
+        self._places: list[tuple[int, float, float]] = []
+        self._efforts: deque[Effort] = deque()
+        self._stands_since_ns: int | None = None
         self._load_changed = False
 
     def is_of(self, vehicle: Vehicle) -> bool:
@@ -63,66 +244,140 @@ class Calibrator:
 
     @property
     def estimates(self) -> Estimates:
-        """The estimates from all measurements so far."""
-        return self._learner.estimates
+        """The estimates from all windows so far; not usable while the forces are doubted."""
+        theta, covariance = self._all.belief
+        sd = np.hypot(np.sqrt(np.diag(covariance)), MODEL_SD)
+        known = bool(((theta > LEAST) & (theta < MOST) & (sd <= USABLE_SD)).all())
+        doubt = self._doubt(known)
+        return Estimates(
+            mass_ratio=float(theta[0]),
+            mass_sd=float(sd[0]),
+            resistance_ratio=float(theta[1]),
+            resistance_sd=float(sd[1]),
+            samples=self._all.samples,
+            usable=known and doubt is None,
+            doubt=doubt,
+        )
 
     def set_effort(self, effort: Effort) -> None:
-        """Take over measured forces; impossible, repeated and late ones are ignored."""
-        self._pairing.add_effort(effort)
-        self._take_samples()
+        """Take over measured forces; impossible (above the weight of the train), repeated and late ones are ignored."""
+        most_n = STANDARD_GRAVITY_MPS2 * self._vehicle.mass_kg
+        if not (abs(effort.force_el_n) <= most_n and -most_n <= effort.force_friction_n <= 0):
+            return
+        since_ns = effort.time_ns - self._efforts[-1].time_ns if self._efforts else 1
+        if -LONGEST_GAP_NS <= since_ns <= 0:
+            return
+        if not 0 < since_ns <= LONGEST_GAP_NS:
+            self._places.clear()
+            self._efforts.clear()
+        self._efforts.append(effort)
+        begin_ns = self._places[0][0] if self._places else effort.time_ns - LONGEST_GAP_NS
+        while len(self._efforts) > 1 and self._efforts[1].time_ns <= begin_ns:
+            self._efforts.popleft()
+        self._close()
 
     def set_position(self, time_ns: int, s_m: float, speed_mps: float, *, usable: bool = True) -> None:
         """Take over a position of the head (m) and a speed (m/s); an unusable position discards the open window."""
-        self._pairing.add_position(time_ns, s_m, speed_mps, usable=usable)
-        self._take_samples()
-
-    def _take_samples(self) -> None:
-        """Take all samples that can be made from the positions and efforts received."""
-        for sample in self._pairing.samples():
-            if sample is None:
-                self._window.clear()
-            else:
-                self._take(sample)
-
-    def _take(self, sample: Sample) -> None:
-        """Add a sample to the window, or begin another window with it; learn from a full window."""
-        self._watch_standing(sample)
-        if self._window:
-            since_s = sample.time_s - self._window[-1].time_s
-            if 0 <= since_s < SAMPLE_EVERY_S:
-                return
-            if not 0 <= since_s <= LONGEST_GAP_S:
-                self._window.clear()
-        if sample.speed_mps < SLOWEST_MPS or self._may_slip(sample):
-            self._window.clear()
-            if sample.speed_mps >= SLOWEST_MPS:
-                self._learner.take(sample)
+        fastest_mps = OVERSPEED_RATIO * self._vehicle.max_speed_mps
+        usable = usable and 0 <= s_m <= self._route.length_m and abs(speed_mps) <= fastest_mps
+        if usable:
+            self._watch_standing(time_ns, speed_mps)
+        efforts = self._efforts
+        covered = bool(efforts) and efforts[0].time_ns <= time_ns <= efforts[-1].time_ns + LONGEST_GAP_NS
+        if not usable or speed_mps < SLOWEST_MPS or not covered:
+            self._places.clear()
             return
-        self._learner.take(sample)
-        self._window.append(sample)
-        if len(self._window) == WINDOW_SAMPLES:
-            window = self._line.window(self._window)
-            self._window.clear()
-            if window is not None:
-                self._learner.learn(window)
+        since_ns = time_ns - self._places[-1][0] if self._places else SAMPLE_EVERY_NS
+        if 0 <= since_ns < SAMPLE_EVERY_NS:
+            return
+        if not 0 <= since_ns <= LONGEST_GAP_NS:
+            self._places.clear()
+        self._places.append((time_ns, s_m, speed_mps))
+        self._close()
 
-    def _watch_standing(self, sample: Sample) -> None:
+    def _close(self) -> None:
+        """Learn from the open window, if it is full and forces are known up to its last position."""
+        places = self._places[:WINDOW_SAMPLES]
+        if len(places) < WINDOW_SAMPLES or self._efforts[-1].time_ns < places[-1][0]:
+            return
+        first_ns = places[0][0]
+        time_ns, s_m, speed_mps = np.array([(at - first_ns, s, v) for at, s, v in places], dtype=float).T
+        known = np.array([(e.time_ns - first_ns, e.force_el_n, e.force_friction_n) for e in self._efforts]).T
+        electric_n, friction_n = (np.interp(time_ns, known[0], force_n) for force_n in known[1:])
+        self._watch_force(speed_mps, electric_n, friction_n)
+        slips = np.flatnonzero(self._may_slip(speed_mps, electric_n, friction_n))
+        used = slips[-1] + 1 if slips.size else WINDOW_SAMPLES
+        del self._places[:used]
+        if not slips.size:
+            self._learn(self._line.window(time_ns * NS, s_m, speed_mps, electric_n + friction_n, friction_n))
+
+    def _learn(self, window: MeasuredWindow | None) -> None:
+        """Learn from a window; compare a window of coasting with what windows under force gave.
+
+        A coasting train has 0 = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², whatever its force sensor
+        measures.
+        """
+        if window is None:
+            return
+        self._windows += 1
+        self._moving_n += (window.moving_n - self._moving_n) / self._windows
+        self._all.learn(window)
+        if not window.coasts:
+            self._driven.learn(window)
+        elif self._driven.samples:
+            self._distances_sds.append(self._driven.distance_sds(window))
+
+    def _watch_standing(self, time_ns: int, speed_mps: float) -> None:
         """Let the load change once at each stop that is long enough."""
-        if sample.speed_mps > STANDSTILL_MPS:
-            self._stands_since_s, self._load_changed = None, False
-            return
-        if self._stands_since_s is None:
-            self._stands_since_s = sample.time_s
-        if not self._load_changed and sample.time_s - self._stands_since_s >= STANDS_FOR_S:
-            self._learner.change_load()
+        if speed_mps > STANDSTILL_MPS:
+            self._stands_since_ns, self._load_changed = None, False
+        elif self._stands_since_ns is None:
+            self._stands_since_ns = time_ns
+        elif not self._load_changed and (time_ns - self._stands_since_ns) * NS >= STANDS_FOR_S:
             self._load_changed = True
+            self._all.change_load()
+            self._driven.change_load()
+            self._distances_sds.clear()
 
-    def _may_slip(self, sample: Sample) -> bool:
-        """Whether a force is near the adhesion limit of a dry rail; never true of a train without adhesion data."""
-        carried_ratio = ADHESION_RATIO * float(adhesion_coefficient(sample.speed_mps))
-        driven_n, all_n = self._vehicle.adhesive_force_n, self._vehicle.braked_adhesive_force_n
-        electric_n = sample.force_n - sample.friction_n
-        return abs(electric_n) > carried_ratio * driven_n or abs(sample.force_n) > carried_ratio * all_n
+    def _watch_force(self, speed_mps: Floats, electric_n: Floats, friction_n: Floats) -> None:
+        """Doubt forces from now on once more of a window than noise explains is above the train's largest."""
+        train, noise = self._vehicle, 1.0 + CERTAIN_SDS * FORCE_SD_RATIO
+        above = electric_n > noise * train.traction_effort_n(speed_mps)
+        above |= -electric_n > noise * train.electric_brake_effort_n(speed_mps)
+        above |= -friction_n > noise * train.friction_brake_force_n
+        self._too_strong |= int(above.sum()) > IN_A_ROW
+
+    def _may_slip(self, speed_mps: Floats, electric_n: Floats, friction_n: Floats) -> Floats:
+        """Whether each force is near the adhesion limit of a dry rail; never true of a train without adhesion data."""
+        carried_ratio, train = ADHESION_RATIO * adhesion_coefficient(speed_mps), self._vehicle
+        slips = np.abs(electric_n) > carried_ratio * train.adhesive_force_n
+        return np.asarray(slips | (np.abs(electric_n + friction_n) > carried_ratio * train.braked_adhesive_force_n))
+
+    def _doubt(self, known: bool) -> ForceDoubt | None:
+        """Why the forces are not trusted, if there is a reason; `known`: the ratios are known well enough to tell."""
+        distances = self._distances_sds
+        if self._too_strong:
+            return ForceDoubt.TOO_STRONG
+        if len(distances) == IN_A_ROW and abs(sum(distances)) > IN_A_ROW * CERTAIN_SDS:
+            return ForceDoubt.COASTING
+        if known and looks_like_gain(self._all.belief, self._vehicle.resistance.c0_n, self._moving_n):
+            return ForceDoubt.GAIN
+        return None
+
+
+def looks_like_gain(belief: Belief, c0_n: float, moving_n: float) -> bool:
+    """Whether mass and resistance are off by the same factor, as far as they are known: a wrong gain looks like that.
+
+    A gain γ gives µ = γ and κ·(µ·c0 + r) = γ·(c0 + r), with r = c1·v + c2·v² (`moving_n`). The difference of the two
+    sides, divided by c0 + r, is compared with its standard deviation, if the mass certainly differs from the plan.
+    """
+    mass, resistance = belief.theta
+    all_n = c0_n + moving_n
+    apart = (resistance * (mass * c0_n + moving_n)) / all_n - mass
+    row = np.array([resistance * c0_n / all_n - 1.0, (mass * c0_n + moving_n) / all_n])
+    covariance = belief.covariance + np.diag(np.square(MODEL_SD))
+    is_off = abs(mass - 1.0) >= max(STEP.mass, CERTAIN_SDS * float(covariance[0, 0]) ** 0.5)
+    return bool(is_off and apart**2 <= CERTAIN_SDS**2 * float(row @ covariance @ row))
 
 
 class Recalibration:

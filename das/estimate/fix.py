@@ -1,4 +1,4 @@
-"""A position fix: one message of the sensors that says where the train is and how fast it runs."""
+"""What the sensors of a train measure: position fixes (where it is, how fast it runs) and the forces at the wheels."""
 
 from __future__ import annotations
 
@@ -77,3 +77,14 @@ def deviations(fix: PositionFix) -> Deviations:
     if fix.speed_uncertainty_mps > 0:
         speed_mps = max(fix.speed_uncertainty_mps, LEAST_SD_MPS)
     return Deviations(position_m, speed_mps)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """Measured wheel forces (N) of the motors and of the friction brake at a time (ns since 1970)."""
+
+    time_ns: int
+    force_el_n: float
+    """The force of the motors: traction is > 0, the electric brake < 0."""
+    force_friction_n: float
+    """The force of the friction brake, <= 0."""

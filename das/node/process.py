@@ -19,10 +19,9 @@ from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET
 from das.cab.cab import Cab, CabSettings, no_stopwatch
 from das.cab.fronts import Fronts
-from das.cab.orders import Post
+from das.cab.orders import Post, Trains
 from das.cab.outputs import NodeState
 from das.cab.situation import Situation
-from das.cab.trains import Trains
 from das.cab.warm_up import warm_up
 from das.command_line.files import load_route, load_vehicle, warn_of_braking, warn_unusual
 from das.command_line.options import NODE_ENDPOINT

@@ -110,11 +110,11 @@ class Front(Summary):
             raise DasError(f"trip time {time_s} s: expected a finite time > 0 s")
         state = State.at(self.section, s_m, v_mps)
         self._cover(state)
-        quickest = state.fastest()
-        if time_s <= quickest.time_s + tolerance_s:
-            fit = Fit.ON_TIME if time_s >= quickest.time_s - tolerance_s else Fit.LATE
-            return state.solution(quickest, least_time_s=quickest.time_s, requested_s=time_s, fit=fit)
-        return TimeSearch(self.policies, state, time_s, quickest=quickest, tolerance_s=tolerance_s).run()
+        least_s = least_time_s(self.section, float(state.node_m[0]), state.speed_mps)
+        if time_s <= least_s + tolerance_s:
+            fit = Fit.ON_TIME if time_s >= least_s - tolerance_s else Fit.LATE
+            return state.solution(state.fastest(), least_time_s=least_s, requested_s=time_s, fit=fit)
+        return TimeSearch(self.policies, state, time_s, least_time_s=least_s, tolerance_s=tolerance_s).run()
 
     def ladder_times_s(self) -> Floats:
         """Time (s) of the whole section under every multiplier, according to the policies."""
@@ -160,11 +160,11 @@ class TimeSearch:
         state: State,
         time_s: float,
         *,
-        quickest: RollOut,
+        least_time_s: float,
         tolerance_s: float = tol.TIME_TOLERANCE_S,
     ) -> None:
-        self.policies, self.state, self.time_s, self.quickest = policies, state, time_s, quickest
-        self.tolerance_s = tolerance_s
+        self.policies, self.state, self.time_s = policies, state, time_s
+        self.least_time_s, self.tolerance_s = least_time_s, tolerance_s
         self.last = len(policies.lambda_w) - 1
         self._steps = np.arange(self.last + 1)
         self._totals = state.totals(policies)
@@ -203,7 +203,7 @@ class TimeSearch:
     def _answer(self, run: RollOut, place: float, fit: Fit) -> Solution:
         return self.state.solution(
             run,
-            least_time_s=self.quickest.time_s,
+            least_time_s=self.least_time_s,
             requested_s=self.time_s,
             fit=fit,
             lambda_w=self.price_w(place),
@@ -212,7 +212,7 @@ class TimeSearch:
 
     def _enclose(self) -> tuple[Trial | None, Trial]:
         """A slow and a quick trial that can be blended; no slow one if even the smallest multiplier is early."""
-        slow, quick = None, Trial(math.inf, self.quickest, self.quickest.time_s - self.time_s)
+        slow, quick = None, None
         above, below, kept = 0.0, 0.0, 0
         place, step = self._place(self.time_s), FIRST_STEP
         for _ in range(MAX_ROLL_OUTS):
@@ -224,22 +224,25 @@ class TimeSearch:
                 quick, below, above, kept = trial, trial.miss_s, above * (0.5 if kept < 0 else 1.0), -1
             if abs(trial.miss_s) <= self.tolerance_s or self._blendable(slow, quick):
                 break
-            if slow is None or math.isinf(quick.place):
+            if slow is None or quick is None:
                 place, step = self._beyond(trial, step), 4 * step
             else:
                 place = slow.place + self._share(above, below) * (quick.place - slow.place)
-        return slow, quick
+        return slow, quick or self._fastest()
+
+    def _fastest(self) -> Trial:
+        """The fastest trajectory, which is quicker than that of the highest multiplier."""
+        run = self.state.fastest()
+        return Trial(math.inf, run, run.time_s - self.time_s)
 
     def _share(self, above: float, below: float) -> float:
         """Where between two trials the next one should lie, by their misses (false position)."""
         return float(np.clip(above / (above - below), LEAST_SHARE, 1.0 - LEAST_SHARE))
 
-    def _blendable(self, slow: Trial | None, quick: Trial) -> bool:
+    def _blendable(self, slow: Trial | None, quick: Trial | None) -> bool:
         """Whether next to nothing can be gained between two trials, or no multiplier lies between them."""
-        if slow is None:
-            return quick.place <= 0
-        if math.isinf(quick.place):
-            return slow.place >= self.last
+        if slow is None or quick is None:
+            return (quick is not None and quick.place <= 0) or (slow is not None and slow.place >= self.last)
         # The front lies above its tangents at both trials, whose slopes are −λ.
         late, early = slow.miss_s, -quick.miss_s
         gain_j = (self.price_w(quick.place) - self.price_w(slow.place)) * late * early / (late + early)

@@ -4,11 +4,9 @@ from das.advice.settings import AdviceSettings
 from das.cab import heard, outputs
 from das.cab.cab import Cab, CabSettings
 from das.cab.fronts import Fronts
-from das.cab.orders import Post
+from das.cab.orders import Post, Trains
 from das.cab.situation import Situation
-from das.cab.trains import Trains
-from das.estimate.effort import Effort
-from das.estimate.fix import PositionFix
+from das.estimate.fix import Effort, PositionFix
 
 S, zero = 10**9, 1_800_000_000 * 10**9  # Times are whole nanoseconds since 1970.
 route, train = das.load_route("flat-6km"), das.load_vehicle("re460-ic")

@@ -12,13 +12,13 @@ import typer
 from das.command_line.application import run_app, single_command
 from das.command_line.options import OutFolder
 from das.command_line.printing import loading_solver, shown, tell
+from das.domain.errors import DasError
 from das.solver.warm_up import warm_up
 from docs.studies import figures_energy, figures_runs, shares, table2
 from docs.studies.cases import ACCELERATION, COMPLETE, DECELERATION, Workbench
 from docs.studies.drawing import style
 from docs.studies.output import Output
 from precompute.baselines import strategies
-from precompute.cli.options import chosen
 
 ITEMS: Final[dict[str, Callable[[Workbench, Output], None]]] = {
     "fig4": figures_energy.fig4,
@@ -44,13 +44,22 @@ def study(
 
     Figures are written as PNG, tables as Markdown. The folder is created, and files in it are overwritten.
     """
-    wanted, output = chosen(only, ITEMS, "item"), Output(out)
+    wanted, output = chosen(only), Output(out)
     with loading_solver():
         warm_up()
         strategies.warm_up()
     began = time.perf_counter()
     make(wanted, output)
     tell(f"written: {len(output.written)} files in {out} ({time.perf_counter() - began:.0f} s)")
+
+
+def chosen(only: str | None) -> list[str]:
+    """The items that `--only` lists, each once and in their order (None: all); DasError for an unknown one."""
+    asked = list(ITEMS) if only is None else [name.strip() for name in only.split(",")]
+    for name in asked:
+        if name not in ITEMS:
+            raise DasError(f"--only {only}: no item {name!r}; expected some of {', '.join(ITEMS)}")
+    return [name for name in ITEMS if name in asked]
 
 
 def make(wanted: list[str], output: Output) -> None:

@@ -1,4 +1,4 @@
-"""The commands `das-precompute catalogue` and `das-precompute loss-map`."""
+"""The bundled routes and vehicles, as `das-precompute show` lists them."""
 
 from __future__ import annotations
 
@@ -6,37 +6,28 @@ import contextlib
 import json
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
-import typer
-
-from das.command_line.options import JsonOption
-from das.command_line.printing import busy, new_table, paragraph, print_table, tell
+from das.command_line.files import load_route, load_vehicle
+from das.command_line.printing import new_table, paragraph, print_table, tell
 from das.domain.errors import DasError
+from das.domain.files.load import catalogue
 from das.domain.levels import Level
 from das.domain.units import KM, KMH, KW, TONNE
-from precompute.cli.files import MapFiles
-
-if TYPE_CHECKING:
-    from das.domain.losses import LossMap
-    from das.domain.vehicle import Vehicle
+from das.domain.vehicle import Vehicle
 
 SHOWN_OF_A_SOURCE = 300
 """Number of characters of a file's source that are printed; --json gives all of them."""
 LEGEND = {"levels": "loss levels the vehicle has data for, its default first (docs/explanation/loss-maps.md)"}
 
 
-def catalogue(as_json: JsonOption = False) -> None:
-    """List the bundled routes and vehicles.
+def print_catalogue(*, as_json: bool) -> None:
+    """Print the bundled routes and vehicles, each with its id, which commands take, and the source of its figures.
 
-    Each is shown with its id, which is the word to give to the other commands, and with the source of its figures. The
-    files can be copied and changed: a route or vehicle of your own is a file like them. --json gives the sources in
-    full.
+    JSON has the sources in full.
     """
-    from das.domain.files import load
-
-    routes = [_route(name, path) for name, path in load.catalogue("routes").items()]
-    vehicles = [_vehicle(name, path) for name, path in load.catalogue("vehicles").items()]
+    routes = [_route(name, path) for name, path in catalogue("routes").items()]
+    vehicles = [_vehicle(name, path) for name, path in catalogue("vehicles").items()]
     if as_json:
         print(json.dumps({"routes": routes, "vehicles": vehicles}))
         return
@@ -48,8 +39,6 @@ def catalogue(as_json: JsonOption = False) -> None:
 
 
 def _route(name: str, path: Path) -> dict[str, Any]:
-    from das.command_line.files import load_route
-
     route = load_route(name)
     return {
         "id": route.id,
@@ -63,8 +52,6 @@ def _route(name: str, path: Path) -> dict[str, Any]:
 
 
 def _vehicle(name: str, path: Path) -> dict[str, Any]:
-    from das.command_line.files import load_vehicle
-
     vehicle = load_vehicle(name)
     levels, default = _levels(vehicle), str(vehicle.default_level)
     return {
@@ -130,78 +117,3 @@ def _print_vehicles(vehicles: list[dict[str, Any]]) -> None:
             " ".join(vehicle["levels"]),
         )
     print_table(table, LEGEND)
-
-
-MAP_LEGEND = {
-    "fit": "level whose constant efficiency is fitted to the map",
-    "idle": "constant loss of the fit",
-    "mean/in": "mean deviation of the fit, relative to the mean input power",
-    "mean/max, rms/max": "mean and root mean square deviation, relative to the largest loss",
-    "cruising": "mean of (map − fit)/fit at 40 to 160 km/h on the level, |cruising| of its magnitude",
-}
-
-
-def loss_map(
-    source: Annotated[
-        str, typer.Argument(metavar="VEHICLE|MAP.csv", help="Bundled vehicle, vehicle file, or loss map (CSV).")
-    ],
-    files: MapFiles,
-    vehicle: Annotated[
-        str | None,
-        typer.Option("--vehicle", metavar="VEHICLE", help="Train whose forces bound a CSV map [default: re460-ic]."),
-    ] = None,
-) -> None:
-    """Describe a loss map: coverage, fits of L1 and L2 with their errors, best efficiency, largest losses."""
-    files.check(source, vehicle)
-    from das.domain.files.writing import write_whole
-    from precompute.loss_maps import csv_bytes, loss_map_summary, map_of
-
-    model, train = map_of(source, vehicle)
-    summary = loss_map_summary(model, train)
-    if files.plot is not None:
-        from precompute.loss_maps import draw_maps
-
-        with busy("drawing …"):
-            draw_maps(files.plot, model, train)
-    if files.out is not None:
-        write_whole(files.out, csv_bytes(model))
-    if files.as_json:
-        print(json.dumps(summary))
-        return
-    _print_facts(model, train, summary)
-    _print_fits(summary)
-    files.tell()
-
-
-def _print_facts(model: LossMap, train: Vehicle, summary: dict[str, Any]) -> None:
-    cover = summary["coverage"]
-    (slow, fast), (least, most) = cover["speed_kmh"], cover["force_kn"]
-    tell(f"{model.name}\ncovers {slow:g} … {fast:g} km/h, {least:g} … {most:g} kN")
-    tell(f"{cover['operating_points']} operating points within {train.traction.max_power_w / KW:g} kW of {train.id}")
-    full = [f"{name} {loss:.0f} kW" for name, loss in summary["full_power_loss_kw"].items() if loss is not None]
-    tell(f"largest loss {summary['largest_loss_kw']:.0f} kW; mean at full power: {', '.join(full) or 'none'}")
-    for name, best in summary["best"].items():
-        if best is not None:
-            tell(
-                f"best efficiency {name}: {best['efficiency_ratio']:.1%} at {best['speed_kmh']:.0f} km/h, "
-                f"{best['force_kn']:.0f} kN ({best['power_share_ratio']:.0%} of the power)"
-            )
-
-
-def _print_fits(summary: dict[str, Any]) -> None:
-    errors = ("mean/in\n%", "mean/max\n%", "rms/max\n%", "cruising\n%", "|cruising|\n%")
-    table = new_table("", (), ("fit", "mean\nefficiency", "idle\nkW", *errors))
-    for level, fit in summary["fits"].items():
-        cruising, absolute = fit["cruising_deviation_ratio"], fit["cruising_absolute_deviation_ratio"]
-        table.add_row(
-            level,
-            f"{fit['mean_efficiency_ratio']:.4f}",
-            f"{fit['idle_kw']:.1f}",
-            *(
-                f"{100 * fit[f'error_{name}_ratio']:.2f}"
-                for name in ("mean_to_input", "mean_to_largest", "rms_to_largest")
-            ),
-            f"{100 * cruising:+.2f}" if cruising is not None else "–",
-            f"{100 * absolute:.2f}" if absolute is not None else "–",
-        )
-    print_table(table, MAP_LEGEND)

@@ -1,12 +1,11 @@
-"""The files that commands write, as groups of options, and how a check of a route, journey or vehicle file ends."""
+"""The files that commands write, as groups of options."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -14,9 +13,6 @@ from das.command_line.files import check_outputs, check_picture
 from das.command_line.options import JsonOption, OutCsvOption, OverwriteOption, PlotOption
 from das.command_line.printing import tell
 from das.domain.errors import DasError
-
-EXIT_WARNINGS = 1
-"""Exit code of a check that found something unusual."""
 
 
 class Files:
@@ -51,15 +47,6 @@ class Files:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShownFiles(Files):
-    """The picture of a command that shows something, and whether it prints JSON."""
-
-    plot: PlotOption = None
-    overwrite: OverwriteOption = False
-    as_json: JsonOption = False
-
-
-@dataclass(frozen=True, kw_only=True)
 class TableFiles(Files):
     """The files that a command writes (rows as CSV, a picture), and whether it prints JSON."""
 
@@ -80,16 +67,6 @@ class RunFiles(TableFiles):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MapFiles(TableFiles):
-    """The files that `loss-map` writes (the map as CSV, a picture), and whether it prints JSON."""
-
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Loss map to write (.csv), as --loss-map reads it."),
-    ] = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class MadeFile(Files):
     """The TOML file that a command makes."""
 
@@ -105,16 +82,3 @@ class MadeFile(Files):
         for note in notes:
             tell(f"note: {note}")
         tell(f"written: {self.out}{f': {about}' if about else ''}")
-
-
-def end_check(warnings: Sequence[str], show: Callable[[], None], *, as_json: bool, **more: Sequence[Any]) -> None:
-    """Print the findings of a check, and end the command with exit code 1 if there are warnings.
-
-    JSON holds the warnings and `more`; without JSON, `show` prints them.
-    """
-    if as_json:
-        print(json.dumps({"warnings": warnings, **more}))
-    else:
-        show()
-    if warnings:
-        raise typer.Exit(EXIT_WARNINGS)

@@ -1,15 +1,14 @@
-"""A journey file in words: its table, what is unusual in it, the time each section has to spare, and a template."""
+"""A journey file in words: its table, what is unusual in it, and the time each section has to spare."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from das.command_line.printing import new_table
-from das.domain.journey import Call, Journey, Passing, Window, clock, file_clock
+from das.domain.journey import Call, Journey, Passing, Window, clock
 from das.domain.route import Route
 from das.domain.units import KM, kmh
 from das.offline.journey.plan import JourneyPlanner
@@ -28,8 +27,6 @@ SPARE_LEGEND = {
 }
 FAST_MPS = 100.0
 """Fastest mean speed (m/s) of a train between two stops."""
-GUESSED_RATIO, GUESSED_DWELL_S = 1.3, 60.0
-"""Factor on the least time at the line's limits, and dwell (s), of the times of a template."""
 NEAR_M, AT_M = 1000.0, 20.0
 """A point with the name of a route's stop is meant to be there if it is near, and is there if it is at it (m)."""
 
@@ -156,56 +153,3 @@ def spare_table(journey: Journey, rows: list[dict[str, Any]]) -> Table:
         )
         found.add_row(f"{row['from']} – {row['to']}", f"{row['least_s']:.0f}", *left)
     return found
-
-
-HEAD = """# A journey: the stops and timing points of one train, with their times.
-# All keys: docs/reference/file-formats.md. Check it: das-precompute journey check FILE --route ROUTE --vehicle VEHICLE
-schema_version = 1
-
-[journey]
-id = "my-journey"            # letters, digits; part of names
-name = "My journey, 08:00"   # for people
-source = "origin of these times"
-"""
-KEYS = """
-# Times: "08:12:30", or departure_s = 750 on a clock of your own. After midnight they continue: "24:10:00".
-#   departure          not before this time; the first stop must have one
-#   departure_latest   not after this time
-#   arrival            not after this time; the last stop must have one
-#   arrival_earliest   not before this time
-#   dwell_s            least time that the train stands
-# A place is a stop of the route (stop = "Name"), or a name and a position (name = "Name", position_km = 12.3).
-"""
-PASSING = """
-# A passing is a timing point without a stop. Its window (earliest, latest) and its speeds (lowest_speed_kmh,
-# highest_speed_kmh) are kept.
-# A wish is reported and priced, but not enforced; tolerance_s is the rounding of the timetable.
-# [[passings]]
-# name = "Junction"
-# position_km = 12.3
-# time = "08:07:00"
-# wish = true
-# tolerance_s = 30.0
-"""
-
-
-def template(route: Route | None) -> str:
-    """A journey file to fill in, with the stops of a route or, without one, with two invented stops."""
-    stops = [("Here", 0.0), ("There", 10_000.0)] if route is None else [(x.name, x.position_m) for x in route.stops]
-    text = [HEAD.rstrip(), *([] if route is None else [f"route = {json.dumps(route.id)}"]), KEYS.rstrip()]
-    time_s = 8 * 3600.0
-    for i, (name, position_m) in enumerate(stops):
-        text += ["", "[[stops]]"]
-        quoted = json.dumps(name, ensure_ascii=False)
-        text += [f"stop = {quoted}"] if route else [f"name = {quoted}", f"position_km = {position_m / KM:g}"]
-        if i:
-            way_m = (stops[i - 1][1], position_m)
-            least_s = 600.0 if route is None else _least_s(route, *way_m) + 60.0
-            time_s += math.ceil(least_s * GUESSED_RATIO / 30.0) * 30.0
-        if i == len(stops) - 1:
-            text.append(f'arrival = "{file_clock(time_s)}"')
-            continue
-        time_s += GUESSED_DWELL_S if i else 0.0
-        text.append(f'departure = "{file_clock(time_s)}"')
-        text += [f"dwell_s = {GUESSED_DWELL_S:g}"] if i else []
-    return "\n".join([*text, PASSING])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -225,20 +224,6 @@ def buffer_numbers(text: str) -> list[float]:
     return values
 
 
-def chosen(only: str | None, names: Collection[str], kind: str) -> list[str]:
-    """The names that `--only` lists, each once and in the order of `names`; all of them if it is not given.
-
-    Raises DasError for an unknown name; `kind` is the word for such a name in the message.
-    """
-    if only is None:
-        return list(names)
-    asked = [name.strip() for name in only.split(",")]
-    unknown = [name for name in asked if name not in names]
-    if unknown:
-        raise DasError(f"--only {only}: no {kind} {unknown[0]!r}; expected some of {', '.join(names)}")
-    return [name for name in names if name in asked]
-
-
 def _spelled(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
@@ -328,7 +313,7 @@ class Pose(TrainOnLine):
 
 
 def picked(vehicle: Vehicle, mode: str | None, load: str | None) -> Vehicle:
-    """The vehicle in a mode and a load state; None leaves it as its file says. DasError if it has no such one."""
+    """The vehicle in a mode and a load state; None leaves it as its file says. DasError if there is none."""
     if load is not None and vehicle.modes.keys() & set(load.split("+")):
         refuse_given(f"--load {load} also names a mode", "--mode")
     vehicle = vehicle if mode is None else vehicle.in_mode(mode)

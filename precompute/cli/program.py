@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from das.command_line.application import Entry, Group, application, run_app
 
 NAME = "das-precompute"
@@ -25,15 +27,6 @@ COMMANDS: tuple[Entry | Group, ...] = (
         ),
     ),
     Entry(
-        name="few-switch",
-        where="precompute.cli.few_switch:few_switch",
-        summary="Show the energy cost of few changes of the controller, for each of a list of prices of a change.",
-        examples=(
-            "das-precompute few-switch zurich-luzern re460-ic --from Zug --buffers 4,7",
-            "das-precompute few-switch flat-6km re460-ic --prices 0,0.03,0.3 --json",
-        ),
-    ),
-    Entry(
         name="journey",
         where="precompute.cli.journey:journey",
         summary="Plan a train's whole journey for the least energy: times at all points, and driving between them.",
@@ -41,17 +34,16 @@ COMMANDS: tuple[Entry | Group, ...] = (
             "das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png",
             "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60",
         ),
-        more="precompute.cli.journey_files:COMMANDS",
-    ),
-    Entry(
-        name="sensitivity",
-        where="precompute.cli.sensitivity:sensitivity",
-        summary="Show how time and energy of a planned run change when train, wind, line or rail differ from the plan.",
-        examples=("das-precompute sensitivity zurich-luzern re460-ic --from Zug --buffer 7",),
+        more="precompute.cli.imports:OF_JOURNEYS",
+        gone={
+            "show": "das-precompute show JOURNEY --route ROUTE",
+            "check": "das-precompute show JOURNEY --route ROUTE --vehicle VEHICLE",
+            "new": "das-sim example DIR, and change journey.toml in it",
+        },
     ),
     Entry(
         name="build",
-        where="precompute.tables.command:build",
+        where="precompute.cli.tables:build",
         summary="Solve every section of a plan into a table for the cab.",
         examples=(
             "das-precompute build plan.toml -o tables",
@@ -60,48 +52,54 @@ COMMANDS: tuple[Entry | Group, ...] = (
     ),
     Entry(
         name="verify",
-        where="precompute.tables.command:verify",
+        where="precompute.cli.tables:verify",
         summary="Check tables: every byte, compatibility with this release, and completeness.",
         examples=("das-precompute verify tables",),
     ),
     Entry(
         name="show",
-        where="precompute.tables.command:show",
-        summary="Show the contents of a folder of tables: sections, trains, sizes, times, energies and certificates.",
-        examples=("das-precompute show tables --json",),
+        where="precompute.cli.show:show",
+        summary="Show and check a route, vehicle, journey, loss map or tables; without a file, list what is bundled.",
+        examples=(
+            "das-precompute show",
+            "das-precompute show zurich-luzern --plot line.png",
+            "das-precompute show j.toml --route zurich-luzern --vehicle re460-ic",
+            "das-precompute show tables --json",
+        ),
     ),
     Group(
         name="route",
-        summary="Own lines: import them from maps and tables, show, check and merge them.",
-        where="precompute.cli.route:COMMANDS",
-    ),
-    Entry(
-        name="catalogue",
-        where="precompute.cli.catalogue:catalogue",
-        summary="List the bundled routes and vehicles.",
-        examples=("das-precompute catalogue", "das-precompute catalogue --json"),
+        summary="Own lines: import them from maps and tables.",
+        where="precompute.cli.imports:OF_ROUTES",
+        gone={
+            "show": "das-precompute show ROUTE",
+            "check": "das-precompute show ROUTE",
+            "merge": "das-precompute route import of tables, or copy the rows from one TOML file to the other",
+            "new": "das-sim example DIR, and change route.toml in it",
+        },
     ),
     Group(
         name="vehicle",
-        where="precompute.cli.vehicle_files:COMMANDS",
-        summary="Make vehicle files from other programs' files or from tables; show and check them.",
-    ),
-    Entry(
-        name="loss-map",
-        where="precompute.cli.catalogue:loss_map",
-        summary="Describe a loss map: coverage, fits of L1 and L2 with their errors, best efficiency, largest losses.",
-        examples=("das-precompute loss-map re460-ic --plot map.png",),
-    ),
-    Entry(
-        name="bench",
-        where="precompute.bench.command:bench",
-        summary="Measure the solver's speed on this machine, and compare it with baselines and the machine's limits.",
-        examples=("das-precompute bench --only front,trajectory --json",),
+        summary="Own trains: import them from files of other programs or from tables.",
+        where="precompute.cli.imports:OF_VEHICLES",
+        gone={
+            "show": "das-precompute show VEHICLE",
+            "check": "das-precompute show VEHICLE",
+            "new": "das-sim example DIR, and change vehicle.toml in it",
+        },
     ),
 )
 """Every command; a test compares its summary with the first line of its docstring."""
+GONE: Final = {
+    "catalogue": "das-precompute show",
+    "loss-map": "das-precompute show VEHICLE --losses, or das-precompute show MAP.csv",
+    "bench": "python -m docs.studies.bench in a checkout",
+    "few-switch": "python -m docs.studies.few_switch ROUTE VEHICLE in a checkout",
+    "sensitivity": "python -m docs.studies.changed_world ROUTE VEHICLE in a checkout",
+}
+"""Former commands, each with what to run instead."""
 
-app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS)
+app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS, gone=GONE)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""A train in words, figures and warnings, and the vehicle file to fill in."""
+"""A train in words, figures and warnings."""
 
 from __future__ import annotations
 
@@ -133,70 +133,3 @@ def _of_efforts(train: Vehicle) -> list[str]:
     except DasError as error:
         found.append(str(error))
     return found
-
-
-TEMPLATE = """\
-# A vehicle file to fill in. Every quantity has its unit in its key (mass_t, mass_kg, max_speed_kmh, max_speed_mps, …).
-# What begins with "# " may be left out. docs/reference/file-formats.md explains every key.
-schema_version = 1
-
-[vehicle]
-id = "my-train"
-name = "My train"
-source = "where the figures are from"
-mass_t = 200.0                     # the whole train
-rotating_mass_ratio = 0.06         # rotating parts, as a share of the mass
-length_m = 100.0
-max_speed_kmh = 160.0
-max_deceleration_mps2 = 1.0        # of all brakes together
-# max_acceleration_mps2 = 1.0
-# auxiliary_power_kw = 40.0        # drawn while the train moves
-# default_mode = "25kv"            # if the train has [modes]
-
-[resistance]                       # c0 + c1·v + c2·v² on the level
-c0_kn = 2.5
-c1_kn_per_kmh = 0.01
-c2_kn_per_kmh2 = 0.0006
-
-# The largest traction: force and power (short form) …
-[traction]
-max_force_kn = 150.0
-max_power_kw = 2500.0
-# … or an effort curve, in a CSV file with the columns speed_kmh and force_kn …
-# curve = "effort.csv"
-# … or in this file, linear between its points, from standstill to the top speed.
-# [traction.curve]
-# columns = ["speed_kmh", "force_kn"]
-# rows = [[0, 150], [60, 150], [100, 90], [160, 56]]
-
-[electric_brake]                   # like [traction]; leave it out if there is none
-max_force_kn = 120.0
-max_power_kw = 2500.0
-
-[friction_brake]
-max_force_kn = 200.0
-
-[service_brake]                    # as drivers brake
-deceleration_mps2 = 0.6
-build_up_s = 1.5
-
-# Other efforts under another voltage, on diesel engines or in bad weather; --mode picks one.
-# [modes.25kv]
-# voltage_kv = 25
-# [modes.25kv.traction]
-# curve = "effort-25kv.csv"
-# [modes.leaves]
-# weather = "leaves on the rail"
-# [modes.leaves.traction]
-# max_force_kn = 80.0
-# max_power_kw = 2500.0
-
-# [loads.empty]                    # --load empty
-# mass_t = 160.0
-
-[losses.own]                       # constant efficiencies; see the reference for levels l1, l2 and loss maps (l3)
-traction_efficiency_ratio = 0.86
-brake_efficiency_ratio = 0.86
-idle_kw = 30.0
-"""
-"""The vehicle file that `das-precompute vehicle new` writes."""

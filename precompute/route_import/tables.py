@@ -13,7 +13,7 @@ import numpy as np
 
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import MOST_BYTES, MOST_OF_A_NAME, in_si, number
-from das.domain.files.ttobench import curvature_stretches
+from das.domain.files.routes import curvature_stretches
 from das.domain.route import POSITION_TOLERANCE_M, Floats, Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import FACTORS, KM
 from precompute.foreign_text import CsvTable, read_csv, read_yaml

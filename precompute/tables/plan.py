@@ -17,11 +17,9 @@ from das.domain.files.vehicles import read_loss_map, site_braking
 from das.domain.levels import Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
-from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import Job, TableSettings
 
 SCHEMA_VERSION = 1
-MOST_SECTIONS = 100_000
 MOST_BUFFERS = 1000
 LARGEST_BUFFER_PERCENT = 1000.0
 _T = TypeVar("_T")
@@ -59,12 +57,10 @@ def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
     """
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
-    fields.check_keys(["schema_version", "routes", "trains", "tables", "braking", "synthetic"])
+    fields.check_keys(["schema_version", "routes", "trains", "tables", "braking"])
     lines = [line for entry in _entries(fields, "routes") for line in _lines(entry)]
-    if fields.has("synthetic"):
-        lines += _synthetic(fields.table("synthetic"))
     if not lines:
-        raise fields.error("routes", MISSING, "at least one [[routes]], or [synthetic]")
+        raise fields.error("routes", MISSING, "at least one [[routes]]")
     trains = [train for entry in _entries(fields, "trains") for train in _trains(entry)]
     if not trains:
         raise fields.error("trains", MISSING, "at least one [[trains]]")
@@ -155,13 +151,6 @@ def _reversed(route: Route, stops: tuple[Stop, ...]) -> _Line:
     count = len(route.stops)
     places = [route.stops.index(stop) for stop in reversed(stops)]
     return _Line(back, tuple(back.stops[count - 1 - place] for place in places))
-
-
-def _synthetic(fields: Fields) -> list[_Line]:
-    fields.check_keys(["sections", "seed"])
-    sections = fields.whole("sections", (1, MOST_SECTIONS))
-    seed = fields.whole("seed", (0, 2**32 - 1))
-    return [_Line(route, route.stops) for route in synthetic_routes(sections, seed)]
 
 
 def _trains(fields: Fields) -> list[_Train]:

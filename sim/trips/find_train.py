@@ -24,7 +24,7 @@ from das.domain.route import Floats
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration import SLOWEST_MPS
-from das.estimate.window import NORMAL_MAD, SPEED_SD_MPS, LineIntegral, MeasuredWindow, Sample
+from das.estimate.window import NORMAL_MAD, SPEED_SD_MPS, LineIntegral, MeasuredWindow
 from sim.trips.settings import CHOICE_OVERSPEED_RATIO, ESTIMATE_BEYOND_RATIO, ESTIMATE_HELD_S
 from sim.trips.trip import Trip
 
@@ -267,8 +267,7 @@ def windows_of(trip: Trip, vehicle: Vehicle, noise_mps: float) -> list[TrainWind
         speed = run.speed_mps[part]
         if speed.min() < SLOWEST_MPS:
             continue
-        columns = zip(run.time_s[part], run.s_m[part], speed, effort_n[part], strict=True)
-        means = line.window([Sample(*row, 0.0) for row in columns])
+        means = line.window(run.time_s[part], run.s_m[part], speed, effort_n[part], np.zeros(samples))
         if means is not None:
             mean_mps = float(speed.mean())
             found.append(TrainWindow(means, mean_mps, float(vehicle.brake_effort_n(mean_mps))))

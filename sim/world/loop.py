@@ -12,10 +12,9 @@ from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.heard import STATES, Heard, Kind
-from das.cab.orders import Post
+from das.cab.orders import Post, Trains
 from das.cab.outputs import Output
 from das.cab.situation import Situation
-from das.cab.trains import Trains
 from das.domain.errors import DasError
 from sim.drive.calls import KeptCall
 from sim.drive.instructions import InstructionFigures, InstructionWatch

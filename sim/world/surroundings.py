@@ -22,8 +22,7 @@ from das.cab.heard import (
 from das.domain.restriction import Restriction
 from das.domain.route import Stretches
 from das.domain.units import KM
-from das.estimate.effort import Effort
-from das.estimate.fix import LEAST_SD_M, LEAST_SD_MPS, PositionFix, Quality
+from das.estimate.fix import LEAST_SD_M, LEAST_SD_MPS, Effort, PositionFix, Quality
 from sim.drive.limits import Violations
 from sim.drivers.cab import AdviceView, CabView
 from sim.plant.kernels import PlantState

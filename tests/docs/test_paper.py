@@ -6,9 +6,11 @@ import re
 
 import pytest
 
+from das.domain.errors import DasError
 from docs.studies import cases, figures_energy, table2
 from docs.studies.cases import ALL_VARIANTS, L3, L3_IGBT, Workbench
 from docs.studies.output import DOCS
+from docs.studies.paper import ITEMS, chosen
 
 NEAR = 2e-3
 """The cells of the page are as near (relative) to what the script gives: L0 REG's optimum is hardly determined."""
@@ -57,3 +59,11 @@ def test_table2_reaches_print_with_its_minima_on_the_diagonal_and_the_savings_of
 def test_savings_at_the_named_buffers(bench: Workbench, wanted: cases.PrintedSaving) -> None:
     near = figures_energy.SAVING_TOLERANCE_PERCENT
     assert figures_energy.saving(bench, wanted) == pytest.approx(wanted.saving_percent, abs=near)
+
+
+def test_only_takes_known_items_each_once_and_in_their_order() -> None:
+    assert chosen(None) == list(ITEMS)
+    assert chosen("table2, fig4,fig4") == ["fig4", "table2"]
+    for wrong in ("fig3", "", "fig4,,fig5", "FIG4"):
+        with pytest.raises(DasError, match=r"no item .*; expected some of fig4, fig5, "):
+            chosen(wrong)

@@ -1,4 +1,4 @@
-"""The command loss-map: a map written to CSV and described again."""
+"""A loss map shown: that of a vehicle, and the same from a CSV file."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.making import in_a_process, printed
+from tests.support.making import in_a_process, printed, write_loss_map
 
 
 @pytest.mark.slow
-def test_a_map_goes_to_csv_and_back_with_the_same_figures(tmp_path: Path) -> None:
-    files = ("--out", "m.csv", "--plot", "m.png")
-    first = in_a_process("precompute.cli", "loss-map", "re460-ic-igbt", *files, "--json", cwd=tmp_path)
+def test_a_map_from_csv_has_the_figures_of_the_vehicle_that_it_was_written_from(tmp_path: Path) -> None:
+    train = "re460-ic-igbt"
+    words = ("show", train, "--losses", "--plot", "m.png", "--json")
+    first = in_a_process("precompute.cli", *words, cwd=tmp_path)
     assert (first.returncode, first.stderr) == (0, "")
-    words = ("loss-map", "m.csv", "--vehicle", "re460-ic-igbt")
+    write_loss_map(tmp_path / "m.csv", train)
+    words = ("show", "m.csv", "--vehicle", train)
     one, other = json.loads(first.stdout), json.loads(printed(tmp_path, *words, "--json"))
     assert other["fits"]["l2"] == pytest.approx(one["fits"]["l2"], rel=1e-6)
     assert other["best"]["driving"] == pytest.approx(one["best"]["driving"], rel=1e-6)

@@ -28,14 +28,12 @@ from das.cab.heard import (
     RestrictionsHeard,
     ToldRestriction,
 )
-from das.cab.orders import Post
+from das.cab.orders import Post, Trains
 from das.cab.outputs import Estimated, Event
 from das.cab.situation import Situation
-from das.cab.trains import Trains
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
-from das.estimate.effort import Effort
-from das.estimate.fix import PositionFix
+from das.estimate.fix import Effort, PositionFix
 from sim.drivers.cab import CabView
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge

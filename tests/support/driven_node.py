@@ -11,9 +11,8 @@ from das.bus.session import Presence
 from das.bus.topics import ADVICE, CONTROL, EVENT, JOURNEY, POSITION, RESTRICTION, Topic, decoded
 from das.cab.cab import Cab, CabSettings
 from das.cab.fronts import Fronts
-from das.cab.orders import Post
+from das.cab.orders import Post, Trains
 from das.cab.situation import Situation
-from das.cab.trains import Trains
 from das.domain.files.load import load_route, load_vehicle
 from das.node.node import BusClock, Node
 

@@ -25,9 +25,10 @@ import sim.cli.program
 from das.command_line.printing import COMPILING
 from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS
 from das.domain.effort import EffortEnvelope
+from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
-from das.domain.losses import LOSSLESS, LossModel
+from das.domain.losses import LOSSLESS, LossMap, LossModel
 from das.domain.route import Route, Stop, Stretches
 from das.domain.trajectory import Trajectory
 from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
@@ -167,6 +168,19 @@ def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> bool:
             return True
         time.sleep(0.05)
     return False
+
+
+def write_loss_map(path: Path, train: str) -> None:
+    """Write the loss map of a bundled train as CSV."""
+    model = load_vehicle(train).loss_model(Level.L3)
+    assert isinstance(model, LossMap)
+    rows = [
+        f"{speed * 3.6:.10g},{force:.10g},{loss:.9g}"
+        for speed, losses in zip(model.speed_mps, model.loss_w_table, strict=True)
+        for force, loss in zip(model.force_n, losses, strict=True)
+        if np.isfinite(loss)
+    ]
+    path.write_text("\n".join(["speed_kmh,force_n,loss_w", *rows, ""]))
 
 
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:

@@ -79,9 +79,8 @@ def braked(
 
 def begins_s(scene: Sight, keeps_mps: float) -> float:
     """In what time (s) a train that keeps a speed must begin to brake."""
-    nodes_m, from_m = scene.ahead.section.node_m, scene.state.braked_m
-    v_mps, count = max(keeps_mps, 1.0), len(nodes_m) - int(np.searchsorted(nodes_m, from_m, side="right"))
-    begins_m = scene.ahead.curve_begins_m(from_m, np.full(count, v_mps)) if count else from_m
+    from_m, v_mps = scene.state.braked_m, max(keeps_mps, 1.0)
+    begins_m = scene.ahead.curve_begins_m(from_m, np.full(scene.ahead.nodes_ahead(from_m), v_mps))
     return max((begins_m - from_m) / v_mps - SOONER_S, 0.0)
 
 
@@ -227,14 +226,14 @@ def _keeps_mps(now: Instruction, v_mps: float) -> float:
 def _told_speeds_mps(scene: Sight, now: Instruction, from_m: float) -> Floats:
     """The speeds (m/s) at the nodes ahead of a driver who goes on as told."""
     ahead, v_mps = scene.ahead, scene.state.v_mps
-    rolling_mps = ahead.rolling_mps(from_m, v_mps)
     if now.mode is Regime.COAST:  # A driver who rolls up to a limit is told to hold it.
+        rolling_mps = ahead.rolling_mps(from_m, v_mps)
         return np.asarray(np.minimum(rolling_mps, ahead.section.limit_mps[-len(rolling_mps) :]))
     if now.mode in BRAKES:
         braked_n = -ahead.force_n(-now.effort_ratio, scene.state.s_m, v_mps)
         return np.asarray(np.maximum(ahead.rolling_mps(from_m, v_mps, braked_n), now.speed_mps))
     if now.mode is Regime.CRUISE:
-        return np.full(len(rolling_mps), max(now.speed_mps, _keeps_mps(now, v_mps)))
+        return np.full(ahead.nodes_ahead(from_m), max(now.speed_mps, _keeps_mps(now, v_mps)))
     return np.minimum(max(now.speed_mps, v_mps), ahead.gaining_mps(from_m, v_mps))
 
 

@@ -108,7 +108,7 @@ class Showing:
         self.forget()
         self._ahead = ahead = BrakingAhead(section)
         v_mps = max(state.v_mps, 1.0)
-        begins_m = ahead.curve_begins_m(state.s_m, np.full(_nodes_ahead(section, state.s_m), CREEP_MPS))
+        begins_m = ahead.curve_begins_m(state.s_m, np.full(ahead.nodes_ahead(state.s_m), CREEP_MPS))
         needed = ahead.needed(begins_m, CREEP_MPS)
         lead_s = max(BRAKE_LEAD_S + SOONER_S, SHORT_M / v_mps)
         if place.allowed_mps < CREEP_MPS:  # In the last metres he finds the mark by eye.
@@ -286,11 +286,6 @@ def _suffices(shown: Instruction, needed: Instruction) -> bool:
     """Whether what is shown is all that the guard asks for."""
     same = alike(shown, needed) or (shown.mode is needed.mode is Regime.NONE)
     return same and not (shown.mode in BRAKES and needed.effort_ratio < shown.effort_ratio)
-
-
-def _nodes_ahead(section: Section, s_m: float) -> int:
-    """How many nodes of a section lie ahead of a place."""
-    return max(len(section.node_m) - int(np.searchsorted(section.node_m, s_m, side="right")), 1)
 
 
 def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:

@@ -6,9 +6,10 @@ import os
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from das.domain.errors import DasError, InputError
-from das.domain.files import routes, ttobench, vehicles
+from das.domain.files import routes, vehicles
 from das.domain.files.foreign import refuse_foreign
 from das.domain.journey import Journey
 from das.domain.route import Route
@@ -36,7 +37,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
         200.0
     """
     path = locate_vehicle(name_or_path)
-    return ttobench.read_train(path) if path.suffix.lower() == ".json" else vehicles.read_vehicle(path)
+    return _ttobench().read_train(path) if path.suffix.lower() == ".json" else vehicles.read_vehicle(path)
 
 
 def load_route(name_or_path: str | Path) -> Route:
@@ -50,7 +51,7 @@ def load_route(name_or_path: str | Path) -> Route:
         ['Zürich HB', 'Thalwil', 'Zug', 'Luzern']
     """
     path = locate_route(name_or_path)
-    return ttobench.read_track(path) if path.suffix.lower() == ".json" else routes.read_route(path)
+    return _ttobench().read_track(path) if path.suffix.lower() == ".json" else routes.read_route(path)
 
 
 def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
@@ -61,10 +62,17 @@ def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
     """
     path = locate_journey(name_or_path)
     json = path.suffix.lower() == ".json"
-    journey = ttobench.read_journey(path) if json else routes.read_journey(path, route)
+    journey = _ttobench().read_journey(path) if json else routes.read_journey(path, route)
     if route is not None:
         journey.check_on(route)
     return journey
+
+
+def _ttobench() -> Any:
+    """The reader of TTOBench files, which a cab needs for none of its own."""
+    from das.offline import ttobench
+
+    return ttobench
 
 
 def locate_vehicle(name_or_path: str | Path) -> Path:

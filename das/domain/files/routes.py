@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError, InputError, is_seen
 from das.domain.files.reading import Fields, bound_of_window, read_toml
-from das.domain.files.ttobench import curvature_stretches
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.plausibility import ACCEPTED, INSIST, ROUTE_CHECKS, check_route
 from das.domain.route import Altitudes, Route, Stop, Stretches, Tunnel, Zone
@@ -288,3 +287,17 @@ def _time_s(fields: Fields, name: str, default: float) -> float:
         raise fields.error(key, fields.data[key], f"only one of {name} and {key}")
     hours, minutes, seconds = match.groups()
     return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds or 0.0)
+
+
+def curvature_stretches(source: str, rows: list[list[float]]) -> Stretches:
+    """Mean |curvature| of each stretch from rows of position and signed radii at its start and end (m).
+
+    A radius under 60 m is refused: no main line has it and the resistance formula has a pole at 55 m.
+    """
+    for i, (_, start, end) in enumerate(rows):
+        if min(abs(start), abs(end)) < 60:
+            raise InputError(source, f"curves[{i}] radius", min(start, end, key=abs), "a radius of at least 60 m")
+    return Stretches(
+        start_m=np.array([row[0] for row in rows]),
+        value=np.array([abs(1 / start + 1 / end) / 2 for _, start, end in rows]),
+    )

@@ -16,7 +16,6 @@ from das.domain.braking import REACTION_S, SiteBraking
 from das.domain.errors import MISSING, InputError
 from das.domain.files.efforts import ReadEfforts, read_columns, read_efforts
 from das.domain.files.reading import Fields, in_si, read_toml, train_length_m
-from das.domain.files.ttobench import check_tunnel_resistance
 from das.domain.levels import Level
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import MOST_MAP_POINTS, EfficiencyLoss, LossMap, LossModel, check_map_size
@@ -346,3 +345,17 @@ def site_braking(fields: Fields) -> SiteBraking:
         reaction_s=fields.within("reaction", "time", REACTION_S, (0.0, 10.0)),
         below_limit_mps=fields.within("below_limit", "speed", 0.0, (0.0, 20.0 * KMH)),
     )
+
+
+def check_tunnel_resistance(
+    fields: Fields, rows: list[tuple[float, float]]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Cross sections (m²) and coefficients (N/(m/s)²), sorted; InputError for impossible values."""
+    rows = sorted(rows)
+    for i, (area, coefficient) in enumerate(rows):
+        if not 0 < area < np.inf or (i and area == rows[i - 1][0]):
+            raise fields.error(f"tunnel resistance[{i}] cross section", area, "different finite areas > 0")
+        if not 0 <= coefficient < np.inf:
+            key = f"tunnel resistance[{i}] coefficient (N/(m/s)²)"
+            raise fields.error(key, coefficient, "a finite number >= 0")
+    return tuple(row[0] for row in rows), tuple(row[1] for row in rows)

@@ -124,12 +124,28 @@ class GuideRun:
         return float(run_energy(self.state.for_kernels, section.train, section.loss_params, self.speeds_mps))
 
 
+class _Solved(NamedTuple):
+    """A policy from a decision node to the end."""
+
+    node: int
+    policy: GuidePolicy
+
+
 class _Ahead(NamedTuple):
-    """What is solved from a decision node to the end: the moves, and policies by number, in the order of their use."""
+    """The moves from a decision node to the end, and the policies of prices by number, in the order of their use.
+
+    A policy is solved from the train's place on: near the end of a section that takes far less time.
+    """
 
     node: int
     moves: GuideMoves
-    policies: dict[int, GuidePolicy]
+    policies: dict[int, _Solved]
+
+    def moves_from(self, node: int) -> GuideMoves:
+        """The moves from a decision node on."""
+        rows = slice(node - self.node, None)
+        landing_mps, energy_j, target, weight = self.moves
+        return GuideMoves(landing_mps[rows], energy_j[rows], target[rows], weight[rows])
 
 
 class _Behind(NamedTuple):
@@ -221,18 +237,18 @@ class GuideFront:
         section = self.section
         if state.first_node < self._first:
             self.cover(float(state.node_m[0]))
-        ahead, policies = self._policies([one.number for one in plan])
+        solved = self._policies([one.number for one in plan], state.first_node)
         first = len(section.node_m) - len(state.node_m)
         goal_mps, goal_x, foot_m = self._curve
         curve = FineCurve(goal_mps[first:], goal_x[first:], foot_m[first:] - state.node_m)
         speeds, said = np.empty(len(state.node_m)), np.empty(len(state.step_m), np.int64)
         speeds[0], now = state.speed_mps, (told, math.inf)
         nodes = [0, *(max(one.node - state.first_node, 0) for one in plan[1:]), len(state.decision) - 1]
-        for one, policy, begin, end in zip(plan, policies, nodes[:-1], nodes[1:], strict=True):
+        for one, (row_0, policy), begin, end in zip(plan, solved, nodes[:-1], nodes[1:], strict=True):
             anew = one.anew and one.node > state.first_node  # A train beyond that node has been told already.
             now = guide_roll_out(
                 (begin, end), state.first_node, state.decision, state.for_kernels, state.envelope_mps, curve,
-                self._grid, section.train, ahead.node, policy, BACK_SHARE, now, anew, speeds, said,
+                self._grid, section.train, row_0, policy, BACK_SHARE, now, anew, speeds, said,
             )  # fmt: skip
             if now[0] == STALLED:
                 break
@@ -264,21 +280,25 @@ class GuideFront:
             in_parts(pool, self._threads, last - first, fill)
         return _Ahead(first, moves, {})
 
-    def _policies(self, numbers: Sequence[int]) -> tuple[_Ahead, list[GuidePolicy]]:
-        """The policies of these prices; those not kept are solved, several at once on the threads."""
+    def _policies(self, numbers: Sequence[int], node: int) -> list[_Solved]:
+        """The policies of these prices from a decision node on, or from one before it.
+
+        Those not kept are solved, several at once on the threads.
+        """
         with self._lock:
-            ahead, kept = self._ahead, self._ahead.policies
-            found = {one: kept.pop(one) for one in dict.fromkeys(numbers) if one in kept}
-            missing = [one for one in dict.fromkeys(numbers) if one not in found]
+            kept = self._ahead.policies
+            known = {one: kept.pop(one, None) for one in dict.fromkeys(numbers)}
+            found = {one: solved for one, solved in known.items() if solved is not None and solved.node <= node}
+            missing = [one for one in known if one not in found]
             if len(missing) > 1:
                 with ThreadPoolExecutor(self._threads) as pool:
-                    found.update(zip(missing, pool.map(self._solved, missing), strict=True))
+                    found.update(zip(missing, pool.map(lambda one: self._solved(one, node), missing), strict=True))
             elif missing:
-                found[missing[0]] = self._solved(missing[0])
+                found[missing[0]] = self._solved(missing[0], node)
             kept.update(found)
             while len(kept) > len(found) and sum(map(_size, kept.values())) > self.settings.kept_bytes:
                 del kept[next(iter(kept))]
-            return ahead, [found[one] for one in numbers]
+            return [found[one] for one in numbers]
 
     def until(self, node: int, number: int) -> GuideFront:
         """The policies up to a decision node, for a ladder of prices, of a train that follows one price behind it.
@@ -286,13 +306,10 @@ class GuideFront:
         They know what a speed is worth there, so no rule says where to accelerate again. Prices may be negative here: a
         train that must not be at the node too early gains by being slow.
         """
-        ahead, (policy,) = self._policies([number])
-        rows = node - ahead.node
-        behind, moves = GuidePolicy(policy.choice[rows:].copy(), policy.stay[rows:].copy()), ahead.moves
-        moves = GuideMoves(
-            moves.landing_mps[rows:], moves.energy_j[rows:], moves.target[rows:], moves.weight[rows:]
-        )  # fmt: skip
-        costs_j = self._swept(node, len(self._grid.limit_mps), self._free(ahead), moves, number, behind)
+        ((row_0, policy),) = self._policies([number], node)
+        rows, ahead = node - row_0, self._ahead
+        behind = GuidePolicy(policy.choice[rows:].copy(), policy.stay[rows:].copy())
+        costs_j = self._swept(node, len(self._grid.limit_mps), self._free(), ahead.moves_from(node), number, behind)
         found = copy(self)
         waiting = np.geomspace(1.0, LOW_RATIO, WAITING)
         found.lambda_w = np.concatenate((-self.power_w * waiting, self.lambda_w))
@@ -300,23 +317,24 @@ class GuideFront:
         found._solved_ahead, found._lock = ahead._replace(policies={}), Lock()
         return found
 
-    def _solved(self, number: int) -> GuidePolicy:
-        ahead = self._ahead
-        nodes, lines, _ = ahead.moves.target.shape
+    def _solved(self, number: int, node: int) -> _Solved:
+        moves = self._ahead.moves_from(node)
+        nodes, lines, _ = moves.target.shape
         words = -(-len(self.speeds_mps) // WORD)
         policy = GuidePolicy(
             np.empty((nodes, lines), np.uint16), np.empty((nodes, lines, MANNERS, 2, words), np.uint32)
         )
-        last, costs_j = ahead.node + nodes, self._free(ahead)
+        last, costs_j = node + nodes, self._free()
         if self._behind is not None:
             last, behind, costs_j = self._behind
-            policy.choice[last - ahead.node :], policy.stay[last - ahead.node :] = behind
-        self._swept(ahead.node, last, costs_j, ahead.moves, number, policy)
-        return policy
+            policy.choice[last - node :], policy.stay[last - node :] = behind
+        self._swept(node, last, costs_j, moves, number, policy)
+        return _Solved(node, policy)
 
-    def _free(self, ahead: _Ahead) -> Floats:
+    def _free(self) -> Floats:
         """The costs at the end of the section: none."""
-        return np.zeros((ahead.moves.target.shape[1] + 1, LANDED + 1, 2, len(self.speeds_mps)))
+        lines = self._ahead.moves.target.shape[1] + 1
+        return np.zeros((lines, LANDED + 1, 2, len(self.speeds_mps)))
 
     def _swept(
         self, first: int, last: int, costs_j: Floats, moves: GuideMoves, number: int, policy: GuidePolicy
@@ -328,8 +346,8 @@ class GuideFront:
         return np.asarray(guide_sweep(first, last, costs_j.copy(), self._grid, train, params, moves, prices, policy))
 
 
-def _size(policy: GuidePolicy) -> int:
-    return policy.choice.nbytes + policy.stay.nbytes
+def _size(solved: _Solved) -> int:
+    return solved.policy.choice.nbytes + solved.policy.stay.nbytes
 
 
 def falls_to(envelope_mps: Floats, node_m: Floats) -> tuple[Floats, Floats]:
@@ -350,7 +368,9 @@ def told_speeds(section: Section) -> Floats:
     exact = np.unique(np.concatenate((section.limit_mps, falls_to(envelope, section.node_m)[0])))
     exact = exact[(exact > SAME_MPS) & (exact <= envelope.max() + SAME_MPS)]
     steps = step * np.arange(math.ceil(LEAST_MPS / step), math.floor(envelope.max() / step) + 1)
-    far = np.abs(steps[:, np.newaxis] - exact).min(axis=1) > SAME_MPS
-    found = np.sort(np.concatenate((exact, steps[far])))
+    near = (np.abs(steps[:, np.newaxis] - exact) <= SAME_MPS).any(axis=1)
+    found = np.sort(np.concatenate((exact, steps[~near])))
+    if not found.size:  # a section so short that the train does not even reach `LEAST_MPS`
+        return np.array([envelope.max()])
     found = found[np.append(True, np.diff(found) > SAME_MPS)]
     return np.asarray(found[:: -(-len(found) // MOST_SPEEDS)])

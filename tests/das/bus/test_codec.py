@@ -32,8 +32,7 @@ from das.cab.heard import (
     Unreadable,
 )
 from das.cab.outputs import Estimated, Event, NodeState, Severity, Status
-from das.estimate.effort import Effort
-from das.estimate.fix import PositionFix, Quality
+from das.estimate.fix import Effort, PositionFix, Quality
 
 NOW_NS = 1_800_000_000_000_000_000
 

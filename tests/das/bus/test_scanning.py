@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import struct
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from das.bus import das_pb2, scanning, topics
+from das.bus import contents, das_pb2, scanning, topics
 from das.bus.contents import read_contents, read_raw
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
@@ -230,6 +231,31 @@ def test_more_messages_than_a_recording_can_have_are_refused(tmp_path: Path, mon
     monkeypatch.setattr(scanning, "MOST_MESSAGES", 1000)
     with pytest.raises(DasError, match="holds more than 1000 messages"):
         read_contents(path)
+
+
+def test_a_file_that_would_fill_the_memory_is_refused(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(contents, "MOST_BYTES", whole.stat().st_size)
+    assert read_recording(whole).complete
+    (tmp_path / "more.mcap").write_bytes(whole.read_bytes() + b"!")
+    with pytest.raises(DasError, match=r"more.mcap: is larger than 0 MiB: cut it into shorter recordings"):
+        read_contents(tmp_path / "more.mcap")
+
+
+def test_a_file_cut_while_it_is_read_does_not_end_the_process(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bytes of a file mapped into memory that are there no more end the process by a signal."""
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole.read_bytes())
+
+    def cut_meanwhile(data: bytes) -> scanning.Scan:
+        os.truncate(path, len(MAGIC))
+        return scanning.Scan(data)
+
+    monkeypatch.setattr(contents, "Scan", cut_meanwhile)
+    assert messages_of(read_recording(path)) == messages_of(read_recording(whole))
 
 
 def test_a_recording_is_never_empty(tmp_path: Path) -> None:

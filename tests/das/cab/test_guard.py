@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from das.cab import event_wording
-from das.cab.guard import MOST_RESTRICTIONS, MOST_STOPS, Guard, Publishers
+from das.cab.guard import MOST_RESTRICTIONS, MOST_STOPS, Guard, Publishers, described
 from das.cab.heard import JourneyHeard, OrderedStop, RestrictionsHeard, Target, TargetsHeard, ToldRestriction
 from das.cab.outputs import MOST_A_SECOND, Moderation
 from das.domain.restriction import LONGEST_TEXT
@@ -120,4 +119,4 @@ def test_a_restriction_refused_for_its_text_is_described_with_its_length() -> No
         reason: str = field(default="", compare=False)
 
     one = Named(0.0, 1.0, 5.0, reason="x" * 201)
-    assert event_wording.impossible_restriction(one) == "one of 5 m/s from 0 to 1 m, reason of 201 letters"
+    assert described(one) == "one of 5 m/s from 0 to 1 m, reason of 201 letters"

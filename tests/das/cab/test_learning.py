@@ -7,10 +7,8 @@ from typing import cast
 
 import pytest
 
-from das.cab import event_wording
-from das.cab.learning import Learning
-from das.estimate.calibration import Calibrator
-from das.estimate.ratios import Estimates, ForceDoubt
+from das.cab.learning import CALIBRATION_ON, FORCE_DOUBTS, Learning
+from das.estimate.calibration import Calibrator, Estimates, ForceDoubt
 from tests.support.driven_node import START_NS, S
 
 
@@ -44,12 +42,12 @@ def test_a_strange_mass_is_never_called_usable_without_both_explanations(mass_ra
 
 def test_it_is_never_on_again_without_both_explanations() -> None:
     learning = Learning(found(1.5, ForceDoubt.COASTING))
-    assert learning.news(START_NS) == event_wording.calibration_off(ForceDoubt.COASTING)
+    assert learning.news(START_NS) == f"calibration off: {FORCE_DOUBTS[ForceDoubt.COASTING]}"
     learning.calibrator = found(1.5)
     text = learning.news(START_NS + 60 * S)
     assert all(words in text for words in BOTH)
     learning.calibrator = found(1.2)
-    assert learning.news(START_NS + 120 * S) == event_wording.CALIBRATION_ON
+    assert learning.news(START_NS + 120 * S) == CALIBRATION_ON
 
 
 @pytest.mark.parametrize("calibrator", [found(0.71), found(1.39), found(1.5, usable=False)])

@@ -21,8 +21,8 @@ from das.advice.wording import words
 from das.cab.fronts import Fronts
 from das.cab.heard import Target
 from das.cab.leg import Leg
+from das.cab.orders import Trains
 from das.cab.situation import Situation
-from das.cab.trains import Trains
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.levels import Level

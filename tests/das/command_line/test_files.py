@@ -40,8 +40,7 @@ WRITERS = {
     "solve": ("das-precompute", "solve", "flat-6km", "re460-ic", "--buffer", "10", "--out", "out.csv"),
     "solve --plot": ("das-precompute", "solve", "flat-6km", "re460-ic", "--buffer", "10", "--plot", "out.pdf"),
     "front": ("das-precompute", "front", "flat-6km", "re460-ic", "--exact", "--out", "out.csv"),
-    "sensitivity": ("das-precompute", "sensitivity", "flat-6km", "re460-ic", "--buffer", "10", "--out", "out.csv"),
-    "loss-map": ("das-precompute", "loss-map", "re460-ic", "--out", "out.csv"),
+    "show": ("das-precompute", "show", "re460-ic", "--plot", "out.png"),
 }
 """Every command that writes a file which the user names, with that file last."""
 
@@ -72,11 +71,11 @@ def test_no_command_replaces_a_file_or_follows_a_link_unasked(name: str, tmp_pat
 
 
 def test_what_is_to_be_overwritten_is(tmp_path: Path) -> None:
-    out = tmp_path / "out.csv"
+    out = tmp_path / "out.png"
     out.write_bytes(b"mine")
-    done = das_precompute(tmp_path, "loss-map", "re460-ic", "--out", "out.csv", "--overwrite")
+    done = das_precompute(tmp_path, "show", "re460-ic", "--plot", "out.png", "--overwrite")
     assert done.returncode == 0, done.stderr
-    assert out.read_text(encoding="utf-8").startswith("speed_kmh,")
+    assert out.read_bytes().startswith(b"\x89PNG")
     saved = tmp_path / "saved.mcap"
     saved.write_bytes(b"mine")
     assert das_sim("recover", REPLAY, "-o", "saved.mcap", "--overwrite", cwd=tmp_path).returncode == 0

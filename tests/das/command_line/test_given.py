@@ -153,12 +153,7 @@ OF_PRECOMPUTE = [
     (("front", *FLAT, "--exact", "--refine", "on"), "--refine on: with --exact the solver's runs are not refined"),
     (("front", *FLAT, "--exact", "--plot", "a.png"), "--plot a.png: draws the solver's front"),
     (("journey", "zurich-luzern", "zurich-luzern", "re460-ic", "--dwell", "30"), "--dwell 30.0: needs 'stops'"),
-    (("bench", "--only", "growth", "--track", "flat-6km"), "--track flat-6km: the figures of --only growth have lines"),
-    (
-        ("bench", "--only", "sweep,transitions", "--threads", "1"),
-        "--threads 1: the figures of --only sweep,transitions take one",
-    ),
-    (("loss-map", "re460-ic", "--overwrite"), "--overwrite: no file to write is named"),
+    (("show", "re460-ic", "--overwrite"), "--overwrite: no file to write is named"),
 ]
 
 

@@ -102,7 +102,7 @@ def test_a_text_changes_no_plan_and_is_refused_only_for_its_length() -> None:
     assert said == silent
     assert hash(said) == hash(silent)
     assert said.figures == ALWAYS.figures == (1000.0, 2000.0, 10.0, 0, 0)
-    assert said.mirrored(6000.0).texts == {"reason": "works"}
+    assert said.texts == {"reason": "works"}
     assert Named(1.0, 2.0, 3.0, reason="x" * LONGEST_TEXT).texts
     with pytest.raises(InputError, match=r"^restriction: reason = 'xx.*: expected at most 200 letters$"):
         Named(1.0, 2.0, 3.0, reason="x" * 1000)
@@ -113,12 +113,6 @@ def test_it_is_under_a_train_until_the_tail_has_left() -> None:
     assert ALWAYS.is_under(heads_m, heads_m, 200.0).tolist() == [False, False, True, True, False]
     assert ALWAYS.is_under(0.0, 1001.0, 0.0)
     assert not ALWAYS.is_under(2000.0, 3000.0, 0.0)
-
-
-def test_driven_the_other_way_it_is_counted_from_the_other_end() -> None:
-    other = WINDOW.mirrored(6000.0)
-    assert other.figures == (4000.0, 5000.0, 10.0, FROM_NS, UNTIL_NS)
-    assert other.mirrored(6000.0) == WINDOW
 
 
 def test_the_window_is_told_in_times_of_day() -> None:

@@ -20,19 +20,21 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Route, Tunnel, Zone
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration import REPLAN_EVERY_S, WINDOW_SAMPLES, Calibrator, Recalibration
-from das.estimate.effort import Effort
-from das.estimate.ratios import (
-    FORGETTING,
+from das.estimate.calibration import (
+    CHANGE_SD,
     LEAST,
-    LOAD_MASS_SD,
-    MASS_STEP,
     MODEL_SD,
     MOST,
     PRIOR_SD,
+    REPLAN_EVERY_S,
+    STEP,
+    WINDOW_SAMPLES,
     Belief,
+    Calibrator,
     Estimates,
+    Recalibration,
 )
+from das.estimate.fix import Effort
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
@@ -169,24 +171,27 @@ def test_without_forgetting_the_recursion_is_the_batch_least_squares(n: int) -> 
     assert belief.covariance == pytest.approx(np.linalg.inv(whole.T @ whole), rel=1e-8, abs=1e-12)
 
 
-def test_what_is_not_observed_is_not_forgotten() -> None:
-    """However long one direction is seen, the others keep their variance; it itself ends at r·(1 − λ)."""
-    belief = Belief(np.zeros(2), np.diag([0.04, 9.0]))
+def test_what_is_not_observed_and_does_not_drift_is_not_forgotten() -> None:
+    """However long the resistance is seen, the mass keeps its variance; that of the resistance stands still at last."""
+    belief, noise, drift = Belief(np.zeros(2), np.diag([0.04, 9.0])), 0.5, 0.1
     for _ in range(5000):
-        belief = belief.updated(np.array([0.0, 2.0]), 0.1, 0.5, FORGETTING)
+        belief = belief.drifted((0.0, drift), (3.0, 3.0)).updated(np.array([0.0, 2.0]), 0.1, noise)
     assert belief.covariance[0, 0] == 0.04
     assert belief.covariance[0, 1] == 0.0
-    assert 4.0 * belief.covariance[1, 1] == pytest.approx(0.5 * (1 - FORGETTING), rel=1e-6)
+    before = belief.covariance[1, 1] + drift**2
+    assert belief.covariance[1, 1] == pytest.approx(before - (2 * before) ** 2 / (4 * before + noise), rel=1e-9)
 
 
-def test_what_changes_is_followed_with_the_stated_memory() -> None:
-    """After n observations of a step, 1 − λⁿ of it is found, once the memory is full."""
-    row, belief = np.array([1.0]), Belief(np.zeros(1), np.eye(1))
-    for _ in range(1000):
-        belief = belief.updated(row, 0.0 - belief.theta[0], 1.0, FORGETTING)
+def test_what_drifts_is_followed_and_never_less_certain_than_before_anything_was_measured() -> None:
+    """A step is found as fast as the steady gain of the filter says: 1 − (1 − K)ⁿ of it after n observations."""
+    row, belief, drift = np.array([1.0]), Belief(np.zeros(1), np.eye(1)), (0.02,)
+    for _ in range(2000):
+        belief = belief.drifted(drift, (1.0,)).updated(row, 0.0 - belief.theta[0], 1.0)
+    before = belief.covariance[0, 0] + drift[0] ** 2
     for _ in range(50):
-        belief = belief.updated(row, 1.0 - belief.theta[0], 1.0, FORGETTING)
-    assert belief.theta[0] == pytest.approx(1 - FORGETTING**50, rel=1e-6)
+        belief = belief.drifted(drift, (1.0,)).updated(row, 1.0 - belief.theta[0], 1.0)
+    assert belief.theta[0] == pytest.approx(1 - (1 / (1 + before)) ** 50, rel=1e-6)
+    assert belief.drifted((9.0,), (1.0,)).covariance[0, 0] == 1.0
 
 
 # --- against the train model ------------------------------------------------------------------------------------
@@ -382,7 +387,7 @@ def test_after_a_stop_the_mass_may_be_another_one() -> None:
         calibrator.set_position(at_ns, last.s_m, 0.0)
         calibrator.set_effort(Effort(time_ns=at_ns, force_el_n=0.0, force_friction_n=0.0))
     after = calibrator.estimates
-    assert after.mass_sd == pytest.approx(math.hypot(before.mass_sd, LOAD_MASS_SD))
+    assert after.mass_sd == pytest.approx(math.hypot(before.mass_sd, CHANGE_SD.mass))
     assert (after.mass_ratio, after.resistance_sd) == (before.mass_ratio, before.resistance_sd)
     assert before.usable
     assert not after.usable
@@ -460,7 +465,7 @@ def test_the_plan_is_made_anew_when_it_would_change_and_not_too_often() -> None:
     first = recalibration.due(estimates(1.1, 1.2), now)
     assert first == Conditions(mass_ratio=1.1, resistance_ratio=1.2, receptivity_ratio=0.5)
     assert first.train(VEHICLE).mass_kg == pytest.approx(1.1 * VEHICLE.mass_kg)
-    assert recalibration.due(estimates(1.1 + 0.9 * MASS_STEP, 1.22), now + 10**12) is None
+    assert recalibration.due(estimates(1.1 + 0.9 * STEP.mass, 1.22), now + 10**12) is None
     soon, later = now + round(0.9 * REPLAN_EVERY_S / NS), now + round(1.1 * REPLAN_EVERY_S / NS)
     assert recalibration.due(estimates(1.2, 1.2), soon) is None
     assert recalibration.due(estimates(1.2, 1.2), later) == replace(first, mass_ratio=1.2)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from das.domain.conditions import Conditions
-from das.estimate.calibration import Calibrator, Recalibration
-from das.estimate.ratios import ForceDoubt
+from das.estimate.calibration import Calibrator, ForceDoubt, Recalibration
 from sim.plant.plant import COAST, Plant, lever
 from tests.das.estimate.test_calibration import ROUTE, SEEDS, THALWIL, VEHICLE, ZUG, States, driven, feed, fresh, ns
 from tests.support.crossing import crossed

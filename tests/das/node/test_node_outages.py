@@ -19,10 +19,9 @@ from das.bus.recorder import RecordingFile
 from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, EVENT, JOURNEY, PLAN, POSITION, RECORDER, RESTRICTION, STATUS, Received, decoded
 from das.cab.cab import Cab
-from das.cab.orders import Post
+from das.cab.orders import Post, Trains
 from das.cab.outputs import MOST_A_SECOND
 from das.cab.situation import Situation
-from das.cab.trains import Trains
 from das.domain.errors import DasError
 from das.node.node import Node, WallClock
 from sim.world.lockstep import Process

@@ -14,9 +14,9 @@ from das.domain.route import Zone
 from das.domain.vehicle import BrakePolicy
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import DecisionGrid, Transitions
-from precompute.bench.plain import plain_transitions
 from tests.support.closeness import assert_close
 from tests.support.making import make_route
+from tests.support.plain_solver import plain_transitions
 from tests.support.transitions import all_moves
 
 TRAIN = load_vehicle("re460-ic")

@@ -12,10 +12,8 @@ from pathlib import Path
 import pytest
 
 from das.command_line.application import Entry
-from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle
-from precompute.cli.options import chosen
-from precompute.cli.program import COMMANDS, NAME
+from precompute.cli.program import COMMANDS, GONE, NAME
 from tests.support.benchmark import TRAIN
 from tests.support.crossing import few
 from tests.support.making import REPOSITORY, das_precompute, in_a_process, printed
@@ -57,26 +55,15 @@ def test_options_have_a_help_of_a_sentence_and_one_spelling_in_all_commands() ->
     assert not spelled & {"--output", "--csv", "--png", "--write", "--save"}
 
 
-def test_only_takes_known_names_each_once_and_in_their_order() -> None:
-    names = ("fig4", "fig5", "table2")
-    assert chosen(None, names, "item") == list(names)
-    assert chosen("table2, fig4,fig4", names, "item") == ["fig4", "table2"]
-    for wrong in ("fig3", "", "fig4,,fig5", "FIG4"):
-        with pytest.raises(DasError, match=r"no item .*; expected some of fig4, fig5, table2"):
-            chosen(wrong, names, "item")
-
-
 PRINTED = {
-    "catalogue": "levels: ",
+    "show": "levels: ",
     "solve flat-6km re460-ic --buffer 7": "gap: ",
     "front zurich-luzern re460-ic --to Thalwil --level l2 --refine off": "saved: ",
     "journey short.toml zurich-luzern re460-ic": "≥, ≤, =: ",
-    "sensitivity flat-6km re460-ic --buffer 7 --vary 'mass=±10%, wind=-20..20'": "on time: ",
-    "loss-map re460-ic": "|cruising|",
+    "show re460-ic --losses": "|cruising|",
     "front flat-6km re460-ic --exact --max-buffer 1": "supported: ",
-    "few-switch flat-6km re460-ic --prices 0.03": "price: ",
 }
-"""An abbreviation that a command explains below its table; the last two take longer."""
+"""An abbreviation that a command explains below its table; the last takes longer."""
 
 SHORT_JOURNEY = """
 schema_version = 1
@@ -96,7 +83,7 @@ arrival = "07:19:30"
 """
 
 
-@pytest.mark.parametrize("command", few(PRINTED, list(PRINTED)[:-2]))
+@pytest.mark.parametrize("command", few(PRINTED, list(PRINTED)[:-1]))
 def test_what_is_printed_fits_80_columns_and_explains_its_abbreviations(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -105,13 +92,13 @@ def test_what_is_printed_fits_80_columns_and_explains_its_abbreviations(
     out = printed(tmp_path, *shlex.split(command))
     tables = [line for line in out.splitlines() if ".toml" not in line]  # paths are as long as they are
     assert max(len(line.rstrip()) for line in tables) <= 80
-    if command != "catalogue":  # there "…" ends a source that is longer
+    if command != "show":  # there "…" ends a source that is longer
         assert "…" not in out.replace(" … ", "")
     assert PRINTED[command] in out
 
 
 def test_the_catalogue_is_what_the_files_say(tmp_path: Path) -> None:
-    done = in_a_process("precompute.cli", "catalogue", "--json", cwd=tmp_path)
+    done = in_a_process("precompute.cli", "show", "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     assert [one["id"] for one in found["routes"]] == list(catalogue("routes"))
@@ -133,15 +120,13 @@ def test_the_catalogue_is_what_the_files_say(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("suffix", "begins"), [("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_the_suffix_tells_the_kind_of_a_picture(suffix: str, begins: bytes, tmp_path: Path) -> None:
-    printed(tmp_path, "loss-map", "re460-ic", "--plot", f"map.{suffix}", "--json")
+    printed(tmp_path, "show", "re460-ic", "--losses", "--plot", f"map.{suffix}", "--json")
     assert (tmp_path / f"map.{suffix}").read_bytes().startswith(begins)
 
 
 # --- refused in one line ----------------------------------------------------------------------------------------
 
-SOLVE, FRONT, FEW_SWITCH, VARY = (
-    f"{name} flat-6km re460-ic" for name in ("solve", "front", "few-switch", "sensitivity")
-)
+SOLVE, FRONT = (f"{name} flat-6km re460-ic" for name in ("solve", "front"))
 ONE_TIME = "give either --time (s) or --buffer (%)"
 READ = "the output file is also an input"
 REFUSED = {
@@ -191,26 +176,24 @@ REFUSED = {
     ),
     f"{FRONT} --exact --out no/front.csv": "no/front.csv: no such folder no",
     "front flat-6km own.toml --exact -o own.toml": f"own.toml: {READ}",
-    f"{FEW_SWITCH} --prices 0,much": "--prices 0,much: expected numbers separated by commas, like 0,5,10",
-    f"{FEW_SWITCH} --prices -1": "--prices -1: expected times from 0 to 100 s",
-    f"{FEW_SWITCH} --prices 101": "--prices 101: expected times from 0 to 100 s",
-    f"{FEW_SWITCH} --buffers -1": "buffer -1.0 %: expected a number from 0 to 10000",
-    f"{FEW_SWITCH} --buffers ''": "--buffers : expected numbers separated by commas, like 0,5,10",
-    f"{VARY}": ONE_TIME,
-    f"{VARY} --buffer 7 --time 220": ONE_TIME,
-    f"{VARY} --buffer 7 --vary mass": "--vary mass: cannot read 'mass'",
-    f"{VARY} --buffer 7 --vary adhesion=0.5": "adhesion is missing: expected [adhesion] adhesive_mass",
-    f"{VARY} --buffer 7 --out a.png --plot a.png": "a.png: two outputs name the same file",
-    f"{VARY} --buffer 7 --plot no/a.png": "no/a.png: no such folder no",
-    "sensitivity flat-6km own.toml --buffer 7 -o own.toml": f"own.toml: {READ}",
     "journey plan.toml flat-6km own.toml -o plan.toml": f"plan.toml: {READ}",
     "build trainless.toml -o tables": "error: trainless.toml: trains is missing: expected at least one [[trains]]\n",
-    "bench --only front,speed": "--only front,speed: no figure 'speed'; expected some of front, steps, transitions",
-    "loss-map nix": "nix: not a bundled vehicle",
-    "loss-map no.csv": "no.csv: cannot be read",
-    "loss-map re460-ic --plot no/where.png": "no/where.png: no such folder",
-    "loss-map l2.toml": "l2.toml: no data for level l3",
-    "loss-map map.csv --out map.csv": f"map.csv: {READ}",
+    **{f"{name} x --y": f"{name} is no longer a command of this program; run instead: {GONE[name]}" for name in GONE},
+    "show nix": "nix: expected a route, vehicle, journey, loss map or tables, or one of CH_Stadler_FLIRT_TPF",
+    "show no.csv": "no.csv: cannot be read",
+    "show re460-ic --losses --plot no/where.png": "no/where.png: no such folder",
+    "show l2.toml --losses": "l2.toml: no data for level l3",
+    "show --plot a.png": "--plot a.png: needs a file",
+    "show re460-ic --reverse": "--reverse: re460-ic is a vehicle",
+    "show flat-6km --load full": "--load full: flat-6km is a route",
+    "show folder --plot a.png": "--plot a.png: folder is tables",
+    "show zurich-luzern --vehicle re460-ic": "--vehicle re460-ic: zurich-luzern is a route",
+    "show map.png": "map.png: expected a route, vehicle, journey, loss map or tables",
+    **{
+        f"{group.name} {word}": f"{word} is no longer a command of this program; run instead: {instead}"
+        for group in COMMANDS
+        for word, instead in group.gone.items()
+    },
 }
 
 

@@ -1,4 +1,4 @@
-"""The commands of routes as a user types them: import, show, check, merge and new, and what other commands then do."""
+"""Routes as a user imports and shows them, and what other commands then do."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_an_import_says_what_it_found_and_writes_a_route_that_other_commands_use
         assert text in out
     route = load_route(folder / "my.toml")
     assert (route.credit, route.time_zone, route.one_way) == ("a friend, CC0", "Europe/Zurich", True)
-    shown = json.loads(printed(folder, "route", "show", "my.toml", "--json"))
+    shown = json.loads(printed(folder, "show", "my.toml", "--json"))
     assert (shown["limits"], shown["tunnels"], shown["altitudes"]) == (5, 1, "smoothed")
     assert shown["climb_m"] == pytest.approx(23, abs=4)
     solve = ("solve", "my.toml", "re460-ic", "--strategy", "fastest")
@@ -55,9 +55,9 @@ def test_a_flat_line_needs_the_word_and_says_its_range_wherever_energies_are_com
     assert done.stderr.startswith("warning: my.toml: no altitudes: energies are those of a flat line; on four real sec")
 
 
-def test_check_has_a_code_for_warnings_and_one_for_what_cannot_be_used(folder: Path) -> None:
+def test_show_has_a_code_for_warnings_and_one_for_what_cannot_be_used(folder: Path) -> None:
     assert das_precompute(folder, "route", "import", "tracks.geojson", *ENDS, "--flat", "-o", "my.toml").returncode == 0
-    done = das_precompute(folder, "route", "check", "my.toml", "--json")
+    done = das_precompute(folder, "show", "my.toml", "--json")
     found = json.loads(done.stdout)
     assert (done.returncode, found["warnings"]) == (0, [])
     assert [note.split(":")[0] for note in found["notes"]] == ["no altitudes", "no source", "no licence", "one_way"]
@@ -67,9 +67,9 @@ def test_check_has_a_code_for_warnings_and_one_for_what_cannot_be_used(folder: P
     unusual = unusual.replace("rows = [\n    [0.0, 0.0],", "rows = [\n    [0.0, 35.0], [4.0, -35.0],", 1)
     unusual += '\n[curves]\ncolumns = ["position_km", "radius_start_m", "radius_end_m"]\nrows = [[0.0, 200.0, 200.0]]\n'
     (folder / "my.toml").write_text(unusual, encoding="utf-8")
-    done = das_precompute(folder, "route", "check", "my.toml")
+    done = das_precompute(folder, "show", "my.toml")
     assert done.returncode == 1
-    said = " ".join(done.stdout.split())
+    said = " ".join(done.stderr.split())
     for words in (
         "2 are called 'adorf'",
         "adorf is at km 6.216, its coordinates 1",
@@ -79,30 +79,14 @@ def test_check_has_a_code_for_warnings_and_one_for_what_cannot_be_used(folder: P
     ):
         assert words in said
     (folder / "my.toml").write_text(text.replace("one_way = true", "one_way = 1"), encoding="utf-8")
-    assert "route.one_way = 1: expected true or false" in refused(folder, "route", "check", "my.toml")
-
-
-def test_new_and_merge_make_a_route_by_hand(folder: Path) -> None:
-    assert das_precompute(folder, "route", "import", "tracks.geojson", *ENDS, "--flat", "-o", "my.toml").returncode == 0
-    done = das_precompute(folder, "route", "new", "Adorf=0", "Cedorf=14", "--limit", "120", "-o", "new.toml")
-    assert (done.returncode, load_route(folder / "new.toml").one_way) == (0, False)
-    done = das_precompute(folder, "route", "merge", "my.toml", "--limits", "new.toml", "-o", "both.toml", "--json")
-    found = json.loads(done.stdout)
-    assert (found["limits"], found["highest_limit_kmh"], found["geometry_points"]) == (1, pytest.approx(120), 72)
-    assert found["remarks"][1] == "The limits are those of adorf-cedorf, positions times 1.002212."
-    assert "nothing to take" in refused(folder, "route", "merge", "my.toml", "-o", "x.toml")
-    short = ("route", "new", "A=0", "B=9", "--limit", "80", "-o", "short.toml")
-    assert das_precompute(folder, *short).returncode == 0
-    assert "expected the same line" in refused(
-        folder, "route", "merge", "my.toml", "--limits", "short.toml", "-o", "x.toml"
-    )
+    assert "route.one_way = 1: expected true or false" in refused(folder, "show", "my.toml")
 
 
 def test_the_picture_of_an_import_is_that_of_its_route(folder: Path) -> None:
     written(folder / "map.json", as_overpass(made_map()))
     words = ("route", "import", "map.json", *ENDS, "--altitudes", "heights.csv", "-o", "my.toml", "--plot", "a.png")
     assert das_precompute(folder, *words).returncode == 0
-    assert das_precompute(folder, "route", "show", "my.toml", "--plot", "b.png").returncode == 0
+    assert das_precompute(folder, "show", "my.toml", "--plot", "b.png").returncode == 0
     assert (folder / "a.png").read_bytes() == (folder / "b.png").read_bytes()
 
 
@@ -110,9 +94,7 @@ def test_nothing_is_replaced_unasked_and_wrong_options_are_one_line(folder: Path
     (folder / "my.toml").write_text("mine", encoding="utf-8")
     words = ("route", "import", "tracks.geojson", *ENDS, "--flat", "-o")
     assert "exists already" in refused(folder, *words, "my.toml")
-    assert "output file is also an input" in refused(
-        folder, "route", "merge", "my.toml", "--limits", "my.toml", "-o", "my.toml"
-    )
+    assert "output file is also an input" in refused(folder, "route", "import", "my.toml", "-o", "my.toml")
     assert "needs --from and --to" in refused(folder, "route", "import", "tracks.geojson", "--flat", "-o", "x.toml")
     assert "no station 'Zedorf'; near: Cedorf, Bedorf" in refused(
         folder, "route", "import", "tracks.geojson", "--from", "Zedorf", "--to", "Adorf", "--flat", "-o", "x.toml"

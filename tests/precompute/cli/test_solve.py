@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from das.domain.files.load import locate_route, locate_vehicle
-from tests.support.making import printed
+from tests.support.making import printed, write_loss_map
 from tests.support.raw_data import Line, Train, read_loss_map, read_rows
 from tests.support.verifier import verify
 
@@ -71,8 +71,8 @@ def test_the_csv_and_what_is_printed_are_one_run_that_the_verifier_finds_nothing
 ) -> None:
     """Forces, motion, limits and every energy by a program of its own, which reads the files itself."""
     hilly = ("solve", "zurich-luzern", "re460-ic", "--to", "Thalwil", "--buffer", "7", "--json")
-    for words in (("loss-map", "re460-ic", "--out", "map.csv"), (*hilly, "--out", "run.csv")):
-        out = printed(tmp_path, *words)
+    write_loss_map(tmp_path / "map.csv", "re460-ic")
+    out = printed(tmp_path, *hilly, "--out", "run.csv")
     train, loss = Train.read(locate_vehicle("re460-ic")), read_loss_map(tmp_path / "map.csv")
     runs = (("flat-6km", (0.0, LENGTH_M), *solved), ("zurich-luzern", (0.0, 12e3), json.loads(out), tmp_path))
     for route, ends_m, claim, folder in runs:

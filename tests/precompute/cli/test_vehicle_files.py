@@ -22,14 +22,12 @@ def train(tmp_path: Path) -> Path:
 
 
 def test_an_imported_train_is_shown_drawn_and_checked(train: Path) -> None:
-    done = das_precompute(train.parent, "vehicle", "show", "train.toml", "--plot", "train.png")
-    assert done.returncode == 0
+    done = das_precompute(train.parent, "show", "train.toml", "--plot", "train.png")
+    assert done.returncode == 1
     assert "an effort curve of 3 points, at most 200 kN and 2250 kW" in done.stdout
     assert "25000V, thermal, 25000V-heating-22500V" in done.stdout
     assert (train.parent / "train.png").read_bytes().startswith(b"\x89PNG")
-    checked = das_precompute(train.parent, "vehicle", "check", "train.toml")
-    assert checked.returncode == 1
-    assert "warning: train.toml: mode 25000V: traction.curve has no point between 0 and 72 km/h" in checked.stderr
+    assert "warning: train.toml: mode 25000V: traction.curve has no point between 0 and 72 km/h" in done.stderr
 
 
 def test_a_mode_is_picked_on_the_command_line(train: Path) -> None:
@@ -38,7 +36,7 @@ def test_a_mode_is_picked_on_the_command_line(train: Path) -> None:
         assert done.returncode == 0, done.stderr
         return float(json.loads(done.stdout)["min_time_s"])
 
-    shown = das_precompute(train.parent, "vehicle", "show", "train.toml", "--mode", "thermal", "--json")
+    shown = das_precompute(train.parent, "show", "train.toml", "--mode", "thermal", "--json")
     assert json.loads(shown.stdout)["max_force_n"] == 100e3
     assert least_s("--mode", "thermal") > least_s()
     refused = das_precompute(train.parent, "front", "flat-6km", "train.toml", "--mode", "3kV")
@@ -89,45 +87,9 @@ def test_nothing_is_written_where_the_file_is_refused_or_another_is_there(train:
     assert "exists already" in there.stderr
 
 
-def test_the_template_is_a_vehicle_without_warnings(tmp_path: Path) -> None:
-    assert das_precompute(tmp_path, "vehicle", "new", "-o", "new.toml").returncode == 0
-    done = das_precompute(tmp_path, "vehicle", "check", "new.toml")
-    assert (done.returncode, done.stdout) == (0, "new.toml: modes: 0, loads: 0, warnings: 0\n")
-
-
-def test_every_line_of_the_template_that_may_be_left_out_is_right(tmp_path: Path) -> None:
-    """All of its commented keys put in, with the tables that exclude each other left out."""
-    das_precompute(tmp_path, "vehicle", "new", "-o", "new.toml")
-    lines = (tmp_path / "new.toml").read_text().splitlines()
-    keys = (
-        "# [",
-        "# max_a",
-        "# aux",
-        "# default",
-        "# voltage",
-        "# curve",
-        "# weather",
-        "# max_f",
-        "# max_p",
-        "# mass",
-        "# columns",
-        "# rows",
-    )
-    put_in = [line[2:] if line.startswith(keys) else line for line in lines]
-    text = "\n".join(put_in).replace('curve = "effort.csv"\n', "", 1)
-    short = "max_force_kn = 150.0\nmax_power_kw = 2500.0\n"
-    text = text.replace(f"[traction]\n{short}", "")
-    for name in ("effort.csv", "effort-25kv.csv"):
-        (tmp_path / name).write_text("speed_kmh,force_kn\n0,150\n160,56\n")
-    (tmp_path / "full.toml").write_text(text)
-    train = load_vehicle(tmp_path / "full.toml")
-    assert (train.mode, list(train.modes), list(train.loads)) == ("25kv", ["25kv", "leaves"], ["empty"])
-    assert train.modes["leaves"].traction.max_force_n == 80e3
-
-
 @pytest.mark.parametrize("vehicle", ["re460-ic", "NL_Intercity_VIRM6", "CN_Beijing_Subway"])
 def test_bundled_trains_are_shown_and_have_no_warnings_of_efforts(vehicle: str, tmp_path: Path) -> None:
-    done = das_precompute(tmp_path, "vehicle", "show", vehicle, "--json")
+    done = das_precompute(tmp_path, "show", vehicle, "--json")
     found = json.loads(done.stdout)
     assert len(found["cruising_j_per_m"]) == len(found["speed_mps"]) == 11
-    assert "curve" not in das_precompute(tmp_path, "vehicle", "check", vehicle).stderr
+    assert (done.returncode, found["warnings"]) == (0, [])

@@ -46,7 +46,7 @@ def test_the_front_is_refined_and_some_of_it_is_proven(section: Section, front: 
     assert {run["refinement_saved_j"] for run in table["front"]} == {0.0}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_31_km_section_fits_into_half_a_megabyte() -> None:
     """With the 41 buffers and the least energy that a table holds by default."""
     route = load_route(str(track_path("CH_Fribourg_Bern")))

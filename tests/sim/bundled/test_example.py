@@ -199,8 +199,8 @@ def test_the_recorded_trip_is_looked_at(folder: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_fronts_journeys_and_sensitivity(folder: Path) -> None:
-    for line in commands(folder, "das-precompute front", "das-precompute journey", "das-precompute sensitivity"):
+def test_fronts_and_journeys(folder: Path) -> None:
+    for line in commands(folder, "das-precompute front", "das-precompute journey"):
         assert run(folder, line)
 
 

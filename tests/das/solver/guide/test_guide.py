@@ -293,17 +293,25 @@ def test_any_number_of_limits_is_accepted() -> None:
     assert math.isfinite(scheduled_run(front, run).forecast.time_s)
 
 
-def test_only_what_is_ahead_of_a_train_is_solved_and_the_run_is_the_same() -> None:
+@pytest.mark.parametrize("length_m", [2_000.0, 400.0, 12.0])
+def test_a_section_whose_limit_no_train_reaches_has_a_guide(length_m: float) -> None:
+    section = with_braking(build_section(make_route(length_m, [(0.0, 160.0 * KMH)]), LOCAL), USUAL.of(LOCAL))
+    front = GuideFront(section, threads=1)
+    run, _ = in_time(front, State.at(section), 1.1 * least_time_s(section, section.start_m, 0.0))
+    assert (run.speeds_mps <= section.envelope_mps + 1e-6).all()
+    assert math.isfinite(scheduled_run(front, run).forecast.time_s)
+
+
+@pytest.mark.parametrize("from_m", [6_000.0, None])
+def test_only_what_is_ahead_of_a_train_is_solved_and_the_run_is_the_same(from_m: float | None) -> None:
     section, front, _ = solved(ROUTE, LOCAL)
-    ahead = GuideFront(section, s_m=6_000.0, threads=1)
-    state, plan = State.at(section, 6_000.0, 20.0), (PolicyFrom(0, 150),)
-    whole, part = front.run(state, plan), ahead.run(state, plan)
+    ahead = GuideFront(section, s_m=from_m, threads=1)
+    start, state, plan = State.at(section), State.at(section, 6_000.0, 20.0), (PolicyFrom(0, 150),)
+    from_start, whole, part = front.run(start, plan), front.run(state, plan), ahead.run(state, plan)
     np.testing.assert_array_equal(whole.speeds_mps, part.speeds_mps)
-    policy = front._policies([150])[1][0]
-    few = sum(one.nbytes for one in ahead._policies([150])[1][0])
-    assert few < 0.7 * sum(one.nbytes for one in policy)
-    ahead.cover(section.start_m)
-    assert ahead.run(State.at(section), plan).time_s == front.run(State.at(section), plan).time_s
+    size, few = (sum(array.nbytes for array in one._ahead.policies[150].policy) for one in (front, ahead))
+    assert few < 0.7 * size
+    assert ahead.run(start, plan).time_s == from_start.time_s
 
 
 def test_the_policies_kept_have_a_size() -> None:
@@ -312,7 +320,7 @@ def test_the_policies_kept_have_a_size() -> None:
     front, state = GuideFront(section, threads=1), State.at(section)
     assert front.nbytes == 0
     front.run(state, (PolicyFrom(0, 100),))
-    one = sum(array.nbytes for array in front._ahead.policies[100])
+    one = sum(array.nbytes for array in front._ahead.policies[100].policy)
     empty = front.nbytes - one
     front = GuideFront(section, PolicySettings(kept_bytes=2 * one), threads=1)
     for number in (100, 110, 100, 120):

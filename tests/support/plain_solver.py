@@ -1,4 +1,4 @@
-"""Plain versions of the solver's steps: baselines of the benchmark, and references in its tests."""
+"""Plain versions of the solver's steps: references of tests."""
 
 from __future__ import annotations
 

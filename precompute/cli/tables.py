@@ -1,4 +1,4 @@
-"""The commands `das-precompute build`, `verify` and `show`."""
+"""The commands `das-precompute build` and `verify`, and what `show` prints of tables."""
 
 from __future__ import annotations
 
@@ -108,11 +108,11 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
         raise typer.Exit(EXIT_SOME_FAILED)
 
 
-def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """Show the contents of a folder of tables: sections, trains, sizes, times, energies and certificates.
+def print_tables(folder: Path, *, as_json: bool) -> None:
+    """Print what is in a folder of tables, or in one: sections, trains, sizes, times, energies and certificates.
 
-    Each table is checked first, as by `verify`; problems are listed below the others. `--json` has all points of the
-    fronts and the times and energies of all references.
+    Each table is checked first; problems are listed below the others. JSON has all points of the fronts and the times
+    and energies of all references. Raises DasError if there is no table.
     """
     from precompute.tables.build import table_files
 

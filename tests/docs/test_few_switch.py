@@ -1,9 +1,7 @@
-"""das-precompute few-switch: what few changes of the controller cost, beside the optimum and four modes."""
+"""The study few_switch: what few changes of the controller cost, beside the optimum and four modes."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,9 +11,9 @@ from das.domain.units import kwh
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front
+from docs.studies import few_switch
+from docs.studies.few_switch import few_switch_fronts, few_switch_rows
 from precompute.baselines.strategies import four_modes
-from precompute.cli.few_switch import few_switch_fronts, few_switch_rows
-from tests.support.making import printed
 
 BUFFER_RATIO = 1.07
 PRICES_S = (0.0, 0.03, 1.0)
@@ -29,7 +27,7 @@ def front() -> Front:
 
 @pytest.fixture(scope="module")
 def rows(front: Front) -> dict[str, dict[str, Any]]:
-    """The rows of the command for a buffer of 7 %, by their names."""
+    """The rows of the study for a buffer of 7 %, by their names."""
     found = few_switch_rows(front, few_switch_fronts(front.section, PRICES_S), BUFFER_RATIO * front.fastest().time_s)
     return {row["run"]: row for row in found}
 
@@ -59,16 +57,14 @@ def test_every_schedule_needs_more_than_the_optimum_but_not_much(rows: dict[str,
         assert abs(row["time_s"] - rows["optimum"]["time_s"]) < 5.0
 
 
-def test_json_has_a_point_a_buffer_and_a_row_a_run(tmp_path: Path) -> None:
-    found: dict[str, Any] = json.loads(
-        printed(tmp_path, "few-switch", "flat-6km", "re460-ic", "--buffers", "5,10", "--prices", "0.1", "--json")
-    )
-    assert [point["buffer_percent"] for point in found["points"]] == [5.0, 10.0]
-    for point in found["points"]:
-        assert [run["run"] for run in point["runs"]] == ["optimum", "0.1", "four modes"]
-        for run in point["runs"]:
-            assert run["changes_per_min"] == pytest.approx(60 * run["changes"] / run["time_s"])
-            assert run["more_ratio"] == pytest.approx(run["more_kwh"] / (run["energy_kwh"] - run["more_kwh"]))
-        assert point["runs"][0]["time_s"] == pytest.approx(
-            (1 + point["buffer_percent"] / 100) * found["min_time_s"], abs=0.05
-        )
+def test_the_table_of_a_buffer_has_a_row_a_run(capsys: pytest.CaptureFixture[str]) -> None:
+    few_switch.main(["flat-6km", "re460-ic", "--buffers", "5", "--prices", "0.1"])
+    out = capsys.readouterr().out
+    assert [line.split()[0] for line in out.splitlines()[5:8]] == ["optimum", "0.1", "four"]
+    assert "price: of a change" in out
+
+
+def test_the_rows_agree_with_each_other(rows: dict[str, dict[str, Any]]) -> None:
+    for run in rows.values():
+        assert run["changes_per_min"] == pytest.approx(60 * run["changes"] / run["time_s"])
+        assert run["more_ratio"] == pytest.approx(run["more_kwh"] / (run["energy_kwh"] - run["more_kwh"]))

@@ -1,18 +1,22 @@
-"""What is unusual in a route, and what it lacks."""
+"""A route in figures, as a table, what is unusual in it, and what it lacks."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from das.command_line.printing import new_table
 from das.domain.plausibility import energy_range, unusual_in
 from das.domain.route import Route
 from das.domain.units import KM, KMH, PERMILLE, kmh
 from precompute.polylines import nearest_on_line
+from precompute.route_import.altitudes import climb_and_fall_m
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 OFF_LINE_M: Final = 500.0
 """Distance (m) from the line at its position beyond which a stop's coordinates lie elsewhere."""
@@ -24,20 +28,68 @@ MOST_SIDEWAYS_MPS2: Final = 2.3
 """Sideways acceleration (m/s²) that a limit may give in a curve: 1.0 by cant (150 mm) and 1.3 uncompensated."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RouteFindings:
-    """What is unusual in a route (`warnings`), and what it lacks (`notes`), a sentence each."""
+def as_dict(route: Route) -> dict[str, Any]:
+    """A route in figures, as `--json` prints it."""
+    climb_m, fall_m = climb_and_fall_m(route)
+    gradients = route.gradients_ratio.value / PERMILLE
+    curves = route.curvature_per_m.value
+    return {
+        "id": route.id,
+        "name": route.name,
+        "length_m": route.length_m,
+        "stops": [{"name": stop.name, "position_m": stop.position_m} for stop in route.stops],
+        "limits": len(route.limits_mps.value),
+        "lowest_limit_kmh": float(kmh(route.limits_mps.value.min())),
+        "highest_limit_kmh": float(kmh(route.limits_mps.value.max())),
+        "gradients": len(gradients),
+        "steepest_up_permille": max(float(gradients.max()), 0.0),
+        "steepest_down_permille": min(float(gradients.min()), 0.0),
+        "climb_m": climb_m,
+        "fall_m": fall_m,
+        "altitudes": route.altitudes and str(route.altitudes),
+        "smallest_radius_m": 1.0 / float(curves.max()) if curves.max() > 0 else None,
+        "tunnels": len(route.tunnels),
+        "tunnels_m": sum(tunnel.length_m for tunnel in route.tunnels),
+        "geometry_points": len(route.geometry_position_m),
+        "one_way": route.one_way,
+        "time_zone": route.time_zone,
+        "source": route.data_source,
+        "licence": route.licence,
+    }
 
-    warnings: tuple[str, ...]
-    notes: tuple[str, ...]
+
+def table(route: Route) -> Table:
+    """A route in a few rows."""
+    found = as_dict(route)
+    shown = new_table(f"{route.id}: {route.name}", ("", ""), ())
+    shown.show_header, shown.columns[0].no_wrap = False, True
+    radius_m = found["smallest_radius_m"]
+    rows = {
+        "length": f"{route.length_m / KM:.3f} km, {'one way' if route.one_way else 'both ways'}",
+        "stops": ", ".join(f"{stop.name} ({stop.position_m / KM:.3f})" for stop in route.stops),
+        "limits": f"{found['limits']}: {found['lowest_limit_kmh']:.0f} to {found['highest_limit_kmh']:.0f} km/h",
+        "gradients": (
+            f"{found['gradients']}: {found['steepest_up_permille']:+.1f} to {found['steepest_down_permille']:+.1f} ‰, "
+            f"climb {found['climb_m']:.1f} m, fall {found['fall_m']:.1f} m"
+        ),
+        "curves": "none" if radius_m is None else f"{len(route.curvature_per_m.value)}: radius from {radius_m:.0f} m",
+        "tunnels": f"{found['tunnels']}, {found['tunnels_m'] / KM:.2f} km" if found["tunnels"] else "none",
+        "geometry": f"{found['geometry_points']} points" if found["geometry_points"] else "none",
+        "data": route.credit or "source and licence not stated",
+    }
+    for name, text in rows.items():
+        shown.add_row(name, text)
+    return shown
 
 
-def findings_of(route: Route) -> RouteFindings:
-    """All findings of a route that could be read."""
-    return RouteFindings(
-        warnings=(*unusual_in(route), *_stops(route), *_limits(route), *_gradients(route)),
-        notes=(*filter(None, [energy_range(route)]), *_lacks(route)),
-    )
+def warnings(route: Route) -> list[str]:
+    """A sentence for everything unusual in a route."""
+    return [*unusual_in(route), *_stops(route), *_limits(route), *_gradients(route)]
+
+
+def notes(route: Route) -> list[str]:
+    """A sentence for everything that a route lacks."""
+    return [*filter(None, [energy_range(route)]), *_lacks(route)]
 
 
 def _stops(route: Route) -> Iterator[str]:

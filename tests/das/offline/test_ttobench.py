@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from das.domain.files.load import load_journey, load_route, load_vehicle
-from das.domain.files.ttobench import read_track, read_train
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.vehicle import BrakePolicy, Vehicle
+from das.offline.ttobench import read_track, read_train
 from tests.das.domain.files.refusing import Read, refused
 from tests.support import benchmark
 from tests.support.benchmark import DATA, JOURNEY, SHARED, TRACKS, TRAINS, journey_path, track_path, train_path

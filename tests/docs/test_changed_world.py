@@ -1,13 +1,9 @@
-"""A plan in a changed world, against closed forms and integrators of this file's own; the command as a process."""
+"""A plan in a changed world, against closed forms and integrators of this file's own; its table."""
 
 from __future__ import annotations
 
-import csv
 import itertools
-import json
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +17,8 @@ from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from precompute.cli.sensitivity import DEFAULT
-from precompute.sensitivity import (
-    RANGE_VALUES,
+from docs.studies import changed_world
+from docs.studies.changed_world import (
     Parameter,
     Variation,
     VariationOutcome,
@@ -31,9 +26,9 @@ from precompute.sensitivity import (
     assess,
     by_effect,
     follow,
-    parse_variations,
+    variations,
 )
-from tests.support.making import flat, in_a_process, make_route, make_train, printed
+from tests.support.making import flat, make_route, make_train
 
 AS_PLANNED = Conditions()
 LENGTH_M = 8000.0
@@ -94,7 +89,7 @@ def test_a_variation_of_nothing_is_the_plan_bit_for_bit(
         assert np.array_equal(getattr(outcome.followed.trajectory, name), getattr(plan.trajectory, name)), name
     assert outcome.followed.balance == plan.balance
     assert (outcome.late_s, outcome.extra_ratio, outcome.followed.off_plan_ratio) == (0.0, 0.0, 0.0)
-    assert (outcome.trouble, outcome.per_step(outcome.late_s)) == (None, None)
+    assert (outcome.trouble, outcome.late_s_per_step) == (None, None)
     assert outcome.saved_ratio == pytest.approx(0.0, abs=1e-4)
 
 
@@ -121,7 +116,7 @@ def test_resistance_adds_its_percentage_of_the_resistance_in_the_energy_balance(
         (1 + percent / 100) * plan.balance.resistance, rel=1e-12
     )
     # Without losses all that is put in is resistance.
-    slope = outcome.per_step(outcome.extra_ratio)
+    slope = outcome.extra_ratio_per_step
     assert slope == pytest.approx(0.01 * plan.balance.resistance / plan.balance.input, rel=1e-9)
     assert outcome.late_s == pytest.approx(0.0, abs=1e-9)
 
@@ -283,26 +278,9 @@ def test_planning_anew_is_never_worse_than_the_stale_plan(
     assert outcome.on_time.time_s == pytest.approx(max(plan.time_s, outcome.on_time.least_time_s), abs=0.02)
 
 
-def values(text: str, plan: Conditions = AS_PLANNED) -> list[tuple[str, float]]:
-    return [(str(x.parameter), x.value) for x in parse_variations(text, plan)]
-
-
-def test_variations_are_read() -> None:
-    assert values("mass=±10%, wind=-20..20") == [
-        ("mass", -10), ("mass", 10), ("wind", -20), ("wind", -10), ("wind", 10), ("wind", 20),
-    ]  # fmt: skip
-    assert values("mass=+-5%,+/-10%,5%") == [("mass", -5), ("mass", 5), ("mass", -10), ("mass", 10)]
-    assert values("receptivity=0..1") == [("receptivity", x / (RANGE_VALUES - 1)) for x in range(RANGE_VALUES - 1)]
-    assert values("resistance=−20%,+.5%") == [("resistance", -20), ("resistance", 0.5)]
-    assert values("mass=0%,wind=0..20", Conditions(head_wind_mps=10 / 3.6)) == [
-        ("mass", 0), ("wind", 0), ("wind", 5), ("wind", 15), ("wind", 20),
-    ]  # fmt: skip
-    assert len(parse_variations(DEFAULT, AS_PLANNED)) == 16
-
-
 def test_a_variation_changes_the_plan_by_its_step() -> None:
     plan = Conditions(mass_ratio=1.2, head_wind_mps=5.0, receptivity_ratio=0.8)
-    mass, wind, back = (x for x in parse_variations("mass=10%,wind=36,receptivity=0.5", plan))
+    mass, wind, back = variations(plan, real_train(), ["mass=10", "wind=36", "receptivity=0.5"])
     assert mass.conditions == replace(plan, mass_ratio=1.2 * 1.1)
     assert wind.conditions == replace(plan, head_wind_mps=10.0)
     assert back.conditions == replace(plan, receptivity_ratio=0.5)
@@ -314,66 +292,23 @@ def test_a_variation_changes_the_plan_by_its_step() -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", "cannot read ''"),
-        ("10%", "cannot read '10%'"),
-        ("mas=10%", "no parameter 'mas'; expected one of mass, resistance, wind, receptivity, adhesion"),
-        ("mass=10", "mass=10: expected a change in %, like ±10%"),
-        ("mass=±10%,,", "mass=: expected a change in %, like ±10%"),
-        ("mass=nan%", "cannot read 'mass=nan%'"),
-        ("mass=-100%", "conditions: mass_ratio = 0.0: expected more than 0 and at most 10"),
-        ("wind=10%", "wind=10%: expected a value without %, like 0.5"),
-        ("wind=1..x", "cannot read 'wind=1..x'"),
-        ("wind=0..0", "nothing that differs from the plan"),
-        ("receptivity=±0.5", "conditions: receptivity_ratio = -0.5: expected 0 to 1"),
+        ("mas=10", "--vary mas=10: expected PARAMETER=VALUE,… of mass, resistance, wind, receptivity, adhesion"),
+        ("mass=10%", "--vary mass=10%: expected numbers separated by commas, like mass=-10,10"),
+        ("mass=-100", "conditions: mass_ratio = 0.0: expected more than 0 and at most 10"),
+        ("receptivity=-0.5", "conditions: receptivity_ratio = -0.5: expected 0 to 1"),
     ],
 )
 def test_variations_that_cannot_be_are_refused(text: str, expected: str) -> None:
     with pytest.raises(DasError) as refused:
-        parse_variations(text, AS_PLANNED)
-    assert str(refused.value).startswith(f"--vary {text}: ")
-    assert expected in str(refused.value)
+        variations(AS_PLANNED, real_train(), [text])
+    assert str(refused.value) == expected
 
 
-COMMAND = ("sensitivity", "flat-6km", "re460-ic")
-
-
-@pytest.mark.nightly
-def test_the_command_writes_json_csv_and_a_picture(tmp_path: Path) -> None:
-    files = ("--out", "rows.csv", "--plot", "rows.png")
-    vary = "mass=±10%,+900%,resistance=0%,receptivity=0.5,wind=-20..20"
-    words = (*COMMAND, "--buffer", "7", "--vary", vary, "--json", *files)
-    done = in_a_process("precompute.cli", *words, cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    result = json.loads(done.stdout)
-    plan, rows = result["plan"], result["variations"]
-    assert plan["time_s"] == pytest.approx(1.07 * plan["min_time_s"], abs=0.05)
-    by_label = {row["label"]: row for row in rows}
-    assert len(by_label) == len(rows) == 9
-    nothing = by_label["resistance +0 %"]
-    assert (nothing["time_s"], nothing["energy_kwh"]) == (plan["time_s"], plan["energy_kwh"])
-    for row in rows:
-        assert row["followed"], row
-        assert row["late_s"] == pytest.approx(row["time_s"] - plan["time_s"])
-        assert row["extra_ratio"] == pytest.approx(row["energy_kwh"] / plan["energy_kwh"] - 1)
-        if row["step"]:
-            assert row["extra_ratio_per_step"] * row["step"] == pytest.approx(row["extra_ratio"])
-    # Half of what the plan feeds back: the same forces, whatever the line takes.
-    assert by_label["receptivity 0.5"]["late_s"] == 0
-    assert 0 < by_label["receptivity 0.5"]["extra_ratio"] < 0.5
-    largest = [max(abs(x["extra_ratio"]) for x in rows if x["parameter"] == y["parameter"] and
-                   abs(x["step"]) == abs(y["step"])) for y in rows]  # fmt: skip
-    assert largest == sorted(largest, reverse=True)
-    with (tmp_path / "rows.csv").open(encoding="utf-8") as file:
-        written = list(csv.DictReader(file))
-    assert [row["label"] for row in written] == [row["label"] for row in rows]
-    assert [float(row["time_s"]) for row in written] == [row["time_s"] for row in rows]
-    assert (tmp_path / "rows.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
-
-
-def test_the_command_for_people(tmp_path: Path) -> None:
-    out = printed(tmp_path, *COMMAND, "--buffer", "7")
-    lines = out.splitlines()
+def test_the_table_has_a_row_a_variation_and_leaves_adhesion_out_without_data(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert len(variations(AS_PLANNED, real_train())) == 16
+    changed_world.main(["flat-6km", "re460-ic"])
+    lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
     assert sum(line.startswith((" mass ", " resistance", " head", " tail", " receptivity")) for line in lines) == 14
-    assert "adhesion: left out, re460-ic has no data of it ([adhesion] in its file)" in lines
-    assert os.listdir(tmp_path) == []

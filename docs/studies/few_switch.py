@@ -1,35 +1,41 @@
-"""The command `das-precompute few-switch`: how much energy it costs that a driver changes the controller rarely."""
+"""What few changes of the controller cost: `python -m docs.studies.few_switch ROUTE VEHICLE`.
+
+A change of what the driver does is made only where it saves as much energy as the train's full power needs in the time
+given as its price. The rows show the schedule that the guide would make, with the section's own braking, beside the
+optimum and the best run of four modes.
+"""
 
 from __future__ import annotations
 
-import json
+from argparse import ArgumentParser
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any, Final
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
-from das.command_line.options import JsonOption
-from das.command_line.printing import busy, loading_solver, new_table, print_table
-from das.domain.errors import DasError
+from das.advice.plan import classify_modes
+from das.advice.regimes import Regime
+from das.command_line.printing import new_table, print_table
+from das.domain.trajectory import Trajectory
 from das.domain.units import kwh
-from precompute.cli.options import Pose, buffer_numbers, buffered, numbers
-from precompute.cli.solve import solved_front
+from das.solver.front import Front
+from das.solver.guide.from_run import scheduled_run
+from das.solver.guide.in_time import in_time
+from das.solver.guide.phases import BRAKES
+from das.solver.guide.policies import GuideFront, PolicySettings
+from das.solver.section import Section
+from das.solver.solution import trajectory_on
+from das.solver.solve import solve_front
+from das.solver.state import State
+from docs.studies.asked_section import add_section, section_of
+from precompute.baselines.strategies import four_modes
 
-if TYPE_CHECKING:
-    from das.domain.trajectory import Trajectory
-    from das.solver.front import Front
-    from das.solver.guide.policies import GuideFront
-    from das.solver.section import Section
-
-BUFFERS_PERCENT = "7"
-PRICES_S = "0,0.03,0.08,0.15,0.3,1"
-MOST_S = 100.0
-"""Largest price of a change (s) that is accepted; at a higher price no change is ever worth making."""
+BUFFERS_PERCENT: Final = (4.0, 7.0)
+PRICES_S: Final = (0.0, 0.03, 0.08, 0.15, 0.3, 1.0)
 OPTIMUM, FOUR_MODES = "optimum", "four modes"
-LEGEND = {
+LEGEND: Final = {
     "price": "of a change, as seconds of the train's full power",
     "chg": "changes of instruction; for the optimum and four modes, changes of mode",
     "/min": "changes a minute",
@@ -38,53 +44,8 @@ LEGEND = {
 }
 
 
-def few_switch(
-    pose: Pose,
-    buffers: Annotated[
-        str, typer.Option("--buffers", metavar="LIST", help="Buffers in %, separated by commas.")
-    ] = BUFFERS_PERCENT,
-    prices: Annotated[
-        str,
-        typer.Option(
-            "--prices", metavar="LIST", help="Prices of a change, in s of the train's full power, separated by commas."
-        ),
-    ] = PRICES_S,
-    as_json: JsonOption = False,
-) -> None:
-    """Show the energy cost of few changes of the controller, for each of a list of prices of a change.
-
-    A change of what the driver does is made only where it saves as much energy as the train's full power needs in the
-    time given as its price. The rows show the schedule that the guide would make, with the section's own braking,
-    beside the optimum and the best run of four modes.
-    """
-    wanted = buffer_numbers(buffers)
-    prices_s = numbers("--prices", prices)
-    for price_s in prices_s:
-        if not 0 <= price_s <= MOST_S:
-            raise DasError(f"--prices {price_s:g}: expected times from 0 to {MOST_S:g} s")
-    section, front, min_time_s, _ = solved_front(pose)
-    with loading_solver():
-        from precompute.baselines import strategies
-
-        strategies.warm_up()
-    with busy("solving …"):
-        fronts = few_switch_fronts(section, prices_s)
-    found = []
-    for buffer_percent in wanted:
-        with busy(f"searching for runs with a buffer of {buffer_percent:g} % …"):
-            rows = list(few_switch_rows(front, fronts, buffered(min_time_s, buffer_percent)))
-        found.append({"buffer_percent": buffer_percent, "runs": rows})
-    if as_json:
-        print(json.dumps({"min_time_s": min_time_s, "points": found}))
-        return
-    for point in found:
-        _print_rows(section.name, point, last=point is found[-1])
-
-
 def few_switch_fronts(section: Section, prices_s: Sequence[float]) -> list[tuple[float, GuideFront]]:
     """Each price of a change (s), with the policies of a section for it."""
-    from das.solver.guide.policies import GuideFront, PolicySettings
-
     return [(price_s, GuideFront(section, PolicySettings(change_s=price_s))) for price_s in prices_s]
 
 
@@ -93,12 +54,9 @@ def few_switch_rows(
 ) -> Iterator[dict[str, Any]]:
     """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes.
 
-    `fronts` comes from `few_switch_fronts`. Rows are as `--json` prints them: `price_s` is None for the optimum and for
-    four modes, `shortest_s` is the shortest time between two changes in which the train does not brake (None if there
-    is none), and `more` is the energy above the optimum for the same time.
+    `fronts` comes from `few_switch_fronts`. `shortest_s` is the shortest time between two changes in which the train
+    does not brake (None if there is none), and `more` is the energy above the optimum for the same time.
     """
-    from precompute.baselines.strategies import four_modes
-
     section = front.section
     yield _row_of_modes(OPTIMUM, front.trajectory(time_s).trajectory, front)
     for price_s, solved in fronts:
@@ -108,38 +66,25 @@ def few_switch_rows(
 
 def _row_of_schedule(price_s: float, solved: GuideFront, front: Front, time_s: float) -> dict[str, Any]:
     """The row for a price of a change; its schedule is made as the guide makes it."""
-    from das.solver.guide.from_run import scheduled_run
-    from das.solver.guide.in_time import in_time
-    from das.solver.guide.phases import BRAKES
-    from das.solver.solution import trajectory_on
-    from das.solver.state import State
-
     section = front.section
     found = scheduled_run(solved, in_time(solved, State.at(section), time_s)[0])
     phases = found.schedule.phases
     begins = np.array([one.begin for one in phases])
     brakes = np.array([one.kind in BRAKES for one in phases])
     run = trajectory_on(section, section, found.forecast.speeds_mps)
-    return _row(f"{price_s:g}", price_s, run, front, (begins, brakes))
+    return _row(f"{price_s:g}", run, front, (begins, brakes))
 
 
 def _row_of_modes(name: str, run: Trajectory, front: Front) -> dict[str, Any]:
     """The row of a run whose phases are the modes of its intervals."""
-    from das.advice.plan import classify_modes
-    from das.advice.regimes import Regime
-
     modes = classify_modes(replace(front.trajectory(run.time_s), trajectory=run), front.section)
     begins = np.concatenate(([0], np.flatnonzero(np.diff(modes)) + 1))
     brakes = modes[begins] >= Regime.REDUCED_BRAKE
-    return _row(name, None, run, front, (begins, brakes))
+    return _row(name, run, front, (begins, brakes))
 
 
 def _row(
-    name: str,
-    price_s: float | None,
-    run: Trajectory,
-    front: Front,
-    phases: tuple[NDArray[np.int64], NDArray[np.bool_]],
+    name: str, run: Trajectory, front: Front, phases: tuple[NDArray[np.int64], NDArray[np.bool_]]
 ) -> dict[str, Any]:
     """The row of a run; `phases` holds the first interval of each phase, and whether the train brakes in it."""
     begins, brakes = phases
@@ -149,7 +94,6 @@ def _row(
     optimum_j = front.trajectory(run.time_s).balance.input
     return {
         "run": name,
-        "price_s": price_s,
         "changes": len(begins) - 1,
         "changes_per_min": 60.0 * (len(begins) - 1) / run.time_s,
         "shortest_s": float(others.min()) if len(others) else None,
@@ -160,12 +104,11 @@ def _row(
     }
 
 
-def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:
+def _print_rows(title: str, rows: Sequence[dict[str, Any]], *, last: bool) -> None:
     """Print the runs of one buffer as a table, with a legend below the `last` table."""
-    title = f"{section}, buffer {point['buffer_percent']:g} %"
     figures = ("price\ns", "chg", "/min", "short\ns", "time\ns", "energy\nkWh", "more\nkWh", "more\n%")
     table = new_table(title, (), figures)
-    for run in point["runs"]:
+    for run in rows:
         ratio, shortest_s = run["more_ratio"], run["shortest_s"]
         table.add_row(
             run["run"],
@@ -183,3 +126,22 @@ def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:
 def two_digits(value: float) -> str:
     """A difference with two decimals, never as −0.00."""
     return f"{round(value, 2) + 0.0:.2f}"
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Solve the section, and print a table for each buffer."""
+    parser = ArgumentParser(prog="python -m docs.studies.few_switch", description=__doc__)
+    add_section(parser)
+    parser.add_argument("--buffers", type=float, nargs="+", default=BUFFERS_PERCENT, help="in %%")
+    parser.add_argument("--prices", type=float, nargs="+", default=PRICES_S, help="in s of the train's full power")
+    given = parser.parse_args(args)
+    front = solve_front(section_of(given))
+    fronts, least_s = few_switch_fronts(front.section, given.prices), front.fastest().time_s
+    for buffer_percent in given.buffers:
+        rows = list(few_switch_rows(front, fronts, least_s * (1.0 + buffer_percent / 100.0)))
+        title = f"{front.section.name}, buffer {buffer_percent:g} %"
+        _print_rows(title, rows, last=buffer_percent == given.buffers[-1])
+
+
+if __name__ == "__main__":
+    main()

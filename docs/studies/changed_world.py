@@ -1,5 +1,7 @@
 """Robustness of a plan: what its speed profile costs in a changed world, and what a new plan would cost there.
 
+`python -m docs.studies.changed_world ROUTE VEHICLE --buffer 7` prints a table; docs/how-to/check-a-plan.md explains it.
+
 The driver follows the planned speeds v(s) as well as the changed train can: where its force is too small, it falls
 below the planned speed, and full traction brings it back. Braking begins as early as the changed train needs: no speed
 is above the envelope integrated backwards with the changed mass, resistance and adhesion.
@@ -8,18 +10,22 @@ is above the envelope integrated backwards with the changed mass, resistance and
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable
+from argparse import ArgumentParser
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from das.command_line.printing import new_table, print_table
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InfeasibleError
+from das.domain.files.load import load_vehicle
 from das.domain.trajectory import EnergyBalance, Trajectory
-from das.domain.units import KM, KMH, PERCENT, PERMILLE
+from das.domain.units import KM, KMH, PERCENT, PERMILLE, kwh
+from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope
 from das.solver.kernels.roll_out import blend_runs
@@ -27,6 +33,7 @@ from das.solver.line_profile import LineProfile
 from das.solver.section import Section
 from das.solver.solution import Solution, trajectory_on
 from das.solver.solve import solve_front
+from docs.studies.asked_section import add_section, section_of
 
 Floats = NDArray[np.float64]
 
@@ -43,8 +50,14 @@ class Parameter(StrEnum):
 
 RELATIVE = (Parameter.MASS, Parameter.RESISTANCE)
 """Parameters that are varied in % of the plan's value; the others are given as values that replace it."""
-RANGE_VALUES = 5
-"""The number of values of a range a..b, evenly spaced from one end to the other."""
+USUAL = {
+    Parameter.MASS: (-10.0, -5.0, 5.0, 10.0),
+    Parameter.RESISTANCE: (-20.0, -10.0, 10.0, 20.0),
+    Parameter.WIND: (-20.0, -10.0, 10.0, 20.0),
+    Parameter.RECEPTIVITY: (0.5, 0.0),
+    Parameter.ADHESION: (0.6, 0.3),
+}
+"""The values of each parameter unless others are asked for; adhesion only of a train with data on it."""
 _FIELDS = {
     Parameter.MASS: "mass_ratio",
     Parameter.RESISTANCE: "resistance_ratio",
@@ -52,9 +65,6 @@ _FIELDS = {
     Parameter.RECEPTIVITY: "receptivity_ratio",
     Parameter.ADHESION: "adhesion_ratio",
 }
-_NUMBER = r"[+\-−]?\d*\.?\d+"
-_RANGE = re.compile(rf"({_NUMBER})\.\.({_NUMBER})")
-_BOTH_WAYS = re.compile(r"(?:±|\+/?-)(\d*\.?\d+)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,66 +108,21 @@ class Variation:
         )
 
 
-def parse_variations(text: str, plan: Conditions) -> list[Variation]:
-    """The variations of `mass=±5%,±10%,wind=-20..20,…`: values, ± both ways, ranges a..b; each once.
-
-    A range leaves out the plan's own value. Raises DasError for a value that cannot be read or is impossible.
-    """
-    found: dict[tuple[Parameter, float], Variation] = {}
-    parameter = None
-    for part in text.replace(" ", "").split(","):
-        name, given, values = part.rpartition("=")
-        if given:
-            parameter = _parameter(text, name)
-        if parameter is None:
-            raise _unreadable(text, part)
-        for value in _values(text, parameter, values):
-            variation = _variation(text, plan, parameter, value)
-            if ".." not in values or variation.conditions != plan:
-                found.setdefault((parameter, value), variation)
-    if not found:
-        raise DasError(f"--vary {text}: nothing that differs from the plan")
-    return list(found.values())
-
-
-def _variation(text: str, plan: Conditions, parameter: Parameter, value: float) -> Variation:
-    try:
-        return Variation.of(plan, parameter, value)
-    except DasError as error:
-        raise DasError(f"--vary {text}: {error}") from None
-
-
-def _parameter(text: str, name: str) -> Parameter:
-    if name not in list(Parameter):
-        raise DasError(f"--vary {text}: no parameter {name!r}; expected one of {', '.join(Parameter)}")
-    return Parameter(name)
-
-
-def _values(text: str, parameter: Parameter, values: str) -> list[float]:
-    relative = parameter in RELATIVE
-    plain = values.removesuffix("%")
-    if relative is not values.endswith("%"):
-        unit = "a change in %, like ±10%" if relative else "a value without %, like 0.5"
-        raise DasError(f"--vary {text}: {parameter}={values}: expected {unit}")
-    if both := _BOTH_WAYS.fullmatch(plain):
-        size = float(both[1])
-        return [-size, size]
-    if ends := _RANGE.fullmatch(plain):
-        first, last = (_number(end) for end in ends.groups())
-        return [float(value) for value in np.linspace(first, last, RANGE_VALUES)]
-    if not re.fullmatch(_NUMBER, plain):
-        raise _unreadable(text, f"{parameter}={values}")
-    return [_number(plain)]
-
-
-def _number(text: str) -> float:
-    return float(text.replace("−", "-"))
-
-
-def _unreadable(text: str, part: str) -> DasError:
-    return DasError(
-        f"--vary {text}: cannot read {part!r}; expected something like mass=±10%,wind=-20..20,receptivity=0.5"
-    )
+def variations(plan: Conditions, vehicle: Vehicle, texts: Sequence[str] = ()) -> list[Variation]:
+    """The variations of texts like `mass=-10,10`, or the usual ones; DasError for an unknown name or a bad value."""
+    if not texts:
+        known = [one for one in USUAL if one is not Parameter.ADHESION or math.isfinite(vehicle.adhesive_mass_kg)]
+        return [Variation.of(plan, one, value) for one in known for value in USUAL[one]]
+    found = []
+    for text in texts:
+        name, _, values = text.partition("=")
+        if name not in list(Parameter):
+            raise DasError(f"--vary {text}: expected PARAMETER=VALUE,… of {', '.join(Parameter)}")
+        try:
+            found += [Variation.of(plan, Parameter(name), float(value)) for value in values.split(",")]
+        except ValueError:
+            raise DasError(f"--vary {text}: expected numbers separated by commas, like mass=-10,10") from None
+    return found
 
 
 OFF_PLAN_MPS = 1.0 * KMH
@@ -229,8 +194,22 @@ class VariationOutcome:
         """The energy that a new plan saves compared with following the old one, both in the same time."""
         return self._ratio(self.followed, self.same_time)
 
-    def per_step(self, effect: float | None) -> float | None:
-        """An effect per unit of the variation."""
+    @property
+    def off_plan_ratio(self) -> float | None:
+        """Share of the way on which the train could not keep to the plan."""
+        return self.followed.off_plan_ratio if self.followed else None
+
+    @property
+    def late_s_per_step(self) -> float | None:
+        """Lateness per unit of the variation (s)."""
+        return self._per_step(self.late_s)
+
+    @property
+    def extra_ratio_per_step(self) -> float | None:
+        """Additional energy per unit of the variation."""
+        return self._per_step(self.extra_ratio)
+
+    def _per_step(self, effect: float | None) -> float | None:
         return effect / self.variation.step if effect is not None and self.variation.step else None
 
     def _ratio(self, run: Followed | Solution | None, base: Solution | None) -> float | None:
@@ -330,3 +309,55 @@ def _effect_ratio(pair: list[VariationOutcome]) -> float:
     if any(outcome.followed is None for outcome in pair):
         return math.inf
     return max(abs(outcome.extra_ratio or 0.0) for outcome in pair)
+
+
+COLUMNS: Final = {
+    "time\n+s": ("late_s", 1.0, "+z.1f"),
+    "energy\n+%": ("extra_ratio", 100.0, "+z.2f"),
+    "s per\nstep": ("late_s_per_step", 1.0, "+z.3f"),
+    "% per\nstep": ("extra_ratio_per_step", 100.0, "+z.3f"),
+    "off\nplan\n%": ("off_plan_ratio", 100.0, ".0f"),
+    "on time\n+s": ("on_time_late_s", 1.0, "+z.1f"),
+    "on time\n+%": ("on_time_extra_ratio", 100.0, "+z.2f"),
+    "saved\n%": ("saved_ratio", 100.0, "z.2f"),
+}
+"""Heading of a column, the property of an outcome, factor and format."""
+LEGEND: Final = {
+    "time, energy": "for a driver who follows the plan, relative to the plan",
+    "per step": "the same for 1 % of mass, resistance, receptivity or adhesion, or for 1 km/h of wind",
+    "off plan": "share of the distance on which the train could not follow the plan",
+    "on time": "a new plan for the planned time: its lateness and its energy, relative to the plan",
+    "saved": "by a new plan for the time taken by following the old one",
+}
+
+
+def _cell(outcome: VariationOutcome, name: str, scale: float, form: str) -> str:
+    value = getattr(outcome, name)
+    return "–" if value is None else f"{scale * value:{form}}"
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Plan the section, drive the plan in each changed world, and print the table."""
+    parser = ArgumentParser(prog="python -m docs.studies.changed_world", description=__doc__)
+    add_section(parser)
+    parser.add_argument("--buffer", type=float, default=7.0, metavar="PERCENT")
+    parser.add_argument("--vary", nargs="+", default=(), metavar="PARAMETER=VALUE,…")
+    given = parser.parse_args(args)
+    section = section_of(given)
+    front = solve_front(section)
+    plan = front.trajectory(front.fastest().time_s * (1.0 + given.buffer / 100.0))
+    asked = variations(Conditions(), load_vehicle(given.vehicle), given.vary)
+    outcomes = [assess(plan, one, lambda conditions: section_of(given, conditions)) for one in asked]
+    table = new_table(f"{section.name}, the plan in a changed world", ("changed",), COLUMNS)
+    table.columns[0].no_wrap = True
+    for outcome in (one for pair in by_effect(outcomes) for one in pair):
+        table.add_row(outcome.variation.label, *(_cell(outcome, *what) for what in COLUMNS.values()))
+    print_table(table, LEGEND)
+    print(f"plan: {plan.time_s:.1f} s, {kwh(plan.balance.input):.2f} kWh; % of energy are of these")
+    for outcome in outcomes:
+        if outcome.trouble is not None:
+            print(f"{outcome.variation.label}: {outcome.trouble}")
+
+
+if __name__ == "__main__":
+    main()

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from das.domain.effort import EffortEnvelope
-from das.domain.errors import MISSING, InputError
+from das.domain.errors import MISSING
 from das.domain.files.reading import Fields, bound_of_window, in_si, read_json, train_length_m
+from das.domain.files.routes import curvature_stretches
+from das.domain.files.vehicles import check_tunnel_resistance
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
@@ -160,20 +162,6 @@ def _timing_point(fields: Fields, rows: list[list[float]], *, first: bool, last:
     return Call(name=name, position_m=position_m, arrival=windows[0], departure=windows[-1])
 
 
-def curvature_stretches(source: str, rows: list[list[float]]) -> Stretches:
-    """Mean |curvature| of each stretch from rows of position and signed radii at its start and end (m).
-
-    A radius under 60 m is refused: no main line has it and the resistance formula has a pole at 55 m.
-    """
-    for i, (_, start, end) in enumerate(rows):
-        if min(abs(start), abs(end)) < 60:
-            raise InputError(source, f"curves[{i}] radius", min(start, end, key=abs), "a radius of at least 60 m")
-    return Stretches(
-        start_m=np.array([row[0] for row in rows]),
-        value=np.array([abs(1 / start + 1 / end) / 2 for _, start, end in rows]),
-    )
-
-
 def _identity(fields: Fields) -> str:
     return fields.table("metadata").text("id", fields.source.stem) if fields.has("metadata") else fields.source.stem
 
@@ -261,17 +249,3 @@ def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, 
         return (), ()
     rows = _rows(fields, "tunnel resistance", ("cross section", "area"), ("coefficient", "resistance_2"))
     return check_tunnel_resistance(fields, [(area, coefficient) for area, coefficient in rows])
-
-
-def check_tunnel_resistance(
-    fields: Fields, rows: list[tuple[float, float]]
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Cross sections (m²) and coefficients (N/(m/s)²), sorted; InputError for impossible values."""
-    rows = sorted(rows)
-    for i, (area, coefficient) in enumerate(rows):
-        if not 0 < area < np.inf or (i and area == rows[i - 1][0]):
-            raise fields.error(f"tunnel resistance[{i}] cross section", area, "different finite areas > 0")
-        if not 0 <= coefficient < np.inf:
-            key = f"tunnel resistance[{i}] coefficient (N/(m/s)²)"
-            raise fields.error(key, coefficient, "a finite number >= 0")
-    return tuple(row[0] for row in rows), tuple(row[1] for row in rows)

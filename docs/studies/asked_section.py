@@ -1,0 +1,27 @@
+"""The section of a study's command line: a route, a vehicle, and the stops between which it runs."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+
+from das.domain.conditions import Conditions
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.route import section_stops
+from das.solver.section import Section, build_section
+
+
+def add_section(parser: ArgumentParser) -> None:
+    """Give a study's parser the words that name a section."""
+    parser.add_argument("route")
+    parser.add_argument("vehicle")
+    parser.add_argument("--from", dest="start", metavar="STOP")
+    parser.add_argument("--to", dest="end", metavar="STOP")
+
+
+def section_of(given: Namespace, conditions: Conditions | None = None) -> Section:
+    """The section that was asked for, under other conditions if some are given; DasError for an unusable file."""
+    world = conditions or Conditions()
+    route = world.line(load_route(given.route))
+    start, end = section_stops(route, given.start, given.end)
+    train = world.train(load_vehicle(given.vehicle))
+    return build_section(route, train, start_m=start.position_m, end_m=end.position_m)

@@ -1,1 +1,0 @@
-"""How fast the project is on this machine, against baselines and rooflines measured in the same run."""

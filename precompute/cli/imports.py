@@ -1,0 +1,248 @@
+"""The commands that make files from those of other programs: `das-precompute route`, `vehicle` and `journey import`."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from das.command_line.application import Entry
+from das.command_line.files import load_route
+from das.command_line.printing import busy, paragraph, print_table, tell, typed
+from das.domain.errors import DasError
+from das.domain.units import KM, TONNE, kmh
+from precompute.cli.files import MadeFile, TableFiles
+from precompute.journey_order import TimesRead, TripChoice
+from precompute.route_import.order import ImportOrder, Words
+from precompute.vehicle_import.figures import Figures
+
+if TYPE_CHECKING:
+    from das.domain.route import Route
+
+OF_ROUTES: Final = (
+    Entry(
+        name="import",
+        where="precompute.cli.imports:import_route",
+        summary="Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.",
+        examples=(
+            "das-precompute route import tracks.geojson --from A --to B --flat -o my.toml",
+            "das-precompute route import limits.csv --altitudes heights.csv -o my.toml",
+        ),
+    ),
+)
+OF_VEHICLES: Final = (
+    Entry(
+        name="import",
+        where="precompute.cli.imports:import_vehicle",
+        summary="Make a vehicle file from rolling stock of OSRD or railtoolkit, or from a table of efforts.",
+        examples=(
+            "das-precompute vehicle import STOCK.json -o train.toml --losses re460-ic",
+            "das-precompute vehicle import TRAIN.yaml -o train.toml --losses 0.85",
+        ),
+    ),
+)
+OF_JOURNEYS: Final = (
+    Entry(
+        name="import",
+        where="precompute.cli.imports:import_journey",
+        summary="Make a journey file from a trip of a GTFS feed.",
+        examples=(
+            "das-precompute journey import FEED.zip --trip 101 -o j.toml",
+            "das-precompute journey import FEED.zip --trip 101 --route line.toml -o j.toml",
+        ),
+    ),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnRoute:
+    """The route of a journey, and its direction there."""
+
+    route: Annotated[
+        str | None,
+        typer.Option(metavar="ROUTE", help="Route of the journey: bundled, TOML file or TTOBench track (JSON)."),
+    ] = None
+    reverse: Annotated[bool, typer.Option("--reverse", help="The journey runs from the route's end to its start.")] = (
+        False
+    )
+
+    def line(self) -> Route | None:
+        """The route that is named, in the direction of the journey; DasError if it is unusable."""
+        if self.route is None:
+            if self.reverse:
+                raise DasError("--reverse: needs --route")
+            return None
+        found = load_route(self.route)
+        return found.reversed() if self.reverse else found
+
+    def words(self) -> str:
+        """The options as they are typed for a command that plans or drives the journey."""
+        return f"{self.route or 'ROUTE'} VEHICLE{' --reverse' if self.reverse else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RouteFiles(TableFiles):
+    """The file of a route that a command writes, and its picture."""
+
+    suffix = ".toml"
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")] = field()
+
+
+def import_route(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE", help="Map of tracks (Overpass JSON, GeoJSON) or tables (CSV, railtoolkit YAML)."
+        ),
+    ],
+    order: ImportOrder,
+    stated: Words,
+    written: RouteFiles,
+) -> None:
+    """Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.
+
+    From a map comes the way of a train between two stations: it never reverses, never turns by more than 40°, and
+    avoids sidings and the track of the other direction. Names of stations are found without regard to case and accents.
+    Limits are those of the direction, so the route is one_way: import the other direction as well.
+
+    Tables are CSV files whose columns have their units in their names (position_km, limit_kmh, gradient_permille,
+    altitude_m, radius_m, length_m with cross_section_m2, name, latitude_deg, longitude_deg); what a file has in its
+    columns is what it is. A row holds until the next one.
+
+    Without altitudes energies are wrong by up to a third, so a line without them needs --flat.
+    """
+    written.check(*files, order.altitudes)
+    stated.check()
+    with busy("importing …"):
+        from das.domain.files.writing import write_whole
+        from precompute.cli import route_report
+        from precompute.route_import.importing import imported
+        from precompute.route_import.route_file import route_toml
+
+        line = imported(files, order, stated)
+        write_whole(written.out, route_toml(line.route, line.remarks).encode())
+    route = load_route(str(written.out))
+    if written.plot is not None:
+        from precompute.drawing.line import draw_line
+
+        draw_line(route).save(written.plot, overwrite=True)
+    if written.as_json:
+        facts = route_report.as_dict(route)
+        print(json.dumps({**facts, "remarks": list(line.remarks), "file": str(written.out)}))
+        return
+    print_table(route_report.table(route))
+    for remark in line.remarks:
+        paragraph(remark)
+    written.tell()
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleFile(MadeFile):
+    """The vehicle file that a command makes."""
+
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Vehicle file to write (.toml).")] = field()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AssumedOptions:
+    """What the files of other programs do not hold, and what in them is taken."""
+
+    losses: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Losses of the traction chain: lossless, a mean efficiency like 0.85, or the vehicle (bundled name or "
+            "file) whose efficiency the train has.",
+        ),
+    ] = None
+    train: Annotated[
+        str | None, typer.Option(metavar="ID", help="Train of a railtoolkit file [default: the first].")
+    ] = None
+    electric_brake: Annotated[
+        float | None, typer.Option(metavar="RATIO", help="Give it an electric brake: this share of the traction.")
+    ] = None
+    accept: Annotated[
+        list[str] | None, typer.Option(metavar="CHECK", help="Accept an implausible value; the error names the check.")
+    ] = None
+
+
+def import_vehicle(
+    source: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Rolling stock (.json, .yaml), or a table (.csv, .yaml).")
+    ],
+    assumed: AssumedOptions,
+    figures: Figures,
+    written: VehicleFile,
+) -> None:
+    """Make a vehicle file from rolling stock of OSRD or railtoolkit, or from a table of efforts.
+
+    These files give no losses, and mostly no electric brake. What is assumed instead is printed, and written in the
+    file. The modes of a train (voltage, comfort) become modes of the vehicle: --mode picks one.
+    """
+    if assumed.losses is None:
+        known = "lossless, a mean efficiency like 0.85, or a vehicle like re460-ic"
+        raise DasError(f"--losses is missing: {source.name} gives no losses; expected {known}")
+    written.check(source, assumed.losses)
+    from precompute.vehicle_import.importing import import_train
+
+    found = import_train(
+        source,
+        assumed.losses,
+        figures,
+        train_id=assumed.train,
+        electric_brake=assumed.electric_brake,
+        accepted=assumed.accept or (),
+    )
+    made = found.vehicle
+    modes = f", modes: {len(made.modes)}, default {made.mode}" if made.modes else ""
+    about = f"{made.name}, {made.mass_kg / TONNE:.4g} t, {kmh(made.max_speed_mps):.4g} km/h{modes}"
+    written.write(found.text, found.notes, about)
+    tell(f"look at it: {typed('das-precompute')} show {written.out} --plot train.png")
+
+
+@dataclass(frozen=True, kw_only=True)
+class JourneyFile(MadeFile):
+    """The journey file that a command makes."""
+
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Journey file to write (.toml).")] = field()
+
+
+def import_journey(
+    feed: Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as published (zip).")],
+    choice: TripChoice,
+    times: TimesRead,
+    on: OnRoute,
+    written: JourneyFile,
+) -> None:
+    """Make a journey file from a trip of a GTFS feed.
+
+    The trip is named by its id (--trip), or is the first from one stop to another at a time or later (--from, --to,
+    --at); with --trip, the two stops cut it. With --route, stops are found by their names, else by their places, within
+    500 m of the route; stops beyond its ends are left out. Without a route, positions are distances along the feed's
+    shape.
+
+    Public timetables are rounded and seldom say how long a train stands. What is assumed is printed, and written in
+    the file.
+    """
+    written.check(feed, on.route)
+    from das.domain.files.reading import Fields
+    from das.domain.files.routes import journey_of
+    from precompute.gtfs import read_trip
+    from precompute.journey_import import journey_text, notes, placed
+
+    line = on.line()
+    with busy("reading the feed …"):
+        found = read_trip(feed, choice)
+    placement = placed(found, line)
+    text = journey_text(found, placement, times, line, "das-precompute journey import")
+    made = journey_of(Fields.of(feed, tomllib.loads(text)), line)
+    way_km = (made.points[-1].position_m - made.points[0].position_m) / KM
+    about = f"{made.name}, {len(made.calls)} stops, {way_km:.1f} km"
+    written.write(text, notes(found, placement, times, line), about)
+    tell(f"plan it: {typed('das-precompute')} journey {written.out} {on.words()}")
+    named = f"--route {on.route or 'ROUTE'} --vehicle VEHICLE{' --reverse' if on.reverse else ''}"
+    tell(f"drive it: {typed('das-sim')} make-scenario {named} --journey {written.out} -o day.toml")

@@ -1,0 +1,258 @@
+"""The command `das-precompute show`: what is in a route, vehicle, journey, loss map or table, and what is unusual."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
+
+import typer
+
+from das.command_line.files import check_outputs, check_picture
+from das.command_line.given import is_given, refuse_given
+from das.command_line.options import JsonOption, LoadOption, ModeOption, OverwriteOption, PlotOption
+from das.command_line.printing import busy, loading_solver, print_table, tell, warn
+from das.domain.errors import DasError
+from precompute.cli.imports import OnRoute
+from precompute.cli.options import picked
+
+if TYPE_CHECKING:
+    from das.drawing.picture import Picture
+
+EXIT_WARNINGS: Final = 1
+"""Exit code where something is unusual in a file."""
+ROUTE, VEHICLE, JOURNEY, LOSS_MAP, TABLES = "route", "vehicle", "journey", "loss map", "tables"
+BELONGS: Final = {
+    "--route": (JOURNEY,),
+    "--reverse": (JOURNEY,),
+    "--vehicle": (JOURNEY, LOSS_MAP),
+    "--mode": (VEHICLE,),
+    "--load": (VEHICLE,),
+    "--losses": (VEHICLE,),
+    "--plot": (ROUTE, VEHICLE, JOURNEY, LOSS_MAP),
+}
+"""The kinds of files that an option is about."""
+OF_BENCHMARK: Final = {"mass": VEHICLE, "speed limits": ROUTE, "timing points": JOURNEY}
+"""A key of each kind of JSON file of TTOBench; any other JSON file is a table."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownFile:
+    """What is shown of a file: a dictionary for `--json`, functions that print and draw it, and what is unusual."""
+
+    facts: dict[str, Any]
+    tell: Callable[[], None]
+    draw: Callable[[], Picture] | None = None
+    warnings: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfTrain:
+    """What is shown of a train, and the train of a journey or of a loss map."""
+
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VEHICLE",
+            help="Train that is to keep a journey (needs --route), or whose forces bound a loss map "
+            "[default: re460-ic].",
+        ),
+    ] = None
+    mode: ModeOption = None
+    load: LoadOption = None
+    losses: Annotated[bool, typer.Option("--losses", help="Show the loss map of a vehicle.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowFiles:
+    """The picture to write, and whether JSON is printed."""
+
+    plot: PlotOption = None
+    overwrite: OverwriteOption = False
+    as_json: JsonOption = False
+
+
+def show(
+    on: OnRoute,
+    of: OfTrain,
+    files: ShowFiles,
+    source: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[FILE]",
+            help="Route, vehicle, journey (TOML, TTOBench or bundled; a journey with --route), loss map (CSV), table, "
+            "or folder of tables.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Show and check a route, vehicle, journey, loss map or tables; without a file, list what is bundled.
+
+    Of a route or vehicle, what is unusual is a warning, what it lacks a note; the exit code is 1 with warnings and 2 if
+    the file cannot be used. With a train, a journey has the time that each section has to spare. A bundled name is a
+    journey if --route is given. Tables are checked as by `verify`, and problems are listed below the others.
+    """
+    check_picture(files.plot)
+    check_outputs(files.plot, inputs=(source, on.route, of.vehicle), overwrite=files.overwrite)
+    if source is None:
+        refuse_given("needs a file", *BELONGS)
+        from precompute.cli.catalogue import print_catalogue
+
+        print_catalogue(as_json=files.as_json)
+        return
+    kind = _kind(source)
+    refuse_given(f"{source} is {'a ' if kind != TABLES else ''}{kind}", *(x for x in BELONGS if kind not in BELONGS[x]))
+    if kind == TABLES:
+        from precompute.cli.tables import print_tables
+
+        print_tables(Path(source), as_json=files.as_json)
+        return
+    _show(_READ[kind](source, on, of), files)
+
+
+def _show(shown: ShownFile, files: ShowFiles) -> None:
+    """Draw and print what is shown of a file; the command ends with code 1 if it has warnings."""
+    if files.plot is not None and shown.draw is not None:
+        with busy("drawing …"):
+            shown.draw().save(files.plot, overwrite=True)
+    if files.as_json:
+        print(json.dumps({**shown.facts, "warnings": list(shown.warnings), "notes": list(shown.notes)}))
+    else:
+        shown.tell()
+        for note in shown.notes:
+            tell(f"note: {note}")
+        for text in shown.warnings:
+            warn(text)
+        if files.plot is not None:
+            tell(f"written: {files.plot}")
+    if shown.warnings:
+        raise typer.Exit(EXIT_WARNINGS)
+
+
+def _kind(source: str) -> str:
+    """What a bundled name or a file is; DasError for what no command reads."""
+    from das.domain.files.foreign import foreign_format
+    from das.domain.files.load import catalogue
+
+    kinds = (JOURNEY, ROUTE, VEHICLE) if is_given("--route") else (ROUTE, VEHICLE, JOURNEY)
+    for kind in kinds:
+        if source in catalogue(f"{kind}s"):
+            return kind
+    path = Path(source)
+    if path.is_dir():
+        return TABLES
+    found = foreign_format(path)
+    if found is not None and found.name.endswith("this program"):
+        own = found.name.split()[1]
+        return own if own in kinds else _unknown(source)
+    if found is not None and found.command:
+        raise DasError(f"{source}: is {found.name}; to read it: {found.command.format(path=shlex.quote(source))}")
+    by_suffix = {".csv": LOSS_MAP, ".toml": JOURNEY if is_given("--route") else ROUTE, ".json": TABLES}
+    kind = by_suffix.get(path.suffix.lower()) or _unknown(source)
+    return _of_json(path) if kind == TABLES else kind
+
+
+def _of_json(path: Path) -> str:
+    try:
+        keys = set(json.loads(path.read_bytes()))
+    except (OSError, ValueError, TypeError):
+        return TABLES
+    return next((kind for key, kind in OF_BENCHMARK.items() if key in keys), TABLES)
+
+
+def _unknown(source: str) -> NoReturn:
+    from das.domain.files.load import catalogue
+
+    bundled = ", ".join(sorted({*catalogue("routes"), *catalogue("vehicles"), *catalogue("journeys")}))
+    raise DasError(f"{source}: expected a route, vehicle, journey, loss map or tables, or one of {bundled}")
+
+
+def _route(source: str, _on: OnRoute, _of: OfTrain) -> ShownFile:
+    from das.domain.files.load import load_route
+    from precompute.cli import route_report
+    from precompute.drawing.line import draw_line
+
+    route = load_route(source)
+    return ShownFile(
+        facts=route_report.as_dict(route),
+        tell=lambda: print_table(route_report.table(route)),
+        draw=lambda: draw_line(route),
+        warnings=route_report.warnings(route),
+        notes=route_report.notes(route),
+    )
+
+
+def _vehicle(source: str, _on: OnRoute, of: OfTrain) -> ShownFile:
+    if of.losses:
+        return _loss_map(source, _on, of)
+    from das.domain.files.load import load_vehicle
+    from precompute.cli import vehicle_report
+    from precompute.drawing.train import draw_train
+
+    found = load_vehicle(source)
+    train = picked(found, of.mode, of.load)
+
+    def printed() -> None:
+        for line in vehicle_report.facts(train):
+            tell(line)
+        print_table(vehicle_report.table(train), vehicle_report.LEGEND)
+
+    return ShownFile(
+        facts=vehicle_report.as_dict(train),
+        tell=printed,
+        draw=lambda: draw_train(train),
+        warnings=vehicle_report.warnings(found),
+    )
+
+
+def _loss_map(source: str, _on: OnRoute, of: OfTrain) -> ShownFile:
+    from precompute import loss_maps
+
+    model, train = loss_maps.map_of(source, of.vehicle)
+    summary = loss_maps.loss_map_summary(model, train)
+
+    def printed() -> None:
+        for line in loss_maps.facts(model, train, summary):
+            tell(line)
+        print_table(loss_maps.table(summary), loss_maps.LEGEND)
+
+    return ShownFile(facts=summary, tell=printed, draw=lambda: loss_maps.draw_maps(model, train))
+
+
+def _journey(source: str, on: OnRoute, of: OfTrain) -> ShownFile:
+    from das.command_line.files import load_vehicle
+    from das.domain.files.load import load_journey
+    from precompute.cli import journey_report
+    from precompute.drawing.timetable import draw_timetable
+
+    line = on.line()
+    if of.vehicle is not None and line is None:
+        raise DasError(f"--vehicle {of.vehicle}: needs --route")
+    found = load_journey(source, line)
+    spare: list[dict[str, Any]] = []
+    if of.vehicle is not None and line is not None:
+        train = load_vehicle(of.vehicle)
+        with loading_solver():
+            from das.offline.journey.plan import JourneyPlanner
+
+            planner = JourneyPlanner(found, line, train)
+        spare = journey_report.spare_times(planner)
+
+    def printed() -> None:
+        print_table(journey_report.table(found), journey_report.LEGEND)
+        if spare:
+            print_table(journey_report.spare_table(found, spare), journey_report.SPARE_LEGEND)
+
+    return ShownFile(
+        facts={**journey_report.as_dict(found), "sections": spare},
+        tell=printed,
+        draw=lambda: draw_timetable(found),
+        warnings=journey_report.warnings(found, line),
+    )
+
+
+_READ: Final = {ROUTE: _route, VEHICLE: _vehicle, JOURNEY: _journey, LOSS_MAP: _loss_map}
