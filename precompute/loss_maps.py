@@ -31,8 +31,8 @@ CRUISING_MPS = np.arange(40.0, 160.5) * KMH
 LEGEND = {
     "fit": "level whose constant efficiency is fitted to the map",
     "idle": "constant loss of the fit",
-    "mean/in": "mean deviation of the fit over the mean power that goes in",
-    "mean/max, rms/max": "mean and root mean square deviation over the largest loss",
+    "mean/in": "mean deviation of the fit, relative to the mean input power",
+    "mean/max, rms/max": "mean and root mean square deviation, relative to the largest loss",
     "cruising": "mean of (map − fit)/fit at 40 to 160 km/h on the level, |cruising| of its magnitude",
 }
 CSV_VEHICLE = "re460-ic"

@@ -31,7 +31,7 @@ BACK_M: Final = 200.0
 """Distance back on the previous section (m) beyond which a train that has begun a section counts as back there."""
 
 MOST_NAMED: Final = 3
-"""Most accepted targets that are named."""
+"""Largest number of accepted targets that are named."""
 Moment = tuple[float, bool] | None
 """The position of the train (m) and whether it stands there; None if it is not known."""
 
@@ -240,7 +240,7 @@ def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool])
 
 
 def _in_words(accepted: Sequence[Target], zone: tzinfo) -> str:
-    """The targets that hold from now on, with times of day in a time zone; the first few are named."""
+    """The targets that apply from now on, with times of day in a time zone; the first few are named."""
     more = [f"{len(accepted) - MOST_NAMED} more"] if len(accepted) > MOST_NAMED else []
     return "targets: " + ("; ".join([*(_named(one, zone) for one in accepted[:MOST_NAMED]), *more]) or "none any more")
 

@@ -108,7 +108,7 @@ class GuideGiven:
     ] = REACTION_S
     below_limit: Annotated[
         float,
-        typer.Option("--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Plans stay this far below every limit."),
+        typer.Option("--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin of plans below every limit."),
     ] = 0.0
 
 

@@ -323,11 +323,11 @@ COLUMNS: Final = {
 }
 """Heading of a column, the property of an outcome, factor and format."""
 LEGEND: Final = {
-    "time, energy": "of a driver who follows the plan, against the plan",
+    "time, energy": "for a driver who follows the plan, relative to the plan",
     "per step": "the same for 1 % of mass, resistance, receptivity or adhesion, or for 1 km/h of wind",
-    "off plan": "share of the way on which the train could not keep to the plan",
-    "on time": "a new plan for the planned time: how late it is, and its energy, against the plan",
-    "saved": "by a new plan for the time that following the old one took",
+    "off plan": "share of the distance on which the train could not follow the plan",
+    "on time": "a new plan for the planned time: its lateness and its energy, relative to the plan",
+    "saved": "by a new plan for the time taken by following the old one",
 }
 
 

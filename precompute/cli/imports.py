@@ -181,7 +181,7 @@ class JourneyFile(MadeFile):
 
 
 def import_journey(
-    feed: Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as it is published: a zip.")],
+    feed: Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as published (zip).")],
     choice: TripChoice,
     times: TimesRead,
     on: OnRoute,

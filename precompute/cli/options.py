@@ -234,7 +234,7 @@ class Pose(TrainOnLine):
 
 
 def picked(vehicle: Vehicle, mode: str | None, load: str | None) -> Vehicle:
-    """The vehicle in a mode and a load state; None leaves it as its file says. DasError if it has no such one."""
+    """The vehicle in a mode and a load state; None leaves it as its file says. DasError if there is none."""
     if load is not None and vehicle.modes.keys() & set(load.split("+")):
         refuse_given(f"--load {load} also names a mode", "--mode")
     vehicle = vehicle if mode is None else vehicle.in_mode(mode)
