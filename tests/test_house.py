@@ -31,7 +31,7 @@ class Budget(NamedTuple):
 
 BUDGETS = {
     "das": Budget(29_660, 176),
-    "precompute": Budget(11_930, 65),
+    "precompute": Budget(11_910, 65),
     "sim": Budget(34_690, 170),
     "docs/studies": Budget(5_480, 35),
 }
