@@ -4,8 +4,8 @@ They make tables (`precompute/tables`) and simulated days (`sim/experiment`). Ho
 docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us: results travel to this machine. Only a few
 jobs are submitted at a time, so that few results wait there.
 
-A process here that dies costs only the attempt of its own job. There is a pool of our own because others lack
-something: `concurrent.futures` loses all jobs in flight if one worker dies, pebble 5.2 ends or hangs if a worker is
+If a process here dies, only the attempt of its own job is lost. Other pools were found unsuitable:
+`concurrent.futures` loses all jobs in flight if one worker dies, pebble 5.2 ends or hangs if a worker is
 killed between two jobs, and `distributed.LocalCluster` takes three times the memory, starts ten times slower and
 listens on eight ports.
 """
@@ -41,15 +41,15 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 ATTEMPTS: Final = 3
-"""Deaths of its workers after which a job is given up."""
+"""Number of workers that may die on a job before it is given up."""
 FALSE_STARTS: Final = 3
-"""Workers in a row that died before they were ready after which the work ends."""
+"""Number of consecutive workers that may die before they are ready; then the work ends."""
 OUT_OF_MEMORY_EXIT: Final = 71
 _READY: Final = "ready"
 
 
 class JobLostError(DasError):
-    """A job was given up because it took its workers down."""
+    """A job was given up because its workers died."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,7 @@ class _Worker(Generic[Job]):
 
 
 class _Pool(Generic[Job, Result]):
-    """The workers of one `made_here`, the jobs that wait, and their outcomes."""
+    """The workers of one `made_here`, the waiting jobs, and their outcomes."""
 
     def __init__(
         self, make: Callable[[Job], Result], jobs: Sequence[Job], count: int, prepare: Callable[[], object]
@@ -122,11 +122,11 @@ class _Pool(Generic[Job, Result]):
             yield self._made.popleft()
 
     def give_no_more(self) -> None:
-        """Leave the jobs that wait undone."""
+        """Drop the waiting jobs."""
         self._waiting.clear()
 
     def stop(self) -> None:
-        """End the workers at once."""
+        """End the workers immediately."""
         for worker in self._workers:
             worker.process.kill()
             worker.connection.close()
@@ -169,7 +169,7 @@ class _Pool(Generic[Job, Result]):
         self._made.append(Made(job=task.job, attempts=1 + task.deaths, result=result, error=error))
 
     def _bury(self, worker: _Worker[Job]) -> None:
-        """Take a dead worker away; its job waits for another attempt, or is given up."""
+        """Remove a dead worker; its job waits for another attempt, or is given up."""
         self._workers.remove(worker)
         worker.connection.close()
         worker.process.join()
@@ -223,7 +223,7 @@ def _attempted(make: Callable[[Job], Result], job: Job) -> tuple[Result | None, 
 
 
 def _end_with_parent() -> None:
-    """End a worker whose parent was killed: it must not go on writing, because the next command may have begun."""
+    """End a worker whose parent was killed: it must not continue to write, because the next command may have begun."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     wait([parent.sentinel])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import tomllib
 from pathlib import Path
@@ -10,11 +9,9 @@ from typing import Any
 
 from das.command_line.files import load_route, load_vehicle
 from das.command_line.printing import new_table, paragraph, print_table, tell
-from das.domain.errors import DasError
 from das.domain.files.load import catalogue
-from das.domain.levels import Level
 from das.domain.units import KM, KMH, KW, TONNE
-from das.domain.vehicle import Vehicle
+from precompute.cli import route_report, vehicle_report
 
 SHOWN_OF_A_SOURCE = 300
 """Number of characters of a file's source that are printed; --json gives all of them."""
@@ -39,43 +36,11 @@ def print_catalogue(*, as_json: bool) -> None:
 
 
 def _route(name: str, path: Path) -> dict[str, Any]:
-    route = load_route(name)
-    return {
-        "id": route.id,
-        "name": route.name,
-        "illustrative": route.illustrative,
-        "length_m": route.length_m,
-        "stops": [{"name": stop.name, "position_m": stop.position_m} for stop in route.stops],
-        "source": _source(path, "route"),
-        "file": str(path),
-    }
+    return {**route_report.as_dict(load_route(name)), "source": _source(path, "route"), "file": str(path)}
 
 
 def _vehicle(name: str, path: Path) -> dict[str, Any]:
-    vehicle = load_vehicle(name)
-    levels, default = _levels(vehicle), str(vehicle.default_level)
-    return {
-        "id": vehicle.id,
-        "name": vehicle.name,
-        "mass_kg": vehicle.mass_kg,
-        "length_m": vehicle.train_length_m,
-        "max_power_w": vehicle.traction.max_power_w,
-        "max_speed_mps": vehicle.max_speed_mps,
-        "levels": [default, *(level for level in levels if level != default)],
-        "loads": list(vehicle.loads),
-        "source": _source(path, "vehicle"),
-        "file": str(path),
-    }
-
-
-def _levels(vehicle: Vehicle) -> list[str]:
-    """The loss levels that a vehicle has data for."""
-    found = []
-    for level in Level:
-        with contextlib.suppress(DasError):
-            vehicle.loss_model(level)
-            found.append(str(level))
-    return found
+    return {**vehicle_report.as_dict(load_vehicle(name)), "source": _source(path, "vehicle"), "file": str(path)}
 
 
 def _source(path: Path, table: str) -> str:

@@ -36,6 +36,7 @@ def as_dict(route: Route) -> dict[str, Any]:
     return {
         "id": route.id,
         "name": route.name,
+        "illustrative": route.illustrative,
         "length_m": route.length_m,
         "stops": [{"name": stop.name, "position_m": stop.position_m} for stop in route.stops],
         "limits": len(route.limits_mps.value),

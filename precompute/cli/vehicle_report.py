@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from das.command_line.printing import new_table
 from das.domain.errors import DasError
+from das.domain.levels import Level
 from das.domain.plausibility import warnings_of
 from das.domain.units import KM, KMH, KN, KW, TONNE, kmh, kwh
 from das.domain.vehicle import Vehicle
@@ -70,12 +72,23 @@ def as_dict(train: Vehicle) -> dict[str, Any]:
         "modes": list(train.modes),
         "loads": list(train.loads),
         "level": str(train.default_level),
+        "levels": _levels(train),
         "speed_mps": speeds.round(6).tolist(),
         **{
             name: [None if np.isnan(x) else float(f"{x:.8g}") for x in values]
             for name, values in performance_of(train, speeds)._asdict().items()
         },
     }
+
+
+def _levels(train: Vehicle) -> list[str]:
+    """The loss levels that a train has data for, its default first."""
+    found = []
+    for level in sorted(Level, key=lambda one: one is not train.default_level):
+        with contextlib.suppress(DasError):
+            train.loss_model(level)
+            found.append(str(level))
+    return found
 
 
 def table(train: Vehicle) -> Table:

@@ -31,10 +31,10 @@ EXAMPLES = {
     "ratio": "6 % or 0.06",
     "force": "200 kN, 20000 daN or 200000 N",
 }
-"""Figures with their units, by dimension, for messages."""
+"""Examples of quantities with their units, by dimension, for messages."""
 
 LONGEST = 200
-"""Longest text (characters) of a figure or of a column's name: the patterns take time that grows with its square."""
+"""Longest text (characters) of a figure or of a column's name; the time of the patterns grows with its square."""
 _FIGURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)\s*(.*?)\s*")
 _TERM = re.compile(
     r"(?P<force>kN|daN|N|‰|permille|permil)(?:/(?P<mass>t|kg))?"
@@ -54,13 +54,13 @@ def number_in_si(fields: Fields, key: str, unit: tuple[str, str], default: float
 
 
 def known_unit(unit: str, dimension: str) -> str | None:
-    """A unit as the tables of `das.domain.units` spell it, whatever its capital letters; None if it is none."""
+    """A unit as spelled in the tables of `das.domain.units`, ignoring case; None if it is unknown."""
     unit = unit.strip().replace("²", "^2")
     return next((one for one in (unit, unit.lower()) if one in FACTORS[dimension]), None)
 
 
 def quantity(source: str | Path, key: str, value: object, dimension: str) -> float:
-    """A figure with its unit in SI; InputError (source, key, value, expectation) if it is no such figure."""
+    """A quantity with a unit, in SI; InputError (source, key, value, expectation) if the text is none."""
     figure, unit = _parts(value)
     known = known_unit(unit or ("-" if dimension == "ratio" else ""), dimension)
     if figure is None or known is None:
@@ -102,7 +102,7 @@ def _order(found: re.Match[str]) -> int:
 
 
 def _parts(value: object) -> tuple[float | None, str]:
-    """A figure and its unit; None for something else."""
+    """A number and its unit; None for any other text."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value) if abs(value) <= LARGEST else None, ""
     found = _FIGURE.fullmatch(value) if isinstance(value, str) and len(value) <= LONGEST else None

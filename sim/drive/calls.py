@@ -13,8 +13,7 @@ from das.cab.heard import OrderedStop
 from das.domain.route import Stop
 from das.domain.units import NS
 from sim.drive.table import DriveTable
-from sim.recording.course import DrivenCourse, known
-from sim.recording.stands import StandingTime, stood_ns
+from sim.recording.course import DrivenCourse, StandingTime, known, stood_ns
 
 NEAR_M: Final = 100.0
 """Distance (m) within which a standing train may be at a stop; of several standstills, the nearest counts."""

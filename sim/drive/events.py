@@ -26,8 +26,7 @@ from sim.drive.notes import read_notes
 from sim.drive.table import HOLDS_NS, HOLDS_S, DriveTable, PlanMade
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.presentations.presenter import ShownRegime
-from sim.recording.course import DriveClock, DrivenCourse, Floats
-from sim.recording.stands import STANDING_MPS, arrival_ns, departure_ns, stands
+from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, arrival_ns, departure_ns, stands
 
 
 class EventKind(StrEnum):

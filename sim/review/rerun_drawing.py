@@ -22,8 +22,7 @@ from das.advice.wording import Language
 from das.domain.units import KM, KMH, NS
 from sim.drive.series import QUANTITIES, STYLES, MapTrack, quantity_of
 from sim.meanings import STANDING_GREY, VIEWER, Meaning, rgba
-from sim.recording.course import DriveClock, DrivenCourse, Floats, Times, stretches_of
-from sim.recording.stands import STANDING_MPS
+from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, Times, stretches_of
 from sim.review.cab_display import send_cab
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene

@@ -20,9 +20,8 @@ from das.domain.units import KMH, NS
 from das.domain.vehicle import Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from sim.options import TripOptions
-from sim.recording.course import DrivenCourse
+from sim.recording.course import DrivenCourse, stood_ns
 from sim.recording.inputs import AttachedFiles
-from sim.recording.stands import stood_ns
 from sim.trips.cleaning import FindingKind, FindingLog, find_gaps, in_order
 from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip

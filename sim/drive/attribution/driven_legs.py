@@ -27,9 +27,8 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy, passing_name
 from sim.drive.calls import KeptCall, calls_on_the_way
 from sim.drive.table import DriveTable
-from sim.recording.course import DrivenCourse, Floats, Times
+from sim.recording.course import STANDING_MPS, DrivenCourse, Floats, Times
 from sim.recording.inputs import DriveInputs
-from sim.recording.stands import STANDING_MPS
 from sim.trips.estimate import (
     BRAKING,
     DrivenCase,

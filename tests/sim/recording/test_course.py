@@ -9,8 +9,7 @@ from das.bus import topics
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
 from sim.drive.drive import Drive
-from sim.recording.course import DrivenCourse, part_of
-from sim.recording.stands import stood_ns
+from sim.recording.course import DrivenCourse, part_of, stood_ns
 from sim.review.scene import ReviewScene
 from tests.support.recordings import SECONDS, START_NS, write_recording
 
