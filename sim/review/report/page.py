@@ -166,6 +166,7 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "zero_ns": drive.table.clock.zero_ns,
         "first_page": first_page_dict(drive),
         "within_shown_speed_ratio": compliance(drive),
+        "figures": drive.figures.as_dict(),
         "stops": tables.stop_dicts(drive),
         "passings": tables.passing_dicts(drive),
         "above_optimum_likely_low_kwh": None if drive.energy.likely is None else kwh(drive.energy.likely.low_j),

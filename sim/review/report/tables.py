@@ -65,7 +65,7 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
         rows.append(("advice followed, of the changes that required an action", f"{len(seconds)} of {len(answers)}"))
         if seconds:
             rows.append(("median time until the driver followed", f"{float(np.median(seconds)):.0f} s"))
-    return rows
+    return rows + [(name.strip(), value) for name, value in drive.figures.rows()]
 
 
 def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
