@@ -37,18 +37,6 @@ from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_si
 from das.domain.errors import DasError, now_called
 
 EXIT_BAD_INPUT = 2
-_OF_FILE = "--max-power-kw --max-force-kn --max-brake-force-kn --max-speed-kmh --no-friction-brake --point-mass"
-GONE_OPTIONS = {
-    **dict.fromkeys(_OF_FILE.split(), "change it in the vehicle's file"),
-    **dict.fromkeys(
-        ("--boundary-speed-mps", "--start-speed-mps", "--end-speed-mps", "--step"),
-        "use das.solver.section.SectionOptions in Python",
-    ),
-    "--max-buffer": "the largest of --buffers counts",
-    "--bucket": "use precompute.exact.front.Limits in Python",
-    "--connect": "use --driver-at",
-}
-"""Former options of commands, each with what to do instead."""
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -124,7 +112,8 @@ def _filled(app: typer.Typer, name: str, entries: Sequence[Entry | Group], gone:
     for entry in entries:
         group.add_command(entry.load() if isinstance(entry, Group) else _LazyCommand(entry))
     for word, instead in gone.items():
-        group.add_command(_GoneCommand(word, instead))
+        if not word.startswith("-"):
+            group.add_command(_GoneCommand(word, instead))
     return group
 
 
@@ -138,7 +127,8 @@ def application(
 ) -> TyperGroup:
     """A program of several commands; `without_command` is called when none is given (default: print the help).
 
-    `gone`: former commands, which are refused, each with what to run instead. The help does not list them.
+    `gone`: former commands, which are refused, each with what to run instead, and former options of its commands
+    (`--bucket`), each with what to do instead. The help does not list them.
     """
     app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
 
@@ -148,6 +138,7 @@ def application(
             without_command()
 
     group = _filled(app, name, entries, gone)
+    group.gone = gone  # type: ignore[attr-defined]
     group.params.append(_version_parameter())
     return group
 
@@ -174,7 +165,7 @@ class _Command(TyperCommand):
         except TyperException as error:
             words = re.findall(r"[\w-]+", error.format_message())
             for word in words if "No such option" in error.format_message() else ():
-                if instead := GONE_OPTIONS.get(word):
+                if instead := getattr(ctx.find_root().command, "gone", {}).get(word):
                     raise DasError(f"{word} is no longer an option of this command: {instead}") from None
             known = {*words, *(option for parameter in self.params for option in parameter.opts)}
             for word in words:

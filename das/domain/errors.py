@@ -19,6 +19,7 @@ NOW_CALLED: Final = {
     "--arrival": ("--running-time",),
     "--line": ("--posts",),
     "--speed": ("--pace",),
+    "--connect": ("--driver-at",),
 }
 """Old names of options, keys and words, each with the present one."""
 _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})

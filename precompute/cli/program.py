@@ -123,14 +123,20 @@ COMMANDS: tuple[Entry | Group, ...] = (
     ),
 )
 """Every command; a test compares its summary with the first line of its docstring."""
+_OF_VEHICLE = "--max-power-kw --max-force-kn --max-brake-force-kn --max-speed-kmh --no-friction-brake --point-mass"
+_OF_SECTION = "--boundary-speed-mps --start-speed-mps --end-speed-mps --step"
 GONE: Final = {
     "catalogue": "das-precompute show",
     "loss-map": "das-precompute show VEHICLE --losses, or das-precompute show MAP.csv",
     "bench": "python -m docs.studies.bench in a checkout",
     "few-switch": "python -m docs.studies.few_switch ROUTE VEHICLE in a checkout",
     "sensitivity": "python -m docs.studies.changed_world ROUTE VEHICLE in a checkout",
+    **dict.fromkeys(_OF_VEHICLE.split(), "change it in the vehicle's file"),
+    **dict.fromkeys(_OF_SECTION.split(), "use das.solver.section.SectionOptions in Python"),
+    "--max-buffer": "the largest of --buffers counts",
+    "--bucket": "use precompute.exact.front.Limits in Python",
 }
-"""Former commands, each with what to run instead."""
+"""Former commands and options, each with what to run or do instead."""
 
 app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS, gone=GONE)
 

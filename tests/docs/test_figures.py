@@ -85,7 +85,7 @@ def test_readme_says_what_the_notebook_finds() -> None:
     (front, _), *_ = kept_cells(json.loads(NOTEBOOKS["first-steps"].read_text(encoding="utf-8")))
     fastest, buffered = map(float, re.findall(r"([\d.]+) kWh", front))
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert re.findall(r"(\d+) % less with 10 % more time", readme) == [f"{100.0 * (1.0 - buffered / fastest):.0f}"]
+    assert re.findall(r"(\d+) % less energy with 10 % more", readme) == [f"{100.0 * (1.0 - buffered / fastest):.0f}"]
 
 
 @pytest.mark.nightly

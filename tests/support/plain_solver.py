@@ -77,7 +77,7 @@ def numpy_sweep(moves: Transitions, lambda_w: Floats) -> tuple[Floats, Floats]:
 def bisected(front: Front, time_s: float) -> tuple[Floats, float]:
     """Speeds and time of the run nearest to a wanted time that bisection of λ over the whole ladder finds."""
     state = State.at(front.section)
-    search = TimeSearch(front.policies, state, time_s, quickest=state.fastest())
+    search = TimeSearch(front.policies, state, time_s, least_time_s=state.fastest().time_s)
     low, high = 0.0, float(len(front.lambda_w) - 1)
     while True:
         trial = search.attempt(0.5 * (low + high))

@@ -161,7 +161,7 @@ def test_a_folder_with_files_in_it_is_refused_unless_they_may_be_replaced(tmp_pa
     (tmp_path / "full" / "notes.txt").write_text("mine")
     (tmp_path / "full" / "route.toml").write_text("old")
     (tmp_path / "empty").mkdir()
-    assert "full: the folder is not empty" in refusal("example", "full", cwd=tmp_path)
+    assert "full: there are files in it already" in refusal("example", "full", cwd=tmp_path)
     assert sorted(path.name for path in (tmp_path / "full").iterdir()) == ["notes.txt", "route.toml"]
     assert das_sim("example", "full", "--overwrite", cwd=tmp_path).returncode == 0
     assert (tmp_path / "full" / "notes.txt").read_text() == "mine"

@@ -409,7 +409,7 @@ def test_all_stops_are_a_journey_and_the_table_says_what_it_saves(capsys: pytest
     plan_journey("stops", "zurich-luzern", buffer_percent=7.0, dwell_s=60.0)
     printed = capsys.readouterr().out
     # 1.07 × (528.9 + 592.0 + 997.6) s and two dwells
-    found = re.search(r"in all 0:39:46\.\d, ([\d.]+) kWh, gap to the lower bound 0\.\d+ %", printed)
+    found = re.search(r"in total 0:39:46\.\d, ([\d.]+) kWh, gap to the lower bound 0\.\d+ %", printed)
     assert found, printed
     assert re.search(r"Zug – Luzern .* ≤ 0:39:46\.\d", printed)
     other = re.search(r"with the same buffer everywhere: ([\d.]+) kWh, the plan saves ([\d.]+) %", printed)
