@@ -47,13 +47,14 @@ def modules() -> list[Path]:
 
 def is_kernel(node: Function) -> bool:
     """Whether numba compiles the function."""
-    names = {_name(decorator).split(".")[-1] for decorator in node.decorator_list}
+    names = {_name(decorator) for decorator in node.decorator_list}
     return bool(names & {"njit", "kernel", "compiled", "jit", "vectorize"})
 
 
 def _name(node: ast.expr) -> str:
-    """The dotted name of a decorator or of what is called as one."""
-    return ast.unparse(node.func if isinstance(node, ast.Call) else node)
+    """The last name of a decorator or of what is called as one: `command` of `app.command("run")`; else empty."""
+    called = node.func if isinstance(node, ast.Call) else node
+    return called.id if isinstance(called, ast.Name) else called.attr if isinstance(called, ast.Attribute) else ""
 
 
 def functions(tree: ast.Module) -> Iterator[tuple[str, Function, bool]]:
@@ -82,7 +83,7 @@ def parameters(node: Function) -> list[str]:
 
 def is_command(node: Function, registered: set[str]) -> bool:
     """Whether typer calls the function: its parameters are the options that users give."""
-    decorated = any(_name(one).split(".")[-1] in ("command", "callback") for one in node.decorator_list)
+    decorated = any(_name(one) in ("command", "callback") for one in node.decorator_list)
     return decorated or node.name in registered
 
 
@@ -94,13 +95,13 @@ def registered_commands(trees: dict[str, ast.Module]) -> set[str]:
     """
     found: set[str] = set()
     for node in (node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.Call)):
-        if isinstance(node.func, ast.Call) and _name(node.func).split(".")[-1] in ("command", "callback"):
-            found |= {ast.unparse(one).split(".")[-1] for one in node.args}
+        if isinstance(node.func, ast.Call) and _name(node.func) in ("command", "callback"):
+            found |= {_name(one) for one in node.args}
         elif _name(node) == "Entry":
             where = [one.value for one in node.keywords if one.arg == "where"]
             found |= {str(one.value).partition(":")[2] for one in where if isinstance(one, ast.Constant)}
         elif _name(node) == "single_command" and len(node.args) > 1:
-            found.add(ast.unparse(node.args[1]).split(".")[-1])
+            found.add(_name(node.args[1]))
     return found
 
 

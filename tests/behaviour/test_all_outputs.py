@@ -41,14 +41,15 @@ from sim.runs.replay.report import TripEnergies, figure_rows, result, trip_energ
 from sim.world.lockstep import Traffic
 from tests.support.dirt import clean, write
 from tests.support.making import das_sim
+from tests.support.sparse import sparse_cuts
 
 Outputs = Mapping[str, str]
 NUMBER: Final = r"([−+-]?\d+(?:\.\d+)?)"
-LENGTH_M, MIDDLE_M = 6000.0, 2500.0
+LENGTH_M, MIDDLE_M = 4000.0, 1700.0
 ROUTE: Final = """
 schema_version = 1
-route = {id = "with-a-stand", name = "With a stand", length_km = 6.0, altitudes = "level"}
-stops = [{name = "A", position_km = 0.0}, {name = "M", position_km = 2.5}, {name = "B", position_km = 6.0}]
+route = {id = "with-a-stand", name = "With a stand", length_km = 4.0, altitudes = "level"}
+stops = [{name = "A", position_km = 0.0}, {name = "M", position_km = 1.7}, {name = "B", position_km = 4.0}]
 speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0.0, 140.0]]}
 gradients = {columns = ["position_km", "gradient_permille"], rows = [[0.0, 0.0]]}
 """
@@ -101,7 +102,7 @@ def outputs_of(recording: Path, drive: Drive, folder: Path) -> Iterator[tuple[st
 @pytest.fixture(scope="module")
 def shared_drives() -> Iterator[None]:
     """Each recording is solved once: all commands ask the same drive, as they would read the same file."""
-    with pytest.MonkeyPatch.context() as patched:
+    with pytest.MonkeyPatch.context() as patched, sparse_cuts():
         patched.setattr(Drive, "read", cache(Drive.read))
         patched.setattr(page_module, "_images", lambda _drive: dict.fromkeys(IMAGES, ""))
         patched.setenv("COLUMNS", "200")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from das.bus.das_pb2 import Decision
-from das.bus.recording import read_recording
 from das.domain.units import NS
 from sim.drive.drive import Drive
 from sim.drive.events import EventKind
@@ -19,7 +18,8 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.experiment.driving import drive
 from sim.experiment.one_line import DaysAsked
 from sim.experiment.trials import trials_of
-from sim.world.over_bus import How, drive_day
+from sim.world.in_memory import drive_kept
+from sim.world.over_bus import How
 from sim.world.service import make_day
 from tests.support.flat_days import service_of
 
@@ -27,16 +27,15 @@ LOOK_S = 0.2
 """A driver looks five times a second; what he notes at a look is exact to the clock of the run."""
 
 
-def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path], tmp_path: Path) -> None:
+def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path]) -> None:
+    """In this process; that decisions go over the bus is part of `test_the_recording_is_whole` in `test_world.py`."""
     service = service_of(flat("[human]\nlapses_per_h = 20"))
-    day, out = make_day(service, 3), tmp_path / "run.mcap"
+    day = make_day(service, 3)
     driver = day.driver(DriverKind.HUMAN)
     assert isinstance(driver, HumanDriver)
     how = How(driver=DriverKind.HUMAN, advice=Presentation.SPEED_AND_EFFORT, train="T1", command="test")
-    run, traffic = drive_day(day, driver, how, out)
-    assert traffic is not None
-    assert traffic.lost == 0
-    kept = [one.message for one in read_recording(out).of("decision")]
+    run, table = drive_kept(day, driver, how)
+    kept = [one.message for one in table.recording.of("decision")]
     found = [(KINDS[one.kind - 1], one.value) for one in kept]
     last_s = run.states[-1].time_s
     made = [one for one in driver.events if one.time_s < last_s - 1.0]
@@ -46,7 +45,7 @@ def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path
     assert times_s == pytest.approx([one.time_s for one in made], abs=10 * NS)
     kinds = {what for what, _ in found}
     assert kinds >= {"glance", "noticed", "reaction", "followed", "acted", "lever"}
-    told = [one for one in Drive.read(out).events if one.kind is EventKind.DRIVER]
+    told = [one for one in Drive(recording=table.recording, given=table.given).events if one.kind is EventKind.DRIVER]
     decided = [what for what, _ in found if what in ("followed", "refused")]
     assert [one.facts["followed"] for one in told if "followed" in one.facts] == [
         what == "followed" for what in decided

@@ -139,6 +139,7 @@ def slow_train(folder: Path, max_speed_kmh: int) -> str:
     return str(slow / "re460-ic.toml")
 
 
+@pytest.mark.slow
 def test_a_simulated_day_has_one_set_of_figures(folder: Path) -> None:
     told = json.loads((folder / "none.json").read_text())
     api = sim.run_day(folder / "flat.toml", 1, driver="human", advice="none").outcome

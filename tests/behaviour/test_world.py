@@ -20,6 +20,7 @@ from das.bus.topics import (
     ADVICE,
     CAB,
     CONTROL,
+    DECISION,
     DELAY,
     EFFORT,
     ESTIMATE,
@@ -112,7 +113,7 @@ def recording(folder: Path, found: dict[str, Any]) -> Recording:
 def test_the_recording_is_whole_and_says_how_it_was_made(recording: Recording, found: dict[str, Any]) -> None:
     assert recording.complete
     heard = (POSITION, EFFORT, DELAY, JOURNEY, RESTRICTION, CONTROL)
-    for topic in (*heard, ADVICE, PLAN, ESTIMATE, STATUS, EVENT, TRUTH, CAB, MEASURES, LOG):
+    for topic in (*heard, ADVICE, PLAN, ESTIMATE, STATUS, EVENT, TRUTH, CAB, DECISION, MEASURES, LOG):
         assert recording.of(topic), topic.name
     run = recording.metadata["run"]
     assert (run["kind"], run["scenario"], run["seed"], run["driver"], run["advice"]) == (

@@ -471,7 +471,7 @@ def test_garbage_is_never_a_state(stream: list[tuple[PositionFix, int]]) -> None
         check(localisation.at(fix.time_ns))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     wrong=st.dictionaries(st.integers(0, 59), st.one_of(GARBAGE, PLAUSIBLE), max_size=20),
     hz=st.sampled_from([1.0, 4.0]),

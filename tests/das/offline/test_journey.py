@@ -578,7 +578,7 @@ def test_a_wish_changes_no_plan_and_is_reported_by_how_much_it_is_missed_beyond_
     assert kept.sections[0].passings[0].missed_s == 0.0
 
 
-@pytest.mark.parametrize("shift_s", [-20.0, 25.0])
+@pytest.mark.parametrize("shift_s", [-20.0, pytest.param(25.0, marks=pytest.mark.slow)])
 def test_a_missed_wish_costs_what_the_plan_with_its_window_needs_more(shift_s: float) -> None:
     """The same as enforcing the tolerated window, if the times at the stops are fixed by the journey anyway."""
     free = planned(start(), end(9_000.0, 440.0))

@@ -137,7 +137,7 @@ def run_up() -> Section:
 
 
 def of_the_paper() -> Section:
-    return build_section(load_route("flat-6km"), load_vehicle("re460-ic"), level=Level.L3, end_m=3_000.0)
+    return build_section(load_route("flat-6km"), load_vehicle("re460-ic"), level=Level.L3, end_m=2_000.0)
 
 
 COARSE = Grid(step_m=500.0, speed_kmh=5.0, coast_kmh=1.0, lowest_kmh=60.0)
@@ -174,7 +174,7 @@ def test_brute_force_of_random_trains(
 
 @pytest.fixture(scope="module")
 def paper() -> ExactFront:
-    """The paper's complete case at L3 on its grid, at half the distance."""
+    """The paper's complete case at L3 on its grid, over its first 2 km."""
     return solve_exact(of_the_paper(), 0.1)
 
 
@@ -220,7 +220,7 @@ def test_supported_and_swept_runs_are_close_and_nothing_is_below_the_front_or_it
     assert swept.min() == pytest.approx(0, abs=1e-12), "supported runs are on the front"
     assert np.median(swept) < 1e-4
     assert swept.max() < 0.005
-    assert (paper.bound_j <= np.minimum(paper.energy_j, paper.supported_j) + 1e-3).all()
+    assert (paper.bound_j <= np.minimum(paper.energy_j, paper.supported_j) + 1e-2).all()
     assert ((paper.energy_j - paper.bound_j) / paper.energy_j).mean() < 0.001
 
 

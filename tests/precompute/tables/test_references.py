@@ -53,12 +53,12 @@ def priced_j(scheduled: Scheduled, asked: Wanted, price_w: float) -> float:
     return scheduled.forecast.energy_j + price_w * lateness_s(scheduled.forecast.time_s - asked.left_s)
 
 
-def test_a_schedule_comes_back_from_a_table_bit_for_bit(whole: Path, section: Section, tmp_path: Path) -> None:
+def test_a_schedule_comes_back_from_a_table_bit_for_bit(made: Path, section: Section, tmp_path: Path) -> None:
     """The same phases, speeds and forecast as the cab's own plan, which was written into a table."""
     asked = wanted(section, 0.08)
     own = planned(GuideFront(section, threads=1), asked)
     kept = Finished(own.forecast.time_s, own.forecast.energy_j, own.lambda_w, own.schedule.phases)
-    table = Table.read(whole)
+    table = Table.read(made)
     found = {"settings": table.settings, "least_time_s": table.least_time_s, "front": table.front}
     path = tmp_path / "table.json"
     path.write_bytes(table_content(section_facts(section), key_of(section, DEFAULT), found, References([kept])))
@@ -73,6 +73,7 @@ def test_a_schedule_comes_back_from_a_table_bit_for_bit(whole: Path, section: Se
     assert again.schedule.back_share == own.schedule.back_share
 
 
+@pytest.mark.slow
 def test_departures_on_time_and_late_are_served_and_cost_no_more_than_solved_ones(
     whole: Path, section: Section
 ) -> None:
@@ -90,22 +91,22 @@ def test_departures_on_time_and_late_are_served_and_cost_no_more_than_solved_one
     assert front.nbytes == 0
 
 
-def test_a_late_train_gets_the_quickest_and_a_waiting_one_a_plan_of_its_own(whole: Path, section: Section) -> None:
-    front = served(whole, section)
+def test_a_late_train_gets_the_quickest_and_a_waiting_one_a_plan_of_its_own(made: Path, section: Section) -> None:
+    front = served(made, section)
     assert front.references is not None
     finished = front.references.finished
     late = departing(front, wanted(section, -0.5))
     assert late is not None
     assert late.schedule.phases == finished[0].phases
     assert departing(front, wanted(section, LONGEST_RATIO)) is None
-    assert finished[-1].time_s == pytest.approx(LONGEST_RATIO * section.fastest_run.time_to_go_s[0], abs=2.0)
+    assert finished[-1].time_s == pytest.approx(LONGEST_RATIO * section.fastest_run.time_to_go_s[0], abs=3.0)
     for before, after in pairwise(finished):
         assert before.time_s < after.time_s
         assert before.energy_j > after.energy_j
 
 
-def test_only_a_train_that_departs_is_served(whole: Path, section: Section) -> None:
-    front, asked = served(whole, section), wanted(section, 0.08)
+def test_only_a_train_that_departs_is_served(made: Path, section: Section) -> None:
+    front, asked = served(made, section), wanted(section, 0.08)
     found = departing(front, asked)
     assert found is not None
     assert departing(GuideFront(section, threads=1), asked) is None
@@ -125,8 +126,8 @@ def test_only_a_train_that_departs_is_served(whole: Path, section: Section) -> N
         assert begun.forecast.time_s == pytest.approx(found.forecast.time_s - ahead_s, abs=0.2)
 
 
-def test_a_point_with_a_window_is_served_if_the_reference_keeps_it(whole: Path, section: Section) -> None:
-    front, asked = served(whole, section), wanted(section, 0.08)
+def test_a_point_with_a_window_is_served_if_the_reference_keeps_it(made: Path, section: Section) -> None:
+    front, asked = served(made, section), wanted(section, 0.08)
     found = departing(front, asked)
     assert found is not None
     at_s = passes_s(found.schedule, found.forecast, 0.0, 2500.0)
@@ -138,6 +139,7 @@ def test_a_point_with_a_window_is_served_if_the_reference_keeps_it(whole: Path, 
     assert departing(front, replace(kept, earliest_s=at_s + 1.0, latest_s=None)) is None
 
 
+@pytest.mark.slow
 def test_the_method_is_another_one_if_references_change(whole: Path, section: Section) -> None:
     """If this fails because planning was changed on purpose, raise `METHOD` and put the new figures here.
 

@@ -140,7 +140,7 @@ def test_the_perfect_follower_drives_the_plan(name: str, request: pytest.Fixture
     assert case.excess_mps(run) < 0.3
 
 
-@pytest.mark.parametrize("name", ["short", "zug_luzern"])
+@pytest.mark.parametrize("name", ["short", pytest.param("zug_luzern", marks=pytest.mark.slow)])
 def test_the_perfect_follower_of_a_live_advisor_is_on_time(name: str, request: pytest.FixtureRequest) -> None:
     """The advisor makes up for what dead times lose beyond the half second it is late for."""
     case: Case = request.getfixturevalue(name)

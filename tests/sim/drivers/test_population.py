@@ -36,7 +36,7 @@ BRAKING = (
 SPREAD = BRAKING.replace("low = 0.3\n", "")
 TOGETHER = '[[correlations]]\nbetween = ["haste_ratio", "braking_mps2"]\nvalue = 0.6\nsource = "assumption"\n'
 LATE = "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 0, max = 20}\n"
-PEOPLE = 3000
+PEOPLE = 1000
 
 
 DAYS = ("experiment", "run", "--scenario", "flat.toml")
@@ -59,7 +59,7 @@ def straightened(spread: Spread, values: np.ndarray) -> np.ndarray:
 
 
 def test_many_participants_have_the_spread_and_the_correlations_of_the_file(default: Population) -> None:
-    """Medians within the error of a share of 3000, correlations within four standard errors, (1 − r²)/√n each."""
+    """Medians within the error of a share of 1000, correlations within four standard errors, (1 − r²)/√n each."""
     people = [default.draw(number) for number in range(PEOPLE)]
     columns = {name: np.array([one[name] for one in people]) for name in people[0]}
     normal = {}

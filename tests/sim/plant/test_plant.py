@@ -157,11 +157,11 @@ def test_gradient_curves_and_tunnels_are_felt_by_every_part_of_the_train() -> No
         line = np.mean(G * route.gradients_ratio.at(at) + curve_resistance_mps2(route.curvature_per_m.at(at)))
         return 2e3 + 30.0 * v + (5.0 + q) * v * v + train.mass_kg * float(line)
 
-    state, s, v, dt = plant.at(0.0, 15.0), 0.0, 15.0, 0.01
+    state, s, v, dt = plant.at(0.0, 15.0), 0.0, 15.0, 0.025
     worst = 0.0
     for _ in range(110):
         state = plant.advance(state, force(2.5e4), 1.0)
-        for _ in range(100):
+        for _ in range(40):
             pull = 0.0 if 1300.0 <= s < 1450.0 else 2.5e4
             half = v + 0.5 * dt * (pull - resisting_n(s, v)) / train.inertial_mass_kg
             v += dt * (pull - resisting_n(s + 0.5 * dt * half, half)) / train.inertial_mass_kg

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.support.recordings import write_recording
+from tests.support.sparse import sparse_cuts
+
+
+@pytest.fixture(autouse=True, scope="module")
+def sparse() -> Iterator[None]:
+    """Pages and views say what an attribution is; how it is found is tested in `tests/sim/drive`."""
+    with sparse_cuts():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -45,7 +45,7 @@ from tests.support.dirt import LENGTH_M, Point, all_together, clean, dropouts, l
 from tests.support.flat_days import flat_day
 from tests.support.made_line import north, posts_file, route
 from tests.support.make_trip import made_trip
-from tests.support.making import das_sim, das_sim_json, flat, in_a_process, make_train
+from tests.support.making import das_sim, das_sim_json, flat, make_train
 from tests.support.tracks import as_gpx
 
 C0_N, C2, LIMIT_MPS = 2000.0, 8.0, 35.0
@@ -122,7 +122,7 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
     posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
     where = ("--route", "flat-6km", "--vehicle", "re460-ic", "--no-reverse")
     files = ("--out", "cleaned.csv", "--plot", "trip.png")
-    done = in_a_process("sim.cli", "trip", str(trip), *where, "--posts", str(posts), *files, cwd=tmp_path)
+    done = das_sim("trip", str(trip), *where, "--posts", str(posts), *files, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for told in (
         "points kept",

@@ -26,6 +26,7 @@ from sim.drive.events import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import Signal, signals_passed
 from sim.drivers.drivers import PerfectDriver
 from sim.recording.course import OWN_TIMETABLE
+from sim.review.canvas import as_image
 from sim.review.report.figures import first_figure
 from sim.review.report.findings import GAINED, SAFER, DriveFinding, FoundPlace, findings
 from sim.review.report.first_page import (
@@ -34,10 +35,10 @@ from sim.review.report.first_page import (
     page_figures,
     what_happened,
 )
-from sim.review.report.page import ReviewedDrive, as_dict, page, subject_of
+from sim.review.report.page import ReviewedDrive, as_dict, subject_of
 from sim.review.report.sentences import NAMED_KWH
 from sim.review.scene import ReviewScene
-from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other
+from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other, page_of_words
 from tests.support.flat_days import flat_day
 from tests.support.making import das_sim
 from tests.support.recorded_days import inputs_of_day, recorded_day
@@ -79,7 +80,7 @@ def in_json(subject: Subject) -> dict[str, Any]:
 
 @cache
 def first_in_html(subject: Subject) -> str:
-    return page([subject()], None, "").partition('<section class="drive"')[0]
+    return page_of_words(subject()).partition('<section class="drive"')[0]
 
 
 @pytest.mark.parametrize("subject", [fast, bundled], ids=["measured", "computed"])
@@ -335,7 +336,8 @@ def crowded() -> str:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("sim.review.report.first_page.findings", lambda drive: (LONG,) * 3)
         patched.setattr("sim.review.report.tables.input_rows", lambda drive: [(LONG_NAME, "29 to 97 kWh " * 3)] * 20)
-        return page([fast()], None, "")
+        picture = as_image(first_figure(ReviewScene.of(fast().drive).with_attribution(), findings(fast().drive)))
+        return page_of_words(fast(), first=picture)
 
 
 def test_the_first_page_is_one_page_of_a4(tmp_path: Path, crowded: str) -> None:

@@ -6,6 +6,7 @@ import base64
 import json
 import re
 import shutil
+from collections import defaultdict
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -30,6 +31,7 @@ from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
 from sim.options import ReplayOptions
 from sim.recording.check import check_contents, check_file
+from sim.review.report import page as page_module
 from sim.review.report import tables
 from sim.review.report.figures import SPEEDS, drive_figure
 from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of
@@ -68,6 +70,13 @@ def fast() -> ReviewedDrive:
 @cache
 def fast_page() -> str:
     return page([fast()], None, "")
+
+
+def page_of_words(one: ReviewedDrive, **pictures: str) -> str:
+    """The page with these pictures alone: most of the time of a page goes into its six."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(page_module, "_images", lambda _drive: defaultdict(str, pictures))
+        return page([one], None, "")
 
 
 def other(recording: Recording | None = None, **known: object) -> Drive:
@@ -241,7 +250,7 @@ def test_the_page_names_the_command_that_shows_the_drive_as_its_driver_saw_it() 
     assert "<code>das-sim desk fast.mcap</code>" in fast_page()
     messages = {name: said for name, said in fast().drive.recording.messages.items() if name != "cab"}
     without = other(replace(fast().drive.recording, messages=messages))
-    assert "das-sim desk" not in page([fast()._replace(drive=without)], None, "")
+    assert "das-sim desk" not in page_of_words(fast()._replace(drive=without))
 
 
 def test_the_page_needs_nothing_besides_itself() -> None:
@@ -273,7 +282,7 @@ def test_what_people_wrote_cannot_become_markup_and_without_line_there_is_no_ene
     path = write_recording(tmp_path / "drive.mcap", seconds=120)
     add_note(path, Note(time_ns=at_ns(20), end_ns=at_ns(20), text="<script>alert(1)</script>"))
     found = subject_of(path)
-    html = page([found], None, "")
+    html = page_of_words(found)
     assert "<script>" not in html
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
     assert found.drive.energy.attribution is None
@@ -285,7 +294,7 @@ def test_a_recording_that_was_cut_off_is_said_to_be_with_the_health_that_the_che
     content = path.read_bytes()
     path.write_bytes(content[: 2 * len(content) // 3])
     reviewed, found = subject_of(path), check_file(path)
-    html = page([reviewed], None, "")
+    html = page_of_words(reviewed)
     assert "The recording was cut off" in paragraph(reviewed.drive)
     assert as_dict([reviewed], None, "")["drives"][0]["health"] == found.as_dict()
     assert any("cut-off" in line for line in found.lines())

@@ -34,8 +34,8 @@ from tests.support.reference_recordings import FOLDER, REPLAY, names
 REFERENCE = FOLDER / f"{REPLAY}.mcap"
 SLOW = ("bus-outage", "gps-dropouts", "node-restart", "restriction-ahead", "signal-stop")
 """The references in which a cab hears or misses more than positions and delays; the others are nightly."""
-TIERS = {REPLAY: (), **dict.fromkeys(SLOW, pytest.mark.slow)}
-SHORT_S, PLANTED_S = 6, 60
+TIERS = dict.fromkeys((REPLAY, *SLOW), pytest.mark.slow)
+SHORT_S, PLANTED_S, LONG_S = 6, 60, 330
 """How much (s) of the reference the tests keep: in the short one the train still stands, and is planned for once."""
 Change = Callable[[list[RecordedMessage]], Sequence[RecordedMessage]]
 
@@ -50,6 +50,14 @@ def test_a_reference_is_reproduced(name: str) -> None:
     found = heard_again(FOLDER / f"{name}.mcap")
     first = found.as_dict()["first"]
     assert found.same, f"{len(found.comparison.differences)} messages differ, the first: {first}"
+    assert found.ticks > 300
+    assert found.notes == ()
+
+
+def test_the_beginning_of_a_reference_is_reproduced(tmp_path: Path) -> None:
+    """The train stands, runs up and holds its speed; the whole trip is among the references above."""
+    found = heard_again(rewritten(tmp_path / "run.mcap", list, LONG_S))
+    assert found.same, found.as_dict()["first"]
     assert found.ticks > 300
     assert found.notes == ()
 
