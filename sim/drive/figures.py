@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from das.domain.units import kmh
 from sim.drive.instructions import InstructionFigures, instructions
@@ -103,3 +103,9 @@ def _of_limits(found: Violations) -> Iterator[DriveFigure]:
 
 def _ratio(part: int, whole: int) -> float | None:
     return part / whole if whole else None
+
+
+NAMES: Final = frozenset(
+    DriveFigures(violations=Violations(), stability=AdviceStability(), instructions=InstructionFigures()).as_dict()
+)
+"""The names of all figures: every drive has them, be it a run or a recording."""

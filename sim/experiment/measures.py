@@ -15,6 +15,7 @@ from das.domain.units import KMH, kwh
 from sim.doors import MEASURES as DOOR
 from sim.doors import Door, installed
 from sim.drive.drive import Drive
+from sim.drive.figures import NAMES as FIGURES
 from sim.drive.stability import REVERSAL_S
 from sim.drive.table import DriveTable
 from sim.drivers.cab import AdviceView, DriverEvent
@@ -342,10 +343,6 @@ _LISTED: Final = (
         ("availability_ratio", "Availability", "1", "seconds with advice / seconds from the first advice to the last"),
     ),
 )  # fmt: skip
-OF_FIGURES: Final = frozenset(
-    {"advice_changes_per_min", "reversals", "shortest_mode_s", "advice_restless", "signals_passed", "over_limit_s"}
-)
-"""Measures that the figures of a recorded drive have as well."""
 BUNDLED: Final = tuple(one.name for one in _LISTED)
 """The program's own measures, used by a design that names none."""
 
@@ -380,7 +377,7 @@ def _brought(door: Door) -> Measure:
 UNIT_OF: Final = {"kwh": "kWh", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "min": "1/min"}
 """Units by the end of a column's name, where they are not that end itself."""
 MEASURES: Final = {
-    **{one.name: replace(one, of_table=_of_figures(one.name)) if one.name in OF_FIGURES else one for one in _LISTED},
+    **{one.name: replace(one, of_table=_of_figures(one.name)) if one.name in FIGURES else one for one in _LISTED},
     **{name: _brought(door) for name, door in installed(DOOR).items() if name not in BUNDLED},
 }
 """Every measure by its name, which is also its column."""
