@@ -116,7 +116,7 @@ def test_a_folder_without_tables_or_with_old_ones_is_said(tmp_path: Path) -> Non
     assert Fronts(tmp_path).notes == [f"{tmp_path}: no table in this folder"]
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "manifest.json").write_text("{}")
-    said = f"{tmp_path}: contains tables of an earlier release, which can no longer be used; build them again"
+    said = f"{tmp_path}: tables of an earlier release, no longer usable; build them again"
     assert Fronts(tmp_path).notes == [said]
 
 
