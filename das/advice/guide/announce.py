@@ -18,9 +18,9 @@ from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regim
 from das.domain.units import NS
 
 AHEAD = 2
-"""This many changes after the present instruction are shown."""
+"""The number of changes shown after the present instruction."""
 BEGUN_M = 1.0
-"""A limit that begins less than this (m) ahead of a place already applies to it."""
+"""The distance (m) ahead of a place within which a limit that begins there already applies to it."""
 
 
 def following(scene: Sight, memory: Memory, now: Instruction, put_off: Instruction | None) -> tuple[Instruction, ...]:

@@ -39,7 +39,7 @@ stop."""
 KNOWN_AFTER_S: Final = 8.0
 """The usual loss (s) after which a driver's own loss has the same weight as the usual one: before the first stop."""
 ON_CURVE_MPS = 0.05
-"""The fastest run counts as braking where its speed falls and is within this difference (m/s) of the braking curve."""
+"""The distance from the braking curve (m/s) within which the fastest run counts as braking while its speed falls."""
 
 
 class UsualLoss:

@@ -14,18 +14,18 @@ from das.advice.guide.timeline import SAME_MPS, STANDS_S
 from das.advice.shown import STOP_BY_EYE_M
 
 STEP_RATIO, FRICTION_STEP_RATIO = 0.05, 0.5
-"""Efforts are shown in these steps, rounded up; the larger one above what the motors give: no driver sets the friction
-brake more finely."""
+"""The steps in which efforts are shown, rounded up: the first within the effort of the motors, the second above it,
+because no driver sets the friction brake more finely."""
 ANSWERED_S = 4.0
-"""When more effort is needed, what is shown is enough for a driver who reacts only after this time: it grows once."""
+"""The reaction time (s) for which a larger effort is sufficient when it is shown, so that it grows only once."""
 BEGUN_S = 2.0
-"""The effort first shown for a lower limit is enough for a driver who begins this long after the brake is due."""
+"""The delay (s) of the driver for which the effort first shown for a lower limit is sufficient."""
 GROWN_RATIO = 1.6
-"""When more effort is needed, what is shown is at most this multiple of what is needed now."""
+"""The largest ratio of the effort shown to the one needed now, when more is needed."""
 LACKS_RATIO = 0.05
-"""A brake for the stop keeps its effort while no more than this share of it is lacking: the last metres are by eye."""
+"""The missing share of the effort up to which a brake for the stop keeps it: the last metres are by eye."""
 LESS_RATIO = 0.6
-"""Less effort is shown only where this share of what is shown, or less, is needed: before that, a driver eases it."""
+"""The needed share of the effort shown below which a smaller one is shown: above it, the driver eases off himself."""
 SAME_EFFORT = 1e-3
 
 

@@ -22,18 +22,18 @@ from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.domain.units import KMH
 
 WORTH_S = 40.0
-"""A driver is not told to accelerate back to a speed if the next step begins within this time: it would be wasted."""
+"""The time (s) before the next step within which no acceleration back to a speed is shown: it would be wasted."""
 ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
 """A driver above the speed to hold coasts back to it if that takes no longer than the first; else he brakes so that he
 has it after the second: with the motors alone where they slow the train."""
 COAST_MISSES_MPS = 4.0 * KMH
-"""Coasting that ends further than this from the speed shown leads to another one, and says that."""
+"""The distance (m/s) of the end of coasting from the speed shown above which the speed that it leads to is shown."""
 ROLLS_SOON_S = 10.0
-"""A train that would roll up to its speed within this time is told to hold it: coasting would be over at once."""
+"""The time (s) to roll up to a speed within which it is to be held instead: coasting would be over at once."""
 BRIEF_S, GAINS_S = 30.0, 2.5
 """An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast."""
 EARLY_RATIO = 0.5
-"""A driver for whom this share of the planned braking is enough is told to coast, or to creep to his stop."""
+"""The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
 CREEP_MPS = 10.0 * KMH
 """The lowest speed to creep with."""
 

@@ -19,8 +19,8 @@ LEADS_S = {
     InstructionKind.TRACTION: 2.0,
     InstructionKind.HOLD: 0.0,
 }
-"""How long before it is due each kind is shown: an acceleration so early that a driver who looks when it is due sees
-it."""
+"""The time (s) before it is due at which each kind is shown: an acceleration early enough to be seen by a driver who
+looks when it is due."""
 
 
 class Opening(NamedTuple):

@@ -23,15 +23,15 @@ BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0
 """A brake is shown the first before it is due: with one advice a second at least the last. A driver who sees it earlier
 brakes early. One who accelerates, or is faster than the reference, is shown it earlier: he ends his traction late."""
 SOONER_S = 0.7
-"""A brake begins this long before the train is on the curve: brakes build up, and the position is uncertain."""
+"""The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
 SHORT_M = 8.0
-"""A train this far from its mark stands clearly short of it, and a creeping one is shown the brake for it."""
+"""The distance from the mark (m) that is clearly short of it, and within which a creeping train is shown its brake."""
 BRAKED_MPS = 0.9
-"""A driver above the limit by more than this is told to brake; by less, to coast, or to hold the limit."""
+"""The excess over the limit (m/s) above which the driver is told to brake; below it, to coast or to hold the limit."""
 HELD_MPS2 = 0.5
-"""A driver below the speed to hold is assumed to accelerate to it at no more than this."""
+"""The largest assumed acceleration (m/s²) of a driver below the speed that he is to hold."""
 NEAR_MARK_M = 3.0
-"""Near its mark the brake stands as it is while the train stands with it within this of the mark: it is seen there."""
+"""The distance of the stop from the mark (m) up to which the last brake is left as it is: the driver sees the mark."""
 
 Floats = NDArray[np.float64]
 

@@ -35,23 +35,23 @@ from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 NEAR_M = 4000.0
-"""The limit or stop that an instruction leads to is named if it is nearer than this."""
+"""The distance (m) within which the limit or stop that an instruction leads to is named."""
 BESIDE_M = 100.0
-"""A limit may begin this far (m) beyond the phase that slows down for it, which ends before it."""
+"""The distance (m) that a limit may lie beyond the phase that slows down for it."""
 BINDS_MPS = 10.0 * KMH
-"""A limit that the train is forecast to pass slower than this below it is not what it slows down for."""
+"""The difference (m/s) from a limit to the forecast speed there, above which the limit is not the reason."""
 SLOWED_S = 30.0
-"""A train that passes a point more than this (s) after its earliest time is not slowed down for it."""
+"""The time (s) after the earliest time of a point above which the train is not slowed down for it."""
 SAID_LATE_S = 30.0
-"""A train's arrival is named if it is late or early by at least this (s): a driver cannot do anything about less."""
+"""The least lateness or earliness (s) that is named: a driver cannot do anything about less."""
 SAID_ANEW_S = 10.0
-"""An arrival that was named is named anew if it has changed by this (s): a figure that changes often is not read."""
+"""The change (s) after which a named arrival is named with its new value: a figure that changes often is not read."""
 NEWS_S = 20.0
-"""A restriction that was received on the way and changed the reference is named for this long (s)."""
+"""The time (s) for which a restriction that was received on the way and changed the reference is named."""
 ARRIVING_M = 500.0
-"""A train this near (m) to its stop is not told when it arrives."""
+"""The distance from the stop (m) within which the time of arrival is not named."""
 CREEPS_M = 100.0
-"""A train so slow that no reference leads to its stop creeps there if it is no further (m) away than this."""
+"""The distance from the stop (m) up to which a train creeps there if it is too slow for any reference."""
 SLOWING = (PhaseKind.COAST, PhaseKind.BRAKE)
 NOT_FASTER = (*SLOWING, PhaseKind.HOLD)
 
@@ -73,7 +73,7 @@ class Guide:
         self._section, self._settings, self._worker = section, settings, worker
         self._ahead_of_train = BrakingAhead(section)
         self.drift = drift or Drift()
-        """What is known of the driver."""
+        """The driver's drift, as far as it is known."""
         self._keeper = Keeper(section, front, settings, worker, self.drift)
         self._showing = Showing()
         self._news: tuple[Restriction, ...] = ()
@@ -205,7 +205,7 @@ class Guide:
         return replace(ahead, code=ahead.code or ReasonCode.ARRIVAL, late_s=late_s)
 
     def _new_restriction(self, replan: Replan, state: TrainState) -> Reason:
-        """The next restriction that was received just now and made the reference anew."""
+        """The next restriction that was received just now and caused the new reference."""
         ahead = [one for one in self._news if one.start_m > state.s_m]
         if replan.cause is not ReplanCause.LINE or (state.now_ns - replan.time_ns) * NS > NEWS_S or not ahead:
             return NO_REASON
@@ -225,9 +225,9 @@ class Guide:
         return self._keeper.arrival_late_s(kept, state, goal)
 
     def _said_arrival_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
-        """How late the train is said to arrive (s): the last value until it is off by `SAID_ANEW_S`.
+        """The lateness at arrival as shown (s): the last value until it is off by `SAID_ANEW_S`.
 
-        It is 0, so that nothing is said, for a train that stands, whose reference is made anew when it departs, and for
+        It is 0, so that nothing is said, for a train that stands, which has a new reference when it departs, and for
         one that is almost there.
         """
         if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:

@@ -22,36 +22,36 @@ from das.solver.section import Section
 from das.solver.state import State, least_time_s
 
 LEAST_GAIN_S: Final = 1.0
-"""A new reference for an early train must bring the arrival nearer to the wanted time by at least this; a new
-reference to save energy must not move the arrival further from it by more."""
+"""The time (s) by which a new reference for an early train must bring the arrival nearer to the wanted time, and by
+which one that saves energy may at most move it away."""
 LATE_GAIN_S: Final = 2.0
-"""A new reference for a late train must bring the arrival nearer to the wanted time by at least this."""
+"""The time (s) by which a new reference for a late train must bring the arrival nearer to the wanted time."""
 LEAST_GAIN_POWER_S: Final = 0.08
-"""A new reference to save energy must save at least the energy of full traction power for this time (0.14 kWh for
+"""The time (s) of full traction power whose energy a new reference must save if it is to save energy (0.14 kWh for
 6 MW)."""
 ASTRAY_MPS: Final = 1.5
-"""A new reference to save energy is tried only while the train's speed differs from the reference by more than
-this."""
+"""The difference between the speeds of train and reference (m/s) above which a new reference that saves energy is
+tried."""
 ASKED_EVERY_S: Final = 30.0
-"""Whether a new reference would be better is tried at most once in this time."""
+"""The least time (s) between two trials of a new reference that might be better."""
 LEAST_AGE_S: Final = 20.0
-"""A reference younger than this is replaced only if the goal or the line has changed, or if it cannot be kept."""
+"""The age (s) up to which a reference is replaced only if the goal or the line has changed, or if it cannot be kept."""
 QUIET_S: Final = 10.0
-"""For this long after the instruction has changed, a reference is replaced only for the reasons of `LEAST_AGE_S`."""
+"""The time (s) after a change of instruction in which a reference is replaced only for the reasons of `LEAST_AGE_S`."""
 DUE_SOON_S: Final = 8.0
-"""While the next change is due within this time, a reference is replaced only for the reasons of `LEAST_AGE_S`: a
-change that was announced comes as announced."""
+"""The time (s) before the next change in which a reference is replaced only for the reasons of `LEAST_AGE_S`, so that
+an announced change comes as announced."""
 ARRIVED_S: Final = 30.0
-"""With less time than this to the end of the section, no new reference is tried."""
+"""The least time (s) to the end of the section for which a new reference is tried."""
 ON_TIME_RATIO: Final = 0.9
-"""References leave so much time that a driver is on time with this probability where that counts."""
+"""The probability with which the reserve of a reference keeps a driver on time, at stops where that counts."""
 ELSEWHERE_RATIO: Final = 0.3
-"""As `ON_TIME_RATIO`, for other stops, whose lateness the next section makes up for less energy."""
+"""The same for other stops, whose lateness the next section makes up with less energy."""
 DEAREST_RATIO: Final = 0.25
-"""A second of the reserve is worth no more than the energy of this share of the train's power in a second: twice
-what a second costs with a buffer of 8 %."""
+"""The largest price of a second of the reserve, as a share of the energy of the train's full power in a second: twice
+the price of a second with a buffer of 8 %."""
 LEARNED_TO_M = 50.0
-"""A driver this near (m) to his stop brakes by eye: the forecast says little about his arrival any more."""
+"""The distance from the stop (m) within which drivers brake by eye, and the forecast says little about the arrival."""
 
 
 class Changes(NamedTuple):
@@ -86,7 +86,7 @@ class StandingReference:
     point: PassingTarget | None
     replan: Replan
     finished: bool = False
-    """It was made beforehand, and read from a table."""
+    """Whether it was made beforehand, and read from a table."""
 
 
 class Kept(NamedTuple):

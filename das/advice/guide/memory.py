@@ -14,9 +14,9 @@ from das.advice.regimes import FULL_RATIO, KIND_OF, TRACTION, InstructionKind, R
 from das.domain.units import NS
 
 SAME_CHANGE_S = 10.0
-"""An announcement that moves by less than this from one second to the next announces the same change."""
+"""The shift (s) from one second to the next below which an announcement is still that of the same change."""
 PASSED_S = 2.0
-"""An announcement that ends this long before it is due, or less, has not been dropped: its change comes now."""
+"""The time (s) before it is due within which an announcement that ends was not dropped: its change comes now."""
 
 
 NOTHING = Instruction()
@@ -26,17 +26,17 @@ class Lead(Enum):
     """What the guide does in a second."""
 
     FOLLOW = auto()
-    """It says the present step."""
+    """The present step is shown."""
     BACK_UP = auto()
-    """It leads a train that is too slow back to the speed of the step."""
+    """A train that is too slow is led back to the speed of the step."""
     BACK_DOWN = auto()
-    """It leads a train that is too fast back to the speed of the step."""
+    """A train that is too fast is led back to the speed of the step."""
     CREEP = auto()
-    """It lets a train that would stop short of its mark hold a low speed."""
+    """A train that would stop short of its mark is to hold a low speed."""
     GUARD = auto()
-    """It says what limits or the stop ask for."""
+    """The instruction that limits or the stop require is shown."""
     SILENT = auto()
-    """It says nothing."""
+    """Nothing is shown."""
 
 
 class Notice(NamedTuple):
@@ -81,7 +81,7 @@ class Memory:
         return max(STANDS_S - in_s - (now_ns - since_ns) * NS, 0.0)
 
     def noted(self, following: tuple[Instruction, ...], now_ns: int) -> tuple[Notice, ...]:
-        """The announcements once these are made as well; one that was dropped, or moved by much, counts anew."""
+        """The announcements including these; one that was dropped, or moved by much, counts from now."""
         said: list[Notice] = []
         for one in following:
             due_ns, kind = now_ns + round(one.in_s / NS), KIND_OF[one.mode]

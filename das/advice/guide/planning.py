@@ -18,10 +18,10 @@ from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
 DEPARTS_WITHIN_M, DEPARTS_MPS = 50.0, 2.0
-"""A train this near (m) to the start of its section, and no faster than this (m/s), departs there: a driver who begins
-late is given a new reference when the train has just begun to move."""
+"""The distance from the start of a section (m) and the speed (m/s) up to which a train departs there: a driver who
+begins late has a new reference when the train has just begun to move."""
 KEPT_S = 10.0
-"""A new reference that is not necessary leaves the present one as it is for this time."""
+"""The time (s) for which a new reference that is not necessary leaves the present one as it is."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,9 +15,9 @@ class GuideSettings:
     """Whether there is a guide; if not, nothing is computed for it."""
     policies: PolicySettings = field(default_factory=PolicySettings)
     late_s: float = 3.0
-    """The reference (the standing plan) is kept while the train arrives late by no more than this."""
+    """The largest lateness (s) with which the reference (the standing plan) is kept."""
     early_s: float = 5.0
-    """The reference is kept while the train arrives early by no more than this."""
+    """The largest earliness (s) with which the reference is kept."""
 
 
 DEFAULT = GuideSettings()

@@ -40,10 +40,10 @@ from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
 
 FORGOTTEN_S = 15.0
-"""A driver to whom nothing was shown for this long is told anew, as if nothing had been shown before."""
+"""The time (s) without any instruction after which the next one is shown as if there had been none before."""
 CLOSES_IN_S = 4.0
-"""The force of an instruction reaches its speed in this time: longer than advice is valid, so that a driver who sets
-exactly this force does not overshoot the speed."""
+"""The time (s) in which the force of an instruction leads to its speed: longer than the validity of advice, so that a
+driver who sets exactly that force does not overshoot the speed."""
 IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
 """Causes of a new reference that came from outside: what is shown was chosen without knowing them."""
 
@@ -75,7 +75,7 @@ class Showing:
         self._steps: tuple[GuideStep, ...] = ()
         self._ahead: BrakingAhead | None = None
         self.changes = Changes()
-        """When the instruction shown last changed, and when its next change is due."""
+        """The moments of the last change of the instruction shown, and of the next one."""
 
     def forget(self) -> None:
         """Forget what was shown: from now on nothing is shown."""
@@ -158,7 +158,7 @@ class Showing:
         )  # fmt: skip
 
     def _begin(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> Sight:
-        """The scene of this second; another reference begins its timeline anew."""
+        """The scene of this second; another reference begins its timeline again."""
         schedule = kept.reference.schedule
         if self._ahead is None or self._ahead.section is not schedule.section:
             self._ahead = BrakingAhead(schedule.section)

@@ -14,18 +14,19 @@ from das.solver.guide.schedule import Schedule
 from das.solver.section import Section
 
 SAME_MPS = 0.3
-"""Speeds that differ by less than this look the same on a display, and count as equal."""
+"""The difference (m/s) below which two speeds look the same on a display, and count as equal."""
 REACHED_MPS = 0.5
-"""A speed to reach counts as reached when the train is less than this below it: the rest is the driver's."""
+"""The distance below a speed to reach (m/s) at which it counts as reached: the rest is the driver's."""
 OFF_MPS = TARGET_STEP_MPS
-"""A driver who keeps within this of a speed holds it: he may keep 2 km/h below a limit, and wander by as much."""
+"""The distance from a speed (m/s) within which a driver holds it: he may keep 2 km/h below a limit, and wander by as
+much."""
 STANDS_S = 8.0
-"""An instruction stands this long, and one of another kind is announced this long before it is due: time to read it, to
-act, and to check."""
+"""The time (s) for which an instruction stands, and for which one of another kind is announced before it is due: to
+read it, to act, and to check."""
 COAST_LEAD_S = 5.0
-"""Coasting is shown this long before it is due: about the time in which a driver reacts."""
+"""The time (s) before it is due at which coasting is shown: about the reaction time of a driver."""
 NEAR_LIMIT_MPS = 0.2
-"""A speed this near to a limit is that of the limit."""
+"""The distance from a limit (m/s) within which a speed is that of the limit."""
 
 
 class GuideStep(NamedTuple):

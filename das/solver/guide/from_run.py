@@ -12,7 +12,7 @@ from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, ROLL
 from das.solver.kernels.tuples import KnownRun
 
 HELD_S = 10.0
-"""Holding a speed for less than this (s) after accelerating to it is no phase of its own."""
+"""The time (s) below which holding a speed after accelerating to it is no phase of its own."""
 
 
 def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:

@@ -13,8 +13,8 @@ from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
 SLOWER = (4, 8, 16, 24, 32, 41)
-"""Two neighbouring prices may differ in time by many seconds. Policies this many prices below them fill such a gap: of
-the ladder's own prices, those from 0.9 to 0.3 of the price."""
+"""The numbers of prices below two neighbouring ones whose policies fill the gap between them, which may be many
+seconds: prices of the ladder from 0.9 to 0.3 of theirs."""
 ROUNDS = 2
 """The price behind a place depends on the speed there, which depends on that price: it is found in so many rounds."""
 

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 NEAR_S, NEAR_AT_PLACE_S = 0.7, 0.3
-"""A run that arrives, or passes a place with a window, within this time (s) of the wanted one is near enough."""
+"""The distances from the wanted time (s) within which an arrival, or the passing of a place with a window, is near
+enough."""
 LATE_RATIO, EARLY_RATIO, EARLY_S = 3.0, 0.7, 2.0
-"""A second late costs this many times the price of time, and a second early is worth this share of it. No more early
-seconds than `EARLY_S` count: the price of a run that is early is too high."""
+"""The cost of a second late and the worth of a second early, as multiples of the price of time, and the most early
+seconds (s) that count: the price of a run that is early is too high."""
 
 
 @overload

@@ -38,21 +38,21 @@ from das.solver.solve import DecisionGrid, node_behind, usable_power_w
 from das.solver.state import State
 
 STEP_MPS: Final = 5.0 * KMH
-"""Speeds are told in steps of this size; limits as they are."""
+"""The step of the speeds that are told; limits are told as they are."""
 LEAST_MPS: Final = 10.0 * KMH
 """No lower speed is told, except where a limit is lower."""
 CHANGE_TIME_S: Final = 0.3
-"""A change must also save as much as this time is worth at the price of time: a late train is not given changes that
-gain little."""
+"""The time (s) whose worth a change must save as well, at the price of time: a late train has no changes that gain
+little."""
 BRAKE_CHANGES: Final = 1.0
-"""A brake that no limit asks for costs this many changes more."""
+"""The additional price, in changes, of a brake that no limit asks for."""
 LOW_RATIO: Final = 0.001
 """The lowest price of time, as a share of the traction power that can be used on the section."""
 HIGH_RATIO: Final = 2.0
 """The highest price of time, as a multiple of the same power: no more is paid for a second, however late the train is.
 A weak train on a slow line needs almost as much to keep a timetable with a buffer of 8 %."""
 BACK_SHARE: Final = 0.6
-"""A train slower than the speed to hold gets back to it with this share of its traction."""
+"""The share of the traction with which a train slower than the speed to hold gets back to it."""
 
 Floats = NDArray[np.float64]
 SAME_MPS = 1e-6
@@ -68,17 +68,17 @@ class PolicySettings:
     """What a change of the instruction costs, and how finely policies are solved."""
 
     change_s: float = 0.15
-    """A change must save as much energy as the train's full power needs in this time, and as much as
-    `CHANGE_TIME_S` is worth."""
+    """The time (s) of the train's full power whose energy a change must save, in addition to the worth of
+    `CHANGE_TIME_S`."""
     young_s: float = 0.6
-    """As `change_s`, for a change while the present instruction has not stood for `STANDS_S`."""
+    """The same for a change while the present instruction has not stood for `STANDS_S`."""
     line_mps: float = 1.0 * KMH
     """The distance of lines in the speed grid: a fifth of a step, so that every speed that is told lies on one. With
     2.5 km/h a freight train, which gains less than that in a decision step, needs up to a fifth more energy."""
     ladder_ratio: float = 1.03
-    """Each price of time is this many times the one before."""
+    """The ratio of each price of time to the one before."""
     kept_bytes: int = 100_000_000
-    """The policies used last are kept up to this size (bytes): ten to twenty of 30 km, four of 100 km."""
+    """The size (bytes) up to which the policies used last are kept: ten to twenty of 30 km, four of 100 km."""
 
 
 DEFAULT = PolicySettings()

@@ -24,11 +24,12 @@ from das.solver.state import RollOut, State, following_node, least_time_s
 
 Floats = NDArray[np.float64]
 MET_MPS = 1e-3
-"""A train whose speed is this near (m/s) to the schedule's trajectory counts as on it from there on."""
+"""The distance from the schedule's trajectory (m/s) within which a train counts as on it from there on."""
 NOWHERE = -1.0
 """The `met_mps` of a train that is followed to the end and never counts as on the schedule's trajectory."""
 ON_CURVE_MPS = 0.05
-"""A phase to brake follows the braking curve if its target is this near (m/s) to the curve where the phase ends."""
+"""The distance of the target from the braking curve (m/s) at the end of a phase within which the phase follows the
+curve."""
 
 
 class Prospect(NamedTuple):
