@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from das.domain.units import kmh
+from sim.drive.events import times_text
 from sim.drive.instructions import InstructionFigures, instructions
 from sim.drive.limits import Violations
 from sim.drive.stability import AdviceStability, stability
@@ -64,7 +65,7 @@ def _of_display(found: AdviceStability) -> Iterator[DriveFigure]:
     for name, value, unit, label, words in (
         ("advice_changes_per_min", known(found.changes_per_min), "1/min", "advice changed, while moving",
          f"{found.changes_per_min:.1f} times a minute"),
-        ("reversals", found.reversals, "", "  from traction to brake or back", f"{found.reversals} times"),
+        ("reversals", found.reversals, "", "  from traction to brake or back", times_text(found.reversals)),
         ("shortest_mode_s", known(found.shortest_mode_s), "s", "  shortest mode", shortest),
     ):  # fmt: skip
         yield DriveFigure(name, value, unit, label if shown else "", words)
