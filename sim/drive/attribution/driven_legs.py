@@ -333,10 +333,11 @@ def since_departure_j(
 def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> Floats:
     """Energy drawn in each interval (J) if the friction brake took `friction_j` and the motors all the rest.
 
-    The friction brake takes no more than the motion of the planned train asks of all brakes.
+    While the planned train must brake for the motion, the friction brake takes no more than that; otherwise the motors
+    pulled against it.
     """
-    total_n = run.force_el_n + run.force_friction_n
-    friction_n = np.maximum(-friction_j / np.diff(run.s_m), np.minimum(total_n, 0.0))
+    total_n, taken_n = run.force_el_n + run.force_friction_n, -friction_j / np.diff(run.s_m)
+    friction_n = np.where(total_n < 0.0, np.maximum(taken_n, total_n), taken_n)
     electric_n, mean_mps = total_n - friction_n, run.mean_speed_mps()
     if isinstance(section.loss, LossMap):
         mean_mps = np.minimum(mean_mps, section.loss.speed_mps[-1])

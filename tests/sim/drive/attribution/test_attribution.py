@@ -90,23 +90,24 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize(
-    ("fault", "cause"),
+    ("fault", "cause", "least"),
     [
-        pytest.param(lambda driver: CoastsLate(driver, 20.0), EnergyCause.LATE_COASTING),
-        pytest.param(BrakesByFriction, EnergyCause.FRICTION, marks=pytest.mark.nightly),
-        pytest.param(
-            lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE, marks=pytest.mark.nightly
-        ),
+        (lambda driver: CoastsLate(driver, 20.0), EnergyCause.LATE_COASTING, 0.9),
+        (BrakesByFriction, EnergyCause.FRICTION, 0.9),
+        # The advice is planned again for the faster train, and following that costs energy as well.
+        (lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE, 0.65),
     ],
     ids=["coasts-late", "friction", "faster"],
 )
-def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault: type, cause: EnergyCause) -> None:
+def test_a_planted_fault_gets_most_of_the_energy_above_the_optimum(
+    fault: type, cause: EnergyCause, least: float
+) -> None:
     found = attribution(clear_day(), fault(PerfectDriver(clear_day().service.line)))
     check_sums(found)
     more_j = found.above.difference_j - faultless().above.difference_j
-    assert found.by_cause[cause] >= 0.9 * more_j
-    # And by as much more than without the fault, within what the figures hold.
-    assert found.by_cause[cause] - faultless().by_cause.get(cause, 0.0) == pytest.approx(more_j, rel=0.12)
+    # By as much more than without the fault, within what the figures hold.
+    assert least * more_j <= found.by_cause[cause] - faultless().by_cause.get(cause, 0.0) <= 1.12 * more_j
+    assert abs(found.by_cause[EnergyCause.TRAIN]) < 0.06 * more_j  # The train is as planned.
 
 
 def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_energy_attribution() -> None:
