@@ -98,6 +98,12 @@ class Group:
         return _filled(app, self.name, self.entries(), self.gone)
 
 
+class _Program(TyperGroup):
+    """A program of several commands, with its former commands and options (see `application`)."""
+
+    gone: Mapping[str, str] = MappingProxyType({})
+
+
 def _entries(where: str) -> tuple[Entry, ...]:
     module, _, name = where.partition(":")
     found: tuple[Entry, ...] = getattr(importlib.import_module(module), name)
@@ -130,7 +136,8 @@ def application(
     `gone`: former commands, which are refused, each with what to run instead, and former options of its commands
     (`--bucket`), each with what to do instead. The help does not list them.
     """
-    app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
+    bare = without_command is not None
+    app = _typer(cls=_Program, no_args_is_help=not bare, invoke_without_command=bare)
 
     @app.callback(help=about, epilog=f"{name} COMMAND -h explains a command.")
     def nothing_yet(context: typer.Context) -> None:
@@ -138,7 +145,8 @@ def application(
             without_command()
 
     group = _filled(app, name, entries, gone)
-    group.gone = gone  # type: ignore[attr-defined]
+    assert isinstance(group, _Program)
+    group.gone = gone
     group.params.append(_version_parameter())
     return group
 
@@ -165,7 +173,8 @@ class _Command(TyperCommand):
         except TyperException as error:
             words = re.findall(r"[\w-]+", error.format_message())
             for word in words if "No such option" in error.format_message() else ():
-                if instead := getattr(ctx.find_root().command, "gone", {}).get(word):
+                program = ctx.find_root().command
+                if isinstance(program, _Program) and (instead := program.gone.get(word)):
                     raise DasError(f"{word} is no longer an option of this command: {instead}") from None
             known = {*words, *(option for parameter in self.params for option in parameter.opts)}
             for word in words:

@@ -19,8 +19,7 @@ class Conditions:
 
     `mass_ratio` and `resistance_ratio` multiply the mass and the running resistance, `receptivity_ratio` the share of
     the power fed back that the line accepts, and `adhesion_ratio` the adhesion of the rail. `head_wind_mps` is the
-    speed
-    of the wind against the train (tail wind < 0).
+    speed of the wind against the train (tail wind < 0).
     """
 
     mass_ratio: float = 1.0

@@ -128,12 +128,11 @@ class Route(Summary):
 
     `curvature_per_m` holds the mean |κ| of each stretch (a clothoid counts with its mean curvature).
     `receptivity_ratio` is the share of the power fed back that the line accepts (0 to 1). While the head of the train
-    is
-    in one of the `neutral_sections` there is neither traction nor electric brake, and in one of the `no_regeneration`
-    zones there is no electric brake. `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where
-    unknown. `restrictions` are the temporary ones contained in `limits_mps`. `time_zone` is the IANA name of the zone
-    whose clock the line has. `source` is the file; `data_source` and `licence` are what the file says of the origin of
-    its data. A `one_way` line describes one direction alone and cannot be reversed.
+    is in one of the `neutral_sections` there is neither traction nor electric brake, and in one of the
+    `no_regeneration` zones there is no electric brake. `geometry_*` is a polyline (position, WGS 84 latitude and
+    longitude), empty where unknown. `restrictions` are the temporary ones contained in `limits_mps`. `time_zone` is the
+    IANA name of the zone whose clock the line has. `source` is the file; `data_source` and `licence` are what the file
+    says of the origin of its data. A `one_way` line describes one direction alone and cannot be reversed.
     """
 
     id: str

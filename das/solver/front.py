@@ -220,12 +220,10 @@ class TimeSearch:
                 place, step = self._beyond(trial, step), 4 * step
             else:
                 place = slow.place + self._share(above, below) * (quick.place - slow.place)
-        return slow, quick or self._fastest()
-
-    def _fastest(self) -> Trial:
-        """The fastest trajectory, which is quicker than that of the highest multiplier."""
-        run = self.state.fastest()
-        return Trial(math.inf, run, run.time_s - self.time_s)
+        if quick is None:  # Only the fastest trajectory is quicker than that of the highest multiplier.
+            run = self.state.fastest()
+            quick = Trial(math.inf, run, run.time_s - self.time_s)
+        return slow, quick
 
     def _share(self, above: float, below: float) -> float:
         """Where between two trials the next one should lie, by their misses (false position)."""

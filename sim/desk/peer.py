@@ -64,8 +64,7 @@ class Attention:
 class Peer:
     """The desk's session on the bus; `begin` opens it in a thread, `close` ends it. `tell` is called with each message.
     The run begins when it receives a driver's announcement, which `announce` permits. `clocks` are injected. Methods
-    may be called from
-    any thread.
+    may be called from any thread.
     """
 
     def __init__(self, given: DeskGiven, tell: Told, clocks: Clocks = WALL) -> None:

@@ -85,8 +85,7 @@ class RelianceFigures:
     `above_limit_s` counts the seconds in which the train of a driver who obeys is faster than the limit by 0.5 m/s,
     `hidden_limits` the limits that began while the driver was told to stop by eye and that a steady brake to the stop
     would exceed, `replaced` the parts of advice that the last word replaced. `advised_s` and `silent_s` are the seconds
-    with
-    advice and without; a display left blank because of the driver's own actions counts as neither.
+    with advice and without; a display left blank because of the driver's own actions counts as neither.
     """
 
     promised: int = 0

@@ -47,10 +47,9 @@ class AdviceView:
     effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
     after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
     change, `next_change_m` is the distance to it, and `second_…` is the change after it. In GUIDE, `due_s` is the time
-    until
-    the instruction is due, and `target_way_m` the distance to where its speed is reached; `replan_cause` and
-    `replanned_s` are cause and time of its reference, which no display shows.
-    DEVIATION has only `deviation_s`: the lateness against the plan for the timetable (early < 0).
+    until the instruction is due, and `target_way_m` the distance to where its speed is reached; `replan_cause` and
+    `replanned_s` are cause and time of its reference, which no display shows. DEVIATION has only `deviation_s`: the
+    lateness against the plan for the timetable (early < 0).
 
     Mode DEPART means to wait until the train is cleared; efforts and horizons are those of a standing train.
     The next change is then the departure, and `departure` is the advice for the cleared train.
@@ -121,8 +120,7 @@ class CabView(NamedTuple):
     """The information of the driver at a moment (times in s on the cab's clock).
 
     `s_m` is the position according to the kilometre marks, `speed_mps` and `limit_mps` are those displayed. `stop_m` is
-    the
-    next timetabled stop, due at `arrival_s`. The train may leave from `departure_s` on if it `may_depart` (doors
+    the next timetabled stop, due at `arrival_s`. The train may leave from `departure_s` on if it `may_depart` (doors
     closed, signal clear). `signal_m` is the next signal at danger in sight (inf: none). `advice` is None if none is
     shown; `cause` is then the reason, by its number on the bus. `late_s` is the lateness against the plan,
     `gradient_ratio` that of the line at the train's head, and `force_…_n` the forces of motors and friction brake.

@@ -40,10 +40,9 @@ def day_of(name_or_path: str) -> Scenario:
 @dataclass(frozen=True, kw_only=True)
 class Setting:
     """The setting of a trial. `loss_level` is the level of losses used to plan the advice (None: the train's own); the
-    losses of the true
-    train do not change with it. `scenario` and `train` are names of bundled files or paths; `train` None is the
-    scenario's train. Times are in s; `preview_s` is infinite if the display shows everything ahead. `human` contains
-    parameters of a human driver that replace the participant's own, by name.
+    losses of the true train do not change with it. `scenario` and `train` are names of bundled files or paths; `train`
+    None is the scenario's train. Times are in s; `preview_s` is infinite if the display shows everything ahead. `human`
+    contains parameters of a human driver that replace the participant's own, by name.
     """
 
     scenario: str = "clear-day"

@@ -73,8 +73,7 @@ class DrivenEstimate:
     `index[i]` is the point of the run at node i of the trajectory. `traction_n` and `brakes_n` are the largest forces
     of the vehicle at the speed of each interval, and `beyond` marks intervals in which the run needs more for 8 s; then
     it was another train, or the positions are inaccurate. `lacking_ratio` is the largest share of the force needed for
-    8 s
-    that the vehicle lacks.
+    8 s that the vehicle lacks.
     """
 
     trajectory: Trajectory
@@ -321,8 +320,7 @@ def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float, unkn
     """The least (sign < 0) or the most energy (J) with every unknown at one of its ends.
 
     First, each unknown is set to the end with the largest effect on its own. One unknown may reverse what another does:
-    a
-    train that brakes by friction loses more with a tail wind. Therefore each in turn is then set to the end with the
+    a train that brakes by friction loses more with a tail wind. Therefore each in turn is then set to the end with the
     largest effect, until nothing changes.
     """
 

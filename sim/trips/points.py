@@ -51,8 +51,7 @@ class Points:
 
     `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line. `missing`,
     `dropout` and `spike` mark the reason why a speed is not the reported one. Where only the positions show that the
-    train stands
-    at an end of the record, `slowed_to_mps` is the speed that they give there; elsewhere it is NaN.
+    train stands at an end of the record, `slowed_to_mps` is the speed that they give there; elsewhere it is NaN.
     """
 
     point: Ints

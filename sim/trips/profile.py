@@ -76,9 +76,8 @@ def to_profile(
     then the likeliest motion under white jerk of density `jerk_psd_m2ps5` (Kalman filter and Rauch–Tung–Striebel
     smoother for s, v, a). Positions have little weight and dominate over long distances; speeds have more weight and
     determine the detail over some 8 s. Positions and inertia bridge dropouts, inertia alone bridges gaps. An end at
-    which the
-    train stands is exact in position and speed, and is moved to the next step. Negative speeds become 0, and s is
-    integrated from the speed. Raises DasError for a run shorter than 3 steps.
+    which the train stands is exact in position and speed, and is moved to the next step. Negative speeds become 0, and
+    s is integrated from the speed. Raises DasError for a run shorter than 3 steps.
     """
     valid = ~matched.invalid
     time_s, place_m, dropout = matched.elapsed_s()[valid], matched.s_m[valid], matched.dropout[valid]

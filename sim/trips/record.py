@@ -62,8 +62,8 @@ class Record:
     `number` is the number of a point's `place` (line, position) in its file. Positions are either on the map or on the
     route; on the route, `position_m` counts as in the route's file, or in the direction driven if `as_driven`. In a
     recording of ours, a point may be `degraded` (its speed was not measured) or `invalid` (nothing was measured).
-    `untimed` points have no usable
-    time; `time_ns` then is that of a neighbour. `unread` are the names of columns that were not used.
+    `untimed` points have no usable time; `time_ns` then is that of a neighbour. `unread` are the names of columns that
+    were not used.
     """
 
     source: str

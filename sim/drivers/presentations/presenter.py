@@ -217,8 +217,8 @@ def present(
     deviation_s: float = math.nan,
 ) -> AdviceView | None:
     """The content of the display for advice; None if it is blank. `advice` is a `das.advice.advice.Advice` or the
-    message of the bus. `clock_zero_ns` is the moment (ns since 1970) at
-    which the cab's clock shows 0. `deviation_s` is the lateness of the train, for a display of lateness alone.
+    message of the bus. `clock_zero_ns` is the moment (ns since 1970) at which the cab's clock shows 0. `deviation_s` is
+    the lateness of the train, for a display of lateness alone.
     """
     if int(advice.mode) == Regime.NONE:
         return None
