@@ -40,12 +40,7 @@ def numbers() -> list[Any]:
     if "DAS_ASSESSMENT_DAYS" in os.environ:
         return [pytest.param(days, id="all")]
     rest = [day for day in days if day not in QUICK]
-    half = DAYS // 2 - len(QUICK)
-    return [
-        pytest.param(QUICK, id="quick"),
-        pytest.param(rest[:half], id="half", marks=pytest.mark.slow),
-        pytest.param(rest[half:], id="rest", marks=pytest.mark.nightly),
-    ]
+    return [pytest.param(QUICK, id="quick"), pytest.param(rest, id="rest", marks=pytest.mark.nightly)]
 
 
 @pytest.mark.parametrize("days", numbers())
