@@ -46,7 +46,7 @@ PROGRAMS: Final = {
 }
 """Words that stand for the first word of a command, after the running Python."""
 FIRST: Final = tuple(
-    f"python -m docs.studies.{name}" for name in ("pictures first-minute", "bundled", "null_experiments", "guide_days")
+    f"python -m docs.studies.{name}" for name in ("pictures what-if", "estimation", "bundled", "guide_days")
 )
 """The longest commands, which are started first, so that none of them runs alone at the end."""
 MAKING: Final = "making-"

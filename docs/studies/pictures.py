@@ -1,8 +1,8 @@
 """The pictures of recordings in the pages, drawn from drives that are made for them, into the working folder.
 
-`python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt) and what comes of
-its drive with a restriction (what-if.txt, what-if.png); `readme` first-minute.txt and first-minute.png, which README
-has.
+`python -m docs.studies.pictures what-if` compares a run of the example files with the same run without its restriction
+(what-if.txt, what-if.png). `readme` writes what README has: the words of the first minute (first-minute.txt), and its
+two drives beside each other (first-minute.png).
 `report` draws report.png, and needs Chromium and pdftoppm (poppler): its picture is one of release 0.2, in
 docs/results/0.2/screens.
 """
@@ -10,6 +10,7 @@ docs/results/0.2/screens.
 from __future__ import annotations
 
 import argparse
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -17,42 +18,38 @@ from typing import Final
 import sim
 from das.command_line.files import save_figure
 from docs.studies.bundled import das_sim, first_page
-from sim.cli.first_minute import DRIVER
 from sim.review.canvas import comparison_figure
 
 
-def first_minute(folder: Path) -> None:
-    """The first minute: what it prints, its two drives beside each other, and the second one with a restriction."""
-    said, _, guided = _driven(folder)
-    (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
-    guided.rename(folder / "guided.mcap")
-    again = ("--driver", DRIVER, "--restriction", "18-19.5:60", "-o", "restricted.mcap")
-    das_sim("what-if", "guided.mcap", *again, folder=folder)
-    _beside(folder / "guided.mcap", folder / "restricted.mcap", folder / "what-if.png")
-    compared = das_sim("report", "guided.mcap", "restricted.mcap", folder=folder)
-    (folder / "what-if.txt").write_text(compared, encoding="utf-8")
+def what_if(folder: Path) -> None:
+    """A run of the example files, and the same run without its restriction."""
+    das_sim("example", "my-line", folder=folder)
+    das_sim("run", "my-line/scenario.toml", "--seed", "3", "-o", "run.mcap", folder=folder)
+    das_sim("what-if", "run.mcap", "--driven-anew", "--without-restrictions", "-o", "free.mcap", folder=folder)
+    _beside(folder / "run.mcap", folder / "free.mcap", folder / "what-if.png")
+    (folder / "what-if.txt").write_text(das_sim("report", "run.mcap", "free.mcap", folder=folder), encoding="utf-8")
 
 
 def readme(folder: Path) -> None:
     """What the first minute prints, and its two drives beside each other."""
-    said, recorded, guided = _driven(folder)
+    said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
     (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
-    _beside(recorded, guided, folder / "first-minute.png")
+    (made,) = (folder / "recordings").glob("*-guide.mcap")
+    draw_first_minute(made.with_name(made.name.replace("-guide", "")), made, folder / "first-minute.png")
+
+
+def draw_first_minute(recorded: Path, guided: Path, picture: Path) -> None:
+    """Draw the drives of the first minute beside each other, by the names that the picture of README has."""
+    with tempfile.TemporaryDirectory() as folder:
+        drives = [Path(folder) / f"{name}.mcap" for name in ("as recorded", "with the guide")]
+        for path, made in zip(drives, (recorded, guided), strict=True):
+            path.symlink_to(made.resolve())
+        _beside(*drives, picture)
 
 
 def _beside(first: Path, other: Path, picture: Path) -> None:
     """Draw two drives beside each other, as in a report."""
     save_figure(picture, comparison_figure(sim.compare(first, other)))
-
-
-def _driven(folder: Path) -> tuple[list[str], Path, Path]:
-    """What the first minute prints, and its recordings by the names that pictures have."""
-    said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
-    recorded, guided = (folder / f"{name}.mcap" for name in ("as recorded", "with the guide"))
-    (made,) = (folder / "recordings").glob("*-guide.mcap")
-    made.with_name(made.name.replace("-guide", "")).rename(recorded)
-    made.rename(guided)
-    return said, recorded, guided
 
 
 def report(folder: Path) -> None:
@@ -63,7 +60,7 @@ def report(folder: Path) -> None:
 
 
 PICTURES: Final[dict[str, Callable[[Path], None]]] = {
-    "first-minute": first_minute,
+    "what-if": what_if,
     "readme": readme,
     "report": report,
 }

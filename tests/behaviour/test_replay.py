@@ -37,13 +37,15 @@ from das.bus.topics import (
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
+from docs.studies.pictures import draw_first_minute
 from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
 from sim.cli.trips import bundled_recording
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival
 from sim.trips.estimate import estimate_run
+from tests.support.kept_figures import not_on_page, same_picture
 from tests.support.make_trip import made_trip
-from tests.support.making import das_sim, das_sim_json, in_a_process, refusal, wait_until
+from tests.support.making import REPOSITORY, das_sim, das_sim_json, in_a_process, refusal, wait_until
 from tests.support.recordings import advices_so_far
 
 
@@ -80,6 +82,17 @@ def test_das_sim_alone_compares_the_bundled_trip_with_the_guide(
     assert all(
         words in said for words in ("as recorded", "with the guide", "at the same arrival time", "simulated driver")
     )
+
+
+@pytest.mark.slow
+def test_readme_has_the_words_and_the_picture_of_das_sim_alone(
+    default_run: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
+) -> None:
+    """`python -m docs.studies.pictures readme` makes both again."""
+    *printed, _ = default_run[0].stdout.splitlines()
+    assert not_on_page((REPOSITORY / "README.md").read_text(encoding="utf-8"), printed) == []
+    draw_first_minute(*recordings(default_run), tmp_path / "now.png")
+    assert same_picture(REPOSITORY / "docs" / "images" / "first-minute.png", tmp_path / "now.png")
 
 
 @pytest.mark.slow

@@ -19,11 +19,11 @@ from docs.studies.figures import FIRST, ROOT, input_hash, longest_first, made, m
 from docs.studies.notebooks import NOTEBOOKS
 from docs.studies.output import DOCS, Output
 from tests.support.kept_figures import (
-    SAME_PICTURE,
     kept_cells,
     made_cells,
     not_on_page,
     picture_difference,
+    same_picture,
     stale_cells,
 )  # fmt: skip
 
@@ -35,10 +35,6 @@ TITLE = re.compile(r"^# .*release 0\.\d+\.\d+.*, commit [0-9a-f]{8}, \d{1,2} \w+
 PAPER = RESULTS / "0.2" / "paper"
 WRITES = 'python -c \'print(6 * 7); open("a.png", "w").write("p"); open("b.md", "w").write("| 1 |\\n")\''
 FAILS = "python -c 'raise SystemExit(\"no such line\")'"
-
-
-def same_picture(one: Path, other: Path) -> bool:
-    return picture_difference(one.read_bytes(), other.read_bytes()) <= SAME_PICTURE
 
 
 # ------------------------------------------------------------------------------------------- built, dated, or in README
@@ -69,15 +65,6 @@ def test_every_result_says_in_its_title_of_which_release_data_seed_commit_and_da
     """Tables of the paper's study belong to its page."""
     pages = [page for page in RESULTS.rglob("*.md") if page.parent != PAPER]
     assert [page.name for page in pages if not TITLE.search(page.read_text(encoding="utf-8"))] == []
-
-
-@pytest.mark.nightly
-def test_readme_has_the_picture_and_the_words_of_its_command(tmp_path: Path) -> None:
-    command = "python -m docs.studies.pictures readme"
-    folder = made([command], "test", tmp_path)[command]
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert not_on_page(readme, (folder / "first-minute.txt").read_text(encoding="utf-8").splitlines()) == []
-    assert same_picture(DOCS / "images" / "first-minute.png", folder / "first-minute.png")
 
 
 def test_readme_says_what_the_notebook_finds() -> None:

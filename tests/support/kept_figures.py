@@ -8,6 +8,7 @@ import io
 import re
 from collections.abc import Iterable
 from contextlib import redirect_stdout
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -51,6 +52,10 @@ def picture_difference(one: bytes, other: bytes) -> float:
     if greys[0].shape != greys[1].shape:
         return 1.0
     return float(np.mean(np.abs(greys[0] - greys[1]) > GREY_STEPS))
+
+
+def same_picture(one: Path, other: Path) -> bool:
+    return picture_difference(one.read_bytes(), other.read_bytes()) <= SAME_PICTURE
 
 
 def _blocks(content: bytes) -> np.ndarray:
