@@ -31,9 +31,8 @@ COAST_MISSES_MPS = 4.0 * KMH
 ROLLS_SOON_S = 10.0
 """The time (s) to roll up to a speed within which it is to be held instead: coasting would be over at once."""
 BRIEF_S, GAINS_S = 30.0, 2.5
-"""An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast."""
-EARLY_RATIO = 0.5
-"""The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
+"""An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast. A
+driver who brakes too much for his stop is not told to release for a shorter time than the first."""
 CREEP_MPS = 10.0 * KMH
 """The lowest speed to creep with."""
 
@@ -247,7 +246,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     need, in_s = _need(scene, step), scene.due_s(memory.step)
     if in_s > 0.0 and step.effort == 0.0:
         in_s = min(in_s, max(begins_s(scene, state.v_mps), LEAST_LEAD_S))
-    if in_s <= 0.0 and need < EARLY_RATIO * _planned(scene, step):
+    if in_s <= 0.0:
         back = _eased(scene, memory, step)
         if back is not None:
             mode = Lead.BACK_DOWN if slows else Lead.CREEP
@@ -268,7 +267,7 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep) -> Instruction | None:
     shown = memory.shown if memory.shown.mode in BRAKES else brake(_planned(scene, step), 0.0)
     soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
     low_mps = max(target_below(soon_mps), CREEP_MPS)
-    if scene.ahead.is_due(state.braked_m, low_mps, BRAKES_BACK_S):
+    if scene.ahead.is_due(state.braked_m, low_mps, BRIEF_S):
         return None
     rolls_m = v_mps**2 / (2.0 * max(-scene.rolls_mps2, LEAST_MPS2))
     by_eye = left_m - STANDS_S * v_mps < STOP_BY_EYE_M
