@@ -33,6 +33,8 @@ ROLLS_SOON_S = 10.0
 BRIEF_S, GAINS_S = 30.0, 2.5
 """An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast. A
 driver who brakes too much for his stop is not told to release for a shorter time than the first."""
+EARLY_RATIO = 0.5
+"""The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
 CREEP_MPS = 10.0 * KMH
 """The lowest speed to creep with."""
 
@@ -246,7 +248,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     need, in_s = _need(scene, step), scene.due_s(memory.step)
     if in_s > 0.0 and step.effort == 0.0:
         in_s = min(in_s, max(begins_s(scene, state.v_mps), LEAST_LEAD_S))
-    if in_s <= 0.0:
+    if in_s <= 0.0 and need < EARLY_RATIO * _planned(scene, step):
         back = _eased(scene, memory, step)
         if back is not None:
             mode = Lead.BACK_DOWN if slows else Lead.CREEP
