@@ -53,15 +53,6 @@ RefineOption = Annotated[
     ),
 ]
 
-BoundOption = Annotated[
-    str,
-    typer.Option(
-        "--bound",
-        metavar="quick|tight|SECONDS",
-        help="Prove a tighter bound for a loss map: until gains are small (minutes), or for about this many seconds.",
-    ),
-]
-
 
 @dataclass(frozen=True, kw_only=True)
 class LineOptions:
@@ -134,38 +125,23 @@ def buffered(min_time_s: float, buffer_percent: float) -> float:
 
 def refine_seconds(text: str) -> float:
     """The seconds that `--refine` allows: a number, 0 for off, or inf for on; DasError for any other text."""
-    return _seconds("--refine", text, "off", "on")
-
-
-def bound_seconds(text: str) -> float:
-    """The seconds that `--bound` allows: a number, 0 for quick, or inf for tight; DasError for any other text."""
-    return _seconds("--bound", text, "quick", "tight")
-
-
-def _seconds(option: str, text: str, none: str, unlimited: str) -> float:
-    """A budget of time (s) as an option gives it: seconds, a word for none, or a word for no limit."""
-    if text in (none, unlimited):
-        return math.inf if text == unlimited else 0.0
+    if text in ("off", "on"):
+        return math.inf if text == "on" else 0.0
     try:
         seconds = float(text)
     except ValueError:
         seconds = math.nan
     if not 0 <= seconds < MOST_SECONDS:
-        raise DasError(f"{option} {text}: expected {none}, {unlimited}, or a number of seconds from 0")
+        raise DasError(f"--refine {text}: expected off, on, or a number of seconds from 0")
     return seconds
-
-
-def numbers(option: str, text: str) -> list[float]:
-    """The numbers of an option's comma-separated list; DasError for anything that is not a number."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise DasError(f"{option} {text}: expected numbers separated by commas, like 0,5,10") from None
 
 
 def buffer_numbers(text: str) -> list[float]:
     """The buffers (%) that `--buffers` lists; DasError for an impossible buffer or anything that is not a number."""
-    values = numbers("--buffers", text)
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise DasError(f"--buffers {text}: expected numbers separated by commas, like 0,5,10") from None
     for value in values:
         buffered(1.0, value)
     return values

@@ -134,6 +134,7 @@ GONE: Final = {
     **dict.fromkeys(_OF_VEHICLE.split(), "change it in the vehicle's file"),
     **dict.fromkeys(_OF_SECTION.split(), "use das.solver.section.SectionOptions in Python"),
     "--max-buffer": "the largest of --buffers counts",
+    "--bound": "use docs.studies.tight_bound.tightened in Python, in a checkout",
     "--bucket": "use precompute.exact.front.Limits in Python",
 }
 """Former commands and options, each with what to run or do instead."""

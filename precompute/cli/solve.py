@@ -16,15 +16,12 @@ from das.command_line.files import check_outputs, check_picture
 from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, steps_bar, tell
-from das.domain.levels import Level
 from precompute.baselines import Strategy
 from precompute.cli.options import (
-    BoundOption,
     Pose,
     RefineOption,
     RunFiles,
     TripTime,
-    bound_seconds,
     buffer_numbers,
     buffered,
     refine_seconds,
@@ -46,7 +43,6 @@ def solve(
     files: RunFiles,
     strategy: StrategyOption = Strategy.OPTIMAL,
     refine: RefineOption = "on",
-    bound: BoundOption = "quick",
 ) -> None:
     """Find the least-energy run over a section in a given time, or the run of a simpler strategy.
 
@@ -60,17 +56,15 @@ def solve(
     The solver's table takes a decision every 150 m or more often. By default the optimal run is then refined on a finer
     grid, without arriving later.
 
-    The gap says how far the energy can be above the least possible. With a loss map (level l3) the quick bound leaves
-    0.1 to 1.3 % that no run could save; "--bound 30" searches for 30 s for a higher bound.
+    The gap says how far the energy can be above the least possible. With a loss map (level l3) the bound leaves 0.1 to
+    1.3 % that no run could save.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
     _check_used(strategy)
-    budget_s, bound_s = refine_seconds(refine), bound_seconds(bound)
+    budget_s = refine_seconds(refine)
     files.check(*pose.inputs())
-    if strategy is Strategy.OPTIMAL:
-        section, answer, min_time_s, solve_s = _optimal(pose, trip, budget_s, bound_s)
-    else:
-        section, answer, min_time_s, solve_s = _baseline(pose, trip, strategy)
+    solved = _optimal(pose, trip, budget_s) if strategy is Strategy.OPTIMAL else _baseline(pose, trip, strategy)
+    section, answer, min_time_s, solve_s = solved
 
     from das.domain.files.writing import write_trajectory
     from precompute.cli import report
@@ -83,11 +77,9 @@ def solve(
     if files.as_json:
         print(json.dumps(result))
         return
-
-    from precompute.cli.report import print_parameters, print_solutions
-
-    print_solutions(section.name if strategy is Strategy.OPTIMAL else f"{section.name}, {strategy}", [result])
-    print_parameters(result)
+    title = section.name if strategy is Strategy.OPTIMAL else f"{section.name}, {strategy}"
+    report.print_solutions(title, [result])
+    report.print_parameters(result)
     files.tell()
 
 
@@ -96,10 +88,10 @@ def _check_used(strategy: Strategy) -> None:
     if strategy is Strategy.FASTEST:
         refuse_given("the fastest run has no time to keep", "--time", "--buffer")
     if strategy is not Strategy.OPTIMAL:
-        refuse_given(f"needs --strategy {Strategy.OPTIMAL}", "--refine", "--bound")
+        refuse_given(f"needs --strategy {Strategy.OPTIMAL}", "--refine")
 
 
-def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
+def _solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
     """Section, front, least time (s), and the seconds the front took once everything was compiled."""
     with loading_solver("das.offline.late_kernels"):
         from das.solver.solve import solve_front
@@ -114,43 +106,12 @@ def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
     return section, front, min_time_s, time.perf_counter() - began
 
 
-def _optimal(pose: Pose, trip: TripTime, budget_s: float, bound_s: float) -> tuple[Section, Answer, float, float]:
-    from das.domain.losses import LossMap
-
-    section, front, min_time_s, front_s = solved_front(pose)
-    if bound_s > 0 and not isinstance(section.loss, LossMap):
-        refuse_given(f"needs a loss map (--level {Level.L3}); the losses of {section.level} are none", "--bound")
-    if budget_s > 0:
-        with loading_solver():
-            from das.offline.refinement import refined, warm_up_refinement
-
-            warm_up_refinement()
-    began = time.perf_counter()
+def _optimal(pose: Pose, trip: TripTime, budget_s: float) -> tuple[Section, Answer, float, float]:
+    section, front, min_time_s, front_s = _solved_front(pose)
     wanted_s = trip.wanted_s(min_time_s)
     assert wanted_s is not None
-    answer = front.trajectory(wanted_s)
-    if budget_s > 0:
-        with busy("refining …"):
-            answer = refined(answer, is_over=lambda: time.perf_counter() - began > budget_s)
-    solve_s = front_s + time.perf_counter() - began
-    return section, _with_bound(answer, bound_s), min_time_s, solve_s
-
-
-def _with_bound(answer: Solution, bound_s: float) -> Solution:
-    """The answer with its bound proven; the search for a tight bound takes about `bound_s` seconds (0: none)."""
-    if bound_s > 0:
-        from precompute.tight_bound.cells import tightened
-
-        with busy("proving the bound …"):
-            answer = tightened(answer, bound_s)
-    certified(answer)
-    return answer
-
-
-def certified(solution: Solution) -> None:
-    """Prove the bound of a solution, which stores it. This may compile kernels that solving does not need."""
-    with loading_solver():
-        solution.certificate  # noqa: B018
+    ((answer, run_s),) = _runs(front, [wanted_s], budget_s)
+    return section, answer, min_time_s, front_s + run_s
 
 
 def _baseline(pose: Pose, trip: TripTime, strategy: Strategy) -> tuple[Section, Answer, float, float]:
@@ -224,7 +185,7 @@ def front(
     witness.check(plot, pose.inputs())
     budget_s, usual = refine_seconds(refine), EXACT_BUFFERS_PERCENT if witness.exact else BUFFERS_PERCENT
     wanted = buffer_numbers(usual if buffers is None else buffers)
-    section, solved, min_time_s, front_s = solved_front(pose)
+    section, solved, min_time_s, front_s = _solved_front(pose)
     if witness.exact:
         from precompute.exact.command import exact_front
 
@@ -232,9 +193,8 @@ def front(
         return
 
     from precompute.cli import report
-    from precompute.cli.report import print_solutions
 
-    points, runs = [], _runs(solved, min_time_s, wanted, budget_s)
+    points, runs = [], _runs(solved, [buffered(min_time_s, buffer) for buffer in wanted], budget_s)
     for buffer_percent, (solution, solve_s) in zip(wanted, runs, strict=True):
         point = report.solution_json(solution, min_time_s, solve_s)
         points.append({"buffer_percent": buffer_percent, **point})
@@ -243,18 +203,18 @@ def front(
     if as_json:
         print(json.dumps({"min_time_s": min_time_s, "front_s": front_s, "points": points}))
         return
-    print_solutions(section.name, points)
+    report.print_solutions(section.name, points)
     if plot is not None:
         tell(f"written: {plot}")
 
 
-def _runs(front: Front, min_time_s: float, buffers: list[float], budget_s: float) -> list[tuple[Solution, float]]:
-    """The run of each buffer (%), refined within a budget (s) and with its bound proven, and the seconds it took."""
+def _runs(front: Front, times_s: list[float], budget_s: float) -> list[tuple[Solution, float]]:
+    """The run of each time (s), refined within a budget (s) and with its bound proven, and the seconds it took."""
     runs, seconds = [], []
     with busy("rolling out …"):
-        for buffer_percent in buffers:
+        for time_s in times_s:
             began = time.perf_counter()
-            runs.append(front.trajectory(buffered(min_time_s, buffer_percent)))
+            runs.append(front.trajectory(time_s))
             seconds.append(time.perf_counter() - began)
     if budget_s > 0:
         runs, refining_s = _refined(runs, budget_s)
@@ -262,7 +222,8 @@ def _runs(front: Front, min_time_s: float, buffers: list[float], budget_s: float
     with steps_bar("proving") as show:
         for done, solution in enumerate(runs):
             show("proving", done, len(runs))
-            certified(solution)
+            with loading_solver():  # the bound may need kernels that solving does not
+                solution.certificate  # noqa: B018
     return list(zip(runs, seconds, strict=True))
 
 

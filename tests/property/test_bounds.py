@@ -33,8 +33,8 @@ from das.solver.front import Front
 from das.solver.solution import Solution, trajectory_on
 from das.solver.solve import solve_front
 from das.solver.state import RollOut, State
-from precompute.tight_bound.cell_kernels import values_behind
-from precompute.tight_bound.cells import all_cells, cell_line, even_rows
+from docs.studies.tight_bound import all_cells, cell_line, even_rows
+from docs.studies.tight_bound_kernels import values_behind
 from tests.support.cells_near import cells_near
 from tests.support.random_sections import Posed, posed_sections
 

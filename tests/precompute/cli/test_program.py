@@ -151,7 +151,9 @@ REFUSED = {
         "small.csv: the state 300.0 kN at 0.0 km/h (0 kW at the wheel) is outside the loss map"
     ),
     f"{SOLVE} --buffer 7 --loss-map no.csv": "no.csv: cannot be read (No such file",
-    f"{SOLVE} --buffer 7 --bound -1": "--bound -1: expected quick, tight, or a number of seconds from 0",
+    f"{SOLVE} --buffer 7 --bound tight": (
+        "--bound is no longer an option of this command: use docs.studies.tight_bound.tightened in Python"
+    ),
     f"{SOLVE} --buffer 7 --refine much": "--refine much: expected off, on, or a number of seconds from 0",
     f"{SOLVE} --buffer 7 --out no/run.csv": "no/run.csv: no such folder no",
     f"{SOLVE} --buffer 7 --out folder": "folder: is a folder, expected a file to write",

@@ -27,8 +27,15 @@ from das.solver import tolerances as tol
 from das.solver.kernels.forces import ELECTRIC, TRACTION
 from das.solver.kernels.tuples import TrainParams
 from das.solver.solution import Solution
-from precompute.tight_bound.cell_kernels import Cells, values_ahead, values_behind
-from precompute.tight_bound.link_kernels import CellEfforts, CellLine, CellTrain, EvenRows
+from docs.studies.tight_bound_kernels import (
+    CellEfforts,
+    CellLine,
+    Cells,
+    CellTrain,
+    EvenRows,
+    values_ahead,
+    values_behind,
+)
 
 FIRST_WIDTH: Final = 0.03
 """First width of the cells, in the square root of the speed (m/s): 0.3 m/s at 25 m/s."""

@@ -20,9 +20,8 @@ from das.solver.line_profile import LineProfile
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from precompute.tight_bound import cells as cells_module
-from precompute.tight_bound.cell_kernels import values_ahead, values_behind
-from precompute.tight_bound.cells import (
+from docs.studies import tight_bound as cells_module
+from docs.studies.tight_bound import (
     Incumbent,
     all_cells,
     cell_line,
@@ -32,6 +31,7 @@ from precompute.tight_bound.cells import (
     tightened,
     tightened_j,
 )
+from docs.studies.tight_bound_kernels import values_ahead, values_behind
 from tests.support.cells_near import cells_near
 from tests.support.making import make_route
 
