@@ -96,9 +96,7 @@ def import_route(
         write_whole(written.out, route_toml(line.route, line.remarks).encode())
     route = load_route(str(written.out))
     if written.plot is not None:
-        from precompute.drawing.line import draw_line
-
-        draw_line(route).save(written.plot, overwrite=True)
+        route_report.draw_line(route).save(written.plot, overwrite=True)
     if written.as_json:
         facts = route_report.as_dict(route)
         print(json.dumps({**facts, "remarks": list(line.remarks), "file": str(written.out)}))
