@@ -16,8 +16,9 @@ from das.command_line.printing import busy, paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.units import KM, TONNE, kmh
 from precompute.cli.options import Files, MadeFile
-from precompute.journey_order import TimesRead, TripChoice
-from precompute.route_import.order import ImportOrder, Words
+from precompute.gtfs import TripChoice
+from precompute.journey_import import TimesRead
+from precompute.route_import.line import ImportOrder, Words
 from precompute.vehicle_import.tables import Figures
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def import_route(
     with busy("importing …"):
         from das.domain.files.writing import write_whole
         from precompute.cli import route_report
-        from precompute.route_import.importing import imported
+        from precompute.route_import import imported
         from precompute.route_import.line import route_toml
 
         line = imported(files, order, stated)
@@ -154,7 +155,7 @@ def import_vehicle(
         known = "lossless, a mean efficiency like 0.85, or a vehicle like re460-ic"
         raise DasError(f"--losses is missing: {source.name} gives no losses; expected {known}")
     written.check(source, assumed.losses)
-    from precompute.vehicle_import.importing import import_train
+    from precompute.vehicle_import import import_train
 
     found = import_train(
         source,

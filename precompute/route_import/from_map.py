@@ -14,11 +14,16 @@ from das.domain.errors import DasError
 from das.domain.route import Floats, Stop, Tunnel, Zone
 from das.domain.units import KM, KMH, PERCENT, kmh
 from precompute.polylines import nearest_on_line
-from precompute.route_import.line import ImportedLine, made_route, stretches, zones_where
-from precompute.route_import.order import ImportOrder, Words
-from precompute.route_import.station_names import RANK_OF_A_TRACK, same_station, stations_named
+from precompute.route_import.line import ImportedLine, ImportOrder, Words, made_route, stretches, zones_where
 from precompute.route_import.track_graph import JOINED_M, FoundWay, TrackGraph
-from precompute.route_import.track_map import FIRST_THAT_IS_NO_STOP, MapPlace, TrackMap
+from precompute.route_import.track_map import (
+    FIRST_THAT_IS_NO_STOP,
+    RANK_OF_A_TRACK,
+    MapPlace,
+    TrackMap,
+    same_station,
+    stations_named,
+)
 
 BESIDE_M: Final = 150.0
 """Distance (m) from the path within which a station is a stop of it."""

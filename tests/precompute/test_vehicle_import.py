@@ -15,7 +15,7 @@ from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.units import KMH
 from das.solver.section import SectionOptions, build_section
-from precompute.vehicle_import.importing import Imported, import_train
+from precompute.vehicle_import import Imported, import_train
 from precompute.vehicle_import.tables import Figures
 from tests.support.making import REPOSITORY
 

@@ -14,7 +14,7 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle
-from precompute.vehicle_import.importing import import_train
+from precompute.vehicle_import import import_train
 from tests.das.domain.files.test_efforts import EFFORT, HEAD, MODES
 from tests.precompute.test_vehicle_import import BR642, CSV, FIGURES, YAML, stock
 from tests.property.test_mutated_files import bounded, mutated_text

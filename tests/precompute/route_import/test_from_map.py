@@ -14,7 +14,7 @@ from das.domain.route import Route
 from precompute.route_import import from_map as module
 from precompute.route_import import track_map
 from precompute.route_import.from_map import line_from_map
-from precompute.route_import.order import ImportOrder, Words
+from precompute.route_import.line import ImportOrder, Words
 from precompute.route_import.track_map import read_map
 from tests.support.crossing import numbered
 from tests.support.made_maps import (

@@ -10,9 +10,9 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.route import Route
+from precompute.route_import import imported
 from precompute.route_import.altitudes import climb_and_fall_m
-from precompute.route_import.importing import imported
-from precompute.route_import.order import ImportOrder, Words
+from precompute.route_import.line import ImportOrder, Words
 
 LIMITS = "position_km,limit_kmh\n0,80\n1.5,120\n4,100\n"
 GRADIENTS = "position_m;gradient_permille\n0;0\n1000;5,5\n3000;-2\n"
