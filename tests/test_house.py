@@ -31,7 +31,7 @@ class Budget(NamedTuple):
 
 BUDGETS = {
     "das": Budget(29_250, 172),
-    "precompute": Budget(10_960, 47),
+    "precompute": Budget(10_905, 47),
     "sim": Budget(34_700, 170),
     "docs/studies": Budget(6_205, 37),
 }

@@ -139,9 +139,7 @@ class AssumedOptions:
 
 
 def import_vehicle(
-    source: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Rolling stock (.json, .yaml), or a table (.csv, .yaml).")
-    ],
+    source: Annotated[Path, typer.Argument(metavar="FILE", help="Rolling stock (.json, .yaml), or a table (.csv).")],
     assumed: AssumedOptions,
     figures: Figures,
     written: VehicleFile,

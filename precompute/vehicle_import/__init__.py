@@ -69,13 +69,15 @@ def _read(source: Path, figures: Figures, train_id: str | None) -> ImportedTrain
     if suffix in (".csv", ".tsv", ".txt"):
         return tables.read_efforts(source, figures)
     if suffix not in (".json", ".yaml", ".yml"):
-        raise DasError(f"{source}: expected rolling stock (.json, .yaml) or a table (.csv, .yaml)")
+        raise DasError(f"{source}: expected rolling stock (.json, .yaml) or a table (.csv)")
     fields = read_json(source) if suffix == ".json" else read_yaml(source)
     is_stock = suffix != ".json" and railtoolkit.is_rolling_stock(fields)
     if train_id is not None and not is_stock:
         raise DasError(f"--train {train_id}: only a file of railtoolkit holds several trains")
     if suffix != ".json" and not is_stock and not fields.has("schema"):
-        return tables.read_table(fields, figures)
+        raise DasError(
+            f"{source}: no rolling stock; expected a table of efforts as CSV, with its other figures as options"
+        )
     if figures.given():
         raise DasError(
             f"--{next(iter(figures.given())).replace('_', '-')}: only a table needs it, {source.name} gives its own"
