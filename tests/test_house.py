@@ -30,10 +30,10 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(29_250, 172),
+    "das": Budget(29_180, 169),
     "precompute": Budget(10_905, 47),
     "sim": Budget(34_700, 170),
-    "docs/studies": Budget(6_205, 37),
+    "docs/studies": Budget(6_210, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

@@ -14,8 +14,7 @@ from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import LossMap
 from das.domain.vehicle import BrakePolicy
-from das.offline.bound.certificate import certificate, task_of
-from das.offline.bound.relaxation import Task, map_rows
+from das.offline.bound import Task, certificate, map_rows, task_of
 from das.solver.line_profile import LineProfile
 from das.solver.section import build_section
 from das.solver.solution import Solution

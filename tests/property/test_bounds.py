@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 from das.domain.errors import InfeasibleError
 from das.domain.levels import Level
 from das.domain.losses import LossMap
-from das.offline.bound.certificate import behind_fastest, fastest_is_ahead, task_of
-from das.offline.bound.relaxation import MapPlanes, Task, efficiency_planes, map_rows, relaxation
+from das.offline.bound import (
+    MapPlanes,
+    Task,
+    behind_fastest,
+    efficiency_planes,
+    fastest_is_ahead,
+    map_rows,
+    relaxation,
+    task_of,
+)
 from das.offline.kernels.relaxed_program import (
     FIXED_ROWS,
     LOCAL,
