@@ -31,7 +31,7 @@ class Budget(NamedTuple):
 
 BUDGETS = {
     "das": Budget(29_180, 169),
-    "precompute": Budget(10_905, 47),
+    "precompute": Budget(10_865, 47),
     "sim": Budget(34_700, 170),
     "docs/studies": Budget(6_210, 37),
 }

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from das.command_line.files import load_route
-from das.command_line.options import JsonOption, OverwriteOption, PlotOption
+from das.command_line.options import JsonOption, PlotOption
 from das.command_line.printing import busy, paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.units import KM, TONNE, kmh
-from precompute.cli.options import Files, MadeFile
+from precompute.cli.options import MadeFile
 from precompute.gtfs import TripChoice
 from precompute.journey_import import TimesRead
 from precompute.route_import.line import ImportOrder, Words
@@ -52,13 +52,10 @@ class OnRoute:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RouteFiles(Files):
+class RouteFiles(MadeFile):
     """The file of a route that a command writes, and its picture."""
 
-    suffix = ".toml"
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")] = field()
     plot: PlotOption = None
-    overwrite: OverwriteOption = False
     as_json: JsonOption = False
 
 
@@ -109,13 +106,6 @@ def import_route(
 
 
 @dataclass(frozen=True, kw_only=True)
-class VehicleFile(MadeFile):
-    """The vehicle file that a command makes."""
-
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Vehicle file to write (.toml).")] = field()
-
-
-@dataclass(frozen=True, kw_only=True)
 class AssumedOptions:
     """What the files of other programs do not hold, and what in them is taken."""
 
@@ -142,7 +132,7 @@ def import_vehicle(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="Rolling stock (.json, .yaml), or a table (.csv).")],
     assumed: AssumedOptions,
     figures: Figures,
-    written: VehicleFile,
+    written: MadeFile,
 ) -> None:
     """Make a vehicle file from rolling stock of OSRD or railtoolkit, or from a table of efforts.
 
@@ -170,19 +160,12 @@ def import_vehicle(
     tell(f"look at it: {typed('das-precompute')} show {written.out} --plot train.png")
 
 
-@dataclass(frozen=True, kw_only=True)
-class JourneyFile(MadeFile):
-    """The journey file that a command makes."""
-
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Journey file to write (.toml).")] = field()
-
-
 def import_journey(
     feed: Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as published (zip).")],
     choice: TripChoice,
     times: TimesRead,
     on: OnRoute,
-    written: JourneyFile,
+    written: MadeFile,
 ) -> None:
     """Make a journey file from a trip of a GTFS feed.
 

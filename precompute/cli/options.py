@@ -266,7 +266,7 @@ class MadeFile(Files):
     """The TOML file that a command makes."""
 
     suffix = ".toml"
-    out: Path = field()
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="File to write (.toml).")] = field()
     overwrite: OverwriteOption = False
 
     def write(self, text: str, notes: Iterable[str] = (), about: str = "") -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterator, Sequence
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -92,10 +93,8 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
         for name in missing
     ]
     began = time.perf_counter()
-    for path in shown(paths, lambda path: path.name):
-        table = _checked(path)
-        size, problem = (0, table) if isinstance(table, str) else (path.stat().st_size, None)
-        results.append({"name": path.name, "size_bytes": size, "problem": problem})
+    for path, table, problem in _checked(paths):
+        results.append({"name": path.name, "size_bytes": path.stat().st_size if table else 0, "problem": problem})
     seconds, damaged = time.perf_counter() - began, [result for result in results if result["problem"]]
     if as_json:
         print(json.dumps({"tables": results, "damaged": len(damaged), "seconds": seconds}, ensure_ascii=False))
@@ -119,10 +118,10 @@ def print_tables(folder: Path, *, as_json: bool) -> None:
     paths = table_files(folder)
     if not paths:
         raise DasError(f"{folder}: no tables in it")
-    rows: list[dict[str, Any]] = []
-    for path in shown(paths, lambda path: path.name):
-        table = _checked(path)
-        rows.append({"name": path.name, "problem": table, "size_bytes": 0} if isinstance(table, str) else _facts(table))
+    rows: list[dict[str, Any]] = [
+        _facts(table) if table else {"name": path.name, "problem": problem, "size_bytes": 0}
+        for path, table, problem in _checked(paths)
+    ]
     if as_json:
         size_bytes = sum(row["size_bytes"] for row in rows)
         print(json.dumps({"tables": rows, "size_bytes": size_bytes}, ensure_ascii=False))
@@ -130,16 +129,19 @@ def print_tables(folder: Path, *, as_json: bool) -> None:
         _print_tables(rows, folder)
 
 
-def _checked(path: Path) -> Table | str:
-    """The table in a file if it is whole and of this release; else a text that says what is wrong with it."""
+def _checked(paths: Sequence[Path]) -> Iterator[tuple[Path, Table | None, str | None]]:
+    """Each file with its table if that is whole and of this release; else with a text that says what is wrong."""
     from das.table.table import Table, TableError
 
-    if path.is_dir():
-        return f"{path}: a table of an earlier release, which no longer serves; remove it and build it again"
-    try:
-        return Table.read(path)
-    except TableError as error:
-        return str(error)
+    for path in shown(paths, lambda path: path.name):
+        if path.is_dir():
+            earlier = "a table of an earlier release, which no longer serves; remove it and build it again"
+            yield path, None, f"{path}: {earlier}"
+            continue
+        try:
+            yield path, Table.read(path), None
+        except TableError as error:
+            yield path, None, str(error)
 
 
 def _print_report(report: dict[str, Any], folder: Path) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.errors import MISSING, DasError, InputError
@@ -34,16 +34,14 @@ class BuildPlan:
     settings: TableSettings
 
 
-@dataclass(frozen=True)
-class _Line:
+class _Line(NamedTuple):
     """A route in one direction with the stops between which sections lie."""
 
     route: Route
     stops: tuple[Stop, ...]
 
 
-@dataclass(frozen=True)
-class _Train:
+class _Train(NamedTuple):
     """A loaded train at one level of losses."""
 
     vehicle: Vehicle
@@ -70,7 +68,15 @@ def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
     jobs: dict[str, Job] = {}
     for line, train in product(lines, trains):
         for start, end in pairwise(line.stops):
-            job = _job(line.route, start, end, train, site, settings)
+            job = Job(
+                route=line.route,
+                vehicle=train.vehicle,
+                level=train.level,
+                start_m=start.position_m,
+                end_m=end.position_m,
+                braking=None if site is None else site.of(train.vehicle),
+                settings=settings,
+            )
             if job.name in jobs:
                 raise InputError(path, "routes or trains", job.name, "every section and train once")
             jobs[job.name] = job
@@ -86,19 +92,6 @@ def _braking(fields: Fields) -> SiteBraking | None:
         return site_braking(Fields.of(table.source, {k: v for k, v in table.data.items() if k != "full"}, table.prefix))
     table.check_keys(["full"])
     return None
-
-
-def _job(route: Route, start: Stop, end: Stop, train: _Train, site: SiteBraking | None, settings: TableSettings) -> Job:
-    vehicle, level = train.vehicle, train.level
-    return Job(
-        route=route,
-        vehicle=vehicle,
-        level=level,
-        start_m=start.position_m,
-        end_m=end.position_m,
-        braking=None if site is None else site.of(vehicle),
-        settings=settings,
-    )
 
 
 def _entries(fields: Fields, key: str) -> Iterator[Fields]:
