@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,19 +37,13 @@ if TYPE_CHECKING:
 
 
 MOST_PERCENT = 1e4
-MOST_SECONDS = 1e9
 
 TimeOption = Annotated[float | None, typer.Option("--time", metavar="S", help="Trip time in s.")]
 BufferOption = Annotated[
     float | None, typer.Option("--buffer", metavar="PERCENT", help="Trip time as % above the least possible one.")
 ]
 RefineOption = Annotated[
-    str,
-    typer.Option(
-        "--refine",
-        metavar="off|on|SECONDS",
-        help="Refine optimal runs beyond the solver's table until savings are small, or at most for this many seconds.",
-    ),
+    str, typer.Option("--refine", metavar="off|on", help="Refine optimal runs beyond the solver's table.")
 ]
 
 
@@ -123,17 +116,11 @@ def buffered(min_time_s: float, buffer_percent: float) -> float:
     return min_time_s * (1 + buffer_percent / 100)
 
 
-def refine_seconds(text: str) -> float:
-    """The seconds that `--refine` allows: a number, 0 for off, or inf for on; DasError for any other text."""
-    if text in ("off", "on"):
-        return math.inf if text == "on" else 0.0
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0 <= seconds < MOST_SECONDS:
-        raise DasError(f"--refine {text}: expected off, on, or a number of seconds from 0")
-    return seconds
+def is_refined(text: str) -> bool:
+    """Whether `--refine` says on; DasError for anything but on and off."""
+    if text not in ("off", "on"):
+        raise DasError(f"--refine {text}: expected off or on")
+    return text == "on"
 
 
 def buffer_numbers(text: str) -> list[float]:

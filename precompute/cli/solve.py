@@ -24,7 +24,7 @@ from precompute.cli.options import (
     TripTime,
     buffer_numbers,
     buffered,
-    refine_seconds,
+    is_refined,
 )
 
 if TYPE_CHECKING:
@@ -61,9 +61,9 @@ def solve(
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
     _check_used(strategy)
-    budget_s = refine_seconds(refine)
+    with_refinement = is_refined(refine)
     files.check(*pose.inputs())
-    solved = _optimal(pose, trip, budget_s) if strategy is Strategy.OPTIMAL else _baseline(pose, trip, strategy)
+    solved = _optimal(pose, trip, with_refinement) if strategy is Strategy.OPTIMAL else _baseline(pose, trip, strategy)
     section, answer, min_time_s, solve_s = solved
 
     from das.domain.files.writing import write_trajectory
@@ -106,11 +106,11 @@ def _solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
     return section, front, min_time_s, time.perf_counter() - began
 
 
-def _optimal(pose: Pose, trip: TripTime, budget_s: float) -> tuple[Section, Answer, float, float]:
+def _optimal(pose: Pose, trip: TripTime, refine: bool) -> tuple[Section, Answer, float, float]:
     section, front, min_time_s, front_s = _solved_front(pose)
     wanted_s = trip.wanted_s(min_time_s)
     assert wanted_s is not None
-    ((answer, run_s),) = _runs(front, [wanted_s], budget_s)
+    ((answer, run_s),) = _runs(front, [wanted_s], refine)
     return section, answer, min_time_s, front_s + run_s
 
 
@@ -183,7 +183,7 @@ def front(
     buffer. The solver's runs beside it are not refined.
     """
     witness.check(plot, pose.inputs())
-    budget_s, usual = refine_seconds(refine), EXACT_BUFFERS_PERCENT if witness.exact else BUFFERS_PERCENT
+    with_refinement, usual = is_refined(refine), EXACT_BUFFERS_PERCENT if witness.exact else BUFFERS_PERCENT
     wanted = buffer_numbers(usual if buffers is None else buffers)
     section, solved, min_time_s, front_s = _solved_front(pose)
     if witness.exact:
@@ -194,7 +194,7 @@ def front(
 
     from precompute.cli import report
 
-    points, runs = [], _runs(solved, [buffered(min_time_s, buffer) for buffer in wanted], budget_s)
+    points, runs = [], _runs(solved, [buffered(min_time_s, buffer) for buffer in wanted], with_refinement)
     for buffer_percent, (solution, solve_s) in zip(wanted, runs, strict=True):
         point = report.solution_json(solution, min_time_s, solve_s)
         points.append({"buffer_percent": buffer_percent, **point})
@@ -208,16 +208,16 @@ def front(
         tell(f"written: {plot}")
 
 
-def _runs(front: Front, times_s: list[float], budget_s: float) -> list[tuple[Solution, float]]:
-    """The run of each time (s), refined within a budget (s) and with its bound proven, and the seconds it took."""
+def _runs(front: Front, times_s: list[float], refine: bool) -> list[tuple[Solution, float]]:
+    """The run of each time (s), refined if wanted and with its bound proven, and the seconds it took."""
     runs, seconds = [], []
     with busy("rolling out …"):
         for time_s in times_s:
             began = time.perf_counter()
             runs.append(front.trajectory(time_s))
             seconds.append(time.perf_counter() - began)
-    if budget_s > 0:
-        runs, refining_s = _refined(runs, budget_s)
+    if refine:
+        runs, refining_s = _refined(runs)
         seconds = [sum(both) for both in zip(seconds, refining_s, strict=True)]
     with steps_bar("proving") as show:
         for done, solution in enumerate(runs):
@@ -227,14 +227,13 @@ def _runs(front: Front, times_s: list[float], budget_s: float) -> list[tuple[Sol
     return list(zip(runs, seconds, strict=True))
 
 
-def _refined(runs: list[Solution], budget_s: float) -> tuple[list[Solution], list[float]]:
-    """The runs, refined for at most `budget_s` (s), and the seconds that each took."""
+def _refined(runs: list[Solution]) -> tuple[list[Solution], list[float]]:
+    """The runs, refined, and the seconds that each took."""
     with loading_solver():
         from das.offline.refinement import refined_runs, warm_up_refinement
 
         warm_up_refinement()
-    began = time.perf_counter()
-    finished_s, order = [began], []
+    finished_s, order = [time.perf_counter()], []
     with steps_bar("refining") as show:
 
         def finished(index: int) -> None:
@@ -242,6 +241,6 @@ def _refined(runs: list[Solution], budget_s: float) -> tuple[list[Solution], lis
             finished_s.append(time.perf_counter())
             show("refining", len(order), len(runs))
 
-        found = refined_runs(runs, is_over=lambda: time.perf_counter() - began > budget_s, watch=finished)
+        found = refined_runs(runs, watch=finished)
     seconds = dict(zip(order, np.diff(finished_s).tolist(), strict=True))
     return found, [seconds[i] for i in range(len(runs))]

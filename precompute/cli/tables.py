@@ -17,7 +17,7 @@ from das.command_line.options import JsonOption
 from das.command_line.printing import busy, new_table, print_table, progress_bar, shown
 from das.domain.errors import DasError
 from das.domain.units import KM, MEGABYTE, kwh
-from precompute.cli.options import RefineOption, refine_seconds
+from precompute.cli.options import RefineOption, is_refined
 from precompute.workers import Workers
 
 if TYPE_CHECKING:
@@ -57,15 +57,14 @@ def build(
     is then 1. DIR/build.json says what became of each section.
 
     A table holds the guide's finished references for departures, which take most of the time, and the front of time and
-    energy. By default the front is refined, which takes 2 to 3 s a section. SECONDS limit that; fronts may then differ
-    from one build to the next.
+    energy. By default the front is refined, which takes 2 to 3 s a section.
     """
     hands = Workers.asked(workers, scheduler)
     with busy("reading the plan …"):
         from precompute.tables.build import build as build_plan
         from precompute.tables.plan import read_plan
 
-        wanted = read_plan(plan, refine_s=refine_seconds(refine))
+        wanted = read_plan(plan, refined=is_refined(refine))
     warn_unusual(*{job.route.source: job.route for job in wanted.jobs}.values())
     done = count(1)
     with progress_bar("building", f"{len(wanted.jobs)} sections", "sections") as show:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
@@ -48,10 +47,10 @@ class _Train(NamedTuple):
     level: Level
 
 
-def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
+def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
     """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation).
 
-    `refine_s` is the time (s) for which the front of each section is refined (see `TableSettings`).
+    `refined` says whether the front of each section is refined.
     """
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
@@ -63,7 +62,7 @@ def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
     if not trains:
         raise fields.error("trains", MISSING, "at least one [[trains]]")
     settings = _settings(fields.table("tables")) if fields.has("tables") else TableSettings()
-    settings = replace(settings, refine_s=refine_s)
+    settings = replace(settings, refined=refined)
     site = _braking(fields)
     jobs: dict[str, Job] = {}
     for line, train in product(lines, trains):

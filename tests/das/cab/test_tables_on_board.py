@@ -33,7 +33,7 @@ SOLVED = "references are solved instead"
 @pytest.fixture(scope="module")
 def made_tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, section = tmp_path_factory.mktemp("tables"), planned_section(TRAIN, 5000.0)
-    settings = TableSettings(buffers_percent=(0.0, 10.0), refine_s=0.0, proven=0)
+    settings = TableSettings(buffers_percent=(0.0, 10.0), refined=False, proven=0)
     with quick_references():
         (folder / table_name(section_facts(section))).write_bytes(make_table(section, settings))
     return folder

@@ -34,7 +34,7 @@ from tests.support import small_tables
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, printed, wait_until
 
-SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, refine_s=0.0, proven=0)
+SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, refined=False, proven=0)
 HEAD = "schema_version = 1\n"
 ROUTE = '[[routes]]\nroute = "flat-6km"\n'
 TRAIN = '[[trains]]\nvehicle = "re460-ic"\n'
