@@ -102,7 +102,7 @@ def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
 
 def _from_tables(order: ImportOrder, words: Words, tables: Sequence[LineTable]) -> ImportedLine:
     if any(getattr(order, name) not in (getattr(ImportOrder, name), []) for name in OF_MAPS):
-        raise DasError("--via, --only-named-stops, --limit, --tunnel-area and --join-m belong to maps, not to tables")
+        raise DasError("--via, --only-named-stops and --limit belong to maps, not to tables")
     ends = order.start or "start", order.end or "end"
     length_m = None if order.length_km is None else order.length_km * KM
     return line_from_tables(tables, words, ends=ends, length_m=length_m)

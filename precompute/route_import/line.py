@@ -28,9 +28,7 @@ FASTEST_KMH: Final = 600.0
 class ImportOrder:
     """Which line of the files is wanted, where its altitudes come from, and what stands for what the files lack.
 
-    What only a map has (`OF_MAPS`) may not be given with tables, and a length not with a map. `joined_m`: None is 0 in
-    OpenStreetMap, whose tracks share their vertices. The cross section of tunnels is an assumption: 40 to 90 m² for a
-    double track.
+    What only a map has (`OF_MAPS`) may not be given with tables, and a length not with a map.
     """
 
     start: Annotated[
@@ -47,16 +45,6 @@ class ImportOrder:
     only_named_stops: Annotated[
         bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")
     ] = False
-    joined_m: Annotated[
-        float | None,
-        typer.Option(
-            "--join-m",
-            metavar="M",
-            min=0.0,
-            max=100.0,
-            help="Join a loose end of a track this near to another one [default: 3; of OpenStreetMap 0].",
-        ),
-    ] = None
     flat: Annotated[bool, typer.Option("--flat", help="Take the line as flat, for want of altitudes.")] = False
     altitudes: Annotated[
         Path | None,
@@ -81,19 +69,13 @@ class ImportOrder:
             help="Limit where a map has none [default: the lower one of the neighbours].",
         ),
     ] = None
-    tunnel_area_m2: Annotated[
-        float,
-        typer.Option(
-            "--tunnel-area", metavar="M2", min=10.0, max=500.0, help="Free cross section of tunnels of a map."
-        ),
-    ] = 50.0
     length_km: Annotated[
         float | None,
         typer.Option(min=0.001, max=20_000.0, help="Length of a line from tables [default: last stop or row]."),
     ] = None
 
 
-OF_MAPS: Final = ("via", "only_named_stops", "limit_kmh", "tunnel_area_m2", "joined_m")
+OF_MAPS: Final = ("via", "only_named_stops", "limit_kmh")
 """The fields of an order that belong to maps."""
 
 
