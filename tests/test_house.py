@@ -30,8 +30,8 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(29_170, 169),
-    "precompute": Budget(10_805, 47),
+    "das": Budget(29_140, 169),
+    "precompute": Budget(10_800, 47),
     "sim": Budget(34_700, 170),
     "docs/studies": Budget(6_210, 37),
 }

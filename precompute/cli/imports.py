@@ -6,7 +6,7 @@ import json
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -15,40 +15,11 @@ from das.command_line.options import JsonOption, PlotOption
 from das.command_line.printing import busy, paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.units import KM, TONNE, kmh
-from precompute.cli.options import MadeFile
+from precompute.cli.options import MadeFile, OnRoute
 from precompute.gtfs import TripChoice
 from precompute.journey_import import TimesRead
 from precompute.route_import.line import ImportOrder, Words
 from precompute.vehicle_import.tables import Figures
-
-if TYPE_CHECKING:
-    from das.domain.route import Route
-
-
-@dataclass(frozen=True, kw_only=True)
-class OnRoute:
-    """The route of a journey, and its direction there."""
-
-    route: Annotated[
-        str | None,
-        typer.Option(metavar="ROUTE", help="Route of the journey: bundled, TOML file or TTOBench track (JSON)."),
-    ] = None
-    reverse: Annotated[bool, typer.Option("--reverse", help="The journey runs from the route's end to its start.")] = (
-        False
-    )
-
-    def line(self) -> Route | None:
-        """The route that is named, in the direction of the journey; DasError if it is unusable."""
-        if self.route is None:
-            if self.reverse:
-                raise DasError("--reverse: needs --route")
-            return None
-        found = load_route(self.route)
-        return found.reversed() if self.reverse else found
-
-    def words(self) -> str:
-        """The options as they are typed for a command that plans or drives the journey."""
-        return f"{self.route or 'ROUTE'} VEHICLE{' --reverse' if self.reverse else ''}"
 
 
 @dataclass(frozen=True, kw_only=True)

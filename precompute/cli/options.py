@@ -56,6 +56,32 @@ class LineOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OnRoute:
+    """The route of a journey, and its direction there."""
+
+    route: Annotated[
+        str | None,
+        typer.Option(metavar="ROUTE", help="Route of the journey: bundled, TOML file or TTOBench track (JSON)."),
+    ] = None
+    reverse: Annotated[bool, typer.Option("--reverse", help="The journey runs from the route's end to its start.")] = (
+        False
+    )
+
+    def line(self) -> Route | None:
+        """The route that is named, in the direction of the journey; DasError if it is unusable."""
+        if self.route is None:
+            if self.reverse:
+                raise DasError("--reverse: needs --route")
+            return None
+        found = load_route(self.route)
+        return found.reversed() if self.reverse else found
+
+    def words(self) -> str:
+        """The options as they are typed for a command that plans or drives the journey."""
+        return f"{self.route or 'ROUTE'} VEHICLE{' --reverse' if self.reverse else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class EndsOptions:
     """The stops where a section begins and ends; None: the first and the last of the route."""
 

@@ -18,8 +18,7 @@ from das.command_line.options import JsonOption, LoadOption, ModeOption, Overwri
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, warn
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH, KW, TONNE
-from precompute.cli.imports import OnRoute
-from precompute.cli.options import picked
+from precompute.cli.options import OnRoute, picked
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -19,8 +19,8 @@ from tests.support.crossing import few
 from tests.support.making import REPOSITORY, das_precompute, in_a_process, printed
 
 WORDS: dict[str, Entry] = {
-    **{entry.name: entry for entry in COMMANDS if isinstance(entry, Entry)},
-    **{f"{entry.name} {one.name}": one for entry in COMMANDS for one in entry.entries()},
+    **{entry.name: entry for entry in COMMANDS if entry.where},
+    **{f"{entry.name} {one.name}": one for entry in COMMANDS for one in entry.entries},
 }
 """Every command by the words that start it."""
 
