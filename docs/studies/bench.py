@@ -25,7 +25,7 @@ from das.solver.guide.policies import DEFAULT, GuideFront
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from das.solver.warm_up import warm_up
-from das.table.table import Table
+from das.table import Table
 from precompute.tables.writing import TableSettings, make_table
 
 ROUTE: Final = "zurich-luzern"

@@ -23,7 +23,7 @@ from precompute.workers import Workers
 if TYPE_CHECKING:
     from rich.table import Table as PrintedTable
 
-    from das.table.table import Table
+    from das.table import Table
 
 EXIT_SOME_FAILED = 1
 LEGEND = """\
@@ -130,7 +130,7 @@ def print_tables(folder: Path, *, as_json: bool) -> None:
 
 def _checked(paths: Sequence[Path]) -> Iterator[tuple[Path, Table | None, str | None]]:
     """Each file with its table if that is whole and of this release; else with a text that says what is wrong."""
-    from das.table.table import Table, TableError
+    from das.table import Table, TableError
 
     for path in shown(paths, lambda path: path.name):
         if path.is_dir():

@@ -15,7 +15,7 @@ from typing import Any
 
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, write_whole
-from das.table.table import OLD, Table
+from das.table import OLD, Table
 from precompute.tables.plan import BuildPlan
 from precompute.tables.writing import Job, warm_up
 from precompute.workers import JobLostError, Made, Workers

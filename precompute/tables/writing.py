@@ -26,8 +26,7 @@ from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from das.solver.state import State
 from das.solver.warm_up import warm_up as compile_solver
-from das.table.key import facts_of, key_of, section_facts, table_name
-from das.table.table import Table, table_content
+from das.table import Table, facts_of, key_of, section_facts, table_content, table_name
 
 FINE = replace(DEFAULT, line_mps=0.5 * DEFAULT.line_mps, ladder_ratio=1.015, kept_bytes=300_000_000)
 """Settings with which references are solved: twice the speeds and twice the prices of time of a cab, and more

@@ -39,7 +39,7 @@ from das.domain.files.routes import journey_of
 from das.domain.route import Route
 from das.solver.guide.policies import DEFAULT, GuideFront
 from das.solver.section import Section, build_section
-from das.table.table import Table
+from das.table import Table
 from precompute.cli.journey_report import as_dict, table
 from precompute.cli.journey_report import warnings as warnings_of
 from precompute.gtfs import FeedTrip, TripChoice, read_trip

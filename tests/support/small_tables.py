@@ -15,7 +15,7 @@ from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.solver.guide.policies import DEFAULT
-from das.table.table import SEAL, seal_of
+from das.table import SEAL, seal_of
 from precompute.tables import writing
 from precompute.tables.writing import TableSettings
 from tests.support.making import make_route, make_train

@@ -20,7 +20,7 @@ from das.domain.braking import SiteBraking
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.solver.section import build_section
-from das.table.key import section_facts, table_name
+from das.table import section_facts, table_name
 from precompute.tables.writing import TableSettings, make_table
 from tests.support.small_tables import quick_references, seal_anew
 from tests.support.small_trips import LINE, TRAIN, SmallTrip, at, ns, planned_section, trip

@@ -24,7 +24,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import load_route
 from das.domain.files.writing import folder_held
 from das.domain.levels import Level
-from das.table.table import Table
+from das.table import Table
 from precompute import workers
 from precompute.tables.build import BuildStatus, build, finished, solve_jobs, table_files
 from precompute.tables.plan import USUAL, read_plan
