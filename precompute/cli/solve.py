@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from das.command_line.files import check_outputs, check_picture
 from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
-from das.command_line.printing import busy, loading_solver, steps_bar, tell
+from das.command_line.printing import busy, loading_solver, steps_bar
 from precompute.baselines import Strategy
 from precompute.cli.options import (
+    Files,
     Pose,
     RefineOption,
     RunFiles,
@@ -131,8 +130,8 @@ BUFFERS_PERCENT, EXACT_BUFFERS_PERCENT = "0,2,5,7,10,15,20", "0,2,5,7,10"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExactOptions:
-    """The options of `front --exact`, and its output file."""
+class FrontFiles(Files):
+    """Whether `front` computes the exact front, and the files that it writes."""
 
     exact: Annotated[
         bool,
@@ -144,22 +143,23 @@ class ExactOptions:
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="With --exact: every point of the front to write (.csv)."),
     ] = None
+    plot: PlotOption = None
     overwrite: OverwriteOption = False
+    as_json: JsonOption = False
 
-    def check(self, plot: Path | None, inputs: Iterable[str | Path | None]) -> None:
+    def check(self, *inputs: str | Path | None) -> None:
         """Raise DasError for options that do not go together, and for outputs that cannot be written."""
         if self.exact:
             refuse_given("with --exact the solver's runs are not refined", "--refine")
             refuse_given("draws the solver's front, not together with --exact", "--plot")
         else:
             refuse_given("needs --exact", "--out")
-        check_picture(plot)
-        check_outputs(self.out, plot, inputs=inputs, overwrite=self.overwrite)
+        super().check(*inputs)
 
 
 def front(
     pose: Pose,
-    witness: ExactOptions,
+    files: FrontFiles,
     buffers: Annotated[
         str | None,
         typer.Option(
@@ -169,8 +169,6 @@ def front(
         ),
     ] = None,
     refine: RefineOption = "on",
-    plot: PlotOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Show the trade-off between time and energy: the least-energy run for each of a list of buffers.
 
@@ -182,14 +180,14 @@ def front(
     continuous solver. 6 km with a buffer of 10 % take up to half a minute; time and memory grow fast with length and
     buffer. The solver's runs beside it are not refined.
     """
-    witness.check(plot, pose.inputs())
-    with_refinement, usual = is_refined(refine), EXACT_BUFFERS_PERCENT if witness.exact else BUFFERS_PERCENT
+    files.check(*pose.inputs())
+    with_refinement, usual = is_refined(refine), EXACT_BUFFERS_PERCENT if files.exact else BUFFERS_PERCENT
     wanted = buffer_numbers(usual if buffers is None else buffers)
     section, solved, min_time_s, front_s = _solved_front(pose)
-    if witness.exact:
+    if files.exact:
         from precompute.exact.command import exact_front
 
-        exact_front(solved, wanted, witness.out, as_json=as_json)
+        exact_front(solved, wanted, files.out, as_json=files.as_json)
         return
 
     from precompute.cli import report
@@ -198,14 +196,13 @@ def front(
     for buffer_percent, (solution, solve_s) in zip(wanted, runs, strict=True):
         point = report.solution_json(solution, min_time_s, solve_s)
         points.append({"buffer_percent": buffer_percent, **point})
-    if plot is not None:
-        report.draw_front(plot, section, [solution for solution, _ in runs])
-    if as_json:
+    if files.plot is not None:
+        report.draw_front(files.plot, section, [solution for solution, _ in runs])
+    if files.as_json:
         print(json.dumps({"min_time_s": min_time_s, "front_s": front_s, "points": points}))
         return
     report.print_solutions(section.name, points)
-    if plot is not None:
-        tell(f"written: {plot}")
+    files.tell()
 
 
 def _runs(front: Front, times_s: list[float], refine: bool) -> list[tuple[Solution, float]]:
