@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 
 import typer
 
-from das.command_line.files import check_outputs, check_picture, load_route, load_vehicle
+from das.command_line.files import load_route, load_vehicle
 from das.command_line.given import is_given, refuse_given
 from das.command_line.options import JsonOption, LoadOption, ModeOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, warn
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH, KW, TONNE
-from precompute.cli.options import OnRoute, picked
+from precompute.cli.options import Files, OnRoute, picked
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -71,7 +71,7 @@ class OfTrain:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShowFiles:
+class ShowFiles(Files):
     """The picture to write, and whether JSON is printed."""
 
     plot: PlotOption = None
@@ -99,8 +99,7 @@ def show(
     the file cannot be used. With a train, a journey has the time that each section has to spare. A bundled name is a
     journey if --route is given. Tables are checked as by `verify`, and problems are listed below the others.
     """
-    check_picture(files.plot)
-    check_outputs(files.plot, inputs=(source, on.route, of.vehicle), overwrite=files.overwrite)
+    files.check(source, on.route, of.vehicle)
     if source is None:
         refuse_given("needs a file", *BELONGS)
         print_catalogue(as_json=files.as_json)
@@ -128,8 +127,7 @@ def _show(shown: ShownFile, files: ShowFiles) -> None:
             tell(f"note: {note}")
         for text in shown.warnings:
             warn(text)
-        if files.plot is not None:
-            tell(f"written: {files.plot}")
+        files.tell()
     if shown.warnings:
         raise typer.Exit(EXIT_WARNINGS)
 
