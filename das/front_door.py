@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from das.solver.front import Front
     from das.solver.section import Section
     from das.solver.solution import Solution
-    from das.table.table import Table
+    from das.table import Table
 
     _Word = TypeVar("_Word", bound=StrEnum)
 
@@ -272,7 +272,7 @@ def read_table(path: str | Path) -> Table:
         table = das.read_table("tables/flat-6km_a-b_re460-ic_l3_0a1b2c3d.json")
         das.to_pandas(table.columns())
     """
-    from das.table.table import Table
+    from das.table import Table
 
     return Table.read(Path(path))
 

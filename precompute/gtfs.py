@@ -14,9 +14,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path, PurePosixPath
-from typing import IO, NamedTuple
+from typing import IO, Annotated, NamedTuple
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError, InputError
@@ -24,7 +25,68 @@ from das.domain.files.foreign import UNZIP_ERRORS, refuse_foreign
 from das.domain.files.routes import MOST_STOPS
 from das.domain.journey import file_clock
 from das.domain.units import MEGABYTE
-from precompute.journey_order import CLOCK, TripChoice, clock_s
+
+CLOCK = re.compile(r"\s*(\d{1,3}):([0-5]?\d):([0-5]?\d)\s*")
+"""A time of the service day, which goes on after 24:00:00."""
+
+
+def clock_s(match: re.Match[str]) -> float:
+    """The time (s) of a match of `CLOCK`."""
+    hours, minutes, seconds = (int(part) for part in match.groups())
+    return 3600.0 * hours + 60.0 * minutes + seconds
+
+
+def parsed_clock_s(text: str) -> float:
+    """The time of the service day (s) that `--at` names, like 07:30; DasError for anything else."""
+    match = CLOCK.fullmatch(text if text.count(":") > 1 else f"{text}:00")
+    if match is None:
+        raise DasError(f"--at {text}: expected a time like 07:30")
+    return clock_s(match)
+
+
+def parsed_day(text: str) -> datetime.date:
+    """The day that `--date` names; DasError for anything else."""
+    try:
+        return datetime.date.fromisoformat(text)
+    except ValueError:
+        raise DasError(f"--date {text}: expected a day like 2026-11-26") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TripChoice:
+    """Which trip: by its id, or by two stops and the earliest departure (s after midnight); `day` must be served.
+
+    With an id, the two stops cut the trip, and a trip that does not run at that time or on that day is refused.
+    """
+
+    trip: Annotated[str | None, typer.Option(metavar="ID", help="The trip_id, or a number that only one trip has.")] = (
+        None
+    )
+    from_stop: Annotated[
+        str | None, typer.Option("--from", metavar="STOP", help="Where the journey begins: name or stop_id.")
+    ] = None
+    to_stop: Annotated[
+        str | None, typer.Option("--to", metavar="STOP", help="Where the journey ends: name or stop_id.")
+    ] = None
+    at_s: Annotated[
+        float | None,
+        typer.Option(
+            "--at",
+            parser=parsed_clock_s,
+            metavar="HH:MM",
+            help="The first train from then on; with --trip, its first run from then on.",
+        ),
+    ] = None
+    day: Annotated[
+        datetime.date | None,
+        typer.Option(
+            "--date",
+            parser=parsed_day,
+            metavar="YYYY-MM-DD",
+            help="Only trips that run on this day, after midnight also those of the day before [default: on any day].",
+        ),
+    ] = None
+
 
 Row = dict[str, str]
 

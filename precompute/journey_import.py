@@ -6,9 +6,10 @@ import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+import typer
 
 from das.domain.earth import distances_m
 from das.domain.errors import DasError
@@ -18,8 +19,39 @@ from das.domain.journey import LEAST_SPACING_M, file_clock
 from das.domain.route import Route, Stop
 from das.domain.units import KM
 from precompute.gtfs import FeedTrip, TripStop, check_ends, key_of, tidy
-from precompute.journey_order import TimesRead
 from precompute.polylines import Projection, along_m, projected_in_order
+
+LONGEST_S = 3600.0
+"""Longest dwell and tolerance (s) that are accepted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimesRead:
+    """How the times of a feed become windows. Raises DasError for an impossible time.
+
+    The train may be `rounded_s` later than the timetable; None: after a departure by `ROUNDED_S` of
+    `precompute.journey_import` if all times are whole minutes, never at the last stop.
+    """
+
+    dwell_s: Annotated[
+        float,
+        typer.Option("--dwell", metavar="S", help="Least dwell (s) where the feed has arrival = departure."),
+    ] = 30.0
+    rounded_s: Annotated[
+        float | None,
+        typer.Option(
+            "--tolerance",
+            metavar="S",
+            help="How much later (s) than the feed says the train may be [default: 59 at departures if all times are "
+            "whole minutes, else 0].",
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        for option, value_s in (("--dwell", self.dwell_s), ("--tolerance", self.rounded_s)):
+            if value_s is not None and not 0 <= value_s <= LONGEST_S:
+                raise DasError(f"{option} {value_s:g}: expected seconds from 0 to {LONGEST_S:g}")
+
 
 NEAR_M = 500.0
 """Distance (m) within which a stop of the feed is at a stop or a point of the route."""

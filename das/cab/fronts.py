@@ -22,8 +22,7 @@ from das.solver.guide.policies import GuideFront, PolicySettings
 from das.solver.guide.references import References
 from das.solver.section import Section
 from das.solver.solve import default_ladder, solve_ahead
-from das.table.key import key_of, section_facts, section_sha256, table_name
-from das.table.table import OLD, Table, TableError
+from das.table import OLD, Table, TableError, key_of, section_facts, section_sha256, table_name
 
 KEPT_BYTES = 60_000_000
 """Total size (bytes) up to which fronts are kept (30 km take 18 MB); the newest front is always kept."""

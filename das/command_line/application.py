@@ -42,25 +42,21 @@ HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One command of a program.
+    """One command of a program, or the word under which commands belong together: `das-sim experiment run`.
 
-    `name`: the word the user types. `where`: module and function, like "precompute.cli.solve:solve"; the module is
-    imported only when the command is called. `summary`: the first line of the function's docstring, as the program's
-    help prints it. `examples`: command lines that a user can copy. `more`: module and name of a tuple of commands that
-    begin with this one's word ("precompute.cli.program:OF_JOURNEYS"); any other word is an argument of this one.
-    `gone`: see `application`.
+    `name`: the word the user types. `summary`: its line in the program's help, and the first line of the docstring of
+    its function. `where`: module and function, like "precompute.cli.solve:solve"; the module is imported only when the
+    command is called. Empty for a word that only has `entries`, the commands that begin with it; where there is a
+    function as well, any other word is an argument of it. `examples`: command lines that a user can copy. `gone`: see
+    `application`.
     """
 
     name: str
-    where: str
     summary: str
-    examples: tuple[str, ...]
-    more: str = ""
+    where: str = ""
+    examples: tuple[str, ...] = ()
+    entries: tuple[Entry, ...] = ()
     gone: Mapping[str, str] = field(default_factory=dict)
-
-    def entries(self) -> tuple[Entry, ...]:
-        """The commands that begin with this one's word, whose list is imported here."""
-        return _entries(self.more) if self.more else ()
 
     def function(self) -> Callable[..., Any]:
         """Import the command's module and return its function."""
@@ -69,33 +65,13 @@ class Entry:
             function: Callable[..., Any] = getattr(importlib.import_module(module), name)
         return function
 
-    def load(self) -> TyperCommand:
-        """The command with its options and its help."""
-        return _command(self.name, self.function(), self.examples, [one.name for one in self.entries()])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Group:
-    """Commands of a program that belong together under one word: `das-sim experiment run`.
-
-    `name`: the word. `summary`: its line in the program's help. `where`: module and name of the tuple of its
-    entries, like "sim.cli.program:EXPERIMENTS". `gone`: see `application`.
-    """
-
-    name: str
-    where: str
-    summary: str
-    gone: Mapping[str, str] = field(default_factory=dict)
-
-    def entries(self) -> tuple[Entry, ...]:
-        """The commands of the group, whose list is imported here."""
-        return _entries(self.where)
-
-    def load(self) -> TyperGroup:
-        """The group with its commands; the module of each is imported when it is called."""
+    def load(self) -> TyperCommand | TyperGroup:
+        """The command with its options and its help, or the group of the entries, none of which is imported yet."""
+        if self.where:
+            return _command(self.name, self.function(), self.examples, [one.name for one in self.entries])
         app = _typer(no_args_is_help=True, add_completion=False)
         app.callback(help=self.summary, epilog="-h after a command explains it.")(lambda: None)
-        return _filled(app, self.name, self.entries(), self.gone)
+        return _filled(app, self.name, self.entries, self.gone)
 
 
 class _Program(TyperGroup):
@@ -104,19 +80,13 @@ class _Program(TyperGroup):
     gone: Mapping[str, str] = MappingProxyType({})
 
 
-def _entries(where: str) -> tuple[Entry, ...]:
-    module, _, name = where.partition(":")
-    found: tuple[Entry, ...] = getattr(importlib.import_module(module), name)
-    return found
-
-
-def _filled(app: typer.Typer, name: str, entries: Sequence[Entry | Group], gone: Mapping[str, str]) -> TyperGroup:
+def _filled(app: typer.Typer, name: str, entries: Sequence[Entry], gone: Mapping[str, str]) -> TyperGroup:
     """The group of an application, with its name, its commands, and the former ones as errors."""
     group = get_command(app)
     assert isinstance(group, TyperGroup)
     group.name = name
     for entry in entries:
-        group.add_command(entry.load() if isinstance(entry, Group) else _LazyCommand(entry))
+        group.add_command(_LazyCommand(entry) if entry.where else entry.load())
     for word, instead in gone.items():
         if not word.startswith("-"):
             group.add_command(_GoneCommand(word, instead))
@@ -126,7 +96,7 @@ def _filled(app: typer.Typer, name: str, entries: Sequence[Entry | Group], gone:
 def application(
     name: str,
     about: str,
-    entries: Sequence[Entry | Group],
+    entries: Sequence[Entry],
     *,
     gone: Mapping[str, str] = MappingProxyType({}),
     without_command: Callable[[], None] | None = None,
@@ -192,7 +162,7 @@ class _LazyCommand(TyperCommand):
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """The context of the real command, or of the one below it that the first argument names; imported here."""
-        for entry in self.entry.entries() if args else ():
+        for entry in self.entry.entries if args else ():
             if args[0] == entry.name:
                 return entry.load().make_context(f"{info_name} {entry.name}", args[1:], parent=parent, **extra)
         if args and args[0] in self.entry.gone:

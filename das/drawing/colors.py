@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 BACKGROUND, INK, GRID = "#ffffff", "#222222", "#d9d9d9"
+QUIET, SOFT = "#888888", "#555555"
+"""Curves and words beside those that count."""
 LIMIT: Final = "#8c1d18"
 """The speed limit, wherever it is drawn on white."""
 SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")

@@ -13,7 +13,7 @@ import numpy as np
 
 from das.domain.errors import InfeasibleError
 from das.domain.files.load import load_vehicle
-from das.offline.bound.certificate import bound_of, task_of
+from das.offline.bound import bound_of, task_of
 from das.solver.kernels.tuples import Policies, Policy
 from das.solver.section import Section, build_section
 from das.solver.solve import DecisionGrid

@@ -81,24 +81,16 @@ class TubeRun(NamedTuple):
     price_w: float
 
 
-def never() -> bool:
-    """The `is_over` of a refinement without a limit of time."""
-    return False
-
-
-def refined(
-    solution: Solution, settings: RefinementSettings = SETTINGS, *, is_over: Callable[[], bool] = never
-) -> Solution:
+def refined(solution: Solution, settings: RefinementSettings = SETTINGS) -> Solution:
     """The solution, improved in a tube around its trajectory; never later and never with more energy than before.
 
     A trajectory that is `Fit.EARLY` may take the time that was asked for. The fastest trajectory is returned as it is,
-    because no other takes its time. If nothing is saved, the solution itself is returned. `is_over` is called before
-    every pass; once it returns True, the best trajectory so far is returned.
+    because no other takes its time. If nothing is saved, the solution itself is returned.
     """
     if is_fastest(solution):
         return solution
     task = Refinement(solution, settings)
-    return task.settled(task.search.best(task.given, is_over))
+    return task.settled(task.search.best(task.given))
 
 
 def is_fastest(solution: Solution) -> bool:
@@ -153,14 +145,12 @@ class TubeSearch:
         energy_j = run_energy(self._line, self.state.section.train, self._loss, speeds_mps)
         return TubeRun(speeds_mps, energy_j, float(self.state.elapsed_s(speeds_mps)[-1]), price_w)
 
-    def best(self, run: TubeRun, is_over: Callable[[], bool] = never) -> TubeRun:
+    def best(self, run: TubeRun) -> TubeRun:
         """The best trajectory found from a given one by rounds of passes with shrinking tubes, or the given one."""
         settings = self.settings
         for _ in range(settings.most_rounds):
             before_j = run.energy_j
             for number in range(settings.passes):
-                if is_over():
-                    return run
                 run = self._one_pass(run, settings.shrink**number)
             if before_j - run.energy_j <= CLOSED_RATIO * abs(before_j):
                 break
@@ -299,14 +289,13 @@ def refined_runs(
     given: Sequence[Solution],
     alone: RefinementSettings = SETTINGS,
     *,
-    is_over: Callable[[], bool] = never,
     watch: Callable[[int], None] = lambda _index: None,
 ) -> list[Solution]:
     """Solutions of one section from its start, each refined: never later and never with more energy than before.
 
     First the trajectories of the shortest and of the longest time are refined, then always the one in the middle of two
     that are finished; last the trajectory of least energy, whose time was not asked for. `watch` is called with the
-    index of each one that is finished. Once `is_over` returns True, the rest are returned as they were given.
+    index of each one that is finished.
     """
     found = list(given)
     timed = (i for i, one in enumerate(given) if one.fit is Fit.ON_TIME and not is_fastest(one))
@@ -314,10 +303,10 @@ def refined_runs(
     for place, before, behind in _in_order(len(order)):
         i = order[place]
         neighbours = (found[order[before]], found[order[behind]]) if before < place else None
-        found[i] = _refined(given[i], neighbours, alone, is_over)
+        found[i] = _refined(given[i], neighbours, alone)
         watch(i)
     for i in sorted(set(range(len(given))) - set(order)):
-        found[i] = refined(given[i], alone, is_over=is_over)
+        found[i] = refined(given[i], alone)
         watch(i)
     return found
 
@@ -339,15 +328,13 @@ def _in_order(count: int) -> list[tuple[int, int, int]]:
     return found
 
 
-def _refined(
-    one: Solution, neighbours: tuple[Solution, Solution] | None, alone: RefinementSettings, is_over: Callable[[], bool]
-) -> Solution:
+def _refined(one: Solution, neighbours: tuple[Solution, Solution] | None, alone: RefinementSettings) -> Solution:
     if neighbours is not None:
         task = Refinement(one, NARROW)
         start = _blend(task, *neighbours, TANGENT_RATIO)
-        if start is not None and not is_over():
-            return task.settled(task.search.best(min(task.given, start, key=lambda run: run.energy_j), is_over))
-    return refined(one, alone, is_over=is_over)
+        if start is not None:
+            return task.settled(task.search.best(min(task.given, start, key=lambda run: run.energy_j)))
+    return refined(one, alone)
 
 
 def _blend(task: Refinement, quick: Solution, slow: Solution, tangent_ratio: float) -> TubeRun | None:

@@ -18,7 +18,7 @@ from das.solver.line_profile import LineProfile
 from das.solver.section import Section
 
 if TYPE_CHECKING:
-    from das.offline.bound.certificate import Certificate
+    from das.offline.bound import Certificate
 
 Floats = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ class Solution(Summary):
     @cached_property
     def certificate(self) -> Certificate:
         """The proven lower bound of the energy, or the reason why there is none."""
-        from das.offline.bound.certificate import certificate
+        from das.offline.bound import certificate
 
         return certificate(self) if self.proven is None else self.proven
 

@@ -25,7 +25,7 @@ from das.solver.guide.policies import DEFAULT, GuideFront
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from das.solver.warm_up import warm_up
-from das.table.table import Table
+from das.table import Table
 from precompute.tables.writing import TableSettings, make_table
 
 ROUTE: Final = "zurich-luzern"
@@ -36,7 +36,7 @@ BUFFERS: Final = (0.03, 0.05, 0.08, 0.12)
 """Buffers of the runs and departures that are timed, as shares of the least time."""
 HALF_WAY_RATIO: Final = 0.9
 """Share of the braking envelope's speed at which the train is when the rest of its section is solved again."""
-NOT_REFINED: Final = TableSettings(buffers_percent=(0.0,), refine_s=0.0, proven=0)
+NOT_REFINED: Final = TableSettings(buffers_percent=(0.0,), refined=False, proven=0)
 
 Work = Callable[[], object]
 

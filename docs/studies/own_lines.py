@@ -22,11 +22,10 @@ from das.domain.units import KM, PERCENT, PERMILLE, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
-from precompute.drawing.line import draw_line
+from precompute.cli.route_report import draw_line
+from precompute.route_import import imported
 from precompute.route_import.altitudes import climb_and_fall_m, with_altitudes
-from precompute.route_import.importing import imported
-from precompute.route_import.line import ImportedLine
-from precompute.route_import.order import ImportOrder, Words
+from precompute.route_import.line import ImportedLine, ImportOrder, Words
 from precompute.route_import.tables import LineTable
 from tests.support.benchmark import SHARED
 

@@ -25,7 +25,7 @@ from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_csv, write_table
-from precompute.tight_bound.cells import tightened
+from docs.studies.tight_bound import tightened
 from tests.das.solver.test_solver import pose_reference
 from tests.support.benchmark import SHARED, ReferenceResult, reference_results
 from tests.support.making import make_route
@@ -164,7 +164,7 @@ def hard_table() -> Iterator[str]:
     )
     yield from ("", "- " + _summed("Convex losses (L0 to L2)", convex))
     yield from ("", "- " + _summed("Loss map (L3)", [row.found.gap_ratio for row in of_maps]))
-    yield from ("", "- " + _summed(f"Loss map with `--bound {TIGHT_S:.0f}`", list(tight.values())))
+    yield from ("", "- " + _summed(f"Loss map with the tight bound, {TIGHT_S:.0f} s", list(tight.values())))
 
 
 def _hard_cells(hard: Hard, level: Level, row: PeerRow, tight_ratio: float | None) -> list[str]:

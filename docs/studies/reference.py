@@ -28,7 +28,7 @@ import sim.cli.program
 from das.advice.advice import Cause
 from das.advice.reason import ReasonCode
 from das.bus.topics import TOPICS
-from das.command_line.application import Entry, single_command
+from das.command_line.application import single_command
 from sim.drivers.parameters import DEFAULT, NORMAL, HumanParameters, Population, load_population, parameter_table
 from sim.experiment.factors import FACTORS, OF_HUMAN
 from sim.experiment.measures import MEASURES
@@ -40,15 +40,15 @@ TABLES = Path(__file__).parent / "tables"
 PROGRAMS = ("das-precompute", "das-sim", "das-node", "das-record")
 
 
-def commands() -> dict[str, TyperCommand]:
+def commands() -> dict[str, Any]:
     """Every command by the words that start it, joined by hyphens: `das-sim-replay`."""
-    found: dict[str, TyperCommand] = {}
+    found: dict[str, Any] = {}
     programs = {"das-precompute": precompute.cli.program.COMMANDS, "das-sim": sim.cli.program.ENTRIES}
     for program, entries in programs.items():
         for entry in entries:
-            if isinstance(entry, Entry):
+            if entry.where:
                 found[f"{program}-{entry.name}"] = entry.load()
-            found |= {f"{program}-{entry.name}-{one.name}": one.load() for one in entry.entries()}
+            found |= {f"{program}-{entry.name}-{one.name}": one.load() for one in entry.entries}
     found["das-node"] = single_command("das-node", das.node.command.advise, ())
     (tls_init,) = get_command(das.node.command.tls_app).commands.values()  # type: ignore[attr-defined]
     found["das-node-tls-init"] = tls_init

@@ -7,24 +7,356 @@ with its trajectory, its energy balance and how well it meets the time.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import zip_longest
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.trajectory import EnergyBalance, Trajectory
+from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy
 from das.solver import tolerances as tol
-from das.solver.kernels.driving import trip_time
+from das.solver.kernels.driving import climbing_floor, trip_time
 from das.solver.kernels.roll_out import fastest_roll_out
+from das.solver.kernels.tuples import SpeedBounds
 from das.solver.section import Section, build_section
 from das.solver.solution import Fit, trajectory_on
 from das.solver.warm_up import tiny_route, tiny_vehicle
-from precompute.baselines import Strategy
-from precompute.baselines.search import BaselineRun, Driving, FourModeSearch, driven_with_motors
+from precompute.baselines import Strategy, kernels
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LOWEST_CRUISE_MPS = 1.0
+"""Lowest speed (m/s) that a strategy holds or passes a crest with."""
+SPEED_ROUNDING_MPS = 1e-10
+"""Difference (m/s) below which cruising speeds are the same."""
+SCANNED_SPEEDS = 8
+"""Cruising speeds tried before the best one is narrowed down."""
+GOLDEN_STEPS = 9
+TRIED_SPEEDS, ENOUGH_RATIO = 20, 2e-3
+"""Largest number of cruising speeds for which runs on time are sought, and the ratio above the dual value within which
+the energy of a run ends the search earlier."""
+MAX_PRICES = 60
+HIGHEST_PRICE_RATIO = 1e3
+"""Highest price of time tried for coasting, as a multiple of the traction power: at it, no loss of time pays."""
+SPARE_RATIO, SPARE_S = 1.2, 5.0
+"""Multiple of the time to spare, and time (s) on top of it, whose loss makes an arc be given up."""
+NEAR_S = 0.7
+"""Distance (s) from the wanted time within which a set of arcs is brought to it by changing the cruising speed."""
+EXCHANGES = 5
+"""Largest number of arcs that are exchanged to come near the time wanted."""
+TUNED_RATIO = 0.05
+"""Largest relative change of the cruising speed to bring a run with given arcs to the wanted time."""
+MAX_TUNED, ENOUGH_TUNED = 20, 3
+"""Largest number of sets of arcs that are tried, and the number of runs on time that suffices."""
+
+
+class BaselineRun(NamedTuple):
+    """Speeds at the nodes, the time (inf after a stall), the cruising speed and which intervals are coasted."""
+
+    speeds_mps: Floats
+    time_s: float
+    cruise_mps: float
+    coasting: NDArray[np.bool_]
+
+
+class Driving:
+    """The kernels, bound to a section and to the envelope along which the train brakes (default: with all brakes)."""
+
+    def __init__(self, section: Section, envelope_mps: Floats | None = None) -> None:
+        self.section = section
+        self.envelope_mps = section.envelope_mps if envelope_mps is None else envelope_mps
+        self.line = section.for_kernels
+        # A floor of 0 at a crest would leave it to rounding whether the train gets over.
+        floor = climbing_floor(self.line, self.envelope_mps, LOWEST_CRUISE_MPS, section.train)
+        self.bounds = SpeedBounds(floor, self.envelope_mps)
+        self.fastest = self.cruise(float(self.envelope_mps.max()))
+        self.top_mps = float(self.fastest.speeds_mps.max())
+
+    def cruise(self, cruise_mps: float) -> BaselineRun:
+        """The base run of a cruising speed: the run without coasting arcs."""
+        speeds = self._start()
+        time_s = kernels.cruise_run(cruise_mps, self.line, self.bounds, self.section.train, speeds)
+        return _run(speeds, time_s, cruise_mps, np.zeros(len(speeds) - 1, np.bool_))
+
+    def coast(self, cruise_mps: float, ends: Ints) -> BaselineRun:
+        """A base run with coasting arcs (see `precompute.baselines.kernels.four_mode_run`)."""
+        base = self.cruise(cruise_mps)
+        speeds, coasting = self._start(), np.empty(len(ends), np.bool_)
+        time_s = kernels.four_mode_run(
+            cruise_mps, ends, base.speeds_mps, self.line, self.bounds, self.section.train, speeds, coasting
+        )
+        return _run(speeds, time_s, cruise_mps, coasting)
+
+    def cruise_in(self, time_s: float) -> BaselineRun:
+        """The base run that takes a time, or the one nearest to it."""
+        return hit(self.cruise, LOWEST_CRUISE_MPS, self.top_mps, time_s)
+
+    def energy_j(self, run: BaselineRun) -> float:
+        """Net energy at the current collector."""
+        section = self.section
+        return trajectory_on(section, section, run.speeds_mps).balance(section.vehicle, section.loss).input
+
+    def _start(self) -> Floats:
+        speeds = np.empty(len(self.section.node_m))
+        speeds[0] = self.section.start_speed_mps
+        return speeds
+
+
+def _run(speeds: Floats, time_s: float, cruise_mps: float, coasting: NDArray[np.bool_]) -> BaselineRun:
+    return BaselineRun(speeds, float(time_s) if time_s >= 0 else math.inf, cruise_mps, coasting)
+
+
+def driven_with_motors(section: Section) -> Driving | None:
+    """Driving that brakes with the motors only; None if it is impossible, or the same as with all brakes."""
+    train = section.train
+    if section.brakes is not BrakePolicy.BLENDED or train.friction_force_n == 0 or train.electric_force_n == 0:
+        return None
+    envelope = kernels.electric_envelope(section.for_kernels, section.envelope_mps, train)
+    if section.start_speed_mps > envelope[0] or (section.floor_mps > envelope).any():
+        return None
+    return Driving(section, envelope)
+
+
+def hit(drive: Callable[[float], BaselineRun], slow_mps: float, quick_mps: float, time_s: float) -> BaselineRun:
+    """The run that takes `time_s`, by bisection of the cruising speed; if none does, the run at the nearer end."""
+    slow, quick = drive(slow_mps), drive(quick_mps)
+    if not quick.time_s <= time_s <= slow.time_s:
+        return quick if time_s < quick.time_s else slow
+    while quick.cruise_mps - slow.cruise_mps > SPEED_ROUNDING_MPS:
+        run = drive(0.5 * (slow.cruise_mps + quick.cruise_mps))
+        if abs(run.time_s - time_s) <= 0.05 * tol.TIME_TOLERANCE_S:
+            return run
+        if run.time_s > time_s:
+            slow = run
+        else:
+            quick = run
+    return min(quick, slow, key=lambda run: abs(run.time_s - time_s))
+
+
+class _Path(NamedTuple):
+    """Coasting arcs in order, as indices into the edges, and the time and energy that they add to the base run."""
+
+    arcs: tuple[int, ...]
+    extra_s: float
+    extra_j: float
+
+
+class _Edges(NamedTuple):
+    """All arcs of a base run (E,): start and end node, extra time and energy."""
+
+    start: Ints
+    end: Ints
+    extra_s: Floats
+    extra_j: Floats
+
+
+class _Arcs:
+    """All coasting arcs of a base run, and the best of them for a time to spare."""
+
+    def __init__(self, driving: Driving, base: BaselineRun, spare_s: float) -> None:
+        section = driving.section
+        n = len(section.step_m)
+        self.base, self.spare_s = base, spare_s
+        self.highest_w = HIGHEST_PRICE_RATIO * section.train.traction_power_w
+        base_s, base_j = np.empty(n + 1), np.empty(n + 1)
+        costs = (section.train, section.loss_params)
+        kernels.run_costs(base.speeds_mps, driving.line, *costs, base_s, base_j)
+        self.base_j = float(base_j[-1])
+        shape = (n, kernels.CROSSINGS)
+        self._table = (np.empty(shape, np.int64), np.empty(shape), np.empty(shape), np.empty(n, np.int64))
+        kernels.coasting_arcs(
+            base.speeds_mps, base_s, base_j, SPARE_RATIO * spare_s + SPARE_S, driving.line, driving.bounds, *costs,
+            *self._table,
+        )  # fmt: skip
+
+    def at(self, price_w: float) -> _Path:
+        """The best arcs at a price of time (W)."""
+        target, extra_s, extra_j, count = self._table
+        n = len(count)
+        choice, cost, time_s = np.empty(n, np.int64), np.empty(n + 1), np.empty(n + 1)
+        kernels.best_arcs(price_w, target, extra_s, extra_j, count, choice, cost, time_s)
+        first = np.cumsum(count) - count
+        arcs, i = [], 0
+        while i < n:
+            if choice[i] >= 0:
+                arcs.append(int(first[i] + choice[i]))
+                i = int(target[i, choice[i]])
+            else:
+                i += 1
+        return _Path(tuple(arcs), float(time_s[0]), float(cost[0] - price_w * time_s[0]))
+
+    def around(self) -> tuple[_Path, _Path, float]:
+        """The best arcs just above and just within the time to spare, and the price of time (W) that both are best at.
+
+        The dual function of the price, least (energy + price·(time − wanted)), is piecewise linear: each new price is
+        where the lines of the two neighbours meet. If the best arcs at price 0 are within the time to spare, they
+        are returned as both.
+        """
+        slow = self.at(0.0)
+        if slow.extra_s <= self.spare_s:
+            return slow, slow, 0.0
+        price_w, quick = self.highest_w, self.at(self.highest_w)
+        for _ in range(MAX_PRICES):
+            price_w = (quick.extra_j - slow.extra_j) / (slow.extra_s - quick.extra_s)
+            new, known = self.at(price_w), slow.extra_j + price_w * slow.extra_s
+            if new.extra_j + price_w * new.extra_s >= known - 1e-9 * max(abs(known), 1.0):
+                break
+            if new.extra_s > self.spare_s:
+                slow = new
+            else:
+                quick = new
+        return slow, quick, price_w
+
+    def bound_j(self) -> float:
+        """Dual value: no set of arcs on this base run that takes the time wanted needs less energy."""
+        slow, _, price_w = self.around()
+        return self.base_j + slow.extra_j + price_w * (slow.extra_s - self.spare_s)
+
+    def near_time(self) -> list[_Path]:
+        """Sets of arcs near the time to spare, the best at the price of time first.
+
+        The time of the best arcs jumps with the price. To come nearer, single arcs of both sides of the jump are added,
+        left out or exchanged.
+        """
+        slow, quick, price_w = self.around()
+        if slow is quick:
+            return [slow]
+        edges, early, late = self._edges(), [quick], [slow]
+        for _ in range(EXCHANGES):
+            for path in [*self._exchanged(slow, edges), *self._exchanged(quick, edges)]:
+                (early if path.extra_s <= self.spare_s else late).append(path)
+            slow, quick = min(late, key=self._miss_s), min(early, key=self._miss_s)
+            if min(self._miss_s(slow), self._miss_s(quick)) <= NEAR_S:
+                break
+
+        def best(paths: list[_Path], nearest: _Path) -> list[_Path]:
+            near = {path for path in paths if self._miss_s(path) <= NEAR_S} | {nearest}
+            return sorted(near, key=lambda path: (path.extra_j + price_w * path.extra_s, path.arcs))
+
+        # A late set that coasts from the run-up is on time at no cruising speed: take early and late sets in turn.
+        pairs = zip_longest(best(early, quick), best(late, slow))
+        mixed = [path for pair in pairs for path in pair if path is not None]
+        return mixed[:MAX_TUNED]
+
+    def ends(self, path: _Path) -> Ints:
+        """The end node of the arc that starts at each node (0: none): what the kernel `four_mode_run` takes."""
+        edges, arcs = self._edges(), list(path.arcs)
+        result = np.zeros(len(self._table[0]), np.int64)
+        result[edges.start[arcs]] = edges.end[arcs]
+        return result
+
+    def _miss_s(self, path: _Path) -> float:
+        return abs(path.extra_s - self.spare_s)
+
+    def _edges(self) -> _Edges:
+        target, extra_s, extra_j, count = self._table
+        used = np.arange(kernels.CROSSINGS) < count[:, None]
+        return _Edges(np.nonzero(used)[0], target[used], extra_s[used], extra_j[used])
+
+    def _exchanged(self, path: _Path, edges: _Edges) -> Iterator[_Path]:
+        """The path with one arc added, left out, or exchanged for another between its neighbours."""
+        arcs = path.arcs
+        begin = [*edges.start[list(arcs)], len(self._table[0])]
+        end = [0, *edges.end[list(arcs)]]
+        for k in range(len(arcs) + 1):
+            for out in (0, 1) if k < len(arcs) else (0,):
+                extra_s = path.extra_s - (edges.extra_s[arcs[k]] if out else 0.0)
+                extra_j = path.extra_j - (edges.extra_j[arcs[k]] if out else 0.0)
+                if out:
+                    yield _Path(arcs[:k] + arcs[k + 1 :], extra_s, extra_j)
+                between = (edges.start >= end[k]) & (edges.end <= begin[k + out])
+                between &= np.abs(extra_s + edges.extra_s - self.spare_s) < self._miss_s(path)
+                for e in np.flatnonzero(between):
+                    changed = (*arcs[:k], int(e), *arcs[k + out :])
+                    yield _Path(changed, float(extra_s + edges.extra_s[e]), float(extra_j + edges.extra_j[e]))
+
+
+class FourModeSearch:
+    """Finds the cruising speed and coasting arcs of least energy for a trip time."""
+
+    def __init__(self, driving: Driving, time_s: float) -> None:
+        self.driving, self.time_s = driving, time_s
+
+    def run(self) -> list[BaselineRun]:
+        """Good runs that take the wanted time; a single quicker run if using all of the time would cost energy."""
+        top_speed = self.driving.cruise_in(self.time_s)
+        speeds = self._best_speeds(top_speed.cruise_mps)
+        arcs = self.arcs(speeds[0])
+        slow, quick, _ = arcs.around()
+        if slow is quick and quick.extra_s < arcs.spare_s:
+            return [self.driving.coast(speeds[0], arcs.ends(quick))]
+        bound_j = arcs.bound_j()
+        runs = [top_speed]
+        for speed_mps in speeds[:TRIED_SPEEDS]:
+            runs += self._runs_on_time(speed_mps)
+            # An arc that grazes the base run may end early once the speed is changed to hit the time: then try another.
+            least_j = min(self.driving.energy_j(run) for run in runs)
+            if least_j <= bound_j + ENOUGH_RATIO * max(abs(bound_j), abs(arcs.base_j)):
+                break
+        return runs
+
+    def _runs_on_time(self, cruise_mps: float) -> list[BaselineRun]:
+        """Up to `ENOUGH_TUNED` runs of the wanted time near a cruising speed."""
+        arcs = self.arcs(cruise_mps)
+        runs: list[BaselineRun] = []
+        for path in arcs.near_time():
+            run = self._on_time(cruise_mps, arcs.ends(path))
+            if abs(run.time_s - self.time_s) <= tol.TIME_TOLERANCE_S:
+                runs.append(run)
+            if len(runs) >= ENOUGH_TUNED:
+                break
+        return runs
+
+    def arcs(self, cruise_mps: float) -> _Arcs:
+        """All coasting arcs at a cruising speed."""
+        base = self.driving.cruise(cruise_mps)
+        if math.isinf(base.time_s):
+            raise InfeasibleError(f"{self.driving.section.name}: the train stalls at {cruise_mps / KMH:.1f} km/h")
+        return _Arcs(self.driving, base, max(self.time_s - base.time_s, 0.0))
+
+    def _on_time(self, cruise_mps: float, ends: Ints) -> BaselineRun:
+        """The run with these arcs that takes the wanted time, by a small change of the cruising speed."""
+
+        def drive(speed_mps: float) -> BaselineRun:
+            return self.driving.coast(speed_mps, ends)
+
+        run = drive(cruise_mps)
+        if run.time_s > self.time_s:
+            return hit(drive, cruise_mps, min(cruise_mps * (1 + TUNED_RATIO), self.driving.top_mps), self.time_s)
+        reached_mps = min(cruise_mps, float(run.speeds_mps.max()))
+        return hit(drive, max(reached_mps * (1 - TUNED_RATIO), LOWEST_CRUISE_MPS), reached_mps, self.time_s)
+
+    def _best_speeds(self, low_mps: float) -> list[float]:
+        """The cruising speeds tried (a scan, then golden section around the best), that of least dual value first."""
+
+        def bound_j(speed_mps: float) -> float:
+            return self.arcs(speed_mps).bound_j()
+
+        speeds = np.linspace(low_mps, self.driving.top_mps, SCANNED_SPEEDS)
+        values = [bound_j(float(v)) for v in speeds]
+        best = int(np.argmin(values))
+        known = [(value, float(speed)) for value, speed in zip(values, speeds, strict=True)]
+        low, high = float(speeds[max(best - 1, 0)]), float(speeds[min(best + 1, len(speeds) - 1)])
+        ratio = (3 - math.sqrt(5)) / 2
+        a, b = low + ratio * (high - low), high - ratio * (high - low)
+        at_a, at_b = bound_j(a), bound_j(b)
+        for _ in range(GOLDEN_STEPS):
+            known += [(at_a, a), (at_b, b)]
+            if at_a <= at_b:
+                high, b, at_b = b, a, at_a
+                a = low + ratio * (high - low)
+                at_a = bound_j(a)
+            else:
+                low, a, at_a = a, b, at_b
+                b = high - ratio * (high - low)
+                at_b = bound_j(b)
+        return [speed for _, speed in sorted(known)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -4,60 +4,29 @@ from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from das.command_line.files import load_route
-from das.command_line.options import JsonOption, OverwriteOption, PlotOption
+from das.command_line.options import JsonOption, PlotOption
 from das.command_line.printing import busy, paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.units import KM, TONNE, kmh
-from precompute.cli.options import Files, MadeFile
-from precompute.journey_order import TimesRead, TripChoice
-from precompute.route_import.order import ImportOrder, Words
+from precompute.cli.options import MadeFile, OnRoute
+from precompute.gtfs import TripChoice
+from precompute.journey_import import TimesRead
+from precompute.route_import.line import ImportOrder, Words
 from precompute.vehicle_import.tables import Figures
 
-if TYPE_CHECKING:
-    from das.domain.route import Route
-
 
 @dataclass(frozen=True, kw_only=True)
-class OnRoute:
-    """The route of a journey, and its direction there."""
-
-    route: Annotated[
-        str | None,
-        typer.Option(metavar="ROUTE", help="Route of the journey: bundled, TOML file or TTOBench track (JSON)."),
-    ] = None
-    reverse: Annotated[bool, typer.Option("--reverse", help="The journey runs from the route's end to its start.")] = (
-        False
-    )
-
-    def line(self) -> Route | None:
-        """The route that is named, in the direction of the journey; DasError if it is unusable."""
-        if self.route is None:
-            if self.reverse:
-                raise DasError("--reverse: needs --route")
-            return None
-        found = load_route(self.route)
-        return found.reversed() if self.reverse else found
-
-    def words(self) -> str:
-        """The options as they are typed for a command that plans or drives the journey."""
-        return f"{self.route or 'ROUTE'} VEHICLE{' --reverse' if self.reverse else ''}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class RouteFiles(Files):
+class RouteFiles(MadeFile):
     """The file of a route that a command writes, and its picture."""
 
-    suffix = ".toml"
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")] = field()
     plot: PlotOption = None
-    overwrite: OverwriteOption = False
     as_json: JsonOption = False
 
 
@@ -89,16 +58,14 @@ def import_route(
     with busy("importing …"):
         from das.domain.files.writing import write_whole
         from precompute.cli import route_report
-        from precompute.route_import.importing import imported
+        from precompute.route_import import imported
         from precompute.route_import.line import route_toml
 
         line = imported(files, order, stated)
         write_whole(written.out, route_toml(line.route, line.remarks).encode())
     route = load_route(str(written.out))
     if written.plot is not None:
-        from precompute.drawing.line import draw_line
-
-        draw_line(route).save(written.plot, overwrite=True)
+        route_report.draw_line(route).save(written.plot, overwrite=True)
     if written.as_json:
         facts = route_report.as_dict(route)
         print(json.dumps({**facts, "remarks": list(line.remarks), "file": str(written.out)}))
@@ -107,13 +74,6 @@ def import_route(
     for remark in line.remarks:
         paragraph(remark)
     written.tell()
-
-
-@dataclass(frozen=True, kw_only=True)
-class VehicleFile(MadeFile):
-    """The vehicle file that a command makes."""
-
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Vehicle file to write (.toml).")] = field()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,12 +100,10 @@ class AssumedOptions:
 
 
 def import_vehicle(
-    source: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Rolling stock (.json, .yaml), or a table (.csv, .yaml).")
-    ],
+    source: Annotated[Path, typer.Argument(metavar="FILE", help="Rolling stock (.json, .yaml), or a table (.csv).")],
     assumed: AssumedOptions,
     figures: Figures,
-    written: VehicleFile,
+    written: MadeFile,
 ) -> None:
     """Make a vehicle file from rolling stock of OSRD or railtoolkit, or from a table of efforts.
 
@@ -156,7 +114,7 @@ def import_vehicle(
         known = "lossless, a mean efficiency like 0.85, or a vehicle like re460-ic"
         raise DasError(f"--losses is missing: {source.name} gives no losses; expected {known}")
     written.check(source, assumed.losses)
-    from precompute.vehicle_import.importing import import_train
+    from precompute.vehicle_import import import_train
 
     found = import_train(
         source,
@@ -173,19 +131,12 @@ def import_vehicle(
     tell(f"look at it: {typed('das-precompute')} show {written.out} --plot train.png")
 
 
-@dataclass(frozen=True, kw_only=True)
-class JourneyFile(MadeFile):
-    """The journey file that a command makes."""
-
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Journey file to write (.toml).")] = field()
-
-
 def import_journey(
     feed: Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as published (zip).")],
     choice: TripChoice,
     times: TimesRead,
     on: OnRoute,
-    written: JourneyFile,
+    written: MadeFile,
 ) -> None:
     """Make a journey file from a trip of a GTFS feed.
 

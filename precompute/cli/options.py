@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,28 +37,13 @@ if TYPE_CHECKING:
 
 
 MOST_PERCENT = 1e4
-MOST_SECONDS = 1e9
 
 TimeOption = Annotated[float | None, typer.Option("--time", metavar="S", help="Trip time in s.")]
 BufferOption = Annotated[
     float | None, typer.Option("--buffer", metavar="PERCENT", help="Trip time as % above the least possible one.")
 ]
 RefineOption = Annotated[
-    str,
-    typer.Option(
-        "--refine",
-        metavar="off|on|SECONDS",
-        help="Refine optimal runs beyond the solver's table until savings are small, or at most for this many seconds.",
-    ),
-]
-
-BoundOption = Annotated[
-    str,
-    typer.Option(
-        "--bound",
-        metavar="quick|tight|SECONDS",
-        help="Prove a tighter bound for a loss map: until gains are small (minutes), or for about this many seconds.",
-    ),
+    str, typer.Option("--refine", metavar="off|on", help="Refine optimal runs beyond the solver's table.")
 ]
 
 
@@ -69,6 +53,32 @@ class LineOptions:
 
     route: RouteArgument
     reverse: ReverseOption = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnRoute:
+    """The route of a journey, and its direction there."""
+
+    route: Annotated[
+        str | None,
+        typer.Option(metavar="ROUTE", help="Route of the journey: bundled, TOML file or TTOBench track (JSON)."),
+    ] = None
+    reverse: Annotated[bool, typer.Option("--reverse", help="The journey runs from the route's end to its start.")] = (
+        False
+    )
+
+    def line(self) -> Route | None:
+        """The route that is named, in the direction of the journey; DasError if it is unusable."""
+        if self.route is None:
+            if self.reverse:
+                raise DasError("--reverse: needs --route")
+            return None
+        found = load_route(self.route)
+        return found.reversed() if self.reverse else found
+
+    def words(self) -> str:
+        """The options as they are typed for a command that plans or drives the journey."""
+        return f"{self.route or 'ROUTE'} VEHICLE{' --reverse' if self.reverse else ''}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,40 +142,19 @@ def buffered(min_time_s: float, buffer_percent: float) -> float:
     return min_time_s * (1 + buffer_percent / 100)
 
 
-def refine_seconds(text: str) -> float:
-    """The seconds that `--refine` allows: a number, 0 for off, or inf for on; DasError for any other text."""
-    return _seconds("--refine", text, "off", "on")
-
-
-def bound_seconds(text: str) -> float:
-    """The seconds that `--bound` allows: a number, 0 for quick, or inf for tight; DasError for any other text."""
-    return _seconds("--bound", text, "quick", "tight")
-
-
-def _seconds(option: str, text: str, none: str, unlimited: str) -> float:
-    """A budget of time (s) as an option gives it: seconds, a word for none, or a word for no limit."""
-    if text in (none, unlimited):
-        return math.inf if text == unlimited else 0.0
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0 <= seconds < MOST_SECONDS:
-        raise DasError(f"{option} {text}: expected {none}, {unlimited}, or a number of seconds from 0")
-    return seconds
-
-
-def numbers(option: str, text: str) -> list[float]:
-    """The numbers of an option's comma-separated list; DasError for anything that is not a number."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise DasError(f"{option} {text}: expected numbers separated by commas, like 0,5,10") from None
+def is_refined(text: str) -> bool:
+    """Whether `--refine` says on; DasError for anything but on and off."""
+    if text not in ("off", "on"):
+        raise DasError(f"--refine {text}: expected off or on")
+    return text == "on"
 
 
 def buffer_numbers(text: str) -> list[float]:
     """The buffers (%) that `--buffers` lists; DasError for an impossible buffer or anything that is not a number."""
-    values = numbers("--buffers", text)
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise DasError(f"--buffers {text}: expected numbers separated by commas, like 0,5,10") from None
     for value in values:
         buffered(1.0, value)
     return values
@@ -290,7 +279,7 @@ class MadeFile(Files):
     """The TOML file that a command makes."""
 
     suffix = ".toml"
-    out: Path = field()
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="File to write (.toml).")] = field()
     overwrite: OverwriteOption = False
 
     def write(self, text: str, notes: Iterable[str] = (), about: str = "") -> None:

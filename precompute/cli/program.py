@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from das.command_line.application import Entry, Group, application, run_app
+from das.command_line.application import Entry, application, run_app
 
 NAME = "das-precompute"
 OF_ROUTES: Final = (
@@ -40,7 +40,7 @@ OF_JOURNEYS: Final = (
         ),
     ),
 )
-COMMANDS: tuple[Entry | Group, ...] = (
+COMMANDS: tuple[Entry, ...] = (
     Entry(
         name="solve",
         where="precompute.cli.solve:solve",
@@ -67,7 +67,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
             "das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png",
             "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60",
         ),
-        more="precompute.cli.program:OF_JOURNEYS",
+        entries=OF_JOURNEYS,
         gone={
             "show": "das-precompute show JOURNEY --route ROUTE",
             "check": "das-precompute show JOURNEY --route ROUTE --vehicle VEHICLE",
@@ -100,10 +100,10 @@ COMMANDS: tuple[Entry | Group, ...] = (
             "das-precompute show tables --json",
         ),
     ),
-    Group(
+    Entry(
         name="route",
         summary="Own lines: import them from maps and tables.",
-        where="precompute.cli.program:OF_ROUTES",
+        entries=OF_ROUTES,
         gone={
             "show": "das-precompute show ROUTE",
             "check": "das-precompute show ROUTE",
@@ -111,10 +111,10 @@ COMMANDS: tuple[Entry | Group, ...] = (
             "new": "das-sim example DIR, and change route.toml in it",
         },
     ),
-    Group(
+    Entry(
         name="vehicle",
         summary="Own trains: import them from files of other programs or from tables.",
-        where="precompute.cli.program:OF_VEHICLES",
+        entries=OF_VEHICLES,
         gone={
             "show": "das-precompute show VEHICLE",
             "check": "das-precompute show VEHICLE",
@@ -133,7 +133,10 @@ GONE: Final = {
     "sensitivity": "python -m docs.studies.changed_world ROUTE VEHICLE in a checkout",
     **dict.fromkeys(_OF_VEHICLE.split(), "change it in the vehicle's file"),
     **dict.fromkeys(_OF_SECTION.split(), "use das.solver.section.SectionOptions in Python"),
+    "--join-m": "loose ends within 3 m of a track are joined; beyond, join them in the map",
+    "--tunnel-area": "change cross_section_m2 in the route's file",
     "--max-buffer": "the largest of --buffers counts",
+    "--bound": "use docs.studies.tight_bound.tightened in Python, in a checkout",
     "--bucket": "use precompute.exact.front.Limits in Python",
 }
 """Former commands and options, each with what to run or do instead."""

@@ -38,8 +38,7 @@ def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str
         "energy_stored_kwh": kwh(answer.balance.stored),
         "ledger_kwh": answer.balance.as_kwh(),
         "ledger_residual_ratio": answer.balance.residual_ratio,
-        **_certificate(answer),
-        **_parameters(answer),
+        **(_own(answer) if isinstance(answer, Baseline) else _proven(answer)),
         "solve_s": solve_s,
     }
 
@@ -48,26 +47,28 @@ def _strategy(answer: Answer) -> str:
     return str(answer.strategy if isinstance(answer, Baseline) else Strategy.OPTIMAL)
 
 
-def _certificate(answer: Answer) -> dict[str, float | str | None]:
-    if not isinstance(answer, Solution):
-        gaps = dict.fromkeys(("lambda_kw", "bound_kwh", "gap_ratio"))
-        return {**gaps, "gap_reason": "a strategy other than optimal has no certificate"}
+def _proven(solution: Solution) -> dict[str, Any]:
     return {
-        "lambda_kw": _finite(answer.lambda_w / KW),
-        "bound_kwh": _finite(kwh(answer.bound_j)),
-        "gap_ratio": _finite(answer.gap_ratio),
-        "gap_reason": answer.gap_reason,
+        "lambda_kw": _finite(solution.lambda_w / KW),
+        "bound_kwh": _finite(kwh(solution.bound_j)),
+        "gap_ratio": _finite(solution.gap_ratio),
+        "gap_reason": solution.gap_reason,
+        "cruise_speed_mps": None,
+        "coasting_m": None,
+    }
+
+
+def _own(run: Baseline) -> dict[str, Any]:
+    return {
+        **dict.fromkeys(("lambda_kw", "bound_kwh", "gap_ratio")),
+        "gap_reason": "a strategy other than optimal has no certificate",
+        "cruise_speed_mps": run.cruise_speed_mps,
+        "coasting_m": [list(pair) for pair in run.coasting_m],
     }
 
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def _parameters(answer: Answer) -> dict[str, Any]:
-    if not isinstance(answer, Baseline):
-        return {"cruise_speed_mps": None, "coasting_m": None}
-    return {"cruise_speed_mps": answer.cruise_speed_mps, "coasting_m": [list(pair) for pair in answer.coasting_m]}
 
 
 def draw_answer(path: Path, section: Section, answer: Answer) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,15 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 
 import typer
 
-from das.command_line.files import check_outputs, check_picture
+from das.command_line.files import load_route, load_vehicle
 from das.command_line.given import is_given, refuse_given
 from das.command_line.options import JsonOption, LoadOption, ModeOption, OverwriteOption, PlotOption
-from das.command_line.printing import busy, loading_solver, print_table, tell, warn
+from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, warn
 from das.domain.errors import DasError
-from precompute.cli.imports import OnRoute
-from precompute.cli.options import picked
+from das.domain.units import KM, KMH, KW, TONNE
+from precompute.cli.options import Files, OnRoute, picked
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from das.drawing.picture import Picture
 
 EXIT_WARNINGS: Final = 1
@@ -68,7 +71,7 @@ class OfTrain:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShowFiles:
+class ShowFiles(Files):
     """The picture to write, and whether JSON is printed."""
 
     plot: PlotOption = None
@@ -96,12 +99,9 @@ def show(
     the file cannot be used. With a train, a journey has the time that each section has to spare. A bundled name is a
     journey if --route is given. Tables are checked as by `verify`, and problems are listed below the others.
     """
-    check_picture(files.plot)
-    check_outputs(files.plot, inputs=(source, on.route, of.vehicle), overwrite=files.overwrite)
+    files.check(source, on.route, of.vehicle)
     if source is None:
         refuse_given("needs a file", *BELONGS)
-        from precompute.cli.catalogue import print_catalogue
-
         print_catalogue(as_json=files.as_json)
         return
     kind = _kind(source)
@@ -127,8 +127,7 @@ def _show(shown: ShownFile, files: ShowFiles) -> None:
             tell(f"note: {note}")
         for text in shown.warnings:
             warn(text)
-        if files.plot is not None:
-            tell(f"written: {files.plot}")
+        files.tell()
     if shown.warnings:
         raise typer.Exit(EXIT_WARNINGS)
 
@@ -176,16 +175,10 @@ def _route(source: str, _on: OnRoute, _of: OfTrain) -> ShownFile:
     from precompute.cli import route_report
 
     route = load_route(source)
-
-    def drawn() -> Picture:
-        from precompute.drawing.line import draw_line
-
-        return draw_line(route)
-
     return ShownFile(
         facts=route_report.as_dict(route),
         tell=lambda: print_table(route_report.table(route)),
-        draw=drawn,
+        draw=lambda: route_report.draw_line(route),
         warnings=route_report.warnings(route),
         notes=route_report.notes(route),
     )
@@ -200,11 +193,6 @@ def _vehicle(source: str, _on: OnRoute, of: OfTrain) -> ShownFile:
     found = load_vehicle(source)
     train = picked(found, of.mode, of.load)
 
-    def drawn() -> Picture:
-        from precompute.drawing.train import draw_train
-
-        return draw_train(train)
-
     def printed() -> None:
         for line in vehicle_report.facts(train):
             tell(line)
@@ -213,7 +201,7 @@ def _vehicle(source: str, _on: OnRoute, of: OfTrain) -> ShownFile:
     return ShownFile(
         facts=vehicle_report.as_dict(train),
         tell=printed,
-        draw=drawn,
+        draw=lambda: vehicle_report.draw_train(train),
         warnings=vehicle_report.warnings(found),
     )
 
@@ -233,7 +221,6 @@ def _loss_map(source: str, _on: OnRoute, of: OfTrain) -> ShownFile:
 
 
 def _journey(source: str, on: OnRoute, of: OfTrain) -> ShownFile:
-    from das.command_line.files import load_vehicle
     from das.domain.files.load import load_journey
     from precompute.cli import journey_report
 
@@ -250,11 +237,6 @@ def _journey(source: str, on: OnRoute, of: OfTrain) -> ShownFile:
             planner = JourneyPlanner(found, line, train)
         spare = journey_report.spare_times(planner)
 
-    def drawn() -> Picture:
-        from precompute.drawing.timetable import draw_timetable
-
-        return draw_timetable(found)
-
     def printed() -> None:
         print_table(journey_report.table(found), journey_report.LEGEND)
         if spare:
@@ -263,9 +245,75 @@ def _journey(source: str, on: OnRoute, of: OfTrain) -> ShownFile:
     return ShownFile(
         facts={**journey_report.as_dict(found), "sections": spare},
         tell=printed,
-        draw=drawn,
+        draw=lambda: journey_report.draw_timetable(found),
         warnings=journey_report.warnings(found, line),
     )
 
 
 _READ: Final = {ROUTE: _route, VEHICLE: _vehicle, JOURNEY: _journey, LOSS_MAP: _loss_map}
+
+SHOWN_OF_A_SOURCE = 300
+"""Number of characters of a file's source that are printed; --json gives all of them."""
+LEGEND = {"levels": "loss levels the vehicle has data for, its default first (docs/explanation/loss-maps.md)"}
+
+
+def print_catalogue(*, as_json: bool) -> None:
+    """Print the bundled routes and vehicles, each with its id, which commands take, and the source of its figures.
+
+    JSON has the sources in full.
+    """
+    from das.domain.files.load import catalogue
+    from precompute.cli.route_report import as_dict as of_route
+    from precompute.cli.vehicle_report import as_dict as of_vehicle
+
+    routes = [_bundled(path, "route", of_route(load_route(name))) for name, path in catalogue("routes").items()]
+    vehicles = [
+        _bundled(path, "vehicle", of_vehicle(load_vehicle(name))) for name, path in catalogue("vehicles").items()
+    ]
+    if as_json:
+        print(json.dumps({"routes": routes, "vehicles": vehicles}))
+        return
+    _print_routes(routes)
+    _print_vehicles(vehicles)
+    for one in (*routes, *vehicles):
+        paragraph(f"{one['id']}: {_beginning(one['source'])}", hanging="  ")
+        tell(f"  {one['file']}")
+
+
+def _bundled(path: Path, table: str, facts: dict[str, Any]) -> dict[str, Any]:
+    """The facts of a bundled file, where its figures come from (its source, else its description), and the file."""
+    main = tomllib.loads(path.read_text(encoding="utf-8"))[table]
+    source = " ".join(str(main.get("source") or main.get("description") or "").split())
+    return {**facts, "source": source, "file": str(path)}
+
+
+def _beginning(source: str) -> str:
+    """Whole sentences from the beginning of a source."""
+    if len(source) <= SHOWN_OF_A_SOURCE:
+        return source
+    whole, end, _ = source[:SHOWN_OF_A_SOURCE].rpartition(". ")
+    return f"{whole}{end.strip()} …"
+
+
+def _print_routes(routes: list[dict[str, Any]]) -> None:
+    table = _table("routes", ("km",), "stops")
+    for route in routes:
+        stops = ", ".join(stop["name"] for stop in route["stops"])
+        table.add_row(route["id"], route["name"], f"{route['length_m'] / KM:.1f}", stops)
+    print_table(table)
+
+
+def _print_vehicles(vehicles: list[dict[str, Any]]) -> None:
+    table = _table("vehicles", ("t", "m", "kW", "km/h"), "levels")
+    figures = {"mass_kg": TONNE, "length_m": 1.0, "max_power_w": KW, "max_speed_mps": KMH}
+    for one in vehicles:
+        numbers = (f"{one[key] / unit:.0f}" for key, unit in figures.items())
+        table.add_row(one["id"], one["name"], *numbers, " ".join(one["levels"]))
+    print_table(table, LEGEND)
+
+
+def _table(title: str, figures: Sequence[str], last: str) -> Table:
+    table = new_table(title, ("id", "name"), figures)
+    table.columns[0].no_wrap = True
+    table.add_column(last)
+    return table

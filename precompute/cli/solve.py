@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,22 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from das.command_line.files import check_outputs, check_picture
 from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
-from das.command_line.printing import busy, loading_solver, steps_bar, tell
-from das.domain.levels import Level
+from das.command_line.printing import busy, loading_solver, steps_bar
 from precompute.baselines import Strategy
 from precompute.cli.options import (
-    BoundOption,
+    Files,
     Pose,
     RefineOption,
     RunFiles,
     TripTime,
-    bound_seconds,
     buffer_numbers,
     buffered,
-    refine_seconds,
+    is_refined,
 )
 
 if TYPE_CHECKING:
@@ -46,7 +42,6 @@ def solve(
     files: RunFiles,
     strategy: StrategyOption = Strategy.OPTIMAL,
     refine: RefineOption = "on",
-    bound: BoundOption = "quick",
 ) -> None:
     """Find the least-energy run over a section in a given time, or the run of a simpler strategy.
 
@@ -60,17 +55,15 @@ def solve(
     The solver's table takes a decision every 150 m or more often. By default the optimal run is then refined on a finer
     grid, without arriving later.
 
-    The gap says how far the energy can be above the least possible. With a loss map (level l3) the quick bound leaves
-    0.1 to 1.3 % that no run could save; "--bound 30" searches for 30 s for a higher bound.
+    The gap says how far the energy can be above the least possible. With a loss map (level l3) the bound leaves 0.1 to
+    1.3 % that no run could save.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
     _check_used(strategy)
-    budget_s, bound_s = refine_seconds(refine), bound_seconds(bound)
+    with_refinement = is_refined(refine)
     files.check(*pose.inputs())
-    if strategy is Strategy.OPTIMAL:
-        section, answer, min_time_s, solve_s = _optimal(pose, trip, budget_s, bound_s)
-    else:
-        section, answer, min_time_s, solve_s = _baseline(pose, trip, strategy)
+    solved = _optimal(pose, trip, with_refinement) if strategy is Strategy.OPTIMAL else _baseline(pose, trip, strategy)
+    section, answer, min_time_s, solve_s = solved
 
     from das.domain.files.writing import write_trajectory
     from precompute.cli import report
@@ -83,11 +76,9 @@ def solve(
     if files.as_json:
         print(json.dumps(result))
         return
-
-    from precompute.cli.report import print_parameters, print_solutions
-
-    print_solutions(section.name if strategy is Strategy.OPTIMAL else f"{section.name}, {strategy}", [result])
-    print_parameters(result)
+    title = section.name if strategy is Strategy.OPTIMAL else f"{section.name}, {strategy}"
+    report.print_solutions(title, [result])
+    report.print_parameters(result)
     files.tell()
 
 
@@ -96,10 +87,10 @@ def _check_used(strategy: Strategy) -> None:
     if strategy is Strategy.FASTEST:
         refuse_given("the fastest run has no time to keep", "--time", "--buffer")
     if strategy is not Strategy.OPTIMAL:
-        refuse_given(f"needs --strategy {Strategy.OPTIMAL}", "--refine", "--bound")
+        refuse_given(f"needs --strategy {Strategy.OPTIMAL}", "--refine")
 
 
-def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
+def _solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
     """Section, front, least time (s), and the seconds the front took once everything was compiled."""
     with loading_solver("das.offline.late_kernels"):
         from das.solver.solve import solve_front
@@ -114,43 +105,12 @@ def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
     return section, front, min_time_s, time.perf_counter() - began
 
 
-def _optimal(pose: Pose, trip: TripTime, budget_s: float, bound_s: float) -> tuple[Section, Answer, float, float]:
-    from das.domain.losses import LossMap
-
-    section, front, min_time_s, front_s = solved_front(pose)
-    if bound_s > 0 and not isinstance(section.loss, LossMap):
-        refuse_given(f"needs a loss map (--level {Level.L3}); the losses of {section.level} are none", "--bound")
-    if budget_s > 0:
-        with loading_solver():
-            from das.offline.refinement import refined, warm_up_refinement
-
-            warm_up_refinement()
-    began = time.perf_counter()
+def _optimal(pose: Pose, trip: TripTime, refine: bool) -> tuple[Section, Answer, float, float]:
+    section, front, min_time_s, front_s = _solved_front(pose)
     wanted_s = trip.wanted_s(min_time_s)
     assert wanted_s is not None
-    answer = front.trajectory(wanted_s)
-    if budget_s > 0:
-        with busy("refining …"):
-            answer = refined(answer, is_over=lambda: time.perf_counter() - began > budget_s)
-    solve_s = front_s + time.perf_counter() - began
-    return section, _with_bound(answer, bound_s), min_time_s, solve_s
-
-
-def _with_bound(answer: Solution, bound_s: float) -> Solution:
-    """The answer with its bound proven; the search for a tight bound takes about `bound_s` seconds (0: none)."""
-    if bound_s > 0:
-        from precompute.tight_bound.cells import tightened
-
-        with busy("proving the bound …"):
-            answer = tightened(answer, bound_s)
-    certified(answer)
-    return answer
-
-
-def certified(solution: Solution) -> None:
-    """Prove the bound of a solution, which stores it. This may compile kernels that solving does not need."""
-    with loading_solver():
-        solution.certificate  # noqa: B018
+    ((answer, run_s),) = _runs(front, [wanted_s], refine)
+    return section, answer, min_time_s, front_s + run_s
 
 
 def _baseline(pose: Pose, trip: TripTime, strategy: Strategy) -> tuple[Section, Answer, float, float]:
@@ -170,8 +130,8 @@ BUFFERS_PERCENT, EXACT_BUFFERS_PERCENT = "0,2,5,7,10,15,20", "0,2,5,7,10"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExactOptions:
-    """The options of `front --exact`, and its output file."""
+class FrontFiles(Files):
+    """Whether `front` computes the exact front, and the files that it writes."""
 
     exact: Annotated[
         bool,
@@ -183,22 +143,23 @@ class ExactOptions:
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="With --exact: every point of the front to write (.csv)."),
     ] = None
+    plot: PlotOption = None
     overwrite: OverwriteOption = False
+    as_json: JsonOption = False
 
-    def check(self, plot: Path | None, inputs: Iterable[str | Path | None]) -> None:
+    def check(self, *inputs: str | Path | None) -> None:
         """Raise DasError for options that do not go together, and for outputs that cannot be written."""
         if self.exact:
             refuse_given("with --exact the solver's runs are not refined", "--refine")
             refuse_given("draws the solver's front, not together with --exact", "--plot")
         else:
             refuse_given("needs --exact", "--out")
-        check_picture(plot)
-        check_outputs(self.out, plot, inputs=inputs, overwrite=self.overwrite)
+        super().check(*inputs)
 
 
 def front(
     pose: Pose,
-    witness: ExactOptions,
+    files: FrontFiles,
     buffers: Annotated[
         str | None,
         typer.Option(
@@ -208,8 +169,6 @@ def front(
         ),
     ] = None,
     refine: RefineOption = "on",
-    plot: PlotOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Show the trade-off between time and energy: the least-energy run for each of a list of buffers.
 
@@ -221,59 +180,57 @@ def front(
     continuous solver. 6 km with a buffer of 10 % take up to half a minute; time and memory grow fast with length and
     buffer. The solver's runs beside it are not refined.
     """
-    witness.check(plot, pose.inputs())
-    budget_s, usual = refine_seconds(refine), EXACT_BUFFERS_PERCENT if witness.exact else BUFFERS_PERCENT
+    files.check(*pose.inputs())
+    with_refinement, usual = is_refined(refine), EXACT_BUFFERS_PERCENT if files.exact else BUFFERS_PERCENT
     wanted = buffer_numbers(usual if buffers is None else buffers)
-    section, solved, min_time_s, front_s = solved_front(pose)
-    if witness.exact:
+    section, solved, min_time_s, front_s = _solved_front(pose)
+    if files.exact:
         from precompute.exact.command import exact_front
 
-        exact_front(solved, wanted, witness.out, as_json=as_json)
+        exact_front(solved, wanted, files.out, as_json=files.as_json)
         return
 
     from precompute.cli import report
-    from precompute.cli.report import print_solutions
 
-    points, runs = [], _runs(solved, min_time_s, wanted, budget_s)
+    points, runs = [], _runs(solved, [buffered(min_time_s, buffer) for buffer in wanted], with_refinement)
     for buffer_percent, (solution, solve_s) in zip(wanted, runs, strict=True):
         point = report.solution_json(solution, min_time_s, solve_s)
         points.append({"buffer_percent": buffer_percent, **point})
-    if plot is not None:
-        report.draw_front(plot, section, [solution for solution, _ in runs])
-    if as_json:
+    if files.plot is not None:
+        report.draw_front(files.plot, section, [solution for solution, _ in runs])
+    if files.as_json:
         print(json.dumps({"min_time_s": min_time_s, "front_s": front_s, "points": points}))
         return
-    print_solutions(section.name, points)
-    if plot is not None:
-        tell(f"written: {plot}")
+    report.print_solutions(section.name, points)
+    files.tell()
 
 
-def _runs(front: Front, min_time_s: float, buffers: list[float], budget_s: float) -> list[tuple[Solution, float]]:
-    """The run of each buffer (%), refined within a budget (s) and with its bound proven, and the seconds it took."""
+def _runs(front: Front, times_s: list[float], refine: bool) -> list[tuple[Solution, float]]:
+    """The run of each time (s), refined if wanted and with its bound proven, and the seconds it took."""
     runs, seconds = [], []
     with busy("rolling out …"):
-        for buffer_percent in buffers:
+        for time_s in times_s:
             began = time.perf_counter()
-            runs.append(front.trajectory(buffered(min_time_s, buffer_percent)))
+            runs.append(front.trajectory(time_s))
             seconds.append(time.perf_counter() - began)
-    if budget_s > 0:
-        runs, refining_s = _refined(runs, budget_s)
+    if refine:
+        runs, refining_s = _refined(runs)
         seconds = [sum(both) for both in zip(seconds, refining_s, strict=True)]
     with steps_bar("proving") as show:
         for done, solution in enumerate(runs):
             show("proving", done, len(runs))
-            certified(solution)
+            with loading_solver():  # the bound may need kernels that solving does not
+                solution.certificate  # noqa: B018
     return list(zip(runs, seconds, strict=True))
 
 
-def _refined(runs: list[Solution], budget_s: float) -> tuple[list[Solution], list[float]]:
-    """The runs, refined for at most `budget_s` (s), and the seconds that each took."""
+def _refined(runs: list[Solution]) -> tuple[list[Solution], list[float]]:
+    """The runs, refined, and the seconds that each took."""
     with loading_solver():
         from das.offline.refinement import refined_runs, warm_up_refinement
 
         warm_up_refinement()
-    began = time.perf_counter()
-    finished_s, order = [began], []
+    finished_s, order = [time.perf_counter()], []
     with steps_bar("refining") as show:
 
         def finished(index: int) -> None:
@@ -281,6 +238,6 @@ def _refined(runs: list[Solution], budget_s: float) -> tuple[list[Solution], lis
             finished_s.append(time.perf_counter())
             show("refining", len(order), len(runs))
 
-        found = refined_runs(runs, is_over=lambda: time.perf_counter() - began > budget_s, watch=finished)
+        found = refined_runs(runs, watch=finished)
     seconds = dict(zip(order, np.diff(finished_s).tolist(), strict=True))
     return found, [seconds[i] for i in range(len(runs))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterator, Sequence
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,13 +17,13 @@ from das.command_line.options import JsonOption
 from das.command_line.printing import busy, new_table, print_table, progress_bar, shown
 from das.domain.errors import DasError
 from das.domain.units import KM, MEGABYTE, kwh
-from precompute.cli.options import RefineOption, refine_seconds
+from precompute.cli.options import RefineOption, is_refined
 from precompute.workers import Workers
 
 if TYPE_CHECKING:
     from rich.table import Table as PrintedTable
 
-    from das.table.table import Table
+    from das.table import Table
 
 EXIT_SOME_FAILED = 1
 LEGEND = """\
@@ -56,15 +57,14 @@ def build(
     is then 1. DIR/build.json says what became of each section.
 
     A table holds the guide's finished references for departures, which take most of the time, and the front of time and
-    energy. By default the front is refined, which takes 2 to 3 s a section. SECONDS limit that; fronts may then differ
-    from one build to the next.
+    energy. By default the front is refined, which takes 2 to 3 s a section.
     """
     hands = Workers.asked(workers, scheduler)
     with busy("reading the plan …"):
         from precompute.tables.build import build as build_plan
         from precompute.tables.plan import read_plan
 
-        wanted = read_plan(plan, refine_s=refine_seconds(refine))
+        wanted = read_plan(plan, refined=is_refined(refine))
     warn_unusual(*{job.route.source: job.route for job in wanted.jobs}.values())
     done = count(1)
     with progress_bar("building", f"{len(wanted.jobs)} sections", "sections") as show:
@@ -92,10 +92,8 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
         for name in missing
     ]
     began = time.perf_counter()
-    for path in shown(paths, lambda path: path.name):
-        table = _checked(path)
-        size, problem = (0, table) if isinstance(table, str) else (path.stat().st_size, None)
-        results.append({"name": path.name, "size_bytes": size, "problem": problem})
+    for path, table, problem in _checked(paths):
+        results.append({"name": path.name, "size_bytes": path.stat().st_size if table else 0, "problem": problem})
     seconds, damaged = time.perf_counter() - began, [result for result in results if result["problem"]]
     if as_json:
         print(json.dumps({"tables": results, "damaged": len(damaged), "seconds": seconds}, ensure_ascii=False))
@@ -119,10 +117,10 @@ def print_tables(folder: Path, *, as_json: bool) -> None:
     paths = table_files(folder)
     if not paths:
         raise DasError(f"{folder}: no tables in it")
-    rows: list[dict[str, Any]] = []
-    for path in shown(paths, lambda path: path.name):
-        table = _checked(path)
-        rows.append({"name": path.name, "problem": table, "size_bytes": 0} if isinstance(table, str) else _facts(table))
+    rows: list[dict[str, Any]] = [
+        _facts(table) if table else {"name": path.name, "problem": problem, "size_bytes": 0}
+        for path, table, problem in _checked(paths)
+    ]
     if as_json:
         size_bytes = sum(row["size_bytes"] for row in rows)
         print(json.dumps({"tables": rows, "size_bytes": size_bytes}, ensure_ascii=False))
@@ -130,16 +128,19 @@ def print_tables(folder: Path, *, as_json: bool) -> None:
         _print_tables(rows, folder)
 
 
-def _checked(path: Path) -> Table | str:
-    """The table in a file if it is whole and of this release; else a text that says what is wrong with it."""
-    from das.table.table import Table, TableError
+def _checked(paths: Sequence[Path]) -> Iterator[tuple[Path, Table | None, str | None]]:
+    """Each file with its table if that is whole and of this release; else with a text that says what is wrong."""
+    from das.table import Table, TableError
 
-    if path.is_dir():
-        return f"{path}: a table of an earlier release, which no longer serves; remove it and build it again"
-    try:
-        return Table.read(path)
-    except TableError as error:
-        return str(error)
+    for path in shown(paths, lambda path: path.name):
+        if path.is_dir():
+            earlier = "a table of an earlier release, which no longer serves; remove it and build it again"
+            yield path, None, f"{path}: {earlier}"
+            continue
+        try:
+            yield path, Table.read(path), None
+        except TableError as error:
+            yield path, None, str(error)
 
 
 def _print_report(report: dict[str, Any], folder: Path) -> None:

@@ -9,7 +9,8 @@ where a bound proves that it cannot lead to the front:
   label from below; known runs bound the front from above. A label is kept if, for at least one λ that bounds a stretch
   of the front best, its energy + λ·time + V does not exceed what the known runs still allow there.
 
-The known runs come from the sweeps (supported points, and switches between neighbouring λ) and from quick passes that
+The number of labels grows with the distance from their origin, so two halves have far fewer than a single pass. The
+known runs come from the sweeps (supported points, and switches between neighbouring λ) and from quick passes that
 keep one label per state and bucket of time; each pass tightens the bounds of the next.
 """
 
@@ -17,8 +18,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +29,385 @@ from das.domain.errors import DasError
 from das.domain.trajectory import Trajectory
 from das.solver.section import Section
 from das.solver.solution import trajectory_on
-from precompute.exact import kernels
-from precompute.exact.grid import Graph, Grid, Layer, fastest_run, totals, viable_layers
-from precompute.exact.passes import Duals, Known, Pass, Progress, Search, first_ladder, refined_ladder, undominated
+from precompute.exact import kernels, label_kernels
+from precompute.exact.grid import Graph, Grid, Layer, fastest_run, onward_arcs, totals, viable_layers
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Labels32 = NDArray[np.uint32]
+
+Progress = Callable[[str, int, int], None]
+"""Progress callback: called with the name of the step, the number of finished layers and their total."""
+
+BLOCKS = 24
+"""Number of blocks into which the states of a node are split for the threads."""
+LADDER = 90
+FIRST_LADDER = 40
+FIRST_RATIOS = (0.01, 30.0)
+"""Multiples of the train's power between which the first multipliers lie."""
+STEEPER = tuple(2.0**i for i in range(1, 11))
+"""Multiples of the refined ladder's largest multiplier that are added to it: the front is very steep near the least
+time."""
+ROUNDING_J = 1.0
+"""Slack of every comparison with a bound: far above the rounding of its sums, far below any saving."""
+ROUNDING_RATIO = 1e-12
+BYTES_PER_LABEL = 4
+BYTES_PER_OPEN_LABEL = 72
+"""Bytes of a label: kept to the end (its parent), and held only while its layer is merged (times, energies, parents,
+sorting)."""
+KNOWN_STEPS = 1 << 18
+"""Number of time steps in the table of the known runs' energies: steps of 80 µs if runs may take 21 s longer."""
+
+
+def undominated(time_ns: Ints, energy_mj: Ints) -> Ints:
+    """Indices of the non-dominated runs, by rising time; the first of several equal runs."""
+    order = np.lexsort((energy_mj, time_ns))
+    energy = energy_mj[order]
+    before = np.concatenate(([kernels.NEVER], np.minimum.accumulate(energy)[:-1]))
+    kept: Ints = order[energy < before]
+    return kept
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Known:
+    """Times (ns, rising) and energies (mJ, falling) of feasible runs; no run that they dominate is on the front."""
+
+    time_ns: Ints
+    energy_mj: Ints
+
+    def with_runs(self, time_ns: Ints, energy_mj: Ints) -> Known:
+        """These runs and the given ones, without dominated ones."""
+        time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
+        keep = undominated(time, energy)
+        return Known(time_ns=time[keep], energy_mj=energy[keep])
+
+
+class Duals:
+    """Least energy + λ·time (J) from every state to the end of the section, per node an array (states, multipliers).
+
+    With `onward=False` it is that from the start of the section to every state. `layer_done` is called after each
+    interval.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        layers: list[Layer],
+        lambda_w: Floats,
+        threads: int,
+        layer_done: Callable[[], None] = lambda: None,
+        *,
+        onward: bool = True,
+    ) -> None:
+        self.lambda_w = lambda_w
+        self.value_j = [np.zeros((len(layer.speed), len(lambda_w))) for layer in layers]
+        self._layers = layers
+        self._choice: list[NDArray[np.int32]] = []
+        with ThreadPoolExecutor(threads) as pool:
+            for k in range(graph.intervals)[:: -1 if onward else 1]:
+                choice = self._step(graph, pool, k, onward=onward)
+                if onward:
+                    self._choice.append(choice)
+                layer_done()
+        self._choice.reverse()
+
+    def _step(self, graph: Graph, pool: ThreadPoolExecutor, k: int, *, onward: bool) -> NDArray[np.int32]:
+        """Find the values at one end of interval k from the values at its other end; returns the rows chosen there."""
+        arcs = onward_arcs(graph, self._layers[k], self._layers[k + 1])
+        at, beyond = (k, k + 1) if onward else (k + 1, k)
+        speed, other = self._layers[at].speed, self._layers[beyond].speed
+        arcs = arcs if onward else arcs.turned(len(speed))
+        choice = np.empty(self.value_j[at].shape, np.int32)
+
+        def block(part: tuple[int, int]) -> None:
+            kernels.dual_values(
+                *part, *arcs, speed, other, onward, graph.unit_mps, *graph.interval(k), graph.train(k),
+                graph.section.loss_params, self.lambda_w, self.value_j[beyond], self.value_j[at], choice,
+            )  # fmt: skip
+
+        list(pool.map(block, _blocks(len(speed))))
+        return choice
+
+    def runs(self) -> Ints:
+        """Speeds at the nodes (multipliers, nodes) of a run of least energy + λ·time for every multiplier."""
+        every = np.arange(len(self.lambda_w))
+        return self._followed(every, every, np.zeros_like(every))
+
+    def bound_j(self, time_s: Floats) -> Floats:
+        """Lower bound of the energy (J) of every run on the grid that takes at most these times (s)."""
+        best = np.full(len(time_s), -np.inf)
+        for lambda_w, value_j in zip(self.lambda_w, self.value_j[0][0], strict=True):
+            np.maximum(best, value_j - lambda_w * time_s, out=best)
+        return best
+
+    def switched_runs(self) -> Ints:
+        """Runs that follow one multiplier up to some node and the next one from there, for all neighbours and nodes."""
+        count, nodes = len(self.lambda_w) - 1, len(self._layers) - 2
+        first = np.repeat(np.arange(count), nodes)
+        at = np.tile(np.arange(1, nodes + 1), count)
+        return np.concatenate((self._followed(first, first + 1, at), self._followed(first + 1, first, at)))
+
+    def forget_runs(self) -> None:
+        """Free the memory that is needed only to make runs."""
+        self._choice = []
+
+    def _followed(self, first: Ints, then: Ints, at: Ints) -> Ints:
+        """Speeds at the nodes of runs that follow multiplier first[i] before node at[i] and then[i] from it on."""
+        speeds = np.empty((len(at), len(self._layers)), np.int64)
+        row: NDArray[np.integer] = np.zeros(len(at), np.int64)
+        speeds[:, 0] = self._layers[0].speed[0]
+        for k, choice in enumerate(self._choice):
+            row = choice[row, np.where(k < at, first, then)]
+            speeds[:, k + 1] = self._layers[k + 1].speed[row]
+        return speeds
+
+
+def first_ladder(power_w: float) -> Floats:
+    """Multipliers (W) that span the front of any train."""
+    return power_w * np.concatenate(([0.0, 1e-3], np.geomspace(*FIRST_RATIOS, FIRST_LADDER - 2)))
+
+
+def refined_ladder(lambda_w: Floats, time_ns: Ints, least_ns: int, latest_ns: int) -> Floats:
+    """Multipliers whose runs are spread evenly over the requested times."""
+    order = np.argsort(time_ns, kind="stable")
+    times = np.linspace(least_ns, latest_ns, LADDER)
+    logs = np.interp(times, time_ns[order], np.log(np.maximum(lambda_w[order], 1.0)))
+    inner = np.unique(np.exp(logs))
+    return np.concatenate((inner, inner[-1] * np.array(STEEPER)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Search:
+    """The common data of all passes: the grid and its states, the bounds, the latest arrival, threads and memory."""
+
+    graph: Graph
+    layers: list[Layer]
+    to_end: Duals
+    from_start: Duals
+    latest_ns: int
+    threads: int
+    max_memory_bytes: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Labels:
+    """The labels of one node, by state: offset[i] … offset[i + 1] − 1 belong to state i of the layer."""
+
+    offset: Ints
+    time_ns: Ints
+    energy_mj: Ints
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bounds:
+    """The multipliers (W) that bound some stretch of the front best, and the largest energy + λ·time (J) of each."""
+
+    lambda_w: Floats
+    allowed_j: Floats
+    watching: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, search: Search, known: Known) -> Bounds:
+        """The bounds that known runs give.
+
+        A run not yet known that belongs to the front lies between two neighbours of the known front: it takes less time
+        than the later one and no more energy than the earlier one. Each such stretch is bounded by the λ whose bound is
+        highest at the stretch's end.
+        """
+        duals = search.to_end
+        allowed = np.full(len(duals.lambda_w), -np.inf)
+        end_s = np.append(known.time_ns[1:], search.latest_ns) / kernels.NS
+        best = np.argmax(duals.value_j[0][0] - duals.lambda_w * end_s[:, np.newaxis], axis=1)
+        np.maximum.at(allowed, best, known.energy_mj / kernels.MJ + duals.lambda_w[best] * end_s)
+        watching = np.isfinite(allowed)
+        allowed = allowed[watching]
+        allowed += ROUNDING_J + ROUNDING_RATIO * np.abs(allowed)
+        return cls(lambda_w=duals.lambda_w[watching], allowed_j=allowed, watching=watching)
+
+
+class Half:
+    """The labels from one end of the section: from its start (`onward`), or from its end.
+
+    `node` is the node that the labels have reached. The parents of all labels are kept, so that their runs can be
+    traced back.
+    """
+
+    def __init__(self, search: Search, bounds: Bounds, bucket_ns: int, *, onward: bool) -> None:
+        self._search, self._bounds, self._bucket_ns, self._onward = search, bounds, bucket_ns, onward
+        self.node = 0 if onward else search.graph.intervals
+        zero = np.zeros(1, np.int64)
+        self.labels = Labels(offset=np.array([0, 1]), time_ns=zero, energy_mj=zero)
+        self.count = 1
+        self._offsets = [self.labels.offset]
+        self._parents = [np.zeros(1, np.uint32)]
+
+    def advance(self, pool: ThreadPoolExecutor) -> None:
+        """Advance to the next node."""
+        search, bounds, onward = self._search, self._bounds, self._onward
+        k = self.node if onward else self.node - 1
+        arcs = onward_arcs(search.graph, search.layers[k], search.layers[k + 1])
+        behind, self.node = self.node, self.node + (1 if onward else -1)
+        here, there = search.layers[behind], search.layers[self.node]
+        arcs = arcs.turned(len(there.speed)) if onward else arcs
+        duals = search.to_end if onward else search.from_start
+        ahead = np.ascontiguousarray(duals.value_j[self.node][:, bounds.watching])
+        latest = search.latest_ns - (there.to_go_ns if onward else there.reached_ns)
+        cost = self._least_costs(pool)
+        before = self.labels
+
+        def block(part: tuple[int, int]) -> tuple[Ints, Ints, Labels32, Ints]:
+            a, b = part
+            return label_kernels.merge_labels(  # type: ignore[no-any-return]
+                arcs.start[a : b + 1], arcs.other, there.speed[a:b], here.speed, onward,
+                before.offset, cost, before.time_ns, before.energy_mj, search.graph.unit_mps,
+                *search.graph.interval(k), search.graph.train(k), search.graph.section.loss_params,
+                bounds.lambda_w, bounds.allowed_j, ahead[a:b], latest[a:b], self._bucket_ns,
+            )  # fmt: skip
+
+        self._take(list(pool.map(block, _blocks(len(there.speed)))))
+
+    def _take(self, done: list[tuple[Ints, Ints, Labels32, Ints]]) -> None:
+        counts = np.concatenate([x[3] for x in done])
+        self._offsets.append(np.concatenate(([0], np.cumsum(counts))))
+        self._parents.append(np.concatenate([x[2] for x in done]))
+        self.count += int(counts.sum())
+        self.labels = Labels(
+            offset=self._offsets[-1],
+            time_ns=np.concatenate([x[0] for x in done]),
+            energy_mj=np.concatenate([x[1] for x in done]),
+        )
+
+    def _least_costs(self, pool: ThreadPoolExecutor) -> Floats:
+        """Least energy + λ·time (J) among the labels of each state, (states, multipliers)."""
+        labels, lambda_w = self.labels, self._bounds.lambda_w
+        cost = np.empty((len(labels.offset) - 1, len(lambda_w)))
+
+        def block(part: tuple[int, int]) -> None:
+            label_kernels.least_costs(*part, labels.offset, labels.time_ns, labels.energy_mj, lambda_w, cost)
+
+        list(pool.map(block, _blocks(len(cost))))
+        return cost
+
+    @property
+    def bytes_needed(self) -> int:
+        """Memory of the labels (bytes), with the labels of the next node while they are made."""
+        return self.count * BYTES_PER_LABEL + len(self.labels) * BYTES_PER_OPEN_LABEL
+
+    def run(self, label: int) -> list[int]:
+        """Speeds (grid units) from the node of the labels to the end that they began at."""
+        speeds = []
+        step = -1 if self._onward else 1
+        nodes = range(self.node, self.node + step * len(self._offsets), step)
+        for node, offset, parents in zip(nodes, self._offsets[::-1], self._parents[::-1], strict=True):
+            state = int(np.searchsorted(offset, label, side="right")) - 1
+            speeds.append(int(self._search.layers[node].speed[state]))
+            label = int(parents[label])
+        return speeds
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joined:
+    """Runs joined from two halves, time rising and energy falling, with the two labels that each is made of."""
+
+    time_ns: Ints
+    energy_mj: Ints
+    first: Labels32
+    second: Labels32
+
+    def with_runs(self, time_ns: Ints, energy_mj: Ints, first: Labels32, second: Labels32) -> Joined:
+        """These runs and the given ones, without dominated ones."""
+        time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
+        keep = undominated(time, energy)
+        first = np.concatenate((self.first, first))[keep]
+        second = np.concatenate((self.second, second))[keep]
+        return Joined(time_ns=time[keep], energy_mj=energy[keep], first=first, second=second)
+
+
+class Pass:
+    """One pass over all intervals; `runs` are the non-dominated runs of its joined labels."""
+
+    def __init__(self, search: Search, known: Known, bucket_ns: int, progress: Progress | None) -> None:
+        self._search = search
+        bounds = Bounds.of(search, known)
+        self._first = Half(search, bounds, bucket_ns, onward=True)
+        self._second = Half(search, bounds, bucket_ns, onward=False)
+        what = f"bounds, {bucket_ns / 1e6:g} ms" if bucket_ns else "exact front"
+        intervals = search.graph.intervals
+        with ThreadPoolExecutor(search.threads) as pool:
+            for done in range(1, intervals + 1):
+                first = len(self._first.labels) <= len(self._second.labels)
+                (self._first if first else self._second).advance(pool)
+                self._check_memory(done)
+                if progress is not None:
+                    progress(what, done, intervals)
+            self.runs = self._joined(pool, known)
+
+    @property
+    def count(self) -> int:
+        """Partial runs that were kept."""
+        return self._first.count + self._second.count
+
+    def run(self, index: int) -> Ints:
+        """Speeds (grid units) at the nodes of a run."""
+        behind = self._first.run(int(self.runs.first[index]))
+        ahead = self._second.run(int(self.runs.second[index]))
+        return np.array([*behind[::-1], *ahead[1:]])
+
+    def _check_memory(self, done: int) -> None:
+        search = self._search
+        needed = self._first.bytes_needed + self._second.bytes_needed
+        open_labels = max(len(self._first.labels), len(self._second.labels))
+        if needed > search.max_memory_bytes or open_labels >= np.iinfo(np.uint32).max:
+            raise DasError(
+                f"{search.graph.section.name}: the exact front needs more than {search.max_memory_bytes / 1e9:.1f} GB "
+                f"after {done} of {search.graph.intervals} intervals ({self.count} partial runs); "
+                "ask for a smaller buffer"
+            )
+
+    def _joined(self, pool: ThreadPoolExecutor, known: Known) -> Joined:
+        """The non-dominated runs of all pairs of labels that meet."""
+        a, b, latest_ns = self._first.labels, self._second.labels, self._search.latest_ns
+        origin_ns = int(known.time_ns[0])
+        width_ns = (latest_ns - origin_ns) // KNOWN_STEPS + 1
+        step_ns = origin_ns + np.arange(KNOWN_STEPS + 1) * width_ns
+        known_mj = _least_mj(known.time_ns, known.energy_mj, step_ns)
+
+        def block(part: tuple[int, int]) -> Joined:
+            found, least_mj, (state, stop) = _nothing(), known_mj, part
+            while state < stop:
+                *runs, state = label_kernels.join_labels(
+                    state, stop, a.offset, a.time_ns, a.energy_mj, b.offset, b.time_ns, b.energy_mj,
+                    latest_ns, least_mj, origin_ns, width_ns,
+                )  # fmt: skip
+                found = found.with_runs(*runs)
+                if state < stop:
+                    least_mj = np.minimum(least_mj, _least_mj(found.time_ns, found.energy_mj, step_ns))
+            return found
+
+        result = _nothing()
+        for found in pool.map(block, _blocks(len(a.offset) - 1)):
+            result = result.with_runs(found.time_ns, found.energy_mj, found.first, found.second)
+        return result
+
+
+def _least_mj(time_ns: Ints, energy_mj: Ints, until_ns: Ints) -> Ints:
+    """Least energy (mJ) of the runs that take at most each of the times `until_ns`; NEVER if there is none."""
+    count = np.searchsorted(time_ns, until_ns, side="right")
+    return np.concatenate(([kernels.NEVER], energy_mj))[count]
+
+
+def _nothing() -> Joined:
+    none, no_label = np.empty(0, np.int64), np.empty(0, np.uint32)
+    return Joined(time_ns=none, energy_mj=none, first=no_label, second=no_label)
+
+
+def _blocks(size: int) -> list[tuple[int, int]]:
+    edges = [round(size * i / BLOCKS) for i in range(BLOCKS + 1)]
+    return [(a, b) for a, b in pairwise(edges) if b > a]
+
 
 STATES = "states"
 """Name of the step in which the states of the grid and the bounds are found, for `Progress`."""

@@ -17,10 +17,9 @@ from das.domain.errors import DasError
 from das.domain.route import Altitudes, Floats, Route, Zone
 from das.domain.units import PERMILLE
 from precompute.polylines import nearest_on_line
-from precompute.route_import.line import DECIMALS, ImportedLine, stretches
-from precompute.route_import.order import ImportOrder
-from precompute.route_import.station_names import same_station
+from precompute.route_import.line import DECIMALS, ImportedLine, ImportOrder, stretches
 from precompute.route_import.tables import LineTable, check_coordinates
+from precompute.route_import.track_map import same_station
 
 GRID_M: Final = 25.0
 """Distance (m) between the points at which altitudes are averaged."""

@@ -14,11 +14,16 @@ from das.domain.errors import DasError
 from das.domain.route import Floats, Stop, Tunnel, Zone
 from das.domain.units import KM, KMH, PERCENT, kmh
 from precompute.polylines import nearest_on_line
-from precompute.route_import.line import ImportedLine, made_route, stretches, zones_where
-from precompute.route_import.order import ImportOrder, Words
-from precompute.route_import.station_names import RANK_OF_A_TRACK, same_station, stations_named
+from precompute.route_import.line import ImportedLine, ImportOrder, Words, made_route, stretches, zones_where
 from precompute.route_import.track_graph import JOINED_M, FoundWay, TrackGraph
-from precompute.route_import.track_map import FIRST_THAT_IS_NO_STOP, MapPlace, TrackMap
+from precompute.route_import.track_map import (
+    FIRST_THAT_IS_NO_STOP,
+    RANK_OF_A_TRACK,
+    MapPlace,
+    TrackMap,
+    same_station,
+    stations_named,
+)
 
 BESIDE_M: Final = 150.0
 """Distance (m) from the path within which a station is a stop of it."""
@@ -26,6 +31,8 @@ STOPS_APART_M: Final = 50.0
 """Distance (m) below which two stops are one."""
 MOST_ODD: Final = 12
 """Most limits of an unusual form that a remark lists."""
+TUNNEL_AREA_M2: Final = 50.0
+"""Free cross section (m²) that is assumed for tunnels of a map; those of a double track have 40 to 90 m²."""
 OSM_SOURCE: Final = "© OpenStreetMap contributors"
 OSM_LICENCE: Final = "ODbL 1.0"
 
@@ -35,8 +42,7 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, 
     stations = [stations_named(the_map, name) for name in (ends[0], *(order.via or ()), ends[1])]
     if stations[0] == stations[-1]:
         raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
-    usual_m = 0.0 if the_map.is_osm else JOINED_M
-    way = TrackGraph(the_map, usual_m if order.joined_m is None else order.joined_m).way(stations)
+    way = TrackGraph(the_map, 0.0 if the_map.is_osm else JOINED_M).way(stations)
     at_m = np.concatenate(([0.0], np.cumsum(steps_m(way.latitude_deg, way.longitude_deg))))
     if at_m[-1] < STOPS_APART_M:
         raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
@@ -56,9 +62,7 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, 
     route = replace(
         made_route(words, stops, length_m, the_map.source, one_way=True),
         limits_mps=stretches(at_m[:-1], limits_mps, length_m),
-        tunnels=tuple(
-            Tunnel(start_m=zone.start_m, length_m=zone.length_m, area_m2=order.tunnel_area_m2) for zone in tunnels
-        ),
+        tunnels=tuple(Tunnel(start_m=zone.start_m, length_m=zone.length_m, area_m2=TUNNEL_AREA_M2) for zone in tunnels),
         geometry_position_m=np.asarray(np.round(at_m, 3), dtype=float),
         geometry_latitude_deg=way.latitude_deg.copy(),
         geometry_longitude_deg=way.longitude_deg.copy(),
@@ -73,7 +77,7 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, 
         ),
         about_limits,
         _about_odd_limits(way, at_m),
-        _about_tunnels(tunnels, bridges, order),
+        _about_tunnels(tunnels, bridges),
         "Limits and tracks are those of this direction: the line is one_way.",
     )
 
@@ -116,11 +120,11 @@ def _about_odd_limits(way: FoundWay, at_m: Floats) -> str:
     return f"Limits that are no plain speeds were read as the least number in them: {listed}{more}."
 
 
-def _about_tunnels(tunnels: Sequence[Zone], bridges: Sequence[Zone], order: ImportOrder) -> str:
+def _about_tunnels(tunnels: Sequence[Zone], bridges: Sequence[Zone]) -> str:
     if not tunnels and not bridges:
         return ""
     lengths = [sum(zone.length_m for zone in zones) / KM for zones in (tunnels, bridges)]
-    area = f", free cross section assumed: {order.tunnel_area_m2:g} m² (--tunnel-area)" if tunnels else ""
+    area = f", free cross section assumed: {TUNNEL_AREA_M2:g} m² (cross_section_m2)" if tunnels else ""
     return f"Tunnels: {len(tunnels)} ({lengths[0]:.2f} km{area}); bridges: {len(bridges)} ({lengths[1]:.2f} km)."
 
 

@@ -18,8 +18,7 @@ from das.domain.route import POSITION_TOLERANCE_M, Floats, Route, Stop, Stretche
 from das.domain.units import FACTORS, KM
 from precompute.foreign_text import CsvTable, read_csv, read_yaml
 from precompute.polylines import along_m, projected_in_order
-from precompute.route_import.line import DECIMALS, ImportedLine, made_route, stretches
-from precompute.route_import.order import Words
+from precompute.route_import.line import DECIMALS, ImportedLine, Words, made_route, stretches
 
 MOST_ROWS: Final = 200_000
 """Largest number of rows of a table."""

@@ -15,7 +15,7 @@ from typing import Any
 
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, write_whole
-from das.table.table import OLD, Table
+from das.table import OLD, Table
 from precompute.tables.plan import BuildPlan
 from precompute.tables.writing import Job, warm_up
 from precompute.workers import JobLostError, Made, Workers
@@ -80,45 +80,21 @@ def table_files(folder: Path) -> list[Path]:
     return sorted([*files, *(path.parent for path in folder.glob(OLD))])
 
 
-def read_report(folder: Path) -> dict[str, Any]:
-    """The report of the last build; empty if there is none that can be read."""
+def last_build(folder: Path) -> dict[str, dict[str, Any]]:
+    """What build.json says of each section of the last build, by name; empty if it cannot be read."""
     try:
         report = json.loads((folder / REPORT).read_bytes())
-    except (OSError, ValueError):
+        known = report["sections"] if report["schema_version"] == REPORT_VERSION else ()
+        return {str(one["name"]): {**one, "status": BuildStatus(one["status"])} for one in known}
+    except (OSError, ValueError, KeyError, TypeError):
         return {}
-    return report if _is_report(report) else {}
-
-
-def _is_report(report: object) -> bool:
-    if not isinstance(report, dict) or report.get("schema_version") != REPORT_VERSION:
-        return False
-    sections = report.get("sections")
-    return isinstance(sections, list) and all(
-        isinstance(section, dict)
-        and isinstance(section.get("name"), str)
-        and section.get("status") in list(BuildStatus)
-        for section in sections
-    )
 
 
 def missing_tables(folder: Path) -> list[str]:
     """Names of the tables that the last build finished and that are no longer there."""
     done = (BuildStatus.BUILT, BuildStatus.KEPT)
-    names = [section["name"] for section in read_report(folder).get("sections", []) if section["status"] in done]
+    names = [name for name, section in last_build(folder).items() if section["status"] in done]
     return [name for name in names if not (folder / name).is_file()]
-
-
-def write_report(folder: Path, facts: Mapping[str, Any], outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Write build.json; returns its content."""
-    counts = {str(status): sum(outcome.status is status for outcome in outcomes) for status in BuildStatus}
-    report = {
-        "schema_version": REPORT_VERSION,
-        **facts,
-        "counts": counts,
-        "sections": [asdict(outcome) for outcome in outcomes],
-    }
-    write_whole(folder / REPORT, json.dumps(report, ensure_ascii=False, indent=1).encode() + b"\n")
-    return report
 
 
 REPORT_EVERY_S = 5.0
@@ -134,10 +110,11 @@ def build(plan: BuildPlan, folder: Path, workers: Workers, watch: Callable[[Outc
     with folder_held(folder, "another build is writing to it"):
         remove_unfinished(folder)
         state = _State(plan, folder, workers.facts)
-        for outcome in state.outcomes_that_are(BuildStatus.KEPT):
-            watch(outcome)
+        for outcome in state.outcomes.values():
+            if outcome.status is BuildStatus.KEPT:
+                watch(outcome)
         try:
-            with closing(solve_jobs(state.jobs_that_are(BuildStatus.PENDING), folder, workers)) as coming:
+            with closing(solve_jobs(state.pending(), folder, workers)) as coming:
                 for outcome in coming:
                     state.take(outcome)
                     watch(outcome)
@@ -209,36 +186,39 @@ class _State:
     def __init__(self, plan: BuildPlan, folder: Path, facts: Mapping[str, Any]) -> None:
         self._plan, self._folder, self._facts = plan, folder, facts
         self._began_s = self._reported_s = time.perf_counter()
-        before = {section["name"]: section for section in read_report(folder).get("sections", [])}
-        self._outcomes = {job.name: _standing(job, folder, before.get(job.name, {})) for job in plan.jobs}
+        before = last_build(folder)
+        self.outcomes = {job.name: _standing(job, folder, before.get(job.name, {})) for job in plan.jobs}
 
-    def outcomes_that_are(self, *statuses: BuildStatus) -> list[Outcome]:
-        return [outcome for outcome in self._outcomes.values() if outcome.status in statuses]
-
-    def jobs_that_are(self, *statuses: BuildStatus) -> list[Job]:
-        return [job for job in self._plan.jobs if self._outcomes[job.name].status in statuses]
+    def pending(self) -> list[Job]:
+        """The jobs without an outcome."""
+        return [job for job in self._plan.jobs if self.outcomes[job.name].status is BuildStatus.PENDING]
 
     def take(self, outcome: Outcome) -> None:
-        self._outcomes[outcome.name] = outcome
+        self.outcomes[outcome.name] = outcome
         if time.perf_counter() - self._reported_s > REPORT_EVERY_S:
             self.report()
 
     def look_again(self) -> None:
         """Count the tables that workers put into place while the build was stopping, before their outcomes arrived."""
-        for job in self.jobs_that_are(BuildStatus.PENDING):
+        for job in self.pending():
             size = finished(self._folder, job)
             if size is not None:
-                self._outcomes[job.name] = Outcome(name=job.name, status=BuildStatus.BUILT, attempts=1, size_bytes=size)
+                self.outcomes[job.name] = Outcome(name=job.name, status=BuildStatus.BUILT, attempts=1, size_bytes=size)
 
     def report(self) -> dict[str, Any]:
         """Write build.json; returns its content."""
         self._reported_s = time.perf_counter()
-        facts = {
+        outcomes = self.outcomes.values()
+        report = {
+            "schema_version": REPORT_VERSION,
             "plan": str(self._plan.source),
             **self._facts,
             "seconds": self._reported_s - self._began_s,
+            "counts": {str(status): sum(one.status is status for one in outcomes) for status in BuildStatus},
+            "sections": [asdict(one) for one in outcomes],
         }
-        return write_report(self._folder, facts, list(self._outcomes.values()))
+        write_whole(self._folder / REPORT, json.dumps(report, ensure_ascii=False, indent=1).encode() + b"\n")
+        return report
 
 
 def _standing(job: Job, folder: Path, before: Mapping[str, Any]) -> Outcome:

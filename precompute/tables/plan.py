@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.errors import MISSING, DasError, InputError
@@ -34,26 +33,24 @@ class BuildPlan:
     settings: TableSettings
 
 
-@dataclass(frozen=True)
-class _Line:
+class _Line(NamedTuple):
     """A route in one direction with the stops between which sections lie."""
 
     route: Route
     stops: tuple[Stop, ...]
 
 
-@dataclass(frozen=True)
-class _Train:
+class _Train(NamedTuple):
     """A loaded train at one level of losses."""
 
     vehicle: Vehicle
     level: Level
 
 
-def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
+def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
     """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation).
 
-    `refine_s` is the time (s) for which the front of each section is refined (see `TableSettings`).
+    `refined` says whether the front of each section is refined.
     """
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
@@ -65,12 +62,20 @@ def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
     if not trains:
         raise fields.error("trains", MISSING, "at least one [[trains]]")
     settings = _settings(fields.table("tables")) if fields.has("tables") else TableSettings()
-    settings = replace(settings, refine_s=refine_s)
+    settings = replace(settings, refined=refined)
     site = _braking(fields)
     jobs: dict[str, Job] = {}
     for line, train in product(lines, trains):
         for start, end in pairwise(line.stops):
-            job = _job(line.route, start, end, train, site, settings)
+            job = Job(
+                route=line.route,
+                vehicle=train.vehicle,
+                level=train.level,
+                start_m=start.position_m,
+                end_m=end.position_m,
+                braking=None if site is None else site.of(train.vehicle),
+                settings=settings,
+            )
             if job.name in jobs:
                 raise InputError(path, "routes or trains", job.name, "every section and train once")
             jobs[job.name] = job
@@ -86,19 +91,6 @@ def _braking(fields: Fields) -> SiteBraking | None:
         return site_braking(Fields.of(table.source, {k: v for k, v in table.data.items() if k != "full"}, table.prefix))
     table.check_keys(["full"])
     return None
-
-
-def _job(route: Route, start: Stop, end: Stop, train: _Train, site: SiteBraking | None, settings: TableSettings) -> Job:
-    vehicle, level = train.vehicle, train.level
-    return Job(
-        route=route,
-        vehicle=vehicle,
-        level=level,
-        start_m=start.position_m,
-        end_m=end.position_m,
-        braking=None if site is None else site.of(vehicle),
-        settings=settings,
-    )
 
 
 def _entries(fields: Fields, key: str) -> Iterator[Fields]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import copyreg
 import math
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from types import MappingProxyType
@@ -28,8 +26,7 @@ from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from das.solver.state import State
 from das.solver.warm_up import warm_up as compile_solver
-from das.table.key import facts_of, key_of, section_facts, table_name
-from das.table.table import Table, table_content
+from das.table import Table, facts_of, key_of, section_facts, table_content, table_name
 
 FINE = replace(DEFAULT, line_mps=0.5 * DEFAULT.line_mps, ladder_ratio=1.015, kept_bytes=300_000_000)
 """Settings with which references are solved: twice the speeds and twice the prices of time of a cab, and more
@@ -76,24 +73,18 @@ class TableSettings:
     """What the front of a table holds.
 
     `buffers_percent`: a point for each of these, in % above the least time. `with_max`: the least energy as well.
-    `refine_s`: for how many seconds the runs are refined (0: not at all, inf: to the end). `proven`: number of points
-    whose gap is proven.
+    `refined`: whether the runs are refined. `proven`: number of points whose gap is proven.
     """
 
     buffers_percent: tuple[float, ...] = tuple(0.5 * i for i in range(41))
     with_max: bool = True
-    refine_s: float = math.inf
+    refined: bool = True
     proven: int = PROVEN
-
-    @property
-    def refine(self) -> str:
-        """Whether runs are refined, in the words of `--refine`: off, on, or the number of seconds."""
-        return {0.0: "off", math.inf: "on"}.get(self.refine_s, f"{self.refine_s:g}")
 
     @property
     def as_kept(self) -> dict[str, Any]:
         """The settings as a table keeps them."""
-        return {"buffers_percent": self.buffers, "refine": self.refine, "proven": self.proven}
+        return {"buffers_percent": self.buffers, "refine": "on" if self.refined else "off", "proven": self.proven}
 
     @property
     def buffers(self) -> list[float | None]:
@@ -101,45 +92,26 @@ class TableSettings:
         return [*self.buffers_percent, *([None] if self.with_max else [])]
 
 
-def make_table(
-    section: Section,
-    settings: TableSettings | None = None,
-    *,
-    threads: int = 1,
-    stopwatch: Callable[[], float] = time.perf_counter,
-) -> bytes:
-    """Solve a section; returns the content of its table.
-
-    The `stopwatch` (s) measures the time that the settings allow for the refinement. Raises InfeasibleError if the
-    section cannot be driven.
-    """
-    found = front_facts(section, settings or TableSettings(), threads=threads, stopwatch=stopwatch)
+def make_table(section: Section, settings: TableSettings | None = None, *, threads: int = 1) -> bytes:
+    """Solve a section; returns the content of its table. Raises InfeasibleError if the section cannot be driven."""
+    found = front_facts(section, settings or TableSettings(), threads=threads)
     references = finished_references(section, threads=threads)
     return table_content(section_facts(section), key_of(section, DEFAULT), found, references)
 
 
-def front_facts(
-    section: Section, settings: TableSettings, *, threads: int = 1, stopwatch: Callable[[], float] = time.perf_counter
-) -> dict[str, Any]:
+def front_facts(section: Section, settings: TableSettings, *, threads: int = 1) -> dict[str, Any]:
     """The front of a section as a table keeps it, with its settings and the least time; raises as `make_table` does."""
     front = solve_front(section, threads=threads)
     least_time_s = front.fastest().time_s
     times_s = [UNBOUNDED_S if one is None else least_time_s * (1 + PERCENT * one) for one in settings.buffers]
     given = [front.trajectory(time_s) for time_s in times_s]
-    runs, proven = _refined(given, settings, stopwatch), _to_be_proven(given, settings.proven)
+    runs = refined_runs(given, QUICK) if settings.refined else given
+    proven = _to_be_proven(given, settings.proven)
     points = [
         {"buffer_percent": buffer, **_run_facts(run, before), **_gap_facts(run, i in proven)}
         for i, (buffer, run, before) in enumerate(zip(settings.buffers, runs, given, strict=True))
     ]
     return {"settings": settings.as_kept, "least_time_s": least_time_s, "front": points}
-
-
-def _refined(given: list[Solution], settings: TableSettings, stopwatch: Callable[[], float]) -> list[Solution]:
-    """The runs, refined for as long as the settings allow."""
-    if settings.refine_s <= 0:
-        return given
-    began = stopwatch()
-    return refined_runs(given, QUICK, is_over=lambda: stopwatch() - began > settings.refine_s)
 
 
 def _to_be_proven(runs: list[Solution], count: int) -> set[int]:

@@ -1,4 +1,4 @@
-"""Trains from tables: efforts as CSV or YAML, Davis' coefficients and the other figures as text with their units."""
+"""Trains from tables: efforts as CSV, Davis' coefficients and the other figures as text with their units."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.efforts import MOST_POINTS
-from das.domain.files.reading import LARGEST, MOST_OF_A_NAME, Fields
+from das.domain.files.reading import MOST_OF_A_NAME
 from das.domain.units import FACTORS
 from das.domain.vehicle import Resistance
 from precompute.foreign_text import read_csv
@@ -98,7 +98,7 @@ def read_efforts(path: Path, figures: Figures) -> ImportedTrain:
         )
     speeds, *forces = zip(*points, strict=True)
     curves = {name: tuple(zip(speeds, force, strict=True)) for name, force in zip(names[1:], forces, strict=True)}
-    return _train(path, figures.given(), _modes(path, curves), "option --")
+    return _train(path, figures.given(), _modes(path, curves))
 
 
 def _columns(path: Path, header: list[str], width: int, units: str | None) -> tuple[list[str], list[float]]:
@@ -144,67 +144,18 @@ def _modes(path: Path, curves: Mapping[str, Points]) -> dict[str, Mode]:
     return {name: Mode(points, electric) for name, points in tractions.items()}
 
 
-def read_table(source: Fields, figures: Figures) -> ImportedTrain:
-    """A train from a YAML table; options replace figures of the file. InputError for anything unusable.
-
-    Keys: name, mass, length, max_speed, rotating_mass, deceleration, davis (three coefficients), each a text with its
-    unit; effort and, if there is one, electric_brake, with units [km/h, kN] and points. Several modes stand in `modes`,
-    by name.
-    """
-    allowed = {one.name for one in fields(Figures)} - {"units"} | {"effort", "electric_brake", "modes", "source"}
-    source.check_keys(sorted(allowed))
-    given = {**source.data, **figures.given()}
-    if source.has("modes"):
-        table = source.table("modes")
-        modes = {str(name): _mode(Fields.of(table.source, table.data[name], f"modes.{name}.")) for name in table.data}
-    else:
-        modes = {"": _mode(source)}
-    if not modes:
-        raise source.error("modes", "none", "at least one mode")
-    return _train(source.source, given, modes, "")
-
-
-def _mode(fields: Fields) -> Mode:
-    electric = _points(fields.table("electric_brake")) if fields.has("electric_brake") else ()
-    return Mode(_points(fields.table("effort")), electric)
-
-
-def _points(fields: Fields) -> Points:
-    fields.check_keys(["units", "points", "source"])
-    units = fields.data.get("units", MISSING)
-    said = list(zip(units, ("speed", "force"), strict=True)) if isinstance(units, list) and len(units) == 2 else []
-    if not said or any(known_unit(str(unit), dimension) is None for unit, dimension in said):
-        raise fields.error("units", units, "the units of speed and force, like [km/h, kN]")
-    found = []
-    for i, pair in enumerate(fields.rows("points", "a list of pairs of speed and force", MOST_POINTS)):
-        if not isinstance(pair, list) or len(pair) != 2:
-            raise fields.error(f"points[{i}]", pair, "a pair of speed and force")
-        speed, force = (
-            quantity(fields.source, f"{fields.prefix}points[{i}]", _with_unit(x, unit), dimension)
-            for x, unit, dimension in zip(pair, units, ("speed", "force"), strict=True)
-        )
-        found.append((speed, force))
-    return tuple(found)
-
-
-def _with_unit(figure: object, unit: object) -> object:
-    """A number with the unit of its column; anything else as it is."""
-    is_number = isinstance(figure, int | float) and not isinstance(figure, bool) and abs(figure) <= LARGEST
-    return f"{float(figure)} {unit}" if is_number else figure  # type: ignore[arg-type]
-
-
-def _train(path: Path, given: Mapping[str, Any], modes: dict[str, Mode], option: str) -> ImportedTrain:
-    """The train of a table; `option` begins the name of a missing figure in messages."""
+def _train(path: Path, given: Mapping[str, str], modes: dict[str, Mode]) -> ImportedTrain:
+    """The train of a table from the figures that options give."""
 
     def figure(key: str, dimension: str, default: str | None = None) -> float:
         value = given.get(key, default)
         if value is None:
-            spelled = key.replace("_", "-") if option else key
-            raise InputError(path, f"{option}{spelled}", MISSING, f"a figure with its unit, like {EXAMPLES[dimension]}")
+            expected = f"a figure with its unit, like {EXAMPLES[dimension]}"
+            raise InputError(path, f"option --{key.replace('_', '-')}", MISSING, expected)
         return quantity(path, key, value, dimension)
 
     mass_kg, name = figure("mass", "mass"), given.get("name", path.stem)
-    if not isinstance(name, str) or not name:
+    if not name:
         raise InputError(path, "name", name, f"a text of at most {MOST_OF_A_NAME} characters")
     notes = ["the table gives no losses"]
     if "rotating_mass" not in given:
@@ -221,20 +172,18 @@ def _train(path: Path, given: Mapping[str, Any], modes: dict[str, Mode], option:
         rotating_mass_ratio=figure("rotating_mass", "ratio", "6 %"),
         length_m=figure("length", "length"),
         max_speed_mps=figure("max_speed", "speed"),
-        resistance=_davis(path, given.get("davis", MISSING), mass_kg, f"{option}davis"),
+        resistance=_davis(path, given.get("davis", MISSING), mass_kg),
         modes=modes,
         deceleration_mps2=abs(figure("deceleration", "acceleration", "0.5 m/s^2")),
         notes=tuple(notes),
     )
 
 
-def _davis(path: Path, value: object, mass_kg: float, key: str) -> Resistance:
-    """Davis' coefficients: a list of three, a table of a, b and c, or one text with commas."""
-    terms = value.split(",") if isinstance(value, str) else value
-    if isinstance(terms, Mapping):
-        terms = [terms.get(one, MISSING) for one in ("a", "b", "c")]
-    if not isinstance(terms, list) or len(terms) != 3:
+def _davis(path: Path, value: object, mass_kg: float) -> Resistance:
+    """Davis' coefficients: three, separated by commas."""
+    terms = value.split(",") if isinstance(value, str) else []
+    if len(terms) != 3:
         expected = "three coefficients with their units, like 2.4 kN, 0.02 kN/(km/h), 0.0005 kN/(km/h)^2"
-        raise InputError(path, key, value, expected)
+        raise InputError(path, "option --davis", value, expected)
     c0, c1, c2 = (resistance_term(path, f"davis[{i}]", term, i, mass_kg) for i, term in enumerate(terms))
     return Resistance(c0_n=c0, c1_n_per_mps=c1, c2_n_per_mps2=c2)

@@ -59,7 +59,7 @@ def known_unit(unit: str, dimension: str) -> str | None:
     return next((one for one in (unit, unit.lower()) if one in FACTORS[dimension]), None)
 
 
-def quantity(source: str | Path, key: str, value: object, dimension: str) -> float:
+def quantity(source: str | Path, key: str, value: str, dimension: str) -> float:
     """A quantity with a unit, in SI; InputError (source, key, value, expectation) if the text is none."""
     figure, unit = _parts(value)
     known = known_unit(unit or ("-" if dimension == "ratio" else ""), dimension)
@@ -68,7 +68,7 @@ def quantity(source: str | Path, key: str, value: object, dimension: str) -> flo
     return _checked(source, key, value, to_si(figure, known, dimension))
 
 
-def resistance_term(source: str | Path, key: str, value: object, order: int, mass_kg: float) -> float:
+def resistance_term(source: str | Path, key: str, value: str, order: int, mass_kg: float) -> float:
     """A coefficient of Davis' formula (N, N/(m/s) or N/(m/s)² for the order 0, 1 or 2) from a figure with its unit.
 
     A coefficient per mass or in permille of the weight is multiplied by the mass. Raises InputError for anything else.
@@ -89,7 +89,7 @@ def resistance_term(source: str | Path, key: str, value: object, order: int, mas
     return _checked(source, key, value, figure * factor / speed**order)
 
 
-def _checked(source: str | Path, key: str, value: object, result: float) -> float:
+def _checked(source: str | Path, key: str, value: str, result: float) -> float:
     if not abs(result) <= LARGEST:
         raise InputError(source, key, value, f"a number of at most {LARGEST:g} in SI units")
     return result
@@ -101,11 +101,9 @@ def _order(found: re.Match[str]) -> int:
     return 0 if not found["speed"] else 2 if found["square"] else 1
 
 
-def _parts(value: object) -> tuple[float | None, str]:
+def _parts(value: str) -> tuple[float | None, str]:
     """A number and its unit; None for any other text."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value) if abs(value) <= LARGEST else None, ""
-    found = _FIGURE.fullmatch(value) if isinstance(value, str) and len(value) <= LONGEST else None
+    found = _FIGURE.fullmatch(value) if len(value) <= LONGEST else None
     return (float(found[1]), found[2]) if found else (None, "")
 
 

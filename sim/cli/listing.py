@@ -155,7 +155,7 @@ def _importers(*, as_json: bool) -> None:
     """The kinds of files of trains that das-precompute vehicle import reads."""
     own = {
         "json": "rolling stock of OSRD",
-        "yaml": "rolling stock of railtoolkit, or a table",
+        "yaml": "rolling stock of railtoolkit",
         "csv": "a table of efforts",
     }
     _meanings("importers of trains", own | brought(doors.IMPORTERS), as_json=as_json)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from das.command_line.application import Entry, Group, application, run_app
+from das.command_line.application import Entry, application, run_app
 
 EXPERIMENTS: Final = (
     Entry(
@@ -73,10 +73,10 @@ ENTRIES: Final = (
         summary="Drive a simulated train yourself in the browser, or replay a drive as its driver saw it.",
         examples=("das-sim desk", "das-sim desk signal-stop --advice four-mode", "das-sim desk recordings/desk.mcap"),
     ),
-    Group(
+    Entry(
         name="experiment",
         summary="Human-factors experiments: check a design, run its trials, analyse the data.",
-        where="sim.cli.program:EXPERIMENTS",
+        entries=EXPERIMENTS,
         gone=GONE_EXPERIMENTS,
     ),
     Entry(

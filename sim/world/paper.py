@@ -11,7 +11,7 @@ from das.domain.journey import Window
 from das.domain.units import NS
 from das.solver.front import Front
 from das.solver.section import with_braking
-from precompute.section_sheet import SectionSheet, SheetLine, section_sheet
+from precompute.sheet import SectionSheet, SheetLine, section_sheet
 from sim.drivers.cab import Efforts
 from sim.drivers.presentations.sheet import SheetLook
 from sim.plant.kernels import PlantState

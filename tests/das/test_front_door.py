@@ -166,7 +166,7 @@ def test_points_end_at_the_run_of_least_energy(front: das.Front) -> None:
 def test_a_table_gives_the_front_and_the_references(section: das.Section, front: das.Front, tmp_path: Path) -> None:
     path = tmp_path / "table.json"
     with quick_references():
-        path.write_bytes(make_table(section, TableSettings(buffers_percent=(5.0,), refine_s=0.0, proven=0)))
+        path.write_bytes(make_table(section, TableSettings(buffers_percent=(5.0,), refined=False, proven=0)))
     table, solved = das.read_table(str(path)), front.trajectory(1.05 * front.fastest().time_s)
     frame = das.to_pandas(table.columns())
     assert list(frame["buffer_percent"].fillna(-1.0)) == [5.0, -1.0]

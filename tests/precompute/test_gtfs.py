@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 
 from das.domain.errors import DasError
-from precompute.gtfs import read_trip
-from precompute.journey_order import TripChoice, parsed_clock_s
+from precompute.gtfs import TripChoice, parsed_clock_s, read_trip
 from tests.support.feeds import ODD, feed_tables, table_text, write_feed
 
 

@@ -14,9 +14,8 @@ from das.domain.files.reading import Fields
 from das.domain.files.routes import journey_of
 from das.domain.journey import Call, Journey, Window
 from das.domain.route import Route
-from precompute.gtfs import FeedTrip, read_trip
-from precompute.journey_import import journey_text, notes, placed
-from precompute.journey_order import TimesRead, TripChoice
+from precompute.gtfs import FeedTrip, TripChoice, read_trip
+from precompute.journey_import import TimesRead, journey_text, notes, placed
 from tests.support.feeds import NAMES, ODD, PLACES_M, feed_route, write_feed
 
 

@@ -13,7 +13,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.journey import Window
 from das.solver.section import build_section, with_braking
 from das.solver.solve import solve_front
-from precompute.section_sheet import SectionSheet, section_sheet
+from precompute.sheet import SectionSheet, section_sheet
 
 ROUTE, TRAIN = load_route("zurich-luzern"), load_vehicle("re460-ic")
 

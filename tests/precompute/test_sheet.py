@@ -13,9 +13,10 @@ from das.advice.regimes import InstructionKind
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.journey import Passing, Window
 from das.solver.section import build_section
-from precompute.section_sheet import SectionSheet, SheetLine
 from precompute.sheet import (
     SaidLine,
+    SectionSheet,
+    SheetLine,
     boards_words,
     due_words,
     half_minutes,

@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 from das.domain.errors import InfeasibleError
 from das.domain.levels import Level
 from das.domain.losses import LossMap
-from das.offline.bound.certificate import behind_fastest, fastest_is_ahead, task_of
-from das.offline.bound.relaxation import MapPlanes, Task, efficiency_planes, map_rows, relaxation
+from das.offline.bound import (
+    MapPlanes,
+    Task,
+    behind_fastest,
+    efficiency_planes,
+    fastest_is_ahead,
+    map_rows,
+    relaxation,
+    task_of,
+)
 from das.offline.kernels.relaxed_program import (
     FIXED_ROWS,
     LOCAL,
@@ -33,8 +41,8 @@ from das.solver.front import Front
 from das.solver.solution import Solution, trajectory_on
 from das.solver.solve import solve_front
 from das.solver.state import RollOut, State
-from precompute.tight_bound.cell_kernels import values_behind
-from precompute.tight_bound.cells import all_cells, cell_line, even_rows
+from docs.studies.tight_bound import all_cells, cell_line, even_rows
+from docs.studies.tight_bound_kernels import values_behind
 from tests.support.cells_near import cells_near
 from tests.support.random_sections import Posed, posed_sections
 

@@ -39,15 +39,13 @@ from das.domain.files.routes import journey_of
 from das.domain.route import Route
 from das.solver.guide.policies import DEFAULT, GuideFront
 from das.solver.section import Section, build_section
-from das.table.table import Table
+from das.table import Table
 from precompute.cli.journey_report import as_dict, table
 from precompute.cli.journey_report import warnings as warnings_of
-from precompute.gtfs import FeedTrip, read_trip
-from precompute.journey_import import journey_text, placed
-from precompute.journey_order import TimesRead, TripChoice
-from precompute.route_import.importing import imported
-from precompute.route_import.line import route_toml
-from precompute.route_import.order import ImportOrder, Words
+from precompute.gtfs import FeedTrip, TripChoice, read_trip
+from precompute.journey_import import TimesRead, journey_text, placed
+from precompute.route_import import imported
+from precompute.route_import.line import ImportOrder, Words, route_toml
 from precompute.tables.plan import read_plan
 from precompute.tables.writing import make_table
 from sim.recording.check import check_contents

@@ -14,9 +14,9 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle
-from precompute.vehicle_import.importing import import_train
+from precompute.vehicle_import import import_train
 from tests.das.domain.files.test_efforts import EFFORT, HEAD, MODES
-from tests.precompute.test_vehicle_import import BR642, CSV, FIGURES, YAML, stock
+from tests.precompute.test_vehicle_import import BR642, CSV, FIGURES, stock
 from tests.property.test_mutated_files import bounded, mutated_text
 
 
@@ -34,7 +34,6 @@ KINDS = {
     "stock of OSRD": Kind("stock.json", json.dumps(stock(), indent=1), lambda path: import_train(path, "0.85")),
     "stock of railtoolkit": Kind("stock.yaml", BR642.read_text("utf-8"), lambda path: import_train(path, "0.85")),
     "table of efforts": Kind("table.csv", CSV, lambda path: import_train(path, "0.85", FIGURES)),
-    "table in YAML": Kind("table.yaml", YAML, lambda path: import_train(path, "0.85")),
 }
 
 

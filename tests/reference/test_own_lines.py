@@ -15,10 +15,9 @@ from das.domain.plausibility import FEW_POINTS, FLAT, NOISY, SMOOTHED
 from das.domain.route import Route
 from docs.studies import own_lines
 from docs.studies.own_lines import REAL_LINES, KnownSection, altitude_table, line_of, line_table
+from precompute.route_import import imported
 from precompute.route_import.altitudes import climb_and_fall_m
-from precompute.route_import.importing import imported
-from precompute.route_import.line import route_toml
-from precompute.route_import.order import ImportOrder, Words
+from precompute.route_import.line import ImportOrder, Words, route_toml
 from tests.support.kept_figures import not_on_page
 from tests.support.made_maps import same_line, written
 

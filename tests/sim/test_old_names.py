@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.application import Entry
 from das.domain.errors import DasError, InputError
 from das.domain.files.reading import Fields
 from precompute.cli.program import COMMANDS
@@ -17,7 +16,7 @@ from sim.experiment.factors import FACTORS
 from sim.front_door import run_day
 from tests.support.reference_recordings import FOLDER
 
-BY_NAME = {entry.name: entry for entry in (*ENTRIES, *COMMANDS) if isinstance(entry, Entry)}
+BY_NAME = {entry.name: entry for entry in (*ENTRIES, *COMMANDS) if entry.where}
 BY_NAME |= {f"experiment-{entry.name}": entry for entry in EXPERIMENTS}
 
 

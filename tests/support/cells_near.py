@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.tight_bound.cell_kernels import Cells
+from docs.studies.tight_bound_kernels import Cells
 
 
 def cells_near(speeds_mps: NDArray[np.float64], cells: Cells) -> Cells:

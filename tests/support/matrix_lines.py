@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from das.domain.files.load import catalogue, locate_route, locate_vehicle
-from precompute.vehicle_import.importing import import_train
+from precompute.vehicle_import import import_train
 from sim.world.scenario import read_scenario
 from sim.world.service import Service, prepare_service
 from tests.support.benchmark import DATA, SHARED, track_path

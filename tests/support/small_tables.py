@@ -15,13 +15,13 @@ from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.solver.guide.policies import DEFAULT
-from das.table.table import SEAL, seal_of
+from das.table import SEAL, seal_of
 from precompute.tables import writing
 from precompute.tables.writing import TableSettings
 from tests.support.making import make_route, make_train
 
 BUFFERS = (0.0, 2.0, 7.0, 20.0)
-SETTINGS = TableSettings(buffers_percent=BUFFERS, refine_s=0.0, proven=0)
+SETTINGS = TableSettings(buffers_percent=BUFFERS, refined=False, proven=0)
 LENGTH_M = 5000.0
 LIMITS = [(0.0, 25.0), (1500.0, 35.0), (3800.0, 20.0)]
 GRADES = [(0.0, 0.0), (1000.0, 0.008), (2500.0, -0.006), (4000.0, 0.0)]

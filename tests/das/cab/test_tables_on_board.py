@@ -20,7 +20,7 @@ from das.domain.braking import SiteBraking
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.solver.section import build_section
-from das.table.key import section_facts, table_name
+from das.table import section_facts, table_name
 from precompute.tables.writing import TableSettings, make_table
 from tests.support.small_tables import quick_references, seal_anew
 from tests.support.small_trips import LINE, TRAIN, SmallTrip, at, ns, planned_section, trip
@@ -33,7 +33,7 @@ SOLVED = "references are solved instead"
 @pytest.fixture(scope="module")
 def made_tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, section = tmp_path_factory.mktemp("tables"), planned_section(TRAIN, 5000.0)
-    settings = TableSettings(buffers_percent=(0.0, 10.0), refine_s=0.0, proven=0)
+    settings = TableSettings(buffers_percent=(0.0, 10.0), refined=False, proven=0)
     with quick_references():
         (folder / table_name(section_facts(section))).write_bytes(make_table(section, settings))
     return folder

@@ -132,9 +132,7 @@ OF_PRECOMPUTE = [
         ("solve", *FLAT, "--buffer", "5", "--strategy", "top-speed", "--refine", "on"),
         "--refine on: needs --strategy optimal",
     ),
-    (("solve", *FLAT, "--strategy", "fastest", "--bound", "quick"), "--bound quick: needs --strategy optimal"),
     (("solve", *FLAT, "--strategy", "fastest", "--time", "300"), "--time 300.0: the fastest run has no time to keep"),
-    (("solve", *FLAT, "--buffer", "5", "--level", "l1", "--bound", "9"), "--bound 9: needs a loss map (--level l3)"),
     (("solve", *FLAT, "--buffer", "5", "--overwrite"), "--overwrite: no file to write is named"),
     (
         ("solve", "flat-6km", "modes.toml", "--buffer", "5", "--mode", "dry", "--load", "dry"),

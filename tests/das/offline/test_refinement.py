@@ -185,18 +185,6 @@ def test_a_run_of_least_energy_may_take_the_time_that_was_asked_for_and_no_more(
     assert found.balance.input <= early.balance.input
 
 
-def test_a_budget_that_is_over_returns_the_run_itself() -> None:
-    given = run_of("short", Level.L1, 0.07)
-    assert refined(given, is_over=lambda: True) is given
-
-
-def test_a_budget_ends_the_refinement_between_two_passes() -> None:
-    """Three passes save something, and no more than all of them."""
-    given, left = run_of("short", Level.L1, 0.07), iter([False, False, False, True])
-    found = refined(given, is_over=lambda: next(left))
-    assert refined_of("short", Level.L1, 0.07).balance.input <= found.balance.input <= given.balance.input
-
-
 def test_the_same_run_is_refined_to_the_same_bytes() -> None:
     given = run_of("short", Level.L1, 0.07)
     again, found = refined(given), refined_of("short", Level.L1, 0.07)
@@ -290,7 +278,5 @@ def test_neighbours_spare_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert counted.count(QUICK) >= QUICK.passes
 
 
-def test_a_budget_that_is_over_leaves_the_runs_that_were_given() -> None:
-    found = refined_runs(given(), is_over=lambda: True)
-    assert all(one is other for one, other in zip(found, given(), strict=True))
+def test_no_runs_are_refined_to_none() -> None:
     assert refined_runs([]) == []

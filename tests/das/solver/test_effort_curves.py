@@ -20,11 +20,11 @@ from das.solver.kernels.forces import electric_limit, traction_limit
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from das.table.key import section_sha256
+from das.table import section_sha256
+from docs.studies.tight_bound import tightened
 from precompute.baselines import strategies
 from precompute.exact.front import solve_exact
 from precompute.exact.grid import Grid
-from precompute.tight_bound.cells import tightened
 from sim.plant.plant import Dynamics, Plant, lever
 from tests.support.making import flat, make_route, make_train
 

@@ -10,7 +10,7 @@ import pytest
 from das.domain.vehicle import BrakePolicy
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
-from das.table.key import section_sha256
+from das.table import section_sha256
 from tests.support.making import flat, make_route, make_train
 
 

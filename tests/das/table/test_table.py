@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from das import table as key
 from das.domain.braking import ServiceBraking
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
@@ -21,9 +22,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.guide.policies import DEFAULT
 from das.solver.section import Section, SectionOptions, build_section
-from das.table import key
-from das.table.key import key_of, section_facts, table_name
-from das.table.table import MOST_BYTES, Table, TableError
+from das.table import MOST_BYTES, Table, TableError, key_of, section_facts, table_name
 from tests.support.making import das_precompute, make_route
 from tests.support.small_tables import BUFFERS, GRADES, LENGTH_M, LIMITS, line, seal_anew, train
 

@@ -19,8 +19,15 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
 from precompute.baselines import Strategy
-from precompute.baselines.search import BaselineRun, FourModeSearch
-from precompute.baselines.strategies import Baseline, baseline, fastest, four_modes, reduced_maximum_speed
+from precompute.baselines.strategies import (
+    Baseline,
+    BaselineRun,
+    FourModeSearch,
+    baseline,
+    fastest,
+    four_modes,
+    reduced_maximum_speed,
+)
 from precompute.cli.report import solution_json
 from tests.support.benchmark import track_path, train_path
 from tests.support.crossing import crossed

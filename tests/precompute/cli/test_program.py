@@ -19,8 +19,8 @@ from tests.support.crossing import few
 from tests.support.making import REPOSITORY, das_precompute, in_a_process, printed
 
 WORDS: dict[str, Entry] = {
-    **{entry.name: entry for entry in COMMANDS if isinstance(entry, Entry)},
-    **{f"{entry.name} {one.name}": one for entry in COMMANDS for one in entry.entries()},
+    **{entry.name: entry for entry in COMMANDS if entry.where},
+    **{f"{entry.name} {one.name}": one for entry in COMMANDS for one in entry.entries},
 }
 """Every command by the words that start it."""
 
@@ -137,7 +137,7 @@ REFUSED = {
     f"{SOLVE} --strategy top-speed --time 220 --buffer 7": ONE_TIME,
     f"{SOLVE} --strategy fastest --time 220": "--time 220.0: the fastest run has no time to keep",
     f"{FRONT} --exact --refine off": "--refine off: with --exact the solver's runs are not refined",
-    f"{SOLVE} --strategy top-speed --buffer 7 --refine 2": "--refine 2: needs --strategy optimal",
+    f"{SOLVE} --strategy top-speed --buffer 7 --refine off": "--refine off: needs --strategy optimal",
     f"{SOLVE} --strategy slow --buffer 7": "is not one of 'optimal', 'fastest', 'top-speed'",
     f"{SOLVE} --time 0": "time 0.0 s: expected a finite time > 0 s",
     f"{SOLVE} --time nan": "time nan s: expected a finite time > 0 s",
@@ -151,8 +151,10 @@ REFUSED = {
         "small.csv: the state 300.0 kN at 0.0 km/h (0 kW at the wheel) is outside the loss map"
     ),
     f"{SOLVE} --buffer 7 --loss-map no.csv": "no.csv: cannot be read (No such file",
-    f"{SOLVE} --buffer 7 --bound -1": "--bound -1: expected quick, tight, or a number of seconds from 0",
-    f"{SOLVE} --buffer 7 --refine much": "--refine much: expected off, on, or a number of seconds from 0",
+    f"{SOLVE} --buffer 7 --bound tight": (
+        "--bound is no longer an option of this command: use docs.studies.tight_bound.tightened in Python"
+    ),
+    f"{SOLVE} --buffer 7 --refine much": "--refine much: expected off or on",
     f"{SOLVE} --buffer 7 --out no/run.csv": "no/run.csv: no such folder no",
     f"{SOLVE} --buffer 7 --out folder": "folder: is a folder, expected a file to write",
     f"{SOLVE} --buffer 7 --plot small.csv/a.png": "small.csv/a.png: no such folder",

@@ -133,12 +133,10 @@ def test_what_is_lost_and_what_is_stored_sum_to_the_input_that_is_printed(
 
 
 def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: Solved) -> None:
-    """Off and a budget of nothing give the run of the table; the refined one is not later and needs less."""
-    found = []
-    for refine in ("off", "0"):
-        found.append(json.loads(printed(tmp_path, *SOLVE, "--buffer", "7", "--json", "--refine", refine)))
-    assert found[0]["energy_kwh"] == found[1]["energy_kwh"] > solved[0]["energy_kwh"]
-    assert found[0]["time_s"] >= solved[0]["time_s"]
+    """Off gives the run of the table; the refined one is not later and needs less."""
+    found = json.loads(printed(tmp_path, *SOLVE, "--buffer", "7", "--json", "--refine", "off"))
+    assert found["energy_kwh"] > solved[0]["energy_kwh"]
+    assert found["time_s"] >= solved[0]["time_s"]
 
 
 @pytest.mark.nightly

@@ -11,8 +11,7 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.route import Route, Stop, Stretches, Zone
 from precompute.route_import.altitudes import climb_and_fall_m, with_altitudes
-from precompute.route_import.line import ImportedLine, made_route
-from precompute.route_import.order import ImportOrder, Words
+from precompute.route_import.line import ImportedLine, ImportOrder, Words, made_route
 from precompute.route_import.tables import read_table
 
 LENGTH_M = 60_000.0

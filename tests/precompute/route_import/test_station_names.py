@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from das.domain.errors import DasError
-from precompute.route_import.station_names import stations_named
-from precompute.route_import.track_map import MapPlace, TrackMap
+from precompute.route_import.track_map import MapPlace, TrackMap, stations_named
 
 
 def map_with(*names: str, rank: int = 0) -> TrackMap:

@@ -10,9 +10,9 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.route import Route
+from precompute.route_import import imported
 from precompute.route_import.altitudes import climb_and_fall_m
-from precompute.route_import.importing import imported
-from precompute.route_import.order import ImportOrder, Words
+from precompute.route_import.line import ImportOrder, Words
 
 LIMITS = "position_km,limit_kmh\n0,80\n1.5,120\n4,100\n"
 GRADIENTS = "position_m;gradient_permille\n0;0\n1000;5,5\n3000;-2\n"
@@ -300,6 +300,6 @@ def test_two_tables_of_one_quantity_and_options_of_maps_are_refused(tmp_path: Pa
         line(tmp_path, {"a.pbf": ""}, flat=True)
     with pytest.raises(DasError, match="expected a map"):
         line(tmp_path, {"a.docx": ""}, flat=True)
-    for of_map in ({"via": ["Bestadt"]}, {"joined_m": 0.0}, {"tunnel_area_m2": 60.0}):
+    for of_map in ({"via": ["Bestadt"]}, {"only_named_stops": True}, {"limit_kmh": 60.0}):
         with pytest.raises(DasError, match="belong to maps, not to tables"):
             line(tmp_path, {"a.csv": LIMITS}, flat=True, **of_map)

@@ -24,7 +24,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import load_route
 from das.domain.files.writing import folder_held
 from das.domain.levels import Level
-from das.table.table import Table
+from das.table import Table
 from precompute import workers
 from precompute.tables.build import BuildStatus, build, finished, solve_jobs, table_files
 from precompute.tables.plan import USUAL, read_plan
@@ -34,7 +34,7 @@ from tests.support import small_tables
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, printed, wait_until
 
-SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, refine_s=0.0, proven=0)
+SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, refined=False, proven=0)
 HEAD = "schema_version = 1\n"
 ROUTE = '[[routes]]\nroute = "flat-6km"\n'
 TRAIN = '[[trains]]\nvehicle = "re460-ic"\n'

@@ -17,8 +17,7 @@ from das.solver.guide.references import Finished, References
 from das.solver.guide.schedule import Scheduled
 from das.solver.section import Section
 from das.solver.state import least_time_s
-from das.table.key import METHOD, key_of, section_facts
-from das.table.table import Table, table_content
+from das.table import METHOD, Table, key_of, section_facts, table_content
 from precompute.tables.writing import LONGEST_RATIO
 
 EXPECTED = (

@@ -12,7 +12,7 @@ from das.domain.files.load import load_route
 from das.domain.plotted import PlottedFront
 from das.domain.route import Route, Stretches
 from das.drawing.picture import Picture, draw_fronts
-from precompute.drawing.line import draw_line
+from precompute.cli.route_report import draw_line
 
 FLAT, HILLY = load_route("flat-6km"), load_route("zurich-luzern")
 

@@ -14,15 +14,13 @@ from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import LossMap
 from das.domain.vehicle import BrakePolicy
-from das.offline.bound.certificate import certificate, task_of
-from das.offline.bound.relaxation import Task, map_rows
+from das.offline.bound import Task, certificate, map_rows, task_of
 from das.solver.line_profile import LineProfile
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from precompute.tight_bound import cells as cells_module
-from precompute.tight_bound.cell_kernels import values_ahead, values_behind
-from precompute.tight_bound.cells import (
+from docs.studies import tight_bound as cells_module
+from docs.studies.tight_bound import (
     Incumbent,
     all_cells,
     cell_line,
@@ -32,6 +30,7 @@ from precompute.tight_bound.cells import (
     tightened,
     tightened_j,
 )
+from docs.studies.tight_bound_kernels import values_ahead, values_behind
 from tests.support.cells_near import cells_near
 from tests.support.making import make_route
 

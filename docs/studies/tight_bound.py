@@ -12,23 +12,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
-from das.offline.bound.certificate import (
+from das.offline.bound import (
     LARGEST_PRICE_W,
+    LEAST_POWER_W,
     NOT_FOUND,
-    ROUNDING_RATIO,
+    TERMS_RATIO,
     Certificate,
+    Task,
+    acceleration_limits,
     behind_fastest,
     fastest_is_ahead,
+    force_limits,
+    map_rows,
     task_of,
 )
-from das.offline.bound.relaxation import LEAST_POWER_W, Task, acceleration_limits, force_limits, map_rows
 from das.offline.kernels.relaxed_program import MapRows, row_hulls
 from das.solver import tolerances as tol
 from das.solver.kernels.forces import ELECTRIC, TRACTION
 from das.solver.kernels.tuples import TrainParams
 from das.solver.solution import Solution
-from precompute.tight_bound.cell_kernels import Cells, values_ahead, values_behind
-from precompute.tight_bound.link_kernels import CellEfforts, CellLine, CellTrain, EvenRows
+from docs.studies.tight_bound_kernels import (
+    CellEfforts,
+    CellLine,
+    Cells,
+    CellTrain,
+    EvenRows,
+    values_ahead,
+    values_behind,
+)
 
 FIRST_WIDTH: Final = 0.03
 """First width of the cells, in the square root of the speed (m/s): 0.3 m/s at 25 m/s."""
@@ -102,7 +113,7 @@ def tightened_j(
     while True:
         pass_began = clock()
         total_j = values_behind(cells, line, rows)
-        slack_j = ROUNDING_RATIO * (abs(total_j) + lambda_w * task.allowed_s)
+        slack_j = TERMS_RATIO * (abs(total_j) + lambda_w * task.allowed_s)
         found_j = min(total_j - lambda_w * task.allowed_s - slack_j, incumbent.energy_j)
         best_j, left_j = max(best_j, found_j), incumbent.energy_j - found_j
         slow = left_j > SLOW_RATIO * gap_j

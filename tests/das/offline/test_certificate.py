@@ -13,7 +13,7 @@ from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stretches, Zone
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
-from das.offline.bound.certificate import behind_fastest, certificate, fastest_is_ahead, task_of
+from das.offline.bound import behind_fastest, certificate, fastest_is_ahead, task_of
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
-from das.offline.bound.certificate import task_of
-from das.offline.bound.relaxation import MapPlanes, _power_cut, efficiency_planes, map_rows
+from das.offline.bound import MapPlanes, _power_cut, efficiency_planes, map_rows, task_of
 from das.solver.section import Section, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front

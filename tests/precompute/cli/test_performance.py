@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from das.domain.losses import EfficiencyLoss
-from precompute.performance import performance_of
+from precompute.cli.vehicle_report import performance_of
 from tests.support.making import make_train
 
 

@@ -1,1 +1,0 @@
-"""Proven lower bounds of the energy of a run (`docs/explanation/bounds.md`)."""

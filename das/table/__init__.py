@@ -1,1 +1,0 @@
-"""A front on disk: its format, reading it, and the hashes of what it was made for."""

@@ -1,1 +1,0 @@
-"""Tight bounds are above the quick ones, and below every run."""
