@@ -44,7 +44,7 @@ def draw_first_minute(recorded: Path, guided: Path, picture: Path) -> None:
         drives = [Path(folder) / f"{name}.mcap" for name in ("as recorded", "with the guide")]
         for path, made in zip(drives, (recorded, guided), strict=True):
             path.symlink_to(made.resolve())
-        _beside(*drives, picture)
+        _beside(drives[0], drives[1], picture)
 
 
 def _beside(first: Path, other: Path, picture: Path) -> None:
