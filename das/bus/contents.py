@@ -167,14 +167,14 @@ def read_raw(path: Path) -> tuple[Raw, Health]:
 
 
 def _read(scan: Scan) -> tuple[Raw, Health]:
-    raw, damage, found = Raw(), scan.damage, list(scan.walk())
+    raw, found = Raw(), list(scan.walk())
     unchecked = _use_trusted(raw, scan, found)
     raw.use_descriptions()
     twice = _take_out_repeated(raw)
     wrong = [record.name for record, right in raw.metadata if right is False]
     texts = [f"{twice} messages that are in the file twice"] if twice else []
     texts += [f"wrong checksum in the metadata {name!r}" for name in wrong]
-    damage = [one for one in damage if not (wrong and one.what == SOMEWHERE)]
+    damage = [one for one in scan.damage if not (wrong and one.what == SOMEWHERE)]
     damage += [Damage(start_byte=0, end_byte=0, what=text) for text in texts]
     return raw, Health(
         size_bytes=scan.size,
@@ -188,13 +188,14 @@ def _read(scan: Scan) -> tuple[Raw, Health]:
 
 def _use_trusted(raw: Raw, scan: Scan, found: Sequence[FoundRecord]) -> list[str]:
     """Keep the records that a checksum or a sound file proves; returns the parts that no checksum covers."""
-    trusted = scan.data_proven is True or (scan.data_proven is None and not scan.damage and scan.has_footer)
+    whole = scan.has_footer and not scan.damage and all(one.record is not None for one in found)
+    trusted = scan.data_proven is True or (scan.data_proven is None and whole)
     loose: list[FoundRecord] = []
     for one in found:
         named = isinstance(one.record, records.Schema | records.Channel)
         if trusted or one.proven or isinstance(one.record, records.Metadata) or (named and scan.index_proven):
             raw.use(one.record)
-        if not one.proven and isinstance(one.record, records.Message | records.Attachment):
+        if not one.proven and isinstance(one.record, records.Message | records.Attachment | None):
             loose.append(one)
     if loose and not trusted:
         what = f"{len(loose)} records outside of chunks, which nothing proves"
