@@ -294,7 +294,3 @@ class Scan:
 
     def _note(self, start: int, end: int, what: str, **more: Any) -> None:
         self.damage.append(Damage(start_byte=start, end_byte=end, what=what, **more))
-
-
-def _times_ns(chunk: records.Chunk) -> tuple[int, int]:
-    return chunk.message_start_time, chunk.message_end_time
