@@ -110,23 +110,20 @@ class DriveClock:
     def of_recording(cls, recording: Recording) -> DriveClock:
         """The clock of any recording; without timetable and positions, its zero is the first message."""
         try:
-            first_ns = int(DrivenCourse.of(recording).time_ns[0])
+            return cls.of(recording, int(DrivenCourse.of(recording).time_ns[0]))
         except DasError:
             first_ns = min(entries[0].log_time_ns for entries in recording.messages.values())
-            found = cls.of(recording, first_ns)
-            return found if found.zero_ns != first_ns else cls(zero_ns=first_ns, zero_is="the first message")
-        return cls.of(recording, first_ns)
+            return cls.of(recording, first_ns, "the first message")
 
     @classmethod
-    def of(cls, recording: Recording, first_ns: int) -> DriveClock:
-        """The clock of a recording whose first position is at `first_ns`."""
+    def of(cls, recording: Recording, first_ns: int, first_is: str = "the first position") -> DriveClock:
+        """The clock of a recording whose first position (or what `first_is` states) is at `first_ns`."""
         for entry in recording.of(topics.JOURNEY):
             for stop in entry.message.stops[:1]:
-                near = abs(stop.departure_ns - first_ns) * NS < DAY_S
-                if stop.departure_ns and near:
+                if stop.departure_ns and abs(stop.departure_ns - first_ns) * NS < DAY_S:
                     own = own_timetable(recording)
                     return cls(zero_ns=int(stop.departure_ns), zero_is=OWN_DEPARTURE if own else cls.zero_is)
-        return cls(zero_ns=first_ns, zero_is="the first position")
+        return cls(zero_ns=first_ns, zero_is=first_is)
 
     def since_s(self, time_ns: int) -> float:
         """What the clock shows at a moment (s)."""
@@ -202,9 +199,9 @@ def times_of(recording: Recording, topic: Topic) -> Times:
     return np.array([stated_ns(entry) for entry in recording.of(topic)], dtype=np.int64)
 
 
-WHOLE: Final = (topics.JOURNEY, topics.PLAN)
+WHOLE: Final = (topics.JOURNEY.name, topics.PLAN.name)
 """Topics whose earlier messages a part of a recording keeps: a journey or a plan may hold throughout the part."""
-HELD: Final = (topics.RESTRICTION, topics.TARGET, topics.DELAY, topics.STATUS)
+HELD: Final = tuple(one.name for one in (topics.RESTRICTION, topics.TARGET, topics.DELAY, topics.STATUS))
 """Topics whose last earlier message a part of a recording keeps, because it still holds."""
 
 
@@ -223,14 +220,11 @@ def part_of(recording: Recording, start: str | None, end: str | None) -> Recordi
     if not ((trip.time_ns >= from_ns) & (trip.time_ns <= to_ns)).any():
         said = f"--from {start or clock.shown(first_ns)} --to {end or clock.shown(last_ns)}"
         raise DasError(f"{said}: expected times of the drive, {clock.shown(first_ns)} to {clock.shown(last_ns)}")
-    kept = {
-        name: _kept(entries, next(topic for topic in topics.TOPICS if topic.name == name), from_ns, to_ns)
-        for name, entries in recording.messages.items()
-    }
+    kept = {name: _kept(entries, name, from_ns, to_ns) for name, entries in recording.messages.items()}
     return replace(recording, messages=kept)
 
 
-def _kept(entries: Sequence[Stamped], topic: Topic, from_ns: int, to_ns: int) -> tuple[Stamped, ...]:
+def _kept(entries: Sequence[Stamped], topic: str, from_ns: int, to_ns: int) -> tuple[Stamped, ...]:
     """The messages of a topic that a part from `from_ns` to `to_ns` keeps, in their order."""
     timed = [(stated_ns(entry), entry) for entry in entries]
     if topic in WHOLE:
