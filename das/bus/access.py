@@ -71,8 +71,7 @@ LEVELS = (
 ANSI = re.compile(rb"\x1b\[[0-9;]*m")
 LINE = re.compile(r"\S+Z +(?P<level>[A-Z]+) +(?:\S+ +)?ThreadId\((?P<thread>\d+)\) (?P<text>.*)")
 DENIAL = re.compile(
-    r"(?P<session>[0-9a-f]{1,32}) on (\S*CertCommonName\((?P<name>[^)]*)\))?\S* is unauthorized to (?P<what>[\w/ ]+) "
-    r"\(ingress\) on (?P<key>\S+)"
+    r"CertCommonName\((?P<name>[^)]*)\)\S* is unauthorized to (?P<what>[\w/ ]+) \(ingress\) on (?P<key>\S+)"
 )
 NOT_LET_IN = "zenoh_link_tls::unicast: "
 KEPT_OUT = "Msg intercepted!"
@@ -248,9 +247,7 @@ class Refusals:
             return
         thread, text = match["thread"], match["text"]
         if denial := DENIAL.search(text):
-            self._denials[thread] = (
-                f"{denial['name'] or denial['session']} may not {denial['what'].lower()} {denial['key']}"
-            )
+            self._denials[thread] = f"{denial['name']} may not {denial['what'].lower()} {denial['key']}"
         elif KEPT_OUT in text:
             if reason := self._denials.pop(thread, ""):
                 self._report(f"refused: {reason}")
