@@ -5,8 +5,8 @@ sender's certificate, and its own messages (`egress`). The judgement of the rece
 
 `write_bus_folder` makes a test authority, certificates and bus files for trials: not a public-key infrastructure.
 
-Zenoh (1.5 to 1.10) reports refusals only in its log, at the lowest level together with every message that it lets in,
-and its Python package can write that log to nowhere but standard output. The processes that advise and record write
+Zenoh (1.5 to 1.10) reports refusals only in its log, at the lowest level, beside a line for each message that it lets
+in; and its Python package can write that log only to standard output. The processes that advise and record write
 nothing there themselves. With a bus file, `Refusals` turns their standard output into a pipe and reads that.
 """
 
@@ -70,13 +70,13 @@ LEVELS = (
 """The levels of Zenoh's log; the environment variable RUST_LOG replaces them."""
 ANSI = re.compile(rb"\x1b\[[0-9;]*m")
 LINE = re.compile(r"\S+Z +(?P<level>[A-Z]+) +(?:\S+ +)?ThreadId\((?P<thread>\d+)\) (?P<text>.*)")
-DENIAL = re.compile(
-    r"CertCommonName\((?P<name>[^)]*)\)\S* is unauthorized to (?P<what>[\w/ ]+) \(ingress\) on (?P<key>\S+)"
-)
+NAMED = r"(?P<session>[0-9a-f]{1,32})(?: on \S*CertCommonName\((?P<name>[^)]*)\)\S*)?"
+DENIAL = re.compile(NAMED + r" is unauthorized to (?P<what>[\w/ ]+) \((?P<flow>\w+)\) on (?P<key>\S+)")
 NOT_LET_IN = "zenoh_link_tls::unicast: "
 KEPT_OUT = "Msg intercepted!"
 WORTH_READING = (KEPT_OUT.encode(), b"unauthorized to", b"WARN", b"ERROR")
 MOST_KEPT = 100
+MOST_NAMES = 1_000
 LONGEST = 200
 
 
@@ -211,6 +211,7 @@ class Refusals:
         self._news: deque[str] = deque(maxlen=MOST_KEPT)
         self._moderation = Moderation()
         self._denials: dict[str, str] = {}
+        self._names: dict[str, str] = {}
 
     def listen(self) -> Self:
         """Read the log from now on. Call it once, before the bus is opened, in a process without other output."""
@@ -247,13 +248,23 @@ class Refusals:
             return
         thread, text = match["thread"], match["text"]
         if denial := DENIAL.search(text):
-            self._denials[thread] = f"{denial['name']} may not {denial['what'].lower()} {denial['key']}"
+            who = self._name(denial["session"], denial["name"])
+            if denial["flow"] == "ingress":
+                self._denials[thread] = f"{who} may not {denial['what'].lower()} {denial['key']}"
         elif KEPT_OUT in text:
             if reason := self._denials.pop(thread, ""):
                 self._report(f"refused: {reason}")
         elif match["level"] in ("WARN", "ERROR"):
             text = text.replace(" Hint: increase the system open file limit.", "")
             self._report(text.replace(NOT_LET_IN, "refused: a connection, "))
+
+    def _name(self, session: str, name: str | None) -> str:
+        """The name in the certificate of a session, remembered: for a key judged before, Zenoh logs the number alone."""
+        if name is not None:
+            if len(self._names) >= MOST_NAMES:
+                self._names.clear()
+            self._names[session] = name
+        return self._names.get(session, session)
 
     def _report(self, text: str) -> None:
         # The sender chooses the key; it must not control the terminal.
