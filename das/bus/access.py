@@ -259,7 +259,7 @@ class Refusals:
             self._report(text.replace(NOT_LET_IN, "refused: a connection, "))
 
     def _name(self, session: str, name: str | None) -> str:
-        """The name in the certificate of a session, remembered: for a key judged before, Zenoh logs the number alone."""
+        """The name in the certificate of a session; for a key that was judged before, Zenoh logs only its number."""
         if name is not None:
             if len(self._names) >= MOST_NAMES:
                 self._names.clear()
