@@ -153,11 +153,9 @@ def read_raw(path: Path) -> tuple[Raw, Health]:
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise DasError(f"{path}: not a regular file")  # opening a pipe would wait for its other end
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-        if len(data) > MOST_BYTES:
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
             raise DasError(f"{path}: is larger than {MOST_BYTES >> 20} MiB: cut it into shorter recordings")
-        return _read(Scan(data))
+        return _read(Scan(path.read_bytes()))
     except OSError as error:
         raise DasError(f"{path}: cannot be read ({error.strerror})") from error
     except ValueError as error:
