@@ -30,9 +30,9 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(29_120, 167),
+    "das": Budget(29_040, 167),
     "precompute": Budget(10_795, 47),
-    "sim": Budget(34_700, 170),
+    "sim": Budget(34_590, 170),
     "docs/studies": Budget(6_210, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

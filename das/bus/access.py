@@ -5,9 +5,9 @@ sender's certificate, and its own messages (`egress`). The judgement of the rece
 
 `write_bus_folder` makes a test authority, certificates and bus files for trials: not a public-key infrastructure.
 
-Zenoh reports refusals only in its log, which goes to standard output together with everything else. The processes that
-advise and record write nothing to standard output themselves, so `Refusals` turns standard output into a pipe and
-reads that.
+Zenoh (1.5 to 1.10) reports refusals only in its log, at the lowest level, beside a line for each message that it lets
+in; and its Python package can write that log only to standard output. The processes that advise and record write
+nothing there themselves. With a bus file, `Refusals` turns their standard output into a pipe and reads that.
 """
 
 from __future__ import annotations
@@ -259,7 +259,7 @@ class Refusals:
             self._report(text.replace(NOT_LET_IN, "refused: a connection, "))
 
     def _name(self, session: str, name: str | None) -> str:
-        """The name in the certificate of a session. Zenoh does not log it each time, so it is remembered."""
+        """The name in the certificate of a session; for a key that was judged before, Zenoh logs only its number."""
         if name is not None:
             if len(self._names) >= MOST_NAMES:
                 self._names.clear()

@@ -13,7 +13,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap import records
 
-from das.bus.scanning import SOMEWHERE, UNCHECKED, Damage, FoundRecord, Health, Scan
+from das.bus.scanning import SOMEWHERE, UNCHECKED, Damage, Health, Scan
 from das.bus.sealing import CHANNELS, NUMBERED, RECORDING, unsealed
 from das.bus.topics import Topic, topic_of
 from das.domain.errors import DasError
@@ -153,11 +153,9 @@ def read_raw(path: Path) -> tuple[Raw, Health]:
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise DasError(f"{path}: not a regular file")  # opening a pipe would wait for its other end
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-        if len(data) > MOST_BYTES:
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
             raise DasError(f"{path}: is larger than {MOST_BYTES >> 20} MiB: cut it into shorter recordings")
-        return _read(Scan(data))
+        return _read(Scan(path.read_bytes()))
     except OSError as error:
         raise DasError(f"{path}: cannot be read ({error.strerror})") from error
     except ValueError as error:
@@ -167,56 +165,46 @@ def read_raw(path: Path) -> tuple[Raw, Health]:
 
 
 def _read(scan: Scan) -> tuple[Raw, Health]:
-    raw, damage, found = Raw(), scan.damage, list(scan.walk())
-    unchecked = _use_trusted(raw, scan, found)
+    """The records that a checksum or a sound file proves, and the health of the file."""
+    raw, found = Raw(), list(scan.walk())
+    whole = scan.has_footer and not scan.damage and all(one.record is not None for one in found)
+    trusted = scan.data_proven is True or (scan.data_proven is None and whole)
+    for one in found:
+        named = isinstance(one.record, records.Schema | records.Channel)
+        if trusted or one.proven or isinstance(one.record, records.Metadata) or (named and scan.index_proven):
+            raw.use(one.record)
     raw.use_descriptions()
-    twice = _take_out_repeated(raw)
+    loose = [x for x in found if not x.proven and isinstance(x.record, records.Message | records.Attachment | None)]
+    unproven = dict.fromkeys(record.name for record, right in raw.metadata if right is None)
     wrong = [record.name for record, right in raw.metadata if right is False]
-    texts = [f"{twice} messages that are in the file twice"] if twice else []
-    texts += [f"wrong checksum in the metadata {name!r}" for name in wrong]
-    damage = [one for one in damage if not (wrong and one.what == SOMEWHERE)]
-    damage += [Damage(start_byte=0, end_byte=0, what=text) for text in texts]
+    damage = [one for one in scan.damage if not (wrong and one.what == SOMEWHERE)]
+    if loose and not trusted:
+        what = f"{len(loose)} records outside of chunks, which nothing proves"
+        damage.append(Damage(start_byte=loose[0].start_byte, end_byte=loose[-1].start_byte, what=what))
+    messages = _without_repeated(raw.messages) if raw.numbered else raw.messages  # the recorder numbers each once
+    if twice := len(raw.messages) - len(messages):
+        damage.append(Damage(start_byte=0, end_byte=0, what=f"{twice} messages that are in the file twice"))
+    damage += [Damage(start_byte=0, end_byte=0, what=f"wrong checksum in the metadata {name!r}") for name in wrong]
+    raw.messages = messages
+    raw.metadata = [(one, True if right is None and trusted else right) for one, right in raw.metadata]
+    unchecked = [*(f"metadata {name!r}" for name in unproven)]
+    unchecked += ["messages outside of chunks"] if loose and trusted else []
     return raw, Health(
         size_bytes=scan.size,
         complete=scan.ended or scan.has_footer,
         damage=tuple(damage),
         cut_byte=scan.cut_byte,
         missing=_missing(raw.messages),
-        unchecked=tuple(unchecked),
+        unchecked=() if scan.data_proven is True else tuple(unchecked),
     )
 
 
-def _use_trusted(raw: Raw, scan: Scan, found: Sequence[FoundRecord]) -> list[str]:
-    """Keep the records that a checksum or a sound file proves; returns the parts that no checksum covers."""
-    trusted = scan.data_proven is True or (scan.data_proven is None and not scan.damage and scan.has_footer)
-    loose: list[FoundRecord] = []
-    for one in found:
-        named = isinstance(one.record, records.Schema | records.Channel)
-        if trusted or one.proven or isinstance(one.record, records.Metadata) or (named and scan.index_proven):
-            raw.use(one.record)
-        if not one.proven and isinstance(one.record, records.Message | records.Attachment):
-            loose.append(one)
-    if loose and not trusted:
-        what = f"{len(loose)} records outside of chunks, which nothing proves"
-        scan.damage.append(Damage(start_byte=loose[0].start_byte, end_byte=loose[-1].start_byte, what=what))
-    unproven = [record.name for record, right in raw.metadata if right is None]
-    raw.metadata = [(one, True if right is None and trusted else right) for one, right in raw.metadata]
-    if scan.data_proven is True:
-        return []
-    unchecked = [f"metadata {name!r}" for name in dict.fromkeys(unproven)]
-    return [*unchecked, *(["messages outside of chunks"] if loose and trusted else [])]
-
-
-def _take_out_repeated(raw: Raw) -> int:
-    """Take out messages that repeat another in channel, number, time and content; only in files of the recorder."""
-    if not raw.numbered:
-        return 0
-    once = {(one.channel_id, one.sequence, one.log_time, one.data): one for one in reversed(raw.messages)}
-    repeated = len(raw.messages) - len(once)
-    if repeated:
-        kept = {id(one) for one in once.values()}
-        raw.messages = [one for one in raw.messages if id(one) in kept]
-    return repeated
+def _without_repeated(messages: list[records.Message]) -> list[records.Message]:
+    """The messages without those that repeat an earlier one in channel, number, time and content."""
+    once: dict[tuple[int, int, int, bytes], records.Message] = {}
+    for one in messages:
+        once.setdefault((one.channel_id, one.sequence, one.log_time, one.data), one)
+    return list(once.values())
 
 
 def _missing(messages: list[records.Message]) -> int | None:

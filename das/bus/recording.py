@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -122,42 +122,32 @@ def columns(messages: Sequence[Stamped], kind: type[Message], fields: Sequence[s
     """
     known = kind.DESCRIPTOR.fields_by_name
     result: dict[str, NDArray[Any]] = {"log_time_ns": np.array([m.log_time_ns for m in messages], dtype=np.int64)}
-    for name in fields or [one.name for one in kind.DESCRIPTOR.fields]:
-        result[name] = _column(
-            [getattr(m.message, name) for m in messages], known[name].cpp_type, known[name].is_repeated
-        )
+    for name in fields or known:
+        result[name] = _column([getattr(one.message, name) for one in messages], known[name])
     return result
 
 
-def _column(values: list[Any], cpp_type: int, repeated: bool) -> NDArray[Any]:
+def _column(values: list[Any], described: Any) -> NDArray[Any]:
     """The values of one field as an array of shape (messages,)."""
-    dtype: Any = np.float64 if cpp_type in FLOATS else object if cpp_type in TEXTS else np.int64
-    plain: Callable[[Any], Any] = _as_dict if cpp_type == FieldDescriptor.CPPTYPE_MESSAGE else lambda value: value
-    if not repeated:
-        if dtype is not object:
-            return np.array(values, dtype=dtype)
-        cells = [plain(value) for value in values]
-    elif dtype is object:
-        cells = [[plain(value) for value in several] for several in values]
-    else:
-        cells = [np.array(several, dtype=dtype) for several in values]
-    column = np.empty(len(cells), dtype=object)
-    for i, cell in enumerate(cells):  # assigned as a whole, lists of equal lengths would become a second dimension
-        column[i] = cell
+    kind = described.cpp_type
+    dtype: Any = np.float64 if kind in FLOATS else object if kind in TEXTS else np.int64
+    if not described.is_repeated and dtype is not object:
+        return np.array(values, dtype=dtype)
+    column = np.empty(len(values), dtype=object)
+    for i, value in enumerate(values):  # assigned as a whole, lists of equal lengths would become a second dimension
+        column[i] = _plain(value, described) if dtype is object else np.array(value, dtype=dtype)
     return column
 
 
-def _as_dict(message: Message) -> dict[str, Any]:
-    """A message's fields by name; messages within it as well."""
-    result: dict[str, Any] = {}
-    for description in message.DESCRIPTOR.fields:
-        value = getattr(message, description.name)
-        inner = description.cpp_type == FieldDescriptor.CPPTYPE_MESSAGE
-        if description.is_repeated:
-            result[description.name] = [_as_dict(one) if inner else one for one in value]
-        else:
-            result[description.name] = _as_dict(value) if inner else value
-    return result
+def _plain(value: Any, described: Any) -> Any:
+    """The value of a field; a message as a dict of its fields, several values as a list."""
+    if described.cpp_type != FieldDescriptor.CPPTYPE_MESSAGE:
+        return list(value) if described.is_repeated else value
+    found = [
+        {one.name: _plain(getattr(message, one.name), one) for one in message.DESCRIPTOR.fields}
+        for message in (value if described.is_repeated else [value])
+    ]
+    return found if described.is_repeated else found[0]
 
 
 def read_recording(path: str | Path, *, train: str | None = None, skip_damage: bool = False) -> Recording:

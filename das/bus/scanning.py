@@ -11,7 +11,7 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import Any, Final, NamedTuple
 
@@ -20,6 +20,7 @@ from lz4.frame import LZ4FrameDecompressor
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
+from mcap.stream_reader import CRCValidationError, breakup_chunk
 
 from das.bus.sealing import MAGIC
 from das.domain.errors import DasError
@@ -28,22 +29,17 @@ MAGIC_BYTES_WRONG: Final = 2
 """Largest number of the first bytes in which a damaged MCAP file may differ from an intact one."""
 RECORD: Final = struct.Struct("<BQ")
 """The header of a record: kind, length (bytes)."""
-CHUNK: Final = struct.Struct("<QQQII")
-"""The header of a chunk: times of the first and last message (ns), unpacked size (bytes), checksum, length of the
-compression's name."""
-MESSAGE: Final = struct.Struct("<HIQQ")
-"""The header of a message: channel, sequence number, time recorded (ns), time sent (ns)."""
 SIGNATURE: Final = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
 """The bytes that name a chunk's compression; a search for the next chunk looks for them."""
-SIGNATURE_AT: Final = RECORD.size + CHUNK.size - 4
-"""The byte of a chunk's record at which its compression is named."""
+SIGNATURE_AT: Final = RECORD.size + 28
+"""The byte of a chunk's record at which its compression is named: behind two times, its size and its checksum."""
 KINDS: Final[dict[int, Any]] = {one: getattr(records, one.name.title().replace("_", "")) for one in Opcode}
 """The library's class of each kind of record."""
 PRIVATE: Final = 0x80
 """First number of the record kinds of other programs, which a reader skips."""
 MOST_EXPANSION: Final = 100
 """Largest ratio of the unpacked size of a file to its size. The project's recordings have 3 to 10."""
-ALWAYS_BYTES: Final = 16 << 20
+ALWAYS_BYTES: Final = 4 << 20
 """Size (bytes) to which a file may always unpack, however small it is."""
 MOST_MESSAGES: Final = 2_000_000
 """Largest number of messages that are read from a file (60 hours of recording); more would delay the reader too
@@ -111,7 +107,7 @@ class Health:
 
 
 class FoundRecord(NamedTuple):
-    """A record, its place in the file, and whether it has a valid checksum of its own."""
+    """A record (None: of a kind that only its program knows), its place, and whether its own checksum proves it."""
 
     record: Any
     start_byte: int
@@ -138,12 +134,12 @@ class Scan:
         """`data` is the content of the file."""
         self.data, self.size = data, len(data)
         self.ended = self.size >= 2 * len(MAGIC) and data[-len(MAGIC) :] == MAGIC
+        self._file = BytesIO(data)
         self._last = self.size - len(MAGIC) * self.ended
         self.damage: list[Damage] = []
         self.data_proven: bool | None = None
         self.index_proven = self.has_footer = False
         self.cut_byte = self._data_end = -1
-        self._unknown: list[tuple[int, int]] = []
         self._left_bytes = max(ALWAYS_BYTES, MOST_EXPANSION * self.size)
         self._left_messages = MOST_MESSAGES
 
@@ -161,86 +157,85 @@ class Scan:
         at = len(MAGIC)
         while at < self._last and not self.has_footer:
             try:
-                end, found = self._end(at), self._record(at)
+                end, found = self._record(at)
             except _DamagedError as why:
-                end, found = self._after_damage(at, why)
+                end, found = self._after_damage(at, why), []
             yield from found
             at = end
-        self._finish(at)
-
-    def _finish(self, at: int) -> None:
-        """Record the damage that shows only after the whole walk."""
         if self.has_footer and not self.ended and MAGIC.startswith(self.data[at:]):  # cut within its last bytes
             self.has_footer, self.cut_byte = False, at
         elif self.has_footer != self.ended or (self.ended and at < self._last):
             self._note(at, self.size, "the end of the file", lost=False)
-        if self.data_proven is not True:
-            for start, end in self._unknown:
-                self._note(start, end, "a record of an unknown kind")
-        self.damage.sort(key=lambda one: one.start_byte)
 
     def _end(self, at: int) -> int:
         """The stated end of the record at a place; beyond the file where there is no record."""
         head = self.data[at : min(at + RECORD.size, self._last)]
         return at + RECORD.size + RECORD.unpack(head)[1] if len(head) == RECORD.size else self.size + 1
 
-    def _record(self, at: int) -> list[FoundRecord]:
-        """The records at a place; raises _DamagedError if they are damaged."""
+    def _record(self, at: int) -> tuple[int, list[FoundRecord]]:
+        """The end of the record at a place, and the records in it; raises _DamagedError if they are damaged."""
         kind, end = self.data[at], self._end(at)
+        if kind == Opcode.CHUNK or SIGNATURE.match(self.data, at + SIGNATURE_AT, self._last):
+            return self._chunk(at)
         if end > self._last:
             raise _DamagedError("a record without its end")
-        if kind == Opcode.CHUNK:
-            return self._chunk(at, end)
-        if SIGNATURE.match(self.data, at + SIGNATURE_AT, end):
-            raise _DamagedError("wrong kind of a record")
-        content = self.data[at + RECORD.size : end]
-        if kind == Opcode.MESSAGE:
-            return [FoundRecord(_message(content), at, False)]
         if kind >= PRIVATE:
-            self._unknown.append((at, end))
-            return []
+            return end, [FoundRecord(None, at, False)]
         if kind not in KINDS:
             raise _DamagedError("a record of no known kind")
-        checksum = int.from_bytes(content[-4:], "little") if kind == Opcode.ATTACHMENT else 0
-        if checksum and zlib.crc32(content[:-4]) != checksum:
+        record, read_to = self._read(at, kind)
+        if read_to != end:
+            raise _DamagedError(f"a record ({KINDS[kind].__name__}) that cannot be read")
+        checksum = int.from_bytes(self.data[end - 4 : end], "little") if kind == Opcode.ATTACHMENT else 0
+        if checksum and self._checksum(at + RECORD.size, end - 4) != checksum:
             raise _DamagedError("wrong checksum in an attachment")
-        record = _read(KINDS[kind], content)
-        if isinstance(record, records.DataEnd):
+        if kind == Opcode.DATA_END:
             self._end_of_data(record, at)
-        elif isinstance(record, records.Footer):
+        elif kind == Opcode.FOOTER:
             self._end_of_index(record, at)
-        return [FoundRecord(record, at, checksum != 0)]
+        return end, [FoundRecord(record, at, checksum != 0)]
 
-    def _chunk(self, at: int, end: int) -> list[FoundRecord]:
-        """The schemas, channels and messages of a chunk, proven by its checksum."""
-        if end - at < RECORD.size + CHUNK.size:
-            raise _DamagedError("a chunk that cannot be read")
-        first_ns, last_ns, _, checksum, _ = CHUNK.unpack_from(self.data, at + RECORD.size)
-        times_ns = first_ns, last_ns
-        if self._chunk_end(at) != end:
-            raise _DamagedError("wrong length of a chunk", times_ns)
+    def _read(self, at: int, kind: int) -> tuple[Any, int]:
+        """The record at a place by the library's reader, and where it ends."""
+        self._file.seek(at + RECORD.size)
+        stream, length = ReadDataStream(self._file), self._end(at) - at - RECORD.size
         try:
-            plain = self._unpacked(_read(records.Chunk, self.data[at + RECORD.size : end]))
-            if checksum and zlib.crc32(plain) != checksum:
-                raise _DamagedError("wrong checksum in a chunk")
-            found = list(self._inside(plain))
-        except _DamagedError as error:
-            raise _DamagedError(str(error), times_ns) from error
-        except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError, ValueError) as error:
-            raise _DamagedError("a chunk that cannot be decompressed", times_ns) from error
-        return [FoundRecord(one, at, checksum != 0) for one in found]
+            record = KINDS[kind].read(stream, *([length] if kind == Opcode.MESSAGE else []))
+        except Exception as error:  # Struct, UTF-8, end of the data …: there is no common class.
+            raise _DamagedError(f"a record ({KINDS[kind].__name__}) that cannot be read") from error
+        return record, at + RECORD.size + stream.count
 
-    def _unpacked(self, chunk: records.Chunk) -> bytes:
-        """The unpacked content of a chunk, never more than one byte beyond the size that it states."""
+    def _chunk(self, at: int) -> tuple[int, list[FoundRecord]]:
+        """The end of a chunk, and its schemas, channels and messages.
+
+        It ends where its packed messages do: if only its header is damaged, its checksum proves them.
+        """
+        chunk, end = self._read(at, Opcode.CHUNK)
+        times_ns, proven = (chunk.message_start_time, chunk.message_end_time), chunk.uncompressed_crc != 0
+        try:
+            found = self._unpacked(chunk)
+        except Exception as error:  # of this module, of the library, or of a decompressor
+            what = str(error) if isinstance(error, _DamagedError) else "a chunk that cannot be decompressed"
+            wrong = isinstance(error, CRCValidationError)
+            raise _DamagedError("wrong checksum in a chunk" if wrong else what, times_ns) from error
+        if self.data[at] != Opcode.CHUNK or end != self._end(at):
+            if end > self._last or not (found and proven):
+                raise _DamagedError("wrong length of a chunk", times_ns)
+            self._note(at, end, "the header of a chunk, whose messages are intact", lost=False)
+        self._left_messages -= len(found)
+        if self._left_messages < 0:
+            raise DasError(f"holds more than {MOST_MESSAGES} messages: cut it into shorter recordings")
+        return end, [FoundRecord(one, at, proven) for one in found]
+
+    def _unpacked(self, chunk: records.Chunk) -> list[Any]:
+        """The records in a chunk, unpacked to no more than one byte beyond the size that it states."""
         size, packed, rest = chunk.uncompressed_size, chunk.data, b""
-        if chunk.compression == "zstd" and zstandard.frame_content_size(packed) not in (-1, size):
-            raise _DamagedError("a chunk of another size than it states")
         if size > self._left_bytes:
             raise _DamagedError(
                 f"a chunk that unpacks to {size >> 20} MiB, too much for a file of {self.size >> 10} KiB"
             )
         self._left_bytes -= size
-        if chunk.compression == "zstd":
+        if chunk.compression == "zstd" and zstandard.frame_content_size(packed) in (-1, size):
             # Bytes after the compressed data belong to another record: then the chunk's length is damaged.
             unpack = zstandard.ZstdDecompressor()
             packed = unpack.decompress(packed, max_output_size=max(size, 1), allow_extra_data=False)
@@ -249,32 +244,7 @@ class Scan:
             packed, rest = frame.decompress(packed, max_length=size + 1), frame.unused_data
         if len(packed) != size or rest:
             raise _DamagedError("a chunk of another size than it states")
-        return bytes(packed)
-
-    def _inside(self, plain: bytes) -> Iterator[Any]:
-        """The records in an unpacked chunk."""
-        kinds, at = (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA), 0
-        while at < len(plain):
-            kind, length = RECORD.unpack_from(plain, at) if at + RECORD.size <= len(plain) else (0, 0)
-            content = plain[at + RECORD.size : at + RECORD.size + length]
-            if kind not in kinds:
-                raise _DamagedError("a chunk that contains other records than messages")
-            if len(content) < length:
-                raise _DamagedError("a record that is longer than its chunk")
-            self._left_messages -= kind == Opcode.MESSAGE
-            if self._left_messages < 0:
-                raise DasError(f"holds more than {MOST_MESSAGES} messages: cut it into shorter recordings")
-            yield _message(content) if kind == Opcode.MESSAGE else _read(KINDS[kind], content)
-            at += RECORD.size + length
-
-    def _chunk_end(self, at: int) -> int:
-        """Where a chunk at a place ends by the length of its packed messages; beyond the file if it is no chunk."""
-        signature = SIGNATURE.match(self.data, at + SIGNATURE_AT)
-        start = signature.end() if signature else at + SIGNATURE_AT + 4
-        plain = signature is None and not any(self.data[at + SIGNATURE_AT : start])  # without compression
-        if not (signature or plain) or start + 8 > self._last:
-            return self.size + 1
-        return start + 8 + int.from_bytes(self.data[start : start + 8], "little")
+        return breakup_chunk(replace(chunk, compression="", data=packed), validate_crc=True)
 
     def _end_of_data(self, record: records.DataEnd, at: int) -> None:
         if self._data_end >= 0:
@@ -299,55 +269,28 @@ class Scan:
     def _checksum(self, start: int, end: int) -> int:
         return zlib.crc32(memoryview(self.data)[start:end])
 
-    def _after_damage(self, at: int, why: _DamagedError) -> tuple[int, list[FoundRecord]]:
-        """Record damage at a place; returns where to continue, and the records of the chunk found here or later."""
-        if here := self._sound_chunk(at):
-            self._note(at, here[0], "the header of a chunk, whose messages are intact", lost=False)
-            return here
+    def _after_damage(self, at: int, why: _DamagedError) -> int:
+        """Record damage at a place; returns where to continue: behind it, or at the next chunk that is proven."""
         end = self._end(at)
-        if end == self._last or (end < self._last and self.data[end] in KINDS and self._end(end) <= self._last):
-            self._note(at, end, str(why), times_ns=why.times_ns)
-            return end, []
-        for signature in SIGNATURE.finditer(self.data, at + 1 + SIGNATURE_AT, self._last):
-            place = signature.start() - SIGNATURE_AT
-            if self.data[place] == Opcode.CHUNK and (found := self._sound_chunk(place)):
-                self._note(at, place, str(why))
-                return found
-        if self.ended:
-            self._note(at, self._last, str(why))
-        else:
-            self.cut_byte = at
-        return self._last, []
+        if end != self._last and not (end < self._last and self.data[end] in KINDS and self._end(end) <= self._last):
+            found = SIGNATURE.finditer(self.data, at + 1 + SIGNATURE_AT, self._last)
+            end = next((x for x in (one.start() - SIGNATURE_AT for one in found) if self._is_chunk(x)), self._last)
+            if end == self._last and not self.ended:
+                self.cut_byte = at
+                return end
+        from_ns, to_ns = why.times_ns
+        self._note(at, end, str(why), from_ns=from_ns, to_ns=to_ns)
+        return end
 
-    def _sound_chunk(self, at: int) -> tuple[int, list[FoundRecord]] | None:
-        """The end of the chunk at a place, as it states itself, and its records; None if there is no intact one."""
-        end = self._chunk_end(at)
+    def _is_chunk(self, at: int) -> bool:
+        """Whether there is a chunk at a place whose messages its checksum proves; `walk` then notes its damage."""
+        noted = len(self.damage)
         try:
-            found = self._chunk(at, end) if end <= self._last else []
+            found = self._record(at)[1] if self.data[at] == Opcode.CHUNK else []
         except _DamagedError:
-            return None
-        return (end, found) if found and found[0].proven else None
+            found = []
+        del self.damage[noted:]
+        return bool(found) and found[0].proven
 
-    def _note(self, start: int, end: int, what: str, *, lost: bool = True, times_ns: tuple[int, int] = (0, 0)) -> None:
-        from_ns, to_ns = times_ns
-        self.damage.append(Damage(start_byte=start, end_byte=end, what=what, lost=lost, from_ns=from_ns, to_ns=to_ns))
-
-
-def _read(kind: Any, content: bytes) -> Any:
-    """A record by the library's reader; raises _DamagedError if it cannot be read, or has another length."""
-    stream = ReadDataStream(BytesIO(content))
-    try:
-        record = kind.read(stream)
-    except Exception as error:  # Struct, UTF-8, end of the data …: there is no common class.
-        raise _DamagedError(f"a record ({kind.__name__}) that cannot be read") from error
-    if stream.count != len(content):
-        raise _DamagedError(f"a record ({kind.__name__}) that cannot be read")
-    return record
-
-
-def _message(content: bytes) -> records.Message:
-    """The message in the content of a record, faster than by the library's reader."""
-    if len(content) < MESSAGE.size:
-        raise _DamagedError("a message that is too short")
-    channel, sequence, log_ns, sent_ns = MESSAGE.unpack_from(content)
-    return records.Message(channel, log_ns, content[MESSAGE.size :], sent_ns, sequence)
+    def _note(self, start: int, end: int, what: str, **more: Any) -> None:
+        self.damage.append(Damage(start_byte=start, end_byte=end, what=what, **more))

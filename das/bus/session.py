@@ -72,9 +72,8 @@ class Inbox:
     def put(self, received: Received) -> None:
         """Add a message; if the inbox is full, make room for it or drop it."""
         with self._news:
-            while self._is_full():
-                if not self._make_room(received):
-                    break
+            while self._is_full() and self._make_room(received):
+                pass
             if self._is_full() and not self._may_wait(received):
                 self.dropped += 1
                 return

@@ -158,20 +158,16 @@ class Node:
         """Advise once; if an output does not fit into a message (its time is too late), the cab reports a fault."""
         outputs = self.cab.tick(now_ns, dropped=self.bus.dropped)
         try:
-            messages = [codec.encode_output(output, tick) for output in outputs]
+            self.publish(outputs, tick)
         except ValueError as error:
-            outputs = self.cab.fail(now_ns, error)
-            messages = [codec.encode_output(output, tick) for output in outputs]
-        self._publish(outputs, messages)
+            self.publish(self.cab.fail(now_ns, error), tick)
 
-    def publish(self, outputs: Iterable[Output]) -> None:
-        """Publish outputs of the cab."""
-        said = list(outputs)
-        self._publish(said, [codec.encode_output(output) for output in said])
+    def publish(self, outputs: Iterable[Output], tick: int = 0) -> None:
+        """Publish outputs of the cab; with the wall clock, also print events on standard error.
 
-    def _publish(self, outputs: Iterable[Output], messages: Iterable[codec.Outgoing]) -> None:
-        """Publish messages; with the wall clock, also print events on standard error."""
-        for output, message in zip(outputs, messages, strict=True):
+        Raises ValueError, before anything is published, for an output that does not fit into a message.
+        """
+        for output, message in [(one, codec.encode_output(one, tick)) for one in outputs]:
             self.bus.publish(*message)
             if isinstance(output, Event) and self.clock.is_wall:
                 say(f"{self.bus.train}: {output.text}")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from math import isnan
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das import __version__
 from das.advice.regimes import Regime
@@ -20,7 +21,7 @@ from das.bus.topics import TOPICS, Topic
 from das.cab.outputs import NodeState
 from das.domain.units import NS
 from das.estimate.localisation import STALE_AFTER_S
-from sim.recording.course import DriveClock, times_of, utc
+from sim.recording.course import DriveClock, Floats, Times, times_of, utc
 from sim.recording.inputs import missing_files
 from sim.recording.opening import is_session, versions
 
@@ -87,8 +88,7 @@ class CheckKind(StrEnum):
     INPUT = "input-file"
 
 
-@dataclass(frozen=True, kw_only=True)
-class CheckFinding:
+class CheckFinding(NamedTuple):
     """Something that is wrong: its kind, a sentence about it, and its time (ns since 1970; 0: it has no time)."""
 
     kind: CheckKind
@@ -96,45 +96,51 @@ class CheckFinding:
     time_ns: int = 0
 
 
-def find(recording: Recording) -> list[CheckFinding]:
-    """All that is wrong with a recording, in the order of the checks."""
-    checks: tuple[Callable[[Recording], Iterator[CheckFinding]], ...] = (
-        _of_the_file,
-        _topics,
-        _gaps,
-        _disorder,
-        _unanswered,
-        _stale,
-        _expired,
-        _late,
-        _slow,
-        _dropped,
-        _versions,
-        _inputs,
-    )
-    return [finding for check in checks for finding in check(recording)]
+def find(recording: Recording) -> Iterator[CheckFinding]:
+    """All that is wrong with a recording: its file, its topics, its advice, then the programs and files behind it."""
+    yield from _of_the_file(recording)
+    for topic in OF_A_SESSION if is_session(recording) else OF_A_TRIP:
+        if not recording.of(topic):
+            yield CheckFinding(CheckKind.NO_TOPIC, f"there is no message on the topic {topic.name}")
+    yield from _gaps(recording)
+    for topic in (topics.POSITION, topics.CONTROL, topics.ADVICE):  # each has one sender
+        time_ns = times_of(recording, topic)
+        text = f"{topic.name}: {{}} messages have an earlier time than the one before"
+        yield from _counted(CheckKind.DISORDER, text, np.diff(time_ns) < 0, time_ns[1:])
+    yield from _unanswered(recording)
+    yield from _of_the_advice(recording)
+    dropped = recording.metadata.get(topics.RECORDER.name, {}).get("dropped", "0")
+    if dropped != "0":
+        text = f"the recorder could not write {dropped} messages: too many came at once, or the disk was slow"
+        yield CheckFinding(CheckKind.DROPPED, text)
+    used = versions(recording)
+    if len(set(used.values())) > 1:
+        text = "programs of different versions: " + ", ".join(f"{who} {version}" for who, version in used.items())
+        yield CheckFinding(CheckKind.VERSIONS, text)
+    for kind in missing_files(recording):
+        text = f"the {kind.replace('_', ' ')} of the run is not among the attached files"
+        yield CheckFinding(CheckKind.INPUT, text)
+
+
+def _counted(kind: CheckKind, text: str, wrong: NDArray[np.bool_], time_ns: Times) -> Iterator[CheckFinding]:
+    """A finding at the time of the first wrong message, if one is wrong; `{}` in its text is their number."""
+    if wrong.any():
+        yield CheckFinding(kind, text.format(np.count_nonzero(wrong)), int(time_ns[np.argmax(wrong)]))
 
 
 def _of_the_file(recording: Recording) -> Iterator[CheckFinding]:
     health = recording.health
     for one in health.damage:
-        lost = ", which is left out" if one.lost else ""
-        yield CheckFinding(kind=CheckKind.DAMAGE, text=f"{one}{lost}", time_ns=one.from_ns)
+        yield CheckFinding(CheckKind.DAMAGE, f"{one}{', which is left out' if one.lost else ''}", one.from_ns)
     if health.missing:
         text = f"{health.missing} messages are missing, according to their sequence numbers"
-        yield CheckFinding(kind=CheckKind.MISSING_MESSAGES, text=text)
+        yield CheckFinding(CheckKind.MISSING_MESSAGES, text)
     if not health.complete:
         last_ns = max(entries[-1].log_time_ns for entries in recording.messages.values())
         text = "the file was cut off: its recorder was killed, its disk was full, or it is still recording"
-        yield CheckFinding(kind=CheckKind.CUT_OFF, text=text, time_ns=last_ns)
+        yield CheckFinding(CheckKind.CUT_OFF, text, last_ns)
     for what in health.unchecked:
-        yield CheckFinding(kind=CheckKind.UNCHECKED, text=f"no checksum covers the {what}: damage would go unnoticed")
-
-
-def _topics(recording: Recording) -> Iterator[CheckFinding]:
-    for topic in OF_A_SESSION if is_session(recording) else OF_A_TRIP:
-        if not recording.of(topic):
-            yield CheckFinding(kind=CheckKind.NO_TOPIC, text=f"there is no message on the topic {topic.name}")
+        yield CheckFinding(CheckKind.UNCHECKED, f"no checksum covers the {what}: damage would go unnoticed")
 
 
 def _gaps(recording: Recording) -> Iterator[CheckFinding]:
@@ -144,100 +150,63 @@ def _gaps(recording: Recording) -> Iterator[CheckFinding]:
             continue
         time_ns = np.sort(times_of(recording, topic))
         steps_s = np.diff(time_ns) * NS
-        gaps = np.nonzero(steps_s > max(LONGEST_GAP_S, GAP_INTERVALS * rate.interval_s))[0]
+        gaps = np.flatnonzero(steps_s > max(LONGEST_GAP_S, GAP_INTERVALS * rate.interval_s))
         for i in gaps[:MOST_OF_A_KIND]:
-            text = f"{topic.name}: nothing for {steps_s[i]:.1f} s"
-            yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=int(time_ns[i]))
+            yield CheckFinding(CheckKind.GAP, f"{topic.name}: nothing for {steps_s[i]:.1f} s", int(time_ns[i]))
         if len(gaps) > MOST_OF_A_KIND:
             text = f"{topic.name}: {len(gaps) - MOST_OF_A_KIND} more gaps"
-            yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=int(time_ns[gaps[MOST_OF_A_KIND]]))
-
-
-def _disorder(recording: Recording) -> Iterator[CheckFinding]:
-    """Messages of one sender whose time is earlier than that of the message before."""
-    for topic in (topics.POSITION, topics.CONTROL, topics.ADVICE):
-        time_ns = times_of(recording, topic)
-        back = np.nonzero(np.diff(time_ns) < 0)[0]
-        if len(back):
-            text = f"{topic.name}: {len(back)} messages have an earlier time than the one before"
-            yield CheckFinding(kind=CheckKind.DISORDER, text=text, time_ns=int(time_ns[back[0] + 1]))
+            yield CheckFinding(CheckKind.GAP, text, int(time_ns[gaps[MOST_OF_A_KIND]]))
 
 
 def _unanswered(recording: Recording) -> Iterator[CheckFinding]:
     """Ticks of a simulation that the node did not answer; the last Control does not ask for an answer."""
-    asked = recording.columns(topics.CONTROL, "tick", "time_ns", "command")
-    ticks = asked["tick"][asked["command"] == 0]
-    answered = set(recording.columns(topics.ADVICE, "tick")["tick"].tolist())
-    missing = [i for i, tick in enumerate(ticks.tolist()) if tick not in answered]
-    if missing:
-        text = f"{len(missing)} of {len(ticks)} ticks have no advice, the first is tick {ticks[missing[0]]}"
-        yield CheckFinding(kind=CheckKind.UNANSWERED, text=text, time_ns=int(asked["time_ns"][missing[0]]))
+    control = recording.columns(topics.CONTROL, "tick", "time_ns", "command")
+    asked = control["command"] == 0
+    ticks = control["tick"][asked]
+    missing = ~np.isin(ticks, recording.columns(topics.ADVICE, "tick")["tick"])
+    if missing.any():
+        text = f"{{}} of {len(ticks)} ticks have no advice, the first is tick {ticks[np.argmax(missing)]}"
+        yield from _counted(CheckKind.UNANSWERED, text, missing, control["time_ns"][asked])
 
 
-def _stale(recording: Recording) -> Iterator[CheckFinding]:
-    time_ns, age_s = _position_ages(recording)
-    stale = np.nonzero(age_s > STALE_AFTER_S)[0]
-    if len(stale):
-        text = f"{len(stale)} advice messages were based on a position older than {STALE_AFTER_S:g} s"
-        text += f", the oldest of {age_s.max():.1f} s"
-        yield CheckFinding(kind=CheckKind.STALE, text=text, time_ns=int(time_ns[stale[0]]))
+def _of_the_advice(recording: Recording) -> Iterator[CheckFinding]:
+    """Advice based on an old position, expired before the next came (the display had nothing to show), or late."""
+    data = recording.columns(topics.ADVICE, "time_ns", "valid_until_ns", "mode")
+    status = recording.columns(topics.STATUS, "time_ns", "last_advice_s")
+    based_ns, age_s = _position_ages(recording)
+    text = (
+        f"{{}} advice messages were based on a position older than {STALE_AFTER_S:g} s, the oldest of {_most(age_s)} s"
+    )
+    yield from _counted(CheckKind.STALE, text, age_s > STALE_AFTER_S, based_ns)
+    over_s = (data["time_ns"][1:] - data["valid_until_ns"][:-1]) * NS
+    over_s[data["mode"][:-1] == Regime.NONE] = 0.0
+    text = f"{{}} times advice expired before the next came, by up to {_most(over_s)} s"
+    yield from _counted(CheckKind.EXPIRED, text, over_s > 0, data["valid_until_ns"])
+    late_s = to_recorder_s(recording)
+    text = f"{{}} advice messages came over {LATE_AFTER_S:g} s late, by up to {_most(late_s)} s"
+    yield from _counted(CheckKind.LATE, text, late_s > LATE_AFTER_S, data["time_ns"])
+    took_s = status["last_advice_s"]
+    text = f"{{}} advice messages took over {SLOW_AFTER_S:g} s, up to {_most(took_s)} s"
+    yield from _counted(CheckKind.SLOW, text, took_s > SLOW_AFTER_S, status["time_ns"])
 
 
-def _position_ages(recording: Recording) -> tuple[Any, Any]:
+def _most(values_s: Floats) -> str:
+    return f"{values_s.max(initial=0.0):.1f}"
+
+
+def _position_ages(recording: Recording) -> tuple[Times, Floats]:
     """The time (ns) of each advice message based on a position, and how old (s) that position then was."""
     data = recording.columns(topics.ADVICE, "time_ns", "position_time_ns", "mode")
     used = (data["mode"] != Regime.NONE) & (data["position_time_ns"] > 0)
     return data["time_ns"][used], (data["time_ns"][used] - data["position_time_ns"][used]) * NS
 
 
-def _expired(recording: Recording) -> Iterator[CheckFinding]:
-    """Advice that had expired before the next one came, so that the display had nothing to show."""
-    data = recording.columns(topics.ADVICE, "time_ns", "valid_until_ns", "mode")
-    late_s = (data["time_ns"][1:] - data["valid_until_ns"][:-1]) * NS
-    expired = np.nonzero((data["mode"][:-1] != Regime.NONE) & (late_s > 0))[0]
-    if len(expired):
-        text = f"{len(expired)} times advice expired before the next came, by up to {late_s[expired].max():.1f} s"
-        yield CheckFinding(kind=CheckKind.EXPIRED, text=text, time_ns=int(data["valid_until_ns"][expired[0]]))
-
-
-def _late(recording: Recording) -> Iterator[CheckFinding]:
-    late_s = to_recorder_s(recording)
-    late = np.nonzero(late_s > LATE_AFTER_S)[0]
-    if len(late):
-        text = f"{len(late)} advice messages came over {LATE_AFTER_S:g} s late, by up to {late_s.max():.1f} s"
-        yield CheckFinding(
-            kind=CheckKind.LATE, text=text, time_ns=int(recording.columns(topics.ADVICE)["time_ns"][late[0]])
-        )
-
-
-def to_recorder_s(recording: Recording) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def to_recorder_s(recording: Recording) -> Floats:
     """How long (s) each advice message took to the recorder; empty for a simulation, whose clock waits meanwhile."""
     if recording.of(topics.CONTROL):
         return np.zeros(0)
     data = recording.columns(topics.ADVICE, "time_ns")
     return np.asarray((data["log_time_ns"] - data["time_ns"]) * NS, dtype=np.float64)
-
-
-def _slow(recording: Recording) -> Iterator[CheckFinding]:
-    data = recording.columns(topics.STATUS, "time_ns", "last_advice_s")
-    slow = np.nonzero(data["last_advice_s"] > SLOW_AFTER_S)[0]
-    if len(slow):
-        text = f"{len(slow)} advice messages took over {SLOW_AFTER_S:g} s, up to {data['last_advice_s'].max():.1f} s"
-        yield CheckFinding(kind=CheckKind.SLOW, text=text, time_ns=int(data["time_ns"][slow[0]]))
-
-
-def _dropped(recording: Recording) -> Iterator[CheckFinding]:
-    dropped = recording.metadata.get(topics.RECORDER.name, {}).get("dropped", "0")
-    if dropped != "0":
-        text = f"the recorder could not write {dropped} messages: too many came at once, or the disk was slow"
-        yield CheckFinding(kind=CheckKind.DROPPED, text=text)
-
-
-def _versions(recording: Recording) -> Iterator[CheckFinding]:
-    found = versions(recording)
-    if len(set(found.values())) > 1:
-        text = "programs of different versions: " + ", ".join(f"{who} {version}" for who, version in found.items())
-        yield CheckFinding(kind=CheckKind.VERSIONS, text=text)
 
 
 RATE_COLUMNS = ("topic", "messages", "a second", "usual interval", "longest gap")
@@ -335,7 +304,7 @@ def _figures(contents: Contents, recording: Recording) -> dict[str, Any]:
 
 def _figure_rows(recording: Recording, found: Mapping[str, Any]) -> dict[str, str]:
     """The figures of a recording in words, by name."""
-    first_ns, last_ns = found["from_ns"], found["to_ns"]
+    first_ns, last_ns, missing = found["from_ns"], found["to_ns"], found["missing_messages"]
     rows = {
         "train": recording.train,
         "kind": "an active node" if found["node_at_work"] else "a trip without a node",
@@ -344,17 +313,11 @@ def _figure_rows(recording: Recording, found: Mapping[str, Any]) -> dict[str, st
         "size": f"{found['size_bytes'] / 1e6:.2f} MB, {found['messages']} messages",
         "checksums": "all right" if found["checksums_right"] else "see below",
         "end of the file": "there" if recording.complete else "missing",
-        "sequence numbers": _numbers(found["missing_messages"]),
+        "sequence numbers": "none" if missing is None else f"{missing} missing" if missing else "without a hole",
         "versions": ", ".join(f"{who} {version}" for who, version in found["versions"].items()) or "not said",
         "input files attached": ", ".join(found["attached_files"]) or "none",
     }
     return {**rows, **{words: _up_to(found[name]) for name, words in TIMES.items() if name in found}}
-
-
-def _numbers(missing: int | None) -> str:
-    if missing is None:
-        return "none"
-    return f"{missing} missing" if missing else "without a hole"
 
 
 TIMES: Final = {
@@ -386,12 +349,6 @@ def _up_to(taken_s: Mapping[str, float] | None) -> str:
     if taken_s is None:
         return "not measured (clock of a simulation)"
     return f"median {taken_s['median'] * 1000:.0f} ms, at most {taken_s['most'] * 1000:.0f} ms"
-
-
-def _inputs(recording: Recording) -> Iterator[CheckFinding]:
-    for kind in missing_files(recording):
-        text = f"the {kind.replace('_', ' ')} of the run is not among the attached files"
-        yield CheckFinding(kind=CheckKind.INPUT, text=text)
 
 
 def _notes(contents: Contents, recording: Recording) -> list[str]:

@@ -90,7 +90,7 @@ FORMS: Final = (
 )
 _ON_CLOCK: Final = re.compile(r"(?P<sign>[+−-]?)(?:(?P<h>\d+):(?=\d\d:))?(?P<m>\d+):(?P<s>[0-5]\d(?:\.\d+)?)")
 _SECONDS: Final = re.compile(r"(?P<sign>[+−-]?)(?P<s>\d{1,9}(?:\.\d+)?)")
-_OF_DAY: Final = re.compile(r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(?::(?P<s>[0-5]\d(?:\.\d+)?))?Z", re.IGNORECASE)
+_OF_DAY: Final = re.compile(r"\d\d:\d\d(:\d\d(\.\d+)?)?Z", re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,23 +110,20 @@ class DriveClock:
     def of_recording(cls, recording: Recording) -> DriveClock:
         """The clock of any recording; without timetable and positions, its zero is the first message."""
         try:
-            first_ns = int(DrivenCourse.of(recording).time_ns[0])
+            return cls.of(recording, int(DrivenCourse.of(recording).time_ns[0]))
         except DasError:
             first_ns = min(entries[0].log_time_ns for entries in recording.messages.values())
-            found = cls.of(recording, first_ns)
-            return found if found.zero_ns != first_ns else cls(zero_ns=first_ns, zero_is="the first message")
-        return cls.of(recording, first_ns)
+            return cls.of(recording, first_ns, "the first message")
 
     @classmethod
-    def of(cls, recording: Recording, first_ns: int) -> DriveClock:
-        """The clock of a recording whose first position is at `first_ns`."""
+    def of(cls, recording: Recording, first_ns: int, first_is: str = "the first position") -> DriveClock:
+        """The clock of a recording whose first position (or what `first_is` states) is at `first_ns`."""
         for entry in recording.of(topics.JOURNEY):
             for stop in entry.message.stops[:1]:
-                near = abs(stop.departure_ns - first_ns) * NS < DAY_S
-                if stop.departure_ns and near:
+                if stop.departure_ns and abs(stop.departure_ns - first_ns) * NS < DAY_S:
                     own = own_timetable(recording)
                     return cls(zero_ns=int(stop.departure_ns), zero_is=OWN_DEPARTURE if own else cls.zero_is)
-        return cls(zero_ns=first_ns, zero_is="the first position")
+        return cls(zero_ns=first_ns, zero_is=first_is)
 
     def since_s(self, time_ns: int) -> float:
         """What the clock shows at a moment (s)."""
@@ -146,32 +143,23 @@ class DriveClock:
         for form in (_ON_CLOCK, _SECONDS):
             if found := form.fullmatch(text):
                 return self.zero_ns + round(_seconds(found.groupdict()) / NS)
-        if "T" in text.upper():
-            return _of_date_ns(text)
-        found = _OF_DAY.fullmatch(text)
-        if found is None:
-            raise DasError(f"time {text!r}: expected {FORMS}")
-        zero = datetime.fromtimestamp(self.zero_ns * NS, UTC)
-        at = zero.replace(hour=int(found["h"]), minute=int(found["m"]), second=0, microsecond=0)
-        at += timedelta(seconds=float(found["s"] or 0.0))
-        # The moment nearest to the zero: a drive may pass midnight.
-        away = round((zero - at) / timedelta(days=1))
-        return round((at + timedelta(days=away)).timestamp() / NS)
+        zero, dated = datetime.fromtimestamp(self.zero_ns * NS, UTC), "T" in text.upper()
+        try:
+            if not (dated or _OF_DAY.fullmatch(text)):
+                raise ValueError
+            moment = datetime.fromisoformat(text if dated else f"{zero:%Y-%m-%d}T{text.upper()}")
+            moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+            if not dated:  # the moment nearest to the zero: a drive may pass midnight
+                moment += timedelta(days=round((zero - moment) / timedelta(days=1)))
+            return round(moment.timestamp() / NS)
+        except (ValueError, OverflowError):
+            raise DasError(f"time {text!r}: expected {FORMS}") from None
 
 
 def _seconds(parts: Mapping[str, str | None]) -> float:
     """A time in seconds from its sign, hours, minutes and seconds, as far as they are given."""
     hours, minute, second = (float(parts.get(name) or 0.0) for name in ("h", "m", "s"))
     return (HOUR_S * hours + MINUTE_S * minute + second) * (1.0 if parts["sign"] in ("", "+") else -1.0)
-
-
-def _of_date_ns(text: str) -> int:
-    """A date with a time of day (ISO 8601; UTC unless it names a zone) in ns since 1970."""
-    try:
-        moment = datetime.fromisoformat(text)
-        return round((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / NS)
-    except (ValueError, OverflowError):
-        raise DasError(f"time {text!r}: expected {FORMS}") from None
 
 
 def spell(time_s: float) -> str:
@@ -211,9 +199,9 @@ def times_of(recording: Recording, topic: Topic) -> Times:
     return np.array([stated_ns(entry) for entry in recording.of(topic)], dtype=np.int64)
 
 
-WHOLE: Final = (topics.JOURNEY, topics.PLAN)
+WHOLE: Final = (topics.JOURNEY.name, topics.PLAN.name)
 """Topics whose earlier messages a part of a recording keeps: a journey or a plan may hold throughout the part."""
-HELD: Final = (topics.RESTRICTION, topics.TARGET, topics.DELAY, topics.STATUS)
+HELD: Final = tuple(one.name for one in (topics.RESTRICTION, topics.TARGET, topics.DELAY, topics.STATUS))
 """Topics whose last earlier message a part of a recording keeps, because it still holds."""
 
 
@@ -232,14 +220,11 @@ def part_of(recording: Recording, start: str | None, end: str | None) -> Recordi
     if not ((trip.time_ns >= from_ns) & (trip.time_ns <= to_ns)).any():
         said = f"--from {start or clock.shown(first_ns)} --to {end or clock.shown(last_ns)}"
         raise DasError(f"{said}: expected times of the drive, {clock.shown(first_ns)} to {clock.shown(last_ns)}")
-    kept = {
-        name: _kept(entries, next(topic for topic in topics.TOPICS if topic.name == name), from_ns, to_ns)
-        for name, entries in recording.messages.items()
-    }
+    kept = {name: _kept(entries, name, from_ns, to_ns) for name, entries in recording.messages.items()}
     return replace(recording, messages=kept)
 
 
-def _kept(entries: Sequence[Stamped], topic: Topic, from_ns: int, to_ns: int) -> tuple[Stamped, ...]:
+def _kept(entries: Sequence[Stamped], topic: str, from_ns: int, to_ns: int) -> tuple[Stamped, ...]:
     """The messages of a topic that a part from `from_ns` to `to_ns` keeps, in their order."""
     timed = [(stated_ns(entry), entry) for entry in entries]
     if topic in WHOLE:
@@ -282,31 +267,11 @@ def stood_ns(
     if stand is None:
         return None, 0, 0
     told = None if measured is None else _nearest(stands(measured), s_m, near_m)
+    course, stood, error_m = trip, stand, 0.0
     if measured is not None and told is not None:
-        return stand, *_rest_ns(measured, told)
-    rest = at_rest(trip, stand)
-    return stand, arrival_ns(trip, rest), departure_ns(trip, rest)
-
-
-def _rest_ns(measured: DrivenCourse, stand: StandingTime) -> tuple[int, int]:
-    """When the train came to rest and left, by the course of a receiver (ns since 1970; 0: not in the record).
-
-    If the distance to the stand is within the error of the positions, the time is halfway between the samples at rest
-    and in motion: taking the sample at rest would make trips too long.
-    """
-    rest, at = at_rest(measured, stand), measured.time_ns
-    came_ns, left_ns = arrival_ns(measured, rest), departure_ns(measured, rest)
-    if came_ns and _is_lost(measured, rest.first - 1, rest.first - 1):
-        came_ns = int(at[rest.first - 1] + at[rest.first]) // 2
-    if left_ns and _is_lost(measured, rest.last + 1, rest.last):
-        left_ns = int(at[rest.last] + at[rest.last + 1]) // 2
-    return came_ns, left_ns
-
-
-def _is_lost(measured: DrivenCourse, moving: int, first: int) -> bool:
-    """Whether the distance to or from a stand, at constant deceleration, is within the error of the positions."""
-    over_s = float(measured.time_ns[first + 1] - measured.time_ns[first]) * NS
-    return 0.5 * float(measured.speed_mps[moving]) * over_s < POSITION_ERROR_M
+        course, stood, error_m = measured, told, POSITION_ERROR_M
+    rest = at_rest(course, stood)
+    return stand, arrival_ns(course, rest, error_m), departure_ns(course, rest, error_m)
 
 
 def _nearest(stood: Sequence[StandingTime], s_m: float, near_m: float) -> StandingTime | None:
@@ -324,26 +289,29 @@ def at_rest(trip: DrivenCourse, stand: StandingTime) -> StandingTime:
     return stand._replace(first=int(zeros[0]), last=int(zeros[-1])) if len(zeros) else stand
 
 
-def arrival_ns(trip: DrivenCourse, stand: StandingTime) -> int:
+def arrival_ns(trip: DrivenCourse, stand: StandingTime, error_m: float = 0.0) -> int:
     """When the train came to a stand (ns since 1970); 0 if it stood from the first sample on.
 
-    At constant deceleration the train needs 2·Δs/v from the last moving sample to the stand.
+    At constant deceleration the train needs 2·Δs/v from the last moving sample to the stand. If that distance is within
+    the error of the positions (`error_m`), the time is halfway between the samples in motion and at rest: taking the
+    sample at rest would make trips too long.
     """
-    if stand.first == 0:
-        return 0
-    moving = stand.first - 1
-    return int(trip.time_ns[moving]) + _between_ns(trip.time_ns, trip.s_m, trip.speed_mps[moving], moving)
+    return _edge_ns(trip, stand.first - 1, stand.first, error_m)
 
 
-def departure_ns(trip: DrivenCourse, stand: StandingTime) -> int:
+def departure_ns(trip: DrivenCourse, stand: StandingTime, error_m: float = 0.0) -> int:
     """When the train left a stand (ns since 1970); 0 if it stood to the last sample. Mirrors `arrival_ns`."""
-    moving = stand.last + 1
-    if moving >= len(trip.time_ns):
+    return _edge_ns(trip, stand.last + 1, stand.last, error_m)
+
+
+def _edge_ns(trip: DrivenCourse, moving: int, rest: int, error_m: float) -> int:
+    """When a train between a moving sample and one at rest began or ended to stand (ns; 0: no such moving sample)."""
+    if not 0 <= moving < len(trip.time_ns):
         return 0
-    return int(trip.time_ns[moving]) - _between_ns(trip.time_ns, trip.s_m, trip.speed_mps[moving], stand.last)
-
-
-def _between_ns(time_ns: NDArray[np.int64], s_m: NDArray[np.float64], speed_mps: float, first: int) -> int:
-    """Time (ns) from standstill to a speed over the distance between two samples, at most the time between them."""
-    way_m, whole_ns = abs(float(s_m[first + 1] - s_m[first])), int(time_ns[first + 1] - time_ns[first])
-    return min(round(2.0 * way_m / max(float(speed_mps), 1e-3) / NS), whole_ns)
+    moving_ns, rest_ns = int(trip.time_ns[moving]), int(trip.time_ns[rest])
+    whole_ns, speed_mps = abs(rest_ns - moving_ns), float(trip.speed_mps[moving])
+    if error_m > 0.0 and 0.5 * speed_mps * whole_ns * NS < error_m:
+        return (moving_ns + rest_ns) // 2
+    way_m = abs(float(trip.s_m[rest] - trip.s_m[moving]))
+    needed_ns = min(round(2.0 * way_m / max(speed_mps, 1e-3) / NS), whole_ns)
+    return moving_ns + (needed_ns if rest > moving else -needed_ns)

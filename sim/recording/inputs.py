@@ -44,19 +44,9 @@ def input_files(route: str, vehicle: str) -> dict[str, Path]:
 def vehicle_files(vehicle: str) -> dict[str, Path]:
     """The files of a vehicle by their kinds; raises DasError if one is missing."""
     file = locate_vehicle(vehicle)
-    loss_map = _loss_map_of(file)
+    loss_maps = [file.parent / name for _, name in _named_in(file, LOSS_MAPS)]
     curves = {f"effort_curve_{i}": file.parent / name for i, (_, name) in enumerate(_named_in(file, CURVES), 1)}
-    return {"vehicle": file, **({} if loss_map is None else {LOSS_MAP: loss_map}), **curves}
-
-
-def _loss_map_of(vehicle: Path) -> Path | None:
-    """The loss map (CSV) to which a vehicle file refers."""
-    if vehicle.suffix.lower() != ".toml":
-        return None
-    losses = read_toml(vehicle).data.get("losses")
-    levels = losses.values() if isinstance(losses, Mapping) else ()
-    paths = (level.get("path") for level in levels if isinstance(level, Mapping))
-    return next((vehicle.parent / path for path in paths if isinstance(path, str)), None)
+    return {"vehicle": file, **({LOSS_MAP: loss_maps[0]} if loss_maps else {}), **curves}
 
 
 DEEP: Final = PurePosixPath("a/b/c/d")

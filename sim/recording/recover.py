@@ -103,11 +103,11 @@ def _write(file: IO[bytes], raw: Raw, found: Recovered) -> None:
             name = record.name if right else f"{UNCHECKED}{record.name}"
             writer.add_metadata(name, sealed(name, record.metadata))
     _note_recovery(writer, found)
-    channels = _Channels(writer, raw)
+    channels = _channels(writer, raw)
     for message in raw.messages:
-        channel = channels.number(message.channel_id)
-        if channel is not None:
-            writer.add_message(channel, message.log_time, message.data, message.publish_time, message.sequence)
+        if message.channel_id in channels:
+            new = channels[message.channel_id]
+            writer.add_message(new, message.log_time, message.data, message.publish_time, message.sequence)
     writer.finish()
 
 
@@ -121,41 +121,30 @@ def _note_recovery(writer: McapWriter, found: Recovered) -> None:
         writer.add_metadata(RECOVERED, sealed(RECOVERED, data))
 
 
-class _Channels:
-    """The numbers that the channels and schemas of the old file have in the new one."""
-
-    def __init__(self, writer: McapWriter, raw: Raw) -> None:
-        self._writer, self._raw = writer, raw
-        self._channels: dict[int, int] = {}
-        self._schemas: dict[int, int] = {}
-
-    def number(self, old: int) -> int | None:
-        """The new number of a channel; None for a channel that the old file does not describe."""
-        if old not in self._channels:
-            channel = self._raw.channels.get(old)
-            if channel is None:
-                return None
-            self._channels[old] = self._register(channel)
-        return self._channels[old]
-
-    def _register(self, channel: records.Channel) -> int:
-        schema = self._raw.schemas.get(channel.schema_id)
-        number = 0 if schema is None else self._schema(schema, channel.topic)
-        new = self._writer.register_channel(channel.topic, channel.message_encoding, number, channel.metadata)
-        described = {"topic": channel.topic, "schema": schema.name if schema else "", "schema_id": str(number)}
-        described |= {NUMBERED: "yes"} if self._raw.numbered else {}
-        described |= {RECORDING: channel.metadata[RECORDING]} if RECORDING in channel.metadata else {}
-        name = f"{CHANNELS}{new}"
+def _channels(writer: Any, raw: Raw) -> dict[int, int]:
+    """The new numbers of the channels that have messages, by their old ones, with their schemas and descriptions."""
+    channels: dict[int, int] = {}
+    schemas: dict[int, int] = {}
+    for old in dict.fromkeys(one.channel_id for one in raw.messages):
+        channel = raw.channels.get(old)
+        if channel is None:
+            continue
+        schema = raw.schemas.get(channel.schema_id)
+        if schema is not None and schema.id not in schemas:
+            schemas[schema.id] = _schema(writer, schema, channel.topic)
+        number = 0 if schema is None else schemas[schema.id]
+        new = writer.register_channel(channel.topic, channel.message_encoding, number, channel.metadata)
+        channels[old] = int(new)
         if topic_of(channel.topic) is not None:
-            self._writer.add_metadata(name, sealed(name, described))
-        return int(new)
+            described = {"topic": channel.topic, "schema": schema.name if schema else "", "schema_id": str(number)}
+            described |= {NUMBERED: "yes"} if raw.numbered else {}
+            described |= {RECORDING: channel.metadata[RECORDING]} if RECORDING in channel.metadata else {}
+            writer.add_metadata(f"{CHANNELS}{new}", sealed(f"{CHANNELS}{new}", described))
+    return channels
 
-    def _schema(self, schema: records.Schema, topic: str) -> int:
-        if schema.id not in self._schemas:
-            ours = topic_of(topic)
-            if not schema.data and ours is not None:  # the chunk of the schema was lost, but the schema is one of ours
-                data = schema_of(ours.message)
-                self._schemas[schema.id] = self._writer.register_schema(schema.name, "protobuf", data)
-            else:
-                self._schemas[schema.id] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        return self._schemas[schema.id]
+
+def _schema(writer: Any, schema: records.Schema, topic: str) -> int:
+    """The new number of a schema; one of ours is known even if its chunk was lost."""
+    ours = topic_of(topic)
+    data = schema_of(ours.message) if ours is not None and not schema.data else schema.data
+    return int(writer.register_schema(schema.name, schema.encoding, data))

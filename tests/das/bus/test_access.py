@@ -35,3 +35,11 @@ def test_a_denial_is_reported_only_if_the_message_was_kept_out() -> None:
     assert refusals.take() == []
     refusals.read(KEPT_OUT.encode())
     assert refusals.take() == ["bus: refused: cab.T1 may not put das/T1/x"]
+
+
+def test_a_session_is_named_even_if_zenoh_logs_only_its_number() -> None:
+    """As it does for a key that it has judged before."""
+    refusals = Refusals(HandClock(START_NS))
+    cached = f"{STAMP}TRACE ThreadId(02) Using cached result: ab12 is unauthorized to Put (ingress) on das/T1/x\n"
+    refusals.read((DENIAL + cached + KEPT_OUT).encode())
+    assert refusals.take() == ["bus: refused: cab.T1 may not put das/T1/x"]
