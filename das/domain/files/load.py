@@ -1,4 +1,4 @@
-"""Vehicles, routes and journeys are loaded by the name of a bundled file, or by the path of any file."""
+"""Loading of vehicles, routes and journeys by the name of a bundled file or the path of any file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from das.domain.vehicle import Vehicle
 
 
 def bundled_files(package: str, folder: str) -> dict[str, Path]:
-    """The TOML files that come with the program in a folder of a package, by name."""
+    """The bundled TOML files in a folder of a package, by name."""
     return {path.stem: path for path in sorted(Path(str(files(package) / folder)).glob("*.toml"))}
 
 
@@ -69,7 +69,7 @@ def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
 
 
 def _ttobench() -> Any:
-    """The reader of TTOBench files, which a cab needs for none of its own."""
+    """The reader of TTOBench files, imported only if needed: a cab's own files do not use it."""
     from das.offline import ttobench
 
     return ttobench
@@ -101,7 +101,7 @@ def _locate(name_or_path: str | Path, kind: str) -> Path:
 def locate(
     name_or_path: str | Path, kind: str, bundled: Mapping[str, Path], suffixes: tuple[str, ...] = (".toml",)
 ) -> Path:
-    """The file with a bundled name, or at a path; if there is none, DasError, which names the kind of thing."""
+    """The file with a bundled name, or at a path; a DasError that names the kind of file if there is none."""
     if isinstance(name_or_path, str) and name_or_path in bundled:
         return bundled[name_or_path]
     path = Path(name_or_path)
@@ -109,7 +109,7 @@ def locate(
     if path.suffix.lower() not in suffixes:
         names, expected = ", ".join(bundled), " or ".join(suffixes)
         raise DasError(f"{name_or_path}: not a bundled {kind} ({names}) and not a {expected} file")
-    if os.path.isdir(path):  # unlike Path.is_dir, false for a name that no file can have
+    if os.path.isdir(path):  # unlike Path.is_dir, false for an invalid file name
         raise DasError(f"{name_or_path}: is a folder, expected a file")
     if not os.path.exists(path):
         raise DasError(f"{name_or_path}: no such file")
