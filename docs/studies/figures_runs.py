@@ -1,6 +1,6 @@
 """Figs. 5, 7, 9 and 10: optimal runs, their path through the efficiency map, and their energy.
 
-Figs. 5, 7 and 9 have a column for each level, fig. 10 the old (GTO) and the new (IGBT) inverter on one trip.
+Figs. 5, 7 and 9 have a column for each level; fig. 10 shows the old (GTO) and the new (IGBT) inverter on one trip.
 """
 
 from __future__ import annotations
@@ -42,13 +42,14 @@ from docs.studies.output import Output
 
 LARGEST_DRAWN_PERCENT = 40.0
 CURVE_POINTS = 81
-"""Points of an energy curve: every 0.5 % if it goes to 40 %."""
+"""Number of points of an energy curve: every 0.5 % if it extends to 40 %."""
 HIGHEST_ENERGY_PERCENT = 125.0
-"""The energy axis ends here; a note gives what is above it (L0 NOREG counts the kinetic energy)."""
+"""End of the energy axis (%); a note gives values above it (L0 NOREG counts the kinetic energy)."""
 HIGHEST_DRAWN_MPS = 165 * KMH
 """Speed (m/s) up to which force over speed is drawn."""
 OTHER_SIDE_RATIO = 0.1
-"""Share by which the force axis goes beyond zero when only driving (or braking): cruising needs a little traction."""
+"""Extension of the force axis beyond zero, as a share, when only driving (or braking): cruising needs a little
+traction."""
 MAX = "max"
 
 
@@ -84,7 +85,7 @@ def energy_curve(bench: Workbench, case: StudyCase, variant: Variant) -> EnergyC
 
 
 def level_runs(bench: Workbench, case: StudyCase, variant: Variant) -> dict[str, Trajectory | None]:
-    """A level's runs by the name of their buffer ("0" … "25", "max"), None if it has no use for the buffer."""
+    """A level's runs by buffer ("0" … "25", "max"); None if the buffer exceeds the level's largest useful one."""
     runs: dict[str, Trajectory | None] = {f"{b:g}": bench.run(case, variant, b) for b in BUFFERS_PERCENT}
     return {**runs, MAX: bench.slowest(case, variant).trajectory}
 
@@ -157,7 +158,9 @@ def _draw_forces(axes: Any, bench: Workbench, case: StudyCase, runs: dict[str, T
 
 
 def note_forces_off_scale(axes: Any, runs: list[Trajectory]) -> None:
-    """Add a note of the largest force if it is beyond the end of the axis (L0 REG's runs alternate)."""
+    """Add a note with the largest force if it is beyond the end of the axis (L0 REG's runs alternate between
+    extremes).
+    """
     low_kn, high_kn = axes.get_ylim()
     forces_kn = np.concatenate([run.force_el_n + run.force_friction_n for run in runs]) / KN
     if forces_kn.min() < low_kn:

@@ -1,10 +1,9 @@
-"""The pictures of recordings in the pages, drawn from drives that are made for them, into the working folder.
+"""The pictures of recordings in the pages, drawn in the working folder from drives made for them.
 
-`python -m docs.studies.pictures first-minute` writes what the first minute prints (first-minute.txt) and what comes of
-its drive with a restriction (what-if.txt, what-if.png); `readme` first-minute.txt and first-minute.png, which README
-has.
-`report` draws report.png, and needs Chromium and pdftoppm (poppler): its picture is one of release 0.2, in
-docs/results/0.2/screens.
+`python -m docs.studies.pictures first-minute` writes the output of the first minute (first-minute.txt) and its drive
+with a restriction (what-if.txt, what-if.png); `readme` writes first-minute.txt and first-minute.png for README.
+`report` draws report.png, which needs Chromium and pdftoppm (poppler); the picture in the pages is that of release 0.2,
+in docs/results/0.2/screens.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from sim.review.canvas import comparison_figure
 
 
 def first_minute(folder: Path) -> None:
-    """The first minute: what it prints, its two drives beside each other, and the second one with a restriction."""
+    """The first minute: its output, its two drives side by side, and the second one with a restriction."""
     said, _, guided = _driven(folder)
     (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
     guided.rename(folder / "guided.mcap")
@@ -34,19 +33,19 @@ def first_minute(folder: Path) -> None:
 
 
 def readme(folder: Path) -> None:
-    """What the first minute prints, and its two drives beside each other."""
+    """The output of the first minute, and its two drives side by side."""
     said, recorded, guided = _driven(folder)
     (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
     _beside(recorded, guided, folder / "first-minute.png")
 
 
 def _beside(first: Path, other: Path, picture: Path) -> None:
-    """Draw two drives beside each other, as in a report."""
+    """Draw two drives side by side, as in a report."""
     save_figure(picture, comparison_figure(sim.compare(first, other)))
 
 
 def _driven(folder: Path) -> tuple[list[str], Path, Path]:
-    """What the first minute prints, and its recordings by the names that pictures have."""
+    """The output of the first minute, and its recordings by their names in pictures."""
     said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
     recorded, guided = (folder / f"{name}.mcap" for name in ("as recorded", "with the guide"))
     (made,) = (folder / "recordings").glob("*-guide.mcap")
@@ -56,7 +55,7 @@ def _driven(folder: Path) -> tuple[list[str], Path, Path]:
 
 
 def report(folder: Path) -> None:
-    """The first page of the report of a day with a restriction."""
+    """The first page of the report on a run with a restriction."""
     das_sim("run", "restriction-ahead", "--seed", "1", "-o", folder / "run.mcap")
     das_sim("report", folder / "run.mcap", "-o", folder / "report.pdf")
     first_page(folder / "report.pdf", folder / "report.png")
@@ -70,7 +69,7 @@ PICTURES: Final[dict[str, Callable[[Path], None]]] = {
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Draw the pictures that are named."""
+    """Draw the named pictures."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.pictures", description=__doc__)
     parser.add_argument("names", nargs="+", choices=list(PICTURES), metavar="NAME", help=", ".join(PICTURES))
     for name in parser.parse_args(args).names:
