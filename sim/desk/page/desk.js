@@ -23,7 +23,7 @@ let sound = false, tone = null;
 
 let socket = null, tries = 0, heard = -Infinity;
 let phase = "connecting", hello = null, show = null, replay = null, ready = false;
-let cab = null, before = null, why = {}, got = 0; // the last Cab, the one before it, its reasons, and its time of arrival
+let cab = null, before = null, why = {}, got = 0; // the last Cab, the one before it, its reasons, and its time
 let card = null, wasBraked = false, seq = 0;
 let frameAt = 0, drawn = -1, said = 0, named = 0;
 
@@ -281,7 +281,7 @@ function moved() {
   return { v, rolled: cab.speed_mps * age };
 }
 
-// The speeds that the presentation speed-and-effort shows ahead, with the places where they are reached: [m, m/s], a second apart.
+// The speeds that the presentation speed-and-effort shows ahead and their places: [m, m/s], a second apart.
 function horizon(advice) {
   if (!advice || show.presentation(cab).name !== "speed-and-effort") return [];
   const path = [[cab.s_m, cab.speed_mps]];

@@ -341,7 +341,7 @@ const SIGNS = {
 SIGNS.braked = SIGNS.brake;
 SIGNS.top = SIGNS.hold;
 
-// The sign of a kind of instruction, in a square of this size around a point; an unknown kind has the sign of no advice.
+// The sign of a kind of instruction, in a square of this size around a point; an unknown kind has that of no advice.
 function glyph(g, kind, x, y, size, color) {
   g.save();
   g.translate(x, y);
