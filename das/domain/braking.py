@@ -47,9 +47,7 @@ class ServiceBraking:
 
 @dataclass(frozen=True, kw_only=True)
 class SiteBraking:
-    """The braking of a site's drivers, as stated by its operator. A deceleration of None means the value in the train's
-    file.
-    """
+    """The braking of a site's drivers, as stated by its operator; deceleration None: the value in the train's file."""
 
     deceleration_mps2: float | None = None
     reaction_s: float = REACTION_S

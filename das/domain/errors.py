@@ -10,8 +10,7 @@ from typing import Final
 
 MOST_OF_A_MESSAGE = 2000
 MOST_OF_A_VALUE = 200
-"""Longest message, and longest value or key in a message (characters): a file may contain megabytes in place of a
-number."""
+"""Longest message, and longest value or key in it (characters): a file may contain megabytes in place of a number."""
 NOW_CALLED: Final = {
     "coach": ("guide", "braking"),
     "rms": ("top-speed",),

@@ -64,9 +64,10 @@ class Call:
 
 @dataclass(frozen=True, kw_only=True)
 class Passing:
-    """A point to be passed within a time window and between two speeds; without a window, a timing point. A `wish` is
-    not enforced: plans report whether its window is met within `tolerance_s` (the rounding of the timetable) and what
-    meeting it costs.
+    """A point to be passed within a time window and between two speeds; without a window, a timing point.
+
+    A `wish` is not enforced: plans report whether its window is met within `tolerance_s` (the rounding of the
+    timetable) and what meeting it costs.
     """
 
     name: str
@@ -131,8 +132,8 @@ class Journey(Summary):
     @classmethod
     def over_stops(cls, stops: Sequence[Stop], *, time_s: float, dwell_s: float) -> Self:
         """A journey from the first to the last stop in `time_s`, with a dwell of at least `dwell_s` at each stop
-        between. Only the departure (0 s) and the last arrival are fixed; the times between them are free. Raises
-        InputError if the stops do not form a journey.
+        between. Only the departure (0 s) and the last arrival are fixed. Raises InputError if the stops do not form a
+        journey.
         """
         first, *inner, last = stops
         calls = [Call(name=x.name, position_m=x.position_m, dwell_s=dwell_s) for x in inner]
@@ -206,7 +207,7 @@ def _check_point(source: str, point: Call | Passing) -> None:
             raise InputError(source, f"dwell of {point.name}", point.dwell_s, "a finite number >= 0")
         return
     if point.wish and point.window == ANY_TIME:
-        raise InputError(source, f"times of {point.name}", MISSING, "a time: it is a wish")
+        raise InputError(source, f"times of {point.name}", MISSING, "a time, because the passing is a wish")
     if not (0 <= point.lowest_mps <= point.highest_mps and point.highest_mps > 0 and point.lowest_mps < math.inf):
         shown = f"{point.lowest_mps / KMH:g} … {point.highest_mps / KMH:g} km/h"
         raise InputError(

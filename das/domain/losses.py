@@ -101,7 +101,7 @@ class LossMap:
                 self.name, "forces (N)", (float(self.force_n[0]), float(self.force_n[-1])), "a range that contains 0 N"
             )
         if np.abs(self.force_n).min() > GRID_EVENNESS * (self.force_n[-1] - self.force_n[0]):
-            raise InputError(self.name, "force", float(np.abs(self.force_n).min()), "0 N to be a point of the grid")
+            raise InputError(self.name, "force", float(np.abs(self.force_n).min()), "0 N among the points of the grid")
         _check_losses(self)
         low, high = _covered_range(self)
         filled = self.loss_w_table.copy()
@@ -177,14 +177,13 @@ def fit_mean_efficiency(model: LossMap, max_power_w: float, *, with_idle: bool) 
     """Least-squares fit of levels L1 (`with_idle=False`) and L2 to a loss map over its operating points.
 
     P_L ≈ k·|F·v| (+ c0) is fitted over all covered points of the map with speed > 0 and wheel power up to
-    `max_power_w`, with η̄ = 1/(1 + k). Neither k nor c0 may become negative. L1 is fitted separately, without the
-    constant.
+    `max_power_w`, with η̄ = 1/(1 + k). k and c0 remain >= 0. L1 has a separate fit without c0.
     """
     points = operating_points(model, max_power_w)
     x, y = points.power_w, points.loss_w
     if not x.any():
         raise DasError(
-            f"{model.name}: no point of the map with a force has a wheel power up to {max_power_w / 1e3:g} kW, so that "
+            f"{model.name}: no point of the map with a force has a wheel power up to {max_power_w / 1e3:g} kW; "
             "no efficiency can be fitted"
         )
     ratio, idle_w = float(x @ y / (x @ x)), 0.0

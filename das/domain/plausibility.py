@@ -1,6 +1,7 @@
-"""Plausible limits for the values of trains and lines: they reveal a wrong unit or an extra digit. `check_vehicle` and
-`check_route` reject a value beyond a limit unless the file lists that check as accepted. `warnings_of` returns a line
-for each value that is unusual or was accepted. This module prints nothing.
+"""Plausible limits for the values of trains and lines: they reveal a wrong unit or an extra digit.
+
+`check_vehicle` and `check_route` reject a value beyond a limit unless the file lists that check as accepted.
+`warnings_of` returns a line for each value that is unusual or was accepted. This module prints nothing.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ SPEEDS = 200
 NOISE_OVER_M = 2000.0
 """Smoothing length (m) of altitudes; the part removed by smoothing is called noise."""
 NOISE_CLIMB_RATIO = 0.003
-"""Climb per length removed by smoothing from which a line counts as noisy. Noise of 1 m every 100 m gives 0.0055; real
-lines stay below 0.002."""
+"""Removed climb per length from which a line is noisy: 1 m of noise every 100 m gives 0.0055, real lines below
+0.002."""
 FLAT_ERROR = "energies are those of a flat line; on four real sections they were 1 to 29 % too low"
 FLAT = f"no altitudes: {FLAT_ERROR} (docs/explanation/own-lines.md)"
 FEW_POINTS = (
@@ -115,9 +116,7 @@ class Unit(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """A value outside its range: name of the check, name of the value in messages, value and range (SI), and unit in
-    messages.
-    """
+    """A value outside its range: names of the check and of the value, value and range (SI), and unit in messages."""
 
     check: str
     key: str
@@ -167,8 +166,8 @@ _ROUTE: Mapping[str, tuple[str, Unit]] = {
     "speed_limit": ("speed_limits", Unit("km/h", KMH)),
     "gradient": ("gradients", Unit("‰", PERMILLE)),
     "geometry_length": ("geometry: length on the map over that of the positions", _RATIO),
-    "geometry_jump": ("geometry: further to the next point than by the positions", Unit("m")),
-    "geometry_missing": ("geometry: share of the line without it", _RATIO),
+    "geometry_jump": ("geometry: map distance to the next point beyond that of the positions", Unit("m")),
+    "geometry_missing": ("share of the line without geometry", _RATIO),
 }
 _LISTS = ("speed_limit", "gradient")
 """Checks of a list: the message names the entry."""
@@ -210,10 +209,11 @@ def unusual_in(thing: Vehicle | Route) -> tuple[str, ...]:
 
 
 def energy_range(route: Route) -> str:
-    """The possible error of energies on this line because of its altitudes, as text; empty if unknown. A line is flat
-    if its file says so, or if all gradients are 0 and the file does not state that the real line is level. It is noisy
-    if its file says that its altitudes are raw, or does not state their kind and smoothing over `NOISE_OVER_M` removes
-    more than `NOISE_CLIMB_RATIO` metres of climb per metre.
+    """The possible error of energies on this line because of its altitudes, as text; empty if unknown.
+
+    A line is flat if its file says so, or if all gradients are 0 and the file does not state that the real line is
+    level. It is noisy if its file says that its altitudes are raw, or does not state their kind and smoothing over
+    `NOISE_OVER_M` removes more than `NOISE_CLIMB_RATIO` metres of climb per metre.
     """
     kind = route.altitudes
     if kind is None and not route.gradients_ratio.value.any() and _states_its_altitudes(route):

@@ -28,6 +28,7 @@ class PlottedWindow:
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PlottedRun(Summary):
     """A run in the form that pictures show: arrays of shape (n,) with a value for each node; None for unknown values.
+
     The limit and the forces of motors and friction brake apply from a node to the next. `energy_j` is the net energy at
     the current collector since the first node. `names` identifies the run: its train, level, strategy or file.
     """
@@ -68,8 +69,9 @@ class PlottedRun(Summary):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlottedFront:
-    """Points of a front, fastest first, as arrays of shape (points,); `names` identifies the front. `credit` is the
-    source and licence of the data, as stated in the file of the line.
+    """Points of a front, fastest first, as arrays of shape (points,); `names` identifies the front.
+
+    `credit` is the source and licence of the data, as stated in the file of the line.
     """
 
     names: tuple[str, ...]
@@ -87,5 +89,4 @@ class Plottable(Protocol):
 
 
 NEAR_M = 50.0
-"""Distance (m) beyond the ends of a run within which a stop belongs to it: trains stop some metres from the exact
-place."""
+"""Distance (m) beyond the ends of a run within which a stop belongs to it: trains stop with an error of metres."""

@@ -97,9 +97,7 @@ class Restriction:
 
     @property
     def counting_ns(self) -> tuple[int, int]:
-        """The times (ns since 1970) from and until which plans observe the restriction; for open ends 0 and
-        `LATEST_NS`.
-        """
+        """Start and end (ns since 1970) of the time in which plans observe the restriction; open: 0, `LATEST_NS`."""
         from_ns = self.valid_from_ns and max(self.valid_from_ns - round(COUNTS_BEFORE_S / NS), 0)
         until_ns = self.valid_until_ns and min(self.valid_until_ns + round(COUNTS_AFTER_S / NS), LATEST_NS)
         return from_ns, until_ns or LATEST_NS

@@ -212,8 +212,9 @@ class Route(Summary):
         return ZoneInfo(self.time_zone)
 
     def midnight_ns(self, time_ns: int) -> int:
-        """The midnight (ns since 1970) at the start of the day that contains a time, in the line's time zone. It is
-        twelve hours before noon: on days when clocks change, a timetable's day begins an hour before or after midnight.
+        """The midnight (ns since 1970) before a time, in the line's time zone.
+
+        It is twelve hours before noon: when clocks change, a timetable's day begins an hour before or after midnight.
         """
         day = datetime.fromtimestamp(time_ns // 10**9, self.zone).date()
         noon = datetime(day.year, day.month, day.day, 12, tzinfo=self.zone)
@@ -264,8 +265,8 @@ class Route(Summary):
         """The line in the opposite direction, positions counted from its other end; DasError for a `one_way` line."""
         if self.one_way:
             raise DasError(
-                f"{self.source}: one_way = true: its limits hold from {self.stops[0].name} to {self.stops[-1].name} "
-                "alone, so it cannot be reversed; import or write a file of the other direction"
+                f"{self.source}: one_way = true: its limits are those from {self.stops[0].name} to "
+                f"{self.stops[-1].name}, and it cannot be reversed; import or write a file for the other direction"
             )
         length = self.length_m
         return replace(
@@ -348,7 +349,7 @@ def _check_positions(
         i = int(bad[0]) + 1
         raise InputError(source, f"{key}[{i}] position", f"{position_m[i]:g} m", f"more than {position_m[i - 1]:g} m")
     if first_at_zero and position_m[0] != 0:
-        raise InputError(source, f"{key}[0] position", f"{position_m[0]:g} m", "0 m, so that the whole line is covered")
+        raise InputError(source, f"{key}[0] position", f"{position_m[0]:g} m", "0 m, to cover the whole line")
     if position_m[0] < 0:
         raise InputError(source, f"{key}[0] position", f"{position_m[0]:g} m", "a position >= 0 m")
     if position_m[-1] > length_m + POSITION_TOLERANCE_M:

@@ -10,8 +10,9 @@ from das.domain.units import kwh
 
 
 class Summary(ABC):
-    """An object whose `repr` is one line and which a notebook shows as a table of a few rows instead of its arrays. A
-    dataclass that inherits from it needs `repr=False`; otherwise its `repr` contains all fields.
+    """An object whose `repr` is one line and which a notebook shows as a table of a few rows instead of its arrays.
+
+    A dataclass that inherits from it needs `repr=False`; otherwise its `repr` contains all fields.
     """
 
     @abstractmethod

@@ -181,9 +181,7 @@ class Trajectory(Summary):
         return np.where(gross > 0, gross, np.clip(self.supply, 0.0, 1.0) * gross)
 
     def braked_as(self, vehicle: Vehicle, level: Level) -> Trajectory:
-        """The trajectory with its forces split between motors and friction brake by the vehicle's brake policy at a
-        level.
-        """
+        """The trajectory with forces split between motors and friction brake by the brake policy at a level."""
         total = self.force_el_n + self.force_friction_n
         faster = np.maximum(self.v_mps[:-1], self.v_mps[1:])
         electric = vehicle.electric_effort_n(total, faster, level, self.supply)

@@ -141,7 +141,7 @@ class Vehicle(Summary):
             if np.isnan(value) or value <= 0:
                 raise InputError(self.source, key, value, "a number > 0")
         if self.default_level not in (*self.losses, Level.L0_NOREG, Level.L0_REG):
-            raise InputError(self.source, "default_level", str(self.default_level), "a level this vehicle has")
+            raise InputError(self.source, "default_level", str(self.default_level), "a level of the vehicle")
 
     def facts(self) -> dict[str, str]:
         """Name, mass, length, top speed and loss levels."""
@@ -189,9 +189,7 @@ class Vehicle(Summary):
         raise DasError(f"{self.source}: no data for level {level} (it has {have}); {hint}")
 
     def brakes_at(self, level: Level) -> BrakePolicy:
-        """Brake policy at a level: L0 NOREG dissipates all braking energy; the other levels have the train's own
-        policy.
-        """
+        """Brake policy at a level: L0 NOREG dissipates all braking energy; other levels have the train's policy."""
         return BrakePolicy.FRICTION if level is Level.L0_NOREG else self.brake_policy
 
     def traction_effort_n(self, speed_mps: ArrayLike) -> Floats:
@@ -228,8 +226,8 @@ class Vehicle(Summary):
         """The share of each wheel force (N) at a speed (m/s) that the motors provide; the friction brake provides the
         rest.
 
-        `supply` is that of `das.domain.route.Route.supply`: where it forbids the electric brake, the friction brake
-        does all the braking.
+        `supply` is that of `das.domain.route.Route.supply`: where it forbids the electric brake, friction does all
+        braking.
         """
         force = np.asarray(force_n, dtype=float)
         brakes = self.brakes_at(level)
@@ -260,15 +258,17 @@ class Vehicle(Summary):
         return Stretches(start_m=start_m, value=value)
 
     def line_resistance_mps2(self, route: Route) -> Stretches:
-        """Curve resistance per unit of this train's mass (m/s²) along a line. The planner, simulated trains and drivers
-        use it; each averages it over the train in its own way.
+        """Curve resistance per unit of this train's mass (m/s²) along a line.
+
+        The planner, simulated trains and drivers use it; each averages it over the train in its own way.
         """
         curves = route.curvature_per_m
         return Stretches(start_m=curves.start_m.copy(), value=curve_resistance_mps2(curves.value))
 
     def with_mass(self, mass_kg: float) -> Vehicle:
-        """The train with another load. The rotating parts keep their mass; the constant resistance c0 (rolling
-        friction) is proportional to the weight.
+        """The train with another load.
+
+        The rotating parts keep their mass; the constant resistance c0 (rolling friction) is proportional to the weight.
         """
         ratio = mass_kg / self.mass_kg
         return replace(
@@ -284,7 +284,7 @@ class Vehicle(Summary):
         train, parts = self, (name,) if name in known else tuple(name.split("+"))
         for part_of in (self.loads, self.modes):
             if sum(one in part_of for one in parts) > 1:
-                raise DasError(f"{self.source}: load {name!r}: expected one load state and one mode at most")
+                raise DasError(f"{self.source}: load {name!r}: expected at most one load state and one mode")
         for one in parts:
             if one not in known:
                 raise DasError(

@@ -129,8 +129,10 @@ class Front(Summary):
 
 
 class Trial(NamedTuple):
-    """A trajectory that has been tried. `place` is the index of its multiplier on the ladder, fractional if it lies
-    between two steps (inf: the fastest trajectory). `miss_s` is its time minus the requested time.
+    """A trajectory that has been tried.
+
+    `place` is the index of its multiplier on the ladder, fractional if it lies between two steps (inf: the fastest
+    trajectory). `miss_s` is its time minus the requested time.
     """
 
     place: float
@@ -140,8 +142,10 @@ class Trial(NamedTuple):
 
 class TimeSearch:
     """Search for the trajectory from a state that takes a given time: that of a multiplier, or a blend if the front
-    jumps. The policies give the first place on the ladder. Each trial corrects it, and the next one aims slightly
-    beyond the requested time until two trials enclose it. The search then continues by false position (Illinois).
+    jumps.
+
+    The policies give the first place on the ladder. Each trial corrects it, and the next one aims slightly beyond the
+    requested time until two enclose it. Then the search continues by false position (Illinois).
     """
 
     def __init__(

@@ -79,9 +79,9 @@ _SLOWEST_MPS = 1.0
 
 
 def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, beside_m: float = 0.0) -> Floats:
-    """Positions (m) that must be decision nodes: at and near stops, and where the head or tail of the train meets a
-    change of the line. `length_m` is the length of the train, 0 for a point mass. With `beside_m` there are also nodes
-    at this distance (m) before and after each change of the limit, for head and tail.
+    """Positions (m) that must be decision nodes: at and near stops, and where the head or tail meets a change of the
+    line. `length_m` is the length of the train, 0 for a point mass. With `beside_m` there are also nodes at this
+    distance (m) before and after each change of the limit.
     """
     start_m, end_m = ends_m
     breaks = route.breakpoints_m()
@@ -96,9 +96,7 @@ def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, besi
 
 
 def even_nodes(fixed_m: Floats) -> Floats:
-    """The fixed nodes and evenly spaced nodes between them; the fastest trajectory on them determines the decision
-    steps.
-    """
+    """The fixed nodes and evenly spaced ones between; the fastest trajectory on them determines the decision steps."""
     return subdivide(fixed_m, np.ceil(np.diff(fixed_m) / _longest_m(fixed_m) - 1e-9).astype(np.int64))
 
 

@@ -121,9 +121,7 @@ class Section(Summary, LineProfile):
         return float(running_n + self.constant_n[interval])
 
     def largest_n(self, v_mps: float) -> tuple[float, float]:
-        """The largest forces (N) at a speed: traction, and all brakes of the train, including those that plans do not
-        use.
-        """
+        """The largest forces (N) at a speed: traction, and all brakes of the train, even those not used in plans."""
         v, train = max(v_mps, 0.1), self.train
         return float(traction_limit(v, train)), float(brake_limit(v, train, self.vehicle.friction_brake_force_n))
 
@@ -239,8 +237,9 @@ def rebuilt(
     brakes: BrakePolicy | None = None,
     braking: ServiceBraking | None = None,
 ) -> Section:
-    """The section rebuilt with another vehicle, other brakes or a service braking. `brakes=None` keeps the brakes of
-    the section; `braking=None` means full brakes. Errors as in `build_section`.
+    """The section rebuilt with another vehicle, other brakes or a service braking.
+
+    `brakes=None` keeps the brakes of the section; `braking=None` means full brakes. Errors as in `build_section`.
     """
     return build_section(
         section.route,
@@ -313,8 +312,8 @@ def _decided(
 def _check_ends(route: Route, start_m: float, end_m: float) -> None:
     if not (start_m >= 0 and end_m - start_m > tol.MIN_STEP_M and end_m <= route.length_m + tol.MIN_STEP_M):
         raise DasError(
-            f"{route.source}: a section from {start_m:g} m to {end_m:g} m: expected one that leads forwards "
-            f"on the route, 0 … {route.length_m:g} m"
+            f"{route.source}: a section from {start_m:g} m to {end_m:g} m: expected one in the direction of the "
+            f"route, within 0 … {route.length_m:g} m"
         )
 
 
@@ -326,8 +325,9 @@ def _slope_change(route: Route, node_m: Floats, length_m: float) -> Floats:
 
 
 def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Floats) -> NDArray[np.int64]:
-    """The number of integration steps in each decision step, chosen such that speed and slope change little in each. A
-    slope that changes evenly by Δi over h absorbs and returns the kinetic energy g·Δi·h/8 per unit of mass. With n
+    """The number of integration steps in each decision step, chosen such that speed and slope change little in each.
+
+    A slope that changes evenly by Δi over h absorbs and returns the kinetic energy g·Δi·h/8 per unit of mass. With n
     steps, 1/n² of this energy remains as an error; divided by the speed, it is the error in speed.
     """
     mean = np.maximum(0.5 * (fastest_mps[:-1] + fastest_mps[1:]), 0.1)
@@ -358,7 +358,7 @@ def _bounding_speeds(
         raise _runs_away(route, vehicle, profile, train, stuck, float(allowed[stuck + 1]), None)
     if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
         raise InfeasibleError(
-            f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or cannot be braked"
+            f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or too fast to brake"
         )
     floor = climbing_floor(line, allowed, tol.CREST_MPS, train)
     envelope = allowed
@@ -382,9 +382,10 @@ def _bounding_speeds(
 def _planned_envelope(
     route: Route, vehicle: Vehicle, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking
 ) -> Floats:
-    """The highest speeds (m/s) from which service braking keeps the limits and the end speed. A limit also counts if
-    the train may be within its extent because of the uncertainty of its position. Raises InfeasibleError if the service
-    brake cannot hold the train on a descent.
+    """The highest speeds (m/s) from which service braking keeps the limits and the end speed.
+
+    A limit also counts if the train may be within its extent because of the uncertainty of its position. Raises
+    InfeasibleError if the service brake cannot hold the train on a descent.
     """
     node_m, beside_m = profile.node_m, braking.deviation_m
     limit = route.limits_mps.minimum(node_m[:-1] - ends.length_m - beside_m, node_m[1:] + beside_m)
@@ -408,9 +409,7 @@ def _runs_away(
     v_mps: float,
     service: ServiceParams | None,
 ) -> RunawayError:
-    """The error for a train whose brakes cannot hold it in interval i, with the place and the key that would change
-    this.
-    """
+    """The error for a train whose brakes cannot hold it in interval i, with the place and the key to change."""
     here = on_supply(train, float(profile.supply[i]))
     resisting_n = mean_resistance(0.0, v_mps, profile.tunnel_n_per_mps2[i], here) + profile.constant_n[i]
     electric_n, friction_n = float(electric_limit(max(v_mps, 0.1), here)), vehicle.friction_brake_force_n

@@ -30,8 +30,7 @@ class Fit(StrEnum):
     LATE = "late"
     """The requested time is below the minimum; the trajectory is the fastest one."""
     EARLY = "early"
-    """The requested time is so long that a slower trajectory would need more energy; the trajectory is that of least
-    energy."""
+    """A slower trajectory would need more energy; the trajectory is that of least energy, before the requested time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

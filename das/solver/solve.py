@@ -22,8 +22,7 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 BLOCK_NODES = 32
-"""Number of decision nodes whose transitions are in memory at a time: a few MB, and threads rarely wait for each
-other."""
+"""Number of decision nodes with transitions in memory at a time: a few MB, and threads rarely wait for each other."""
 
 BEHIND_M = 1_000.0
 """Distance (m) behind a moving train at which its front begins: more than any correction of its position."""
@@ -135,9 +134,7 @@ class _Sweep:
 
 
 def default_ladder(section: Section) -> Floats:
-    """The default multipliers (W): a few very small ones, a geometric ladder, and a few far above the usable traction
-    power.
-    """
+    """The default multipliers (W): a few very small ones, a geometric ladder, a few far above the usable power."""
     lowest, highest = np.array(tol.LADDER_LOWEST_RATIOS), np.array(tol.LADDER_HIGHEST_RATIOS)
     between = tol.LADDER_SIZE - len(lowest) - len(highest)
     ladder = np.geomspace(tol.LADDER_LOW_RATIO, tol.LADDER_HIGH_RATIO, between)
@@ -183,9 +180,7 @@ class Transitions:
     def sweep(
         self, first: int, last: int, lambda_w: Floats, value_j: Floats, time_to_go_s: NDArray[np.float32]
     ) -> None:
-        """Fill in the values and times-to-go of the nodes for multipliers first … last − 1, from those of the node
-        after them.
-        """
+        """Fill in values and times-to-go of the nodes for multipliers first … last − 1, from the node after them."""
         backward_sweep(first, last, lambda_w, self.moves, value_j, time_to_go_s)
 
 

@@ -52,8 +52,9 @@ class State(LineProfile):
 
     @classmethod
     def at(cls, section: Section, s_m: float | None = None, v_mps: float | None = None) -> State:
-        """The state at a position (m) and speed (m/s), by default at the start of the section. Raises DasError for a
-        position outside the section or an impossible speed.
+        """The state at a position (m) and speed (m/s), by default at the start of the section.
+
+        Raises DasError for a position outside the section or an impossible speed.
         """
         s_m = section.start_m if s_m is None else float(s_m)
         v_mps = section.start_speed_mps if v_mps is None else float(v_mps)
@@ -100,6 +101,7 @@ class State(LineProfile):
 
     def blend(self, share: float, quick: RollOut, slow: RollOut) -> RollOut:
         """The trajectory between two others: v² = share · (v² of the quick one) + (1 − share) · (v² of the slow one).
+
         Every step is limited to the train's efforts. Raises InfeasibleError if the train stalls.
         """
         speeds = self._speeds()
@@ -187,8 +189,9 @@ def fastest(section: Section, s_m: float | None = None, v_mps: float | None = No
 
 
 def least_time_s(section: Section, s_m: float, v_mps: float) -> float:
-    """Time (s) of the fastest trajectory from a position (m) and speed (m/s); errors as in `fastest`. The trajectory is
-    computed only until it meets the section's `fastest_run`.
+    """Time (s) of the fastest trajectory from a position (m) and speed (m/s); errors as in `fastest`.
+
+    The trajectory is computed only until it meets the section's `fastest_run`.
     """
     check_state(section, s_m, v_mps)
     following = following_node(section, s_m)

@@ -64,8 +64,7 @@ so the first of them gives the slowest run."""
 
 # The planning of a journey of several sections.
 JOURNEY_FRONTS_BYTES: Final = 400_000_000
-"""Largest total size (bytes) of the stored fronts of a journey's sections; other fronts are solved again when
-needed."""
+"""Largest total size (bytes) of the stored fronts of a journey's sections; others are solved again when needed."""
 JOURNEY_TIME_TOLERANCE_S: Final = 0.002
 """Tolerance (s) of the time of a section's run; the errors of the sections add up."""
 PASSING_SPEED_STEP_MPS: Final = 1e-6

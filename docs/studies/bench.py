@@ -1,5 +1,6 @@
-"""Computing times of the solver on the machine: `python -m docs.studies.bench`. Each row is the median of several
-rounds, with minimum and maximum. Other load on the machine increases them.
+"""Computing times of the solver on the machine: `python -m docs.studies.bench`.
+
+Each row is the median of several rounds, with minimum and maximum. Other load on the machine increases them.
 """
 
 from __future__ import annotations

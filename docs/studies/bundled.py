@@ -1,5 +1,6 @@
-"""The report of the smallest bundled study, and helpers of other scripts for commands and reports. `python -m
-docs.studies.bundled` runs the study in the working folder and writes its report there, smoke.html.
+"""The report of the smallest bundled study, and helpers of other scripts for commands and reports.
+
+`python -m docs.studies.bundled` runs the study in the working folder and writes its report there, smoke.html.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 """`python -m docs.studies.calibrate`: calibrate the loss chains of the Re 460 to the paper's figures, or check them.
+
 Stage 1 (static) determines four parameters of the GTO chain from four equations: its map has the published L2 fit
 (efficiency and idle part) and loss at full power, and the fit has no mean deviation when cruising. The IGBT chain is
 the GTO chain with another converter, whose parameters are chosen such that runs independent of the map consume the
@@ -46,9 +47,8 @@ STAGE_1_START: Final[Mapping[str, float]] = MappingProxyType(
 """Free parameters of the GTO chain's stage 1, with their start values."""
 EFFICIENCY_AIM, IDLE_AIM_W, FULL_POWER_AIM_W = 0.8885, 115e3, 1043e3
 """The aims of stage 1: the L2 fit (eq. 16), the loss at full power (section 2: about 1000 kW), and no mean deviation of
-the fit when cruising. Efficiency and loss at full power are those with the highest losses that round to the printed
-figures, because at L3 Table 2's fastest run consumes more for its mechanical work than a map with lower losses
-gives."""
+the fit when cruising. Efficiency and loss at full power have the highest losses that round to the printed figures: with
+lower losses, Table 2's fastest run at L3 would consume too little for its mechanical work."""
 
 STAGE_2_START: Final[Mapping[str, float]] = MappingProxyType(
     {
@@ -165,8 +165,8 @@ def _least_squares(
     )
     if exact and np.abs(solved.fun).max() > 1e-6:
         raise DasError(
-            f"calibration: no {', '.join(start)} >= 0 meet the static targets (left over: "
-            f"{', '.join(f'{100 * x:+.2f} %' for x in solved.fun)}); change the parameters that are assumed"
+            f"calibration: no {', '.join(start)} >= 0 meet the static targets (residuals: "
+            f"{', '.join(f'{100 * x:+.2f} %' for x in solved.fun)}); change the assumed parameters"
         )
     return at(solved.x)
 
@@ -212,7 +212,7 @@ def refitted(gto: LossChain, igbt: LossChain) -> LossChain:
 
 def calibrate(
     check: Annotated[
-        bool, typer.Option("--check", help="Only hold the bundled vehicles against the targets (seconds).")
+        bool, typer.Option("--check", help="Only check the bundled vehicles against the targets (takes seconds).")
     ] = False,
     out: OutFolderOption = None,
     overwrite: OverwriteOption = False,
@@ -287,9 +287,7 @@ def _printed_and_reached(target: paper.PublishedFigure, reached: float) -> tuple
 
 
 def reached_table(figures: Figures) -> Iterator[str]:
-    """The lines of the page's table: every target except the cells of Table 2, and the deviations of these by
-    column.
-    """
+    """The lines of the page's table: all targets except the cells of Table 2, and their deviations by column."""
     yield "| | printed | reached | accepted |"
     yield "|---|---:|---:|---:|"
     columns: dict[str, tuple[float, float]] = {}
@@ -310,6 +308,7 @@ def reached_table(figures: Figures) -> Iterator[str]:
 
 def vehicle_toml(name: str, chain: LossChain) -> str:
     """The bundled vehicle's file with the calibrated parameters of its table [losses.l3] replaced by those of `chain`.
+
     Sources and all other lines are unchanged. Raises DasError if the file has no line for a parameter.
     """
     path = locate_vehicle(name)

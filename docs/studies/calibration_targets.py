@@ -330,8 +330,8 @@ def evaluate(gto: Vehicle, gto_chain: LossChain, igbt: Vehicle, runs: Runs) -> F
 
 
 def _orders(table: Mapping[str, tuple[float, ...]]) -> tuple[float, float, float]:
-    """Numbers of columns in which the diagonal is best, in which fastest is worst, and in which top-speed is behind all
-    optima except that of L0 REG.
+    """Numbers of columns with the diagonal best; with fastest worst; with top-speed behind all optima except L0
+    REG's.
     """
 
     def count(holds: Callable[[dict[str, float], str], bool]) -> float:

@@ -233,9 +233,7 @@ class Workbench:
         return self.front(case, variant).trajectory(self.time_s(case, buffer_percent)).trajectory
 
     def energy_j(self, trajectory: Trajectory, variant: Variant) -> float:
-        """Energy used for comparisons in the paper at a level: irreversible energy, or positive wheel work at L0
-        NOREG.
-        """
+        """The paper's energy for comparisons at a level: irreversible energy, or positive wheel work at L0 NOREG."""
         return consumed_j(trajectory, self.vehicle(variant), variant.level)
 
     def balance(self, trajectory: Trajectory, variant: Variant) -> EnergyBalance:
@@ -288,8 +286,9 @@ class Workbench:
 
 
 def lowest_running_speed_mps(trajectory: Trajectory) -> float:
-    """Lowest speed of a run, without the first or last 100 m if it starts or ends there below 20 km/h. The nodes of the
-    paper's grid are 100 m apart; below 20 km/h it has only starting and stopping (section 4.1).
+    """Lowest speed of a run, without the first or last 100 m if it starts or ends there below 20 km/h.
+
+    The nodes of the paper's grid are 100 m apart; below 20 km/h it has only starting and stopping (section 4.1).
     """
     s_m, v_mps = trajectory.s_m, trajectory.v_mps
     slow = LOWEST_CRUISE_KMH * KMH

@@ -109,9 +109,7 @@ class Variation:
 
 
 def variations(plan: Conditions, vehicle: Vehicle, texts: Sequence[str] = ()) -> list[Variation]:
-    """The variations for texts such as `mass=-10,10`, or the default ones; DasError for an unknown name or invalid
-    value.
-    """
+    """The variations for texts such as `mass=-10,10`, or the default ones; DasError for an invalid name or value."""
     if not texts:
         known = [one for one in USUAL if one is not Parameter.ADHESION or math.isfinite(vehicle.adhesive_mass_kg)]
         return [Variation.of(plan, one, value) for one in known for value in USUAL[one]]
@@ -153,10 +151,12 @@ class Followed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VariationOutcome:
-    """The effect of a variation on a plan. `followed`: the plan as driven. `on_time` and `same_time` are optima under
-    the changed conditions: `on_time` for the planned time (or the fastest run, which is late), `same_time` for the time
-    that following the plan took. None: there is no such run. `trouble` is the reason for that, or the defect of
-    `followed`. Ratios are relative to the plan's energy at the collector.
+    """The effect of a variation on a plan.
+
+    `followed`: the plan as driven. `on_time` and `same_time` are optima under the changed conditions: `on_time` for the
+    planned time (or the fastest run, which is late), `same_time` for the time that following the plan took. None: there
+    is no such run. `trouble` is the reason for that, or the defect of `followed`. Ratios are relative to the plan's
+    energy at the collector.
     """
 
     plan: Solution
@@ -178,8 +178,9 @@ class VariationOutcome:
 
     @property
     def on_time_late_s(self) -> float | None:
-        """The delay of a new plan for the planned time (s). It is early (< 0) only if the run of least energy takes
-        less than the planned time.
+        """The delay of a new plan for the planned time (s).
+
+        It is early (< 0) only if the run of least energy takes less than the planned time.
         """
         return self.on_time.time_s - self.plan.time_s if self.on_time else None
 

@@ -1,6 +1,7 @@
-"""The driver data set of release 0.2: simulated drives, the only source of all tables about drivers. `python -m
-docs.studies.driver_days` simulates the missing drives and writes docs/results/0.2/driver_days.csv, one row for each
-drive, with the facts on its page (242 drives, about ten minutes on two free cores). With `--persons` it writes
+"""The driver data set of release 0.2: simulated drives, the only source of all tables about drivers.
+
+`python -m docs.studies.driver_days` simulates the missing drives and writes docs/results/0.2/driver_days.csv, one row
+for each drive, with the facts on its page (242 drives, about ten minutes on two free cores). With `--persons` it writes
 populations.csv, 30 persons of the default population in one scenario (a minute). Finished drives are stored in
 build/driver-days: a stopped command continues from there, and only drives of another version of the program are
 repeated. `python -m docs.studies.driver_tables` makes the tables.
@@ -87,8 +88,9 @@ def person_jobs(numbers: Sequence[int] = PERSON_NUMBERS) -> list[TrialJob]:
 
 
 def all_jobs() -> list[TrialJob]:
-    """All drives, with half of the seeds first: a stopped command leaves drives that can be compared. Drives of one
-    scenario are consecutive, because its plans are solved once for all of them.
+    """All drives, with half of the seeds first: a stopped command leaves drives that can be compared.
+
+    Drives of one scenario are consecutive, because its plans are solved once for all of them.
     """
     half = len(SEEDS) // 2
     found: list[TrialJob] = []
@@ -131,9 +133,7 @@ def csv_bytes(rows: Sequence[dict[str, Any]], columns: Sequence[str] = COLUMNS) 
 
 
 def facts(rows: Sequence[dict[str, Any]], of: int) -> Iterator[str]:
-    """The title of the page, with the content of the data set and the number of missing drives if the command was
-    stopped.
-    """
+    """The title of the page, with the content of the data set and, after a stop, the number of missing drives."""
     found = subprocess.run(["git", "rev-parse", "HEAD"], cwd=DOCS, capture_output=True, text=True, check=False)
     seeds = sorted({row["seed"] for row in rows})
     made = f"{datetime.now(tz=UTC):%d %B %Y}".lstrip("0")

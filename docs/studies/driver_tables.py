@@ -1,6 +1,7 @@
-"""All tables about simulated drivers, computed only from the rows of driver_days.csv and populations.csv. `python -m
-docs.studies.driver_tables` updates them in their pages within a second; with the NAMES of tables it prints these. It
-simulates nothing.
+"""All tables about simulated drivers, computed only from the rows of driver_days.csv and populations.csv.
+
+`python -m docs.studies.driver_tables` updates them in their pages within a second; with the NAMES of tables it prints
+these. It simulates nothing.
 """
 
 from __future__ import annotations
@@ -71,8 +72,9 @@ def mean(of: Drives, column: str) -> float:
 
 
 def less(of: Drives, alone: Drives, *columns: str) -> np.ndarray:
-    """Reduction of a column in each drive relative to the drive without advice with the same seed. The reduction of a
-    second column is subtracted: energy minus optimum gives the saving at equal arrival.
+    """Reduction of a column in each drive relative to the drive without advice with the same seed.
+
+    The reduction of a second column is subtracted: energy minus optimum gives the saving at equal arrival.
     """
     differences = [each(alone, column) - each(of, column) for column in columns]
     return np.asarray(differences[0] - sum(differences[1:]))

@@ -1,6 +1,7 @@
-"""Errors of on-board localisation and calibration, found on simulated drives with known true values. `python -m
-docs.studies.estimation` writes localisation.md and calibration.md, the tables of the pages with these names, to the
-working folder. The drives are those of tests/das/estimate/test_calibration.py.
+"""Errors of on-board localisation and calibration, found on simulated drives with known true values.
+
+`python -m docs.studies.estimation` writes localisation.md and calibration.md, the tables of the pages with these names,
+to the working folder. The drives are those of tests/das/estimate/test_calibration.py.
 """
 
 from __future__ import annotations
@@ -33,8 +34,7 @@ class Noise(NamedTuple):
 
 NOISES: Final = (Noise(3.0, 0.05), Noise(8.0, 0.3))
 SEEDS: Final = tuple(range(40))
-"""Seeds of the receiver's noise. Many are needed, because an error with a correlation time of 30 s has few independent
-values in a drive."""
+"""Seeds of the receiver's noise: many, because an error correlated over 30 s has few independent values in a drive."""
 
 
 def localisation_table(

@@ -1,4 +1,5 @@
 """The exact front of the paper's complete case, as computed by `das-precompute front flat-6km re460-ic --exact`.
+
 `python -m docs.studies.exact_front` updates the tables in docs/results/0.2/exact-front.md (about five minutes on two
 cores).
 """

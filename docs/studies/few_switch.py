@@ -1,7 +1,8 @@
-"""The cost of few changes of the controller: `python -m docs.studies.few_switch ROUTE VEHICLE`. A change of instruction
-is made only if it saves the energy that the train's full power needs in the time given as the price of a change. The
-rows show the schedule of the guide with the section's own braking, compared with the optimum and the best run of four
-modes.
+"""The cost of few changes of the controller: `python -m docs.studies.few_switch ROUTE VEHICLE`.
+
+A change of instruction is made only if it saves the energy that the train's full power needs in the time given as the
+price of a change. The rows show the schedule of the guide with the section's own braking, compared with the optimum and
+the best run of four modes.
 """
 
 from __future__ import annotations

@@ -89,8 +89,9 @@ def input_hash(sources: tuple[str, ...] = SOURCES, root: Path = ROOT) -> str:
 
 
 def made(commands: Iterable[str], inputs: str, kept: Path) -> dict[str, Path]:
-    """The folders with the output of commands; a command runs only if its folder is missing. Raises BadMarkError if a
-    command fails or belongs to no program of this project; the output of the others is kept.
+    """The folders with the output of commands; a command runs only if its folder is missing.
+
+    Raises BadMarkError if a command fails or belongs to no program of this project; the output of the others is kept.
     """
     found = {one: kept / hashlib.sha256(f"{inputs}\n{one}".encode()).hexdigest()[:16] for one in commands}
     missing = {one: _arguments(one) for one in longest_first(found) if not found[one].is_dir()}
@@ -114,7 +115,7 @@ def made(commands: Iterable[str], inputs: str, kept: Path) -> dict[str, Path]:
                 (place / "work").replace(found[one])
         for one in (one for one, code in codes.items() if code):
             said = "".join((places[one] / file).read_text(encoding="utf-8") for file in (PRINTED, ERRORS)).split("\n")
-            last = next((line for line in reversed(said) if line.strip()), "it says nothing")
+            last = next((line for line in reversed(said) if line.strip()), "no output")
             raise BadMarkError(f"{one}: exit code {codes[one]}: {last}")
     return found
 
@@ -164,7 +165,7 @@ def written(command: str, name: str) -> Path:
     """A file written by a command; raises BadMarkError if it is missing."""
     path = _made[command] / name
     if not path.is_file():
-        raise BadMarkError(f"{command}: it writes no {name}")
+        raise BadMarkError(f"{command}: it does not write {name}")
     return path
 
 

@@ -170,9 +170,7 @@ def saving_percent(bench: Workbench, case: StudyCase, variant: Variant, buffer_p
 
 
 def saving(bench: Workbench, printed: PrintedSaving) -> float:
-    """The computed saving (%, mean over the other levels) for a printed one: at its buffer, or the largest for buffers
-    up to 40 %.
-    """
+    """The computed saving (%, mean over the other levels) at the buffer of a printed one, or the largest up to 40 %."""
     case = ACCELERATION if printed.case == ACCELERATION.name else DECELERATION
     largest = LARGEST_DRAWN_PERCENT if printed.up_to else printed.buffer_percent
     means = []

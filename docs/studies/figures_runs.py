@@ -48,8 +48,7 @@ HIGHEST_ENERGY_PERCENT = 125.0
 HIGHEST_DRAWN_MPS = 165 * KMH
 """Speed (m/s) up to which force over speed is drawn."""
 OTHER_SIDE_RATIO = 0.1
-"""Extension of the force axis beyond zero, as a share, when only driving (or braking): cruising needs a little
-traction."""
+"""Share by which the force axis extends beyond zero when only driving (or braking): cruising needs some traction."""
 MAX = "max"
 
 
@@ -158,9 +157,7 @@ def _draw_forces(axes: Any, bench: Workbench, case: StudyCase, runs: dict[str, T
 
 
 def note_forces_off_scale(axes: Any, runs: list[Trajectory]) -> None:
-    """Add a note with the largest force if it is beyond the end of the axis (L0 REG's runs alternate between
-    extremes).
-    """
+    """Add a note with the largest force if it is beyond the axis (L0 REG's runs alternate between extremes)."""
     low_kn, high_kn = axes.get_ylim()
     forces_kn = np.concatenate([run.force_el_n + run.force_friction_n for run in runs]) / KN
     if forces_kn.min() < low_kn:

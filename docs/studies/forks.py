@@ -1,8 +1,7 @@
 """Python programs run in forks of one process that has already imported and compiled what nearly all of them need.
 
 `python -m docs.studies.forks` reads lists of [arguments of Python, folder to run in, folder for the output] as JSON,
-runs the programs on all cores, and prints their exit codes. The output of each is written to `printed.txt` and
-`errors.txt`.
+runs them on all cores, and prints their exit codes. Their output is written to `printed.txt` and `errors.txt`.
 """
 
 from __future__ import annotations

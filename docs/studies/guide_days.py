@@ -73,9 +73,7 @@ def watched_run(service: Service, seed: int, presentation: Presentation) -> Watc
 
 
 class ShownSecond(NamedTuple):
-    """A second of a moving train: position (km), limit, driven and shown speed (km/h; NaN: none), and the mode
-    shown.
-    """
+    """A second of a moving train: position (km), limit, driven and shown speed (km/h; NaN: none), mode shown."""
 
     at_km: float
     limit_kmh: float

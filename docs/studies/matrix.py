@@ -1,5 +1,6 @@
-"""`python -m docs.studies.matrix [--cells N] [--first N] [--workers N] [--write]`: any train on any line, as tables. It
-simulates cells of the matrix (line, train, driver, seed) and prints the bounds and the means of every line. With
+"""`python -m docs.studies.matrix [--cells N] [--first N] [--workers N] [--write]`: any train on any line, as tables.
+
+It simulates cells of the matrix (line, train, driver, seed) and prints the bounds and the means of every line. With
 --write it writes the title of docs/results/0.2/matrix.md and the CSV files next to it. 100 cells take ten minutes of
 CPU time; cells of public data sets need ../shared/data.
 """
@@ -57,7 +58,7 @@ def main(args: Sequence[str] | None = None) -> None:
     """Simulate the cells, and print or write their tables."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.matrix", description=__doc__)
     parser.add_argument("--cells", type=int, default=100, metavar="N", help="Number of cells.")
-    parser.add_argument("--first", type=int, default=0, metavar="N", help="The first of them.")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="Number of the first cell.")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="Number of processes.")
     parser.add_argument("--write", action="store_true", help="Write the page of the release.")
     asked = parser.parse_args(args)

@@ -1,6 +1,7 @@
-"""Execution of the documentation's notebooks in an empty folder, with their outputs stored. `python -m
-docs.studies.notebooks` runs all of them (some minutes), or only the named ones: `python -m docs.studies.notebooks
-first-steps`.
+"""Execution of the documentation's notebooks in an empty folder, with their outputs stored.
+
+`python -m docs.studies.notebooks` runs all of them (some minutes), or only the named ones: `python -m
+docs.studies.notebooks first-steps`.
 """
 
 from __future__ import annotations

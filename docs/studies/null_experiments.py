@@ -18,8 +18,7 @@ ALPHA: Final = 0.05
 SIZES: Final = (8, 12, 24)
 STUDIES: Final = 2000
 REPEATS: Final = 10
-"""Number of sets of `STUDIES` generated experiments; the table gives the share over all sets and the lowest and highest
-of a set."""
+"""Number of sets of `STUDIES` experiments; the table gives the share over all sets, and the lowest and highest."""
 PATTERNS: Final = 2048
 """Largest number of sign patterns. The test has its nominal error rate with any number, so few are sufficient."""
 AT_ONCE: Final = 250

@@ -71,7 +71,9 @@ def plain(value: Any) -> Any:
 
 def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
     """Put lines between the marks `<!-- NAME: begin -->` and `<!-- NAME: end -->` of a page; each is printed when it is
-    computed. Raises DasError before the first line if the page has no such marks.
+    computed.
+
+    DasError, before the first line, if the page has no such marks.
     """
     marks = re.compile(rf"(<!-- {name}: begin -->\n).*?(<!-- {name}: end -->)", re.DOTALL)
     if not marks.search(page.read_text(encoding="utf-8")):

@@ -1,6 +1,4 @@
-"""`python -m docs.studies.paper -o DIR`: reproduce the study of the paper, Nold & Corman (2024), sections 4.2 to
-4.7.
-"""
+"""`python -m docs.studies.paper -o DIR`: reproduce the paper's study (Nold & Corman 2024, sections 4.2 to 4.7)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""The tables of docs/results/0.2/solver: peers, the solver's table, refinement and proven bounds side by side. `python
--m docs.studies.peers` solves all rows again, which takes about ten minutes, and writes the tables. It needs the
+"""The tables of docs/results/0.2/solver: peers, the solver's table, refinement and proven bounds side by side.
+
+`python -m docs.studies.peers` solves all rows again, which takes about ten minutes, and writes the tables. It needs the
 third-party data next to the checkout (../shared).
 """
 
@@ -107,7 +108,7 @@ class Hard(NamedTuple):
 
 
 def hard_problems(rng: np.random.Generator) -> Iterator[Hard]:
-    """Ten kinds of hard problems for the Re 460, drawn anew by each call of the generator."""
+    """Ten kinds of hard problems for the Re 460, different in each call of the generator."""
     train = load_vehicle("re460-ic")
 
     def drawn(length_m: float, every_m: float, steepest: float) -> Route:

@@ -1,5 +1,6 @@
-"""Success rate in finding the train of a record: 20 simulated drives of five trains with planted load and resistance. A
-human driver without advice drives each train on the bundled line, on four journeys. A noisy GPS receiver records the
+"""Success rate in finding the train of a record: 20 simulated drives of five trains with planted load and resistance.
+
+A human driver without advice drives each train on the bundled line, on four journeys. A noisy GPS receiver records the
 drive, and `find_train` tries all bundled trains on the record. `python -m docs.studies.planted_trains` updates the
 table in docs/results/0.2/find-train.md, in about 6 min on one core.
 """

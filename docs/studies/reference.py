@@ -1,5 +1,4 @@
-"""The tables of the reference pages that are generated from the code, written to the working folder when the site is
-built.
+"""The reference pages' tables that are generated from the code, written to the working folder for the site.
 
 `python -m docs.studies.reference` writes the commands of each program with their options (das-sim.md and so on, for
 commands.md), the parameters of a human driver (parameters.md), the default population (population.md), and the measures

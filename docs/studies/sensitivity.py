@@ -1,8 +1,9 @@
-"""Sensitivity of the gap to the optimum to one standard deviation of each parameter of the human driver. `python -m
-docs.studies.sensitivity SCENARIO` simulates each parameter one standard deviation below and above its median, all
-others at their medians, in the same runs with the same random numbers, and prints a table in Markdown. Half the
-difference is the effect of one standard deviation. A parameter that the population does not draw is varied by a fifth
-of its default. Finished drives are stored in build/sensitivity.
+"""Sensitivity of the gap to the optimum to one standard deviation of each parameter of the human driver.
+
+`python -m docs.studies.sensitivity SCENARIO` simulates each parameter one standard deviation below and above its
+median, all others at their medians, in the same runs with the same random numbers, and prints a table in Markdown. Half
+the difference is the effect of one standard deviation. A parameter that the population does not draw is varied by a
+fifth of its default. Finished drives are stored in build/sensitivity.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ class VariedParameter:
 @dataclass(frozen=True, kw_only=True)
 class Sensitivity:
     """The change of the gap with one standard deviation of a parameter (percentage points), and of the energy (kWh).
+
     The change is the mean over the seeds of half the difference between one standard deviation above and one below; its
     95 % interval over the seeds is ± `interval_points` (Student's t; NaN for fewer than 3 days).
     """

@@ -109,9 +109,7 @@ def shares(trip: DrivenTrip, friction_ratio: float) -> Shares:
 
 
 def friction_for(trip: DrivenTrip, friction_brake_percent: float) -> float | None:
-    """The share of friction braking at which the friction brake dissipates a given share of the energy; None if there
-    is none.
-    """
+    """The share of friction braking at which the friction brake dissipates a given share of the energy, or None."""
     if shares(trip, 1.0).percent("friction_brake") < friction_brake_percent:
         return None
     low, high = 0.0, 1.0

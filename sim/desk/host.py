@@ -1,6 +1,7 @@
-"""Supervision of the desk's server by the run: start, restart if it is killed, stop. The run owns the listening socket,
-which the server inherits. The address is therefore valid before the server answers, and remains valid when a killed
-server is replaced.
+"""Supervision of the desk's server by the run: start, restart if it is killed, stop.
+
+The run owns the listening socket, which the server inherits. The address is therefore valid before the server answers,
+and remains valid when a killed server is replaced.
 """
 
 from __future__ import annotations
@@ -84,6 +85,6 @@ class DeskHost:
                 if self._failures > MOST_FAILURES:
                     warn(f"{error}; the desk does not start: end the run with Ctrl-C")
                     return
-                warn(f"{error}; it is started again")
+                warn(f"{error}; it is restarted")
                 self._child.__exit__()
                 self._start()

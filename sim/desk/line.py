@@ -32,10 +32,11 @@ def hello_of(
     language: str,
     page: PageSettings,
 ) -> dict[str, Any]:
-    """The constant data of a page, as its message `hello`. The title of the scenario is not included, because it
-    describes coming events that the person must not know. `time_ns` (since 1970) is a time of the drive, for the line's
-    clock. `kinds` maps each mode's number on the bus to the kind of its instruction, which determines the sign on the
-    page.
+    """The constant data of a page, as its message `hello`.
+
+    The title of the scenario is not included, because it describes coming events that the person must not know.
+    `time_ns` (since 1970) is a time of the drive, for the line's clock. `kinds` maps each mode's number on the bus to
+    the kind of its instruction, which determines the sign on the page.
     """
     route, vehicle, stops = line
     return {
@@ -81,9 +82,7 @@ def _train(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def _presentations() -> dict[int, dict[str, Any]]:
-    """The display of each presentation by its number on the bus: the meaning of its speed, and the words for its
-    modes.
-    """
+    """The display of each presentation by its number on the bus: meaning of its speed, and words for its modes."""
     presenters = {name: presenter_of(name) for name in Presentation if name is not Presentation.NONE}
     return {
         one.number: {

@@ -1,5 +1,6 @@
-"""Messages between the page and the desk's server, and the settings passed to the server at its start. All are JSON. A
-message that does not match these types is rejected (`heard`).
+"""Messages between the page and the desk's server, and the settings passed to the server at its start.
+
+All are JSON. A message that does not match these types is rejected (`heard`).
 """
 
 from __future__ import annotations
@@ -20,9 +21,7 @@ WallMs = Annotated[float, msgspec.Meta(ge=0, le=4e12)]
 
 
 class Lever(msgspec.Struct, tag_field="t", tag="lever", frozen=True):
-    """A new setting of the controller: sequence number, setting (−1 … 1), time, device, and the look that it
-    follows.
-    """
+    """A new setting of the controller: sequence number, setting (−1 … 1), time, device, and preceding look."""
 
     k: Count
     ratio: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -32,9 +31,7 @@ class Lever(msgspec.Struct, tag_field="t", tag="lever", frozen=True):
 
 
 class FrameDrawn(msgspec.Struct, tag_field="t", tag="drawn", frozen=True):
-    """Report that the page has drawn a frame since its last message, the newest with this look: the desk is visible to
-    a person.
-    """
+    """Report that the page has drawn a frame since its last message, the newest with this look: the desk is visible."""
 
     look: Count
 
@@ -57,8 +54,9 @@ _encoder: Final = msgspec.json.Encoder()
 
 
 def heard(text: str) -> Said | None:
-    """The message in a text from a page; None if it is invalid: no JSON, a wrong type, a number out of range. Valid
-    messages are not nested. A deeply nested text must not reach the decoder, which would recurse.
+    """The message in a text from a page; None if it is invalid: no JSON, a wrong type, a number out of range.
+
+    Valid messages are not nested. A deeply nested text must not reach the decoder, which would recurse.
     """
     if text.count("{") != 1 or "[" in text:
         return None
@@ -79,8 +77,10 @@ GIVEN: Final = "DAS_DESK"
 
 
 class PageSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """The page's settings, chosen by the experimenter and stated in the recording. `notches` is the number of steps of
-    the controller in each direction (0: none, whole percents). `punctuality`: the page shows the delay of the train.
+    """The page's settings, chosen by the experimenter and stated in the recording.
+
+    `notches` is the number of steps of the controller in each direction (0: none, whole percents). `punctuality`: the
+    page shows the delay of the train.
     """
 
     notches: Annotated[int, msgspec.Meta(ge=0, le=MOST_NOTCHES)] = 10
@@ -92,9 +92,7 @@ SETTINGS_KEY: Final = "desk"
 
 
 def recorded_settings(recording: Recording) -> PageSettings:
-    """The page's settings stated in a recording; the defaults for a recording without a desk. DasError for an invalid
-    text.
-    """
+    """The page's settings stated in a recording; the defaults without a desk. DasError for an invalid text."""
     text = recording.metadata.get("run", {}).get(SETTINGS_KEY, "{}")
     try:
         return msgspec.json.decode(text, type=PageSettings)
@@ -104,8 +102,7 @@ def recorded_settings(recording: Recording) -> PageSettings:
 
 
 class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
-    """The settings passed to the server of a run: the door (a listening socket), the token, the scenario, and the
-    page's settings.
+    """The settings passed to the server of a run: door (a listening socket), token, scenario, and page settings.
 
     `connect` are the endpoints of simulator and recorder, unless `bus` names the desk's bus file.
     """

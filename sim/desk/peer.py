@@ -1,6 +1,8 @@
 """The desk's session on the bus, in its own thread: it receives the cab, answers every look, and publishes actions. The
-browser itself is not on the bus. The desk answers a look with the setting of the controller as long as the page draws
-frames. A page that is closed, suspended or covered draws none, and the run's dead-man brake then stops the train.
+browser itself is not on the bus.
+
+The desk answers a look with the setting of the controller as long as the page draws frames. A page that is closed,
+suspended or covered draws none, and the run's dead-man brake then stops the train.
 """
 
 from __future__ import annotations

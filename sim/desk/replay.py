@@ -32,7 +32,7 @@ class Replay:
         self.cabs = [entry.message for entry in drive.recording.of(topics.CAB)]
         """The messages Cab, in order."""
         if not self.cabs:
-            raise DasError(f"{path}: shows no cab: expected a recording of das-sim run, desk or what-if")
+            raise DasError(f"{path}: contains no cab: expected a recording of das-sim run, desk or what-if")
         inputs = drive.table.inputs
         self._route, first_ns = inputs.route, int(self.cabs[0].time_ns)
         self._start_s = 0.0 if at is None else (drive.table.clock.moment_ns(at) - first_ns) * NS

@@ -1,8 +1,10 @@
-"""The desk's server: one page at a time drives and receives the messages of the bus. Only a browser on this machine
-with the token gets answers; all others get an empty answer 403. The address that the user opens contains the token
-once. The server converts it into a cookie, which scripts cannot read and other sites cannot use. Browsers send a cookie
-to every port of a host, so the cookie's name contains the port. The server checks the host name, because a foreign page
-can make its own name resolve to 127.0.0.1, and the origin, because a foreign page may open sockets to 127.0.0.1.
+"""The desk's server: one page at a time drives and receives the messages of the bus.
+
+Only a browser on this machine with the token gets answers; all others get an empty answer 403. The address that the
+user opens contains the token once. The server converts it into a cookie, which scripts cannot read and other sites
+cannot use. Browsers send a cookie to every port of a host, so the cookie's name contains the port. The server checks
+the host name, because a foreign page can make its own name resolve to 127.0.0.1, and the origin, because a foreign page
+may open sockets to 127.0.0.1.
 """
 
 from __future__ import annotations
@@ -44,8 +46,7 @@ FILES: Final = {path.name: path for path in sorted(PAGE.iterdir()) if path.is_fi
 BEAT_S: Final = 0.5
 """Longest time (s) between two messages to the page."""
 MOST_PER_S, MOST_AT_ONCE = 200.0, 400.0
-"""Largest number of messages from a page, per second and in one burst; the desk's own page sends at most 60 a
-second."""
+"""Largest number of messages from a page, per second and in one burst; the desk's own page sends up to 60 a second."""
 BAD, TAKEN, FLOOD = 4400, 4409, 4429
 """Close codes of a socket: invalid message, a newer page drives, too many messages."""
 HEADERS: Final = {
@@ -103,9 +104,10 @@ class Allowance:
 
 
 class Desk:
-    """A person's desk in a run: messages to the page and actions from it. `hello` is the constant data of the page. The
-    phases are welcome, preparing (the person is ready, the run has not begun), driving and over. A server that replaces
-    a killed one finds a running run and starts in the phase driving.
+    """A person's desk in a run: messages to the page and actions from it. `hello` is the constant data of the page.
+
+    The phases are welcome, preparing (the person is ready, the run has not begun), driving and over. A server that
+    replaces a killed one finds a running run and starts in the phase driving.
     """
 
     def __init__(self, given: DeskGiven, hello: dict[str, Any], route: Line) -> None:
@@ -212,9 +214,9 @@ def page_routes() -> list[BaseRoute]:
 
 
 class Doorkeeper:
-    """The access check: accepts only requests that name this host, come from its own page, and have the token.
-    `?token=…` in an address that is typed or clicked sets the cookie and redirects to the page. All answers have
-    `HEADERS`.
+    """The access check: accepts only requests with this host's name, from the desk's own page, and with the token.
+
+    `?token=…` in a typed or clicked address sets the cookie and redirects to the page. All answers have `HEADERS`.
     """
 
     def __init__(self, app: ASGIApp, port: int, token: str) -> None:

@@ -1,4 +1,5 @@
 """The judge of the assessment (random runs): it checks every part of every advice message, and the drive that obeys it.
+
 It computes limits and braking curves independently from the raw files of line and train.
 """
 
@@ -21,8 +22,7 @@ SDS = 2.0
 """Number of the stated standard deviations to within which positions are compared."""
 SLACK_M = 2.0
 SLACK_MPS = 0.15
-"""Largest difference (m/s) between the braking curves of the independent calculation (steps of 1 m) and of the
-solver."""
+"""Largest difference (m/s) between the braking curves of the solver and of the calculation in steps of 1 m."""
 OBEYED_MPS = 1.0
 """Largest excess (m/s) over the allowed speed of a driver who obeys the advice."""
 MOST_MISSED_M = 10.0
@@ -64,8 +64,8 @@ class Judge:
 
 
 class DayJudge:
-    """The judge of one run, second by second; it excuses violations that no driver could avoid because a message came
-    too late.
+    """The judge of one run, second by second; it excuses violations made unavoidable by a message that came too
+    late.
     """
 
     def __init__(self, judge: Judge, drawn: Drawn) -> None:
@@ -115,8 +115,9 @@ class DayJudge:
         return off and self._drawn.sensors.lies
 
     def _excuse(self, seen: Seen) -> None:
-        """Compute the speeds that no driver can avoid if a restriction, a stop or the next advice message comes too
-        late. A new message is an excuse only where it allows less than before.
+        """Compute the speeds that no driver can avoid if a restriction, a stop or an advice message comes too late.
+
+        A new message is an excuse only where it allows less than before.
         """
         key, before, state = (seen.places, seen.stop_m), self._key, seen.state
         if before is not None and seen.stop_m != before[1] and state.speed_mps <= 0:

@@ -42,11 +42,12 @@ TRAIN = {
 
 
 def shared_data(*, module: bool = True) -> Path:
-    """The folder of third-party data next to the checkout; if it is missing, the test fails in CI and is skipped
-    elsewhere. With `module` the whole test file is skipped, for files that test only these data.
+    """The folder of third-party data next to the checkout; without it, the test fails in CI and is skipped elsewhere.
+
+    With `module` the whole test file is skipped, for files that test only these data.
     """
     if not SHARED.is_dir():
-        missing(f"{SHARED} is missing: third-party data beside the checkout, not part of the project", module=module)
+        missing(f"{SHARED} is missing: third-party data next to the checkout, not part of the project", module=module)
     return SHARED
 
 

@@ -1,6 +1,4 @@
-"""The cab desk in Chromium: a page operated by keyboard with only the information shown, and the command `das-sim
-desk`.
-"""
+"""The cab desk in Chromium: a page operated by keyboard, using only what it shows, and the command `das-sim desk`."""
 
 from __future__ import annotations
 

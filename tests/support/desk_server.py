@@ -32,9 +32,7 @@ Line = tuple[Route, Vehicle, tuple[Stop, ...]]
 
 
 class MadeUpBus:
-    """A replacement of `das.bus.session.Bus`: a test sends messages (`cab`, `finish`) and reads what the desk
-    publishes.
-    """
+    """A replacement of `das.bus.session.Bus`: a test sends messages (`cab`, `finish`) and reads those of the desk."""
 
     latest: MadeUpBus
 

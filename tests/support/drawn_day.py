@@ -192,8 +192,9 @@ class Drawn:
 
 
 def draw(seed: int) -> Drawn:
-    """Draw a run. Every part of the run has its own stream of random numbers; an added part does not change existing
-    runs.
+    """Draw a run.
+
+    Every part of the run has its own stream of random numbers; an added part does not change existing runs.
     """
 
     def stream(part: int) -> np.random.Generator:

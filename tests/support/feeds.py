@@ -1,6 +1,4 @@
-"""A small GTFS feed similar to published ones: quoted, with a byte order mark, in a folder inside the zip, with
-platforms.
-"""
+"""A small GTFS feed like published ones: quoted, with a byte order mark, in a folder of the zip, with platforms."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Simulated runs on a flat line: a test writes the scenario file, and the run is simulated in the test's own
-process.
-"""
+"""Simulated runs on a flat line: a test writes the scenario file, and its own process simulates the run."""
 
 from __future__ import annotations
 

@@ -114,8 +114,6 @@ def waiting(which: Which, goal: Goal, *, loses: bool = False) -> Keeper:
 
 
 def started(which: Which, goal: Goal, *, loses: bool = False) -> tuple[Keeper, Kept, Keeping]:
-    """A keeper whose train departed 5 s ago, its reference, and a train that follows it; made once, as for
-    `waiting`.
-    """
+    """A keeper whose train departed 5 s ago, its reference, and a train that follows it; made once as in `waiting`."""
     keeper, kept, train = _on_the_way(which, goal, loses)
     return copied(keeper, which), kept, train

@@ -1,4 +1,5 @@
 """Generator of the recording of a trip (MCAP): a simulated train and driver without advice, with a GPS receiver.
+
 `python -m tests.support.make_trip` writes the messages of the bundled recording again, to the named file.
 """
 

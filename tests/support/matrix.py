@@ -1,4 +1,5 @@
 """The matrix of any train on any line: cells of line, train, driver and seed, each a whole simulated run of clear-day.
+
 A cell is simulated in this process with the advice and, for the default human, also without it. It is judged by the
 product's own figures of a run, and by a witness (`Witness`) that reads limits and brakes from the raw files.
 """
@@ -61,9 +62,7 @@ class Witness:
         self._curves: dict[float, Any] = {}
 
     def above(self, s_m: float, speed_mps: float, stop_m: float) -> tuple[float, float]:
-        """The excess (m/s) of a speed over the limit, and over the braking curve (all brakes) for limits and the
-        stop.
-        """
+        """The excess (m/s) of a speed over the limit, and over the braking curve of all brakes (limits and stop)."""
         last = len(self.limit_mps) - 1
         near = slice(min(max(int(s_m - NEAR_M), 0), last), int(s_m + NEAR_M) + 2)
         return speed_mps - float(self.limit_mps[near].max()), speed_mps - float(self._curve(stop_m)[near].max())
@@ -83,8 +82,8 @@ class Witness:
         return self._curves[stop_m]
 
     def _brakes_n(self, i: int, v: float) -> float:
-        """All brakes (N) that the train's policy allows in a plan; no electric brake where the supply accepts no
-        power.
+        """All brakes (N) that the train's policy allows in a plan; without electric brake on a supply that rejects
+        it.
         """
         train, zones = self._train, (*self._line.neutral, *self._line.no_regeneration)
         electric_n = 0.0 if any(a <= self._at_m[i] < b for a, b in zones) else float(train.motors_n(np.float64(v))[1])
@@ -94,6 +93,7 @@ class Witness:
 @dataclass(frozen=True, kw_only=True)
 class Judged:
     """The figures of a cell; NaN where there is none. `said` is the reason for a rejection or for the end of the run.
+
     `late_s` is the delay at the last stop, `worst_late_s` the largest one, `sections_late_s` the delay at each arrival
     minus that at the departure before it, and `alone_…` are the figures of the same run without advice. `unkept` is the
     number of sections whose timetable cannot be kept according to the product. `above_own_ratio` is the energy above
@@ -135,7 +135,7 @@ class Judged:
 
     @property
     def saved_ratio(self) -> float:
-        """The saving of the advice at equal arrival, as a share of the energy without it; NaN if braking recovers
+        """The saving of the advice at equal arrival as a share of the energy without it; NaN if braking recovers
         more.
         """
         return self.saved_kwh / self.alone_kwh if self.alone_kwh > 0 else math.nan
@@ -252,8 +252,10 @@ def _saved(advised: AboveOptimum, alone: AboveOptimum) -> dict[str, float]:
 
 
 class Bound(NamedTuple):
-    """The bounds of a figure over all cells of a driver: that of the goal, and that met by today's advice. The figure
-    is `over` of the values `of` each cell; it must not exceed its bounds or, with `least`, not be below them.
+    """The bounds of a figure over all cells of a driver: that of the goal, and that met by today's advice.
+
+    The figure is `over` of the values `of` each cell; it must not exceed its bounds or, with `least`, not be below
+    them.
     """
 
     what: str

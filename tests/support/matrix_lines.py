@@ -1,6 +1,4 @@
-"""The cells of the matrix of any train on any line: generated extremes, bundled lines, and lines of public data
-sets.
-"""
+"""The cells of the matrix of any train on any line: generated extremes, bundled lines, and public data sets."""
 
 from __future__ import annotations
 
@@ -28,8 +26,7 @@ class Who(StrEnum):
     """Driver who follows only the card, without regard to limits, boards or signals."""
     HUMAN = "human"
     CARELESS = "careless"
-    """Driver who looks every 10 to 20 s, acts 3 s late, ignores a third of the advice, and brakes a fifth too
-    weakly."""
+    """Driver who looks every 10 to 20 s, acts 3 s late, ignores a third of the advice and brakes a fifth too weakly."""
 
 
 class Cell(NamedTuple):

@@ -68,9 +68,7 @@ def until(
     child: subprocess.Popen[str] | None = None,
     meanwhile: Callable[[], None] = lambda: None,
 ) -> Any:
-    """The first message that meets a condition; fails after a while or if the process ends. `meanwhile` is called
-    repeatedly.
-    """
+    """The first message that meets a condition; fails after a while, or with the process. `meanwhile` is repeated."""
     deadline = time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline:
         meanwhile()

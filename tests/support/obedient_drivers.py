@@ -36,8 +36,7 @@ GAIN_PER_S = 0.5
 CREEP_SHARE, CREEPS_MPS = 0.4, 1.0
 """Share of the traction, and speed (m/s) up to which it is used, when a driver departs on clearance."""
 STOPS_MPS2, AT_STOP_M = 0.5, 3.0
-"""Deceleration (m/s²) for a stop, and distance (m) at which it is reached, of a driver with only a top speed on the
-display."""
+"""Deceleration (m/s²) for a stop, and distance (m) at which it is reached, with only a top speed on the display."""
 WEAKER = 0.8
 """Share of the intended force with which a careless driver brakes."""
 CARELESS = HumanParameters(
@@ -96,9 +95,7 @@ class CarelessDriver:
 
 
 class ObedientDriver:
-    """A driver who follows the advice after a short delay, and without advice drives by the timetable and own
-    observation.
-    """
+    """A driver who follows the advice after a short delay, and without advice the timetable and own observation."""
 
     def __init__(
         self, line: LineKnowledge, raw: RawLine, presentation: Presentation, style: Style, delay_s: float
@@ -244,9 +241,7 @@ class ObedientDriver:
         return force(-self._brakes_n(state.speed_mps))
 
     def _brakes_n(self, speed_mps: float) -> float:
-        """The driver's largest braking force: all brakes when following speeds, those of the plan when following
-        efforts.
-        """
+        """The driver's largest braking force: all brakes when following speeds, the plan's when following efforts."""
         train = self._raw.train
         if self._style is Style.SPEED:
             return train.electric_n(speed_mps) + train.service_friction_n

@@ -194,7 +194,7 @@ class Train:
         return self.mass_kg + self.rotating_kg
 
     def loaded(self, mass_kg: float) -> Train:
-        """The train with another mass: the rotating parts keep theirs, and rolling friction is proportional to the
+        """The train with another mass: rotating parts keep theirs, and rolling friction is proportional to the
         weight.
         """
         return replace(self, mass_kg=mass_kg, r0_n=self.r0_n * mass_kg / self.mass_kg)

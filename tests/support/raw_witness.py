@@ -43,8 +43,7 @@ class RawTrain:
     traction_n: float
     traction_w: float
     effort: tuple[list[float], list[float]]
-    """An effort curve instead of force and power: speeds (m/s) and forces (N), of equal length; empty if there is
-    none."""
+    """An effort curve instead of force and power: speeds (m/s) and forces (N), of equal length; may be empty."""
     brake_n: float
     brake_w: float
     friction_n: float
@@ -146,8 +145,10 @@ class RawLine:
 
     def unavoidable(self, s_m: float, speed_mps: float, gain_mps2: float) -> tuple[list[float], float]:
         """The motion of a train that receives a message too late: it continues for the reaction time and then brakes
-        fully. `gain_mps2` is its acceleration at that time. Returns its speed at each metre of the line (0 beyond its
-        stop), and the position where it stops (m).
+        fully.
+
+        `gain_mps2` is its acceleration at that time. Returns its speed at each metre of the line (0 beyond its stop),
+        and the position where it stops (m).
         """
         fastest, at_m, v, now_s = [0.0] * len(self._s_m), s_m, speed_mps, 0.0
         passed = min(max(int(at_m), 0), len(fastest) - 1)
@@ -169,9 +170,7 @@ class RawLine:
     def driven(
         self, s_m: float, speed_mps: float, force_n: Callable[[float, float], float], over_s: float
     ) -> list[tuple[float, float]]:
-        """Positions (m) and speeds (m/s), every `HELD_STEP_S`, of a train under a force that depends on position and
-        speed.
-        """
+        """Positions (m) and speeds (m/s), every `HELD_STEP_S`, under a force that depends on position and speed."""
         train, at_m, v, found = self.train, s_m, speed_mps, []
         for _ in range(round(over_s / HELD_STEP_S)):
             asked = min(max(force_n(at_m, v), -train.brakes_n(v)), train.pulling_n(v))

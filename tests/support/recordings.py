@@ -1,6 +1,4 @@
-"""Recordings for tests: one of a short trip, written message by message, and the messages so far of one that is being
-written.
-"""
+"""Recordings for tests: one of a short trip, written message by message, and the count in an unfinished one."""
 
 from __future__ import annotations
 
@@ -81,9 +79,7 @@ def write_messages(
 
 
 def with_run(source: Path, out: Path, *attach: tuple[str, bytes], without: bool = False, **run: str) -> Path:
-    """A recording with other entries about its run and additional attached files; `without` the original
-    attachments.
-    """
+    """A recording with other entries about its run and more attached files; `without` the original attachments."""
     contents = read_contents(source)
     file = RecordingFile(out)
     file.add_metadata("run", {**contents.metadata["run"], **run})

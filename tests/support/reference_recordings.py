@@ -1,8 +1,11 @@
-"""The references of `das-sim reproduce`: a run of every scenario, and a replay of the bundled recording. `python -m
-tests.support.reference_recordings [NAME …]` runs them over the bus and writes them to recordings/references, which
-takes some minutes. Nothing else changes them. An intended change of the advice is committed together with the changed
-references. A reference contains the messages received by the node, to the last bit, and those sent while its scenario's
-disturbance acts, rounded to a quarter of the tolerances, which reduces its size to a tenth.
+"""The references of `das-sim reproduce`: a run of every scenario, and a replay of the bundled recording.
+
+`python -m tests.support.reference_recordings [NAME …]` runs them over the bus and writes them to recordings/references,
+which takes some minutes. Nothing else changes them. An intended change of the advice is committed together with the
+changed references.
+
+A reference contains the messages received by the node, to the last bit, and those sent while its scenario's disturbance
+acts, rounded to a quarter of the tolerances, which reduces its size to a tenth.
 """
 
 from __future__ import annotations
@@ -102,6 +105,7 @@ def shorten(whole: Path, out: Path, span_s: tuple[float, float]) -> None:
 
 def _kept(one: RecordedMessage, from_ns: int, to_ns: int) -> bool:
     """Whether a message was received by the node, sent in a span of time (ns), or is the first message of a new node.
+
     The recorder may write a sent message some ticks later, so the message's own time counts.
     """
     time_ns = message_time_ns(one.message)

@@ -194,8 +194,10 @@ def verify(
     claim: Mapping[str, Any] | None = None,
     driven: bool = True,
 ) -> list[Finding]:
-    """All defects of a trajectory; `claim` is the command's output with --json. Without `driven` only the stated motion
-    is checked: below walking speed a constant force cannot follow the slope that changes under the train.
+    """All defects of a trajectory; `claim` is the command's output with --json.
+
+    Without `driven` only the stated motion is checked: below walking speed a constant force cannot follow the slope
+    that changes under the train.
     """
     findings = _shape(rows)
     if findings:

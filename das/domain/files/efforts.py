@@ -57,7 +57,7 @@ def read_efforts(fields: Fields, top_mps: float) -> ReadEfforts:
 def _traction(fields: Fields, top_mps: float) -> EffortEnvelope:
     traction = _envelope(fields.table("traction"), top_mps)
     if traction.curve is not None and traction.curve.force_n[0] == 0:
-        raise fields.error("traction.curve", "0 kN at 0 km/h", "a force > 0, or the train does not set off")
+        raise fields.error("traction.curve", "0 kN at 0 km/h", "a force > 0; otherwise the train cannot start")
     return traction
 
 
@@ -101,14 +101,15 @@ def _envelope(fields: Fields, top_mps: float) -> EffortEnvelope:
 
 
 def effort_curve(source: Path | str, points: Mapping[str, Sequence[float]], top_mps: float) -> EffortCurve:
-    """The curve through points of speed (m/s) and force (N), each under its place in the file. Raises InputError unless
-    the speeds rise from 0 at least to the top speed (m/s) and the forces are possible.
+    """The curve through points of speed (m/s) and force (N), each under its place in the file.
+
+    Raises InputError unless the speeds rise from 0 at least to the top speed (m/s) and the forces are possible.
     """
     before_mps = -LEAST_APART_MPS
     for place, (speed_mps, force_n) in points.items():
         shown = f"{speed_mps / KMH:g} km/h"
         if before_mps < 0 and speed_mps != 0:
-            raise InputError(source, place, shown, "the first speed to be 0")
+            raise InputError(source, place, shown, "0 km/h as the first speed")
         if not before_mps + LEAST_APART_MPS <= speed_mps <= HIGHEST_MPS:
             expected = f"rising speeds of at most {HIGHEST_MPS / KMH:g} km/h, after {max(before_mps, 0) / KMH:g} km/h"
             raise InputError(source, place, shown, expected)
@@ -125,9 +126,10 @@ def effort_curve(source: Path | str, points: Mapping[str, Sequence[float]], top_
 
 
 def read_columns(path: Path, what: str, columns: Mapping[str, str], most: int) -> dict[int, list[float]]:
-    """The rows (SI) of a CSV file whose header names columns with their units, each under its line number. `what` is
-    the kind of content, for messages; `columns` maps each name to its dimension, in the order of the file. Raises
-    DasError or InputError for anything unusable, and for more than `most` rows.
+    """The rows (SI) of a CSV file whose header names columns with their units, each under its line number.
+
+    `what` is the kind of content, for messages; `columns` maps each name to its dimension, in the order of the file.
+    Raises DasError or InputError for anything unusable, and for more than `most` rows.
     """
     lines = list(enumerate(read_text(path, MOST_BYTES).splitlines(), 1))
     header = [name.strip() for name in lines[0][1].split(",")] if lines else []

@@ -88,8 +88,9 @@ def _zipped(path: Path) -> ForeignFormat:
 
 
 def refuse_foreign(path: Path, kind: str, reads: str | None = None) -> None:
-    """Raise DasError if a file belongs to another program, or is a file of this program of another kind. The message
-    names the command that imports it. `reads` is the running command if it imports some formats itself.
+    """Raise DasError if a file belongs to another program, or is a file of this program of another kind.
+
+    The message names the command that imports it. `reads` is the running command if it imports some formats itself.
     """
     found = foreign_format(path)
     if found is None or (reads and found.command == reads) or found.name == f"a {kind} file of this program":

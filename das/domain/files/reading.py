@@ -69,7 +69,7 @@ def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         names = [name for name, _ in pairs]
-        raise ValueError(f"the key {next(name for name in names if names.count(name) > 1)!r} is there twice")
+        raise ValueError(f"duplicate key {next(name for name in names if names.count(name) > 1)!r}")
     return found
 
 
@@ -154,7 +154,7 @@ class Fields:
         """The list of names under a key, empty if the key is missing; InputError for an unknown name."""
         names = self.data.get(key, [])
         if not isinstance(names, list) or any(name not in known for name in names):
-            raise self.error(key, names, f"a list of names out of {', '.join(known)}")
+            raise self.error(key, names, f"a list of names from {', '.join(known)}")
         return names
 
     def check_schema_version(self, supported: int) -> None:
@@ -283,7 +283,7 @@ def number(source: Path, key: str, value: object) -> float:
     try:
         result = float(value)
     except OverflowError:
-        raise InputError(source, key, _long_integer(int(value)), "a number that fits") from None
+        raise InputError(source, key, _long_integer(int(value)), "a smaller number") from None
     if math.isnan(result):
         raise InputError(source, key, value, "a number")
     return result

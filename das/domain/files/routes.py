@@ -219,7 +219,7 @@ def _passing(fields: Fields, route: Route | None) -> Passing:
     name, position_m = _place(fields, route)
     wish = fields.flag("wish", False)
     for key in () if wish else fields.given_keys("tolerance", "time"):
-        raise fields.error(key, fields.data[key], "none without wish = true: windows are kept exactly")
+        raise fields.error(key, fields.data[key], "no tolerance without wish = true")
     return Passing(
         name=name,
         position_m=position_m,
@@ -238,7 +238,7 @@ def _passing_window(fields: Fields) -> Window:
         return _window(fields, "earliest", "latest")
     for key in _time_keys(fields, "earliest", "latest"):
         if key in fields.data:
-            raise fields.error(key, fields.data[key], f"none beside {exact[0]}")
+            raise fields.error(key, fields.data[key], f"no window together with {exact[0]}")
     return _window(fields, "time", "time")
 
 
@@ -252,7 +252,7 @@ def _place(fields: Fields, route: Route | None) -> tuple[str, float]:
         return fields.name("name"), fields.quantity("position", "length")
     for key in ("name", *fields.given_keys("position", "length")):
         if fields.has(key):
-            raise fields.error(key, fields.data[key], "none beside stop, which names a stop of the route")
+            raise fields.error(key, fields.data[key], "no name or position together with stop (a stop of the route)")
     wanted = fields.data["stop"]
     if route is None:
         raise fields.error("stop", wanted, "name and position, because no route is given; or give the route (--route)")

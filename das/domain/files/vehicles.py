@@ -45,8 +45,9 @@ def read_vehicle(path: Path) -> Vehicle:
 
 
 def vehicle_of(fields: Fields, insist: str = INSIST % "vehicle") -> Vehicle:
-    """The vehicle described by the fields of a file; errors as in `read_vehicle`. `insist` is the end of the message
-    for an implausible value (see `das.domain.plausibility.check_vehicle`).
+    """The vehicle described by the fields of a file; errors as in `read_vehicle`.
+
+    `insist` is the end of the message for an implausible value (see `das.domain.plausibility.check_vehicle`).
     """
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(
@@ -178,9 +179,7 @@ def _brake_policy(fields: Fields, efforts: ReadEfforts, friction_n: float) -> Br
 
 
 def read_losses(fields: Fields, vehicle: Vehicle) -> tuple[dict[Level, LossModel], Level]:
-    """The loss models of a table `[losses]`, and its default level: the one named, else the first with data, else L0
-    REG.
-    """
+    """The loss models of a table `[losses]`, and its default level: the named one, the first with data, or L0 REG."""
     fields.check_keys(["source", "default", "own", "l1", "l2", "l3"])
     losses: dict[Level, LossModel] = {}
     for level in (Level.OWN, Level.L1, Level.L2):

@@ -1,6 +1,4 @@
-"""Atomic writing of files and folders: each is written under another name and then renamed; a reader never sees half of
-one.
-"""
+"""Atomic writing of files and folders: under another name, then renamed; a reader never sees half of one."""
 
 from __future__ import annotations
 
@@ -33,8 +31,9 @@ def toml_string(text: str) -> str:
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
-    """Raise DasError unless a file can be created at `path`; a command checks this before long work. An existing file
-    is rejected unless `overwrite` is set. A symbolic link is always rejected.
+    """Raise DasError unless a file can be created at `path`; a command checks this before long work.
+
+    An existing file is rejected unless `overwrite` is set. A symbolic link is always rejected.
     """
     refuse_link(path)
     if path.exists() and not path.is_file() and not path.is_dir():
@@ -66,11 +65,12 @@ def make_folder(folder: Path) -> None:
     except (FileExistsError, NotADirectoryError):
         raise DasError(f"{folder}: is a file, expected a folder to write to") from None
     except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+        raise DasError(f"{folder}: cannot be created ({error.strerror})") from error
 
 
 def new_file(path: Path, content: bytes = b"") -> Path:
     """Create a file with `content` and return its path: `path`, or the first free one with the suffix `-2`, `-3`, ….
+
     The file never appears without its content. Raises DasError if none can be created.
     """
     for i in range(1, MOST_OF_A_NAME + 1):
@@ -82,7 +82,7 @@ def new_file(path: Path, content: bytes = b"") -> Path:
         except OSError as error:
             raise DasError(f"{numbered}: cannot be written ({error.strerror})") from error
         return numbered
-    raise DasError(f"{path}: there are {MOST_OF_A_NAME} files of this name already")
+    raise DasError(f"{path}: {MOST_OF_A_NAME} files with this name exist already")
 
 
 def _make_new(path: Path, content: bytes) -> None:
@@ -147,9 +147,10 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collection[str] = ()) -> None:
-    """Write files to a new folder next to `folder` and rename it to `folder`, replacing an existing one. All data are
-    on the disk when the function returns. Only the owner can read the files named in `private`. A killed writer leaves
-    a folder whose name begins with `UNFINISHED`. Raises DasError if writing fails.
+    """Write files to a new folder next to `folder` and rename it to `folder`, replacing an existing one.
+
+    All data are on the disk when the function returns. Only the owner can read the files named in `private`. A killed
+    writer leaves a folder whose name begins with `UNFINISHED`. Raises DasError if writing fails.
     """
     try:
         beside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=UNFINISHED))
@@ -227,10 +228,10 @@ def _opened(path: Path) -> int:
         handle = os.open(path, flags, 0o666)
     except OSError as error:
         if path.is_symlink() or path.is_dir():
-            raise DasError(f"{path}: is not a lock file of ours; remove it") from None
+            raise DasError(f"{path}: is not a lock file of this program; remove it") from None
         raise DasError(f"{path.parent}: cannot be written to ({error.strerror})") from error
     status = os.fstat(handle)
     if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1 or status.st_size > _RECORD_BYTES:
         os.close(handle)
-        raise DasError(f"{path}: is not a lock file of ours; remove it")
+        raise DasError(f"{path}: is not a lock file of this program; remove it")
     return handle

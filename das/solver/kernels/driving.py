@@ -21,8 +21,7 @@ from das.solver.kernels.landings import landing_under
 from das.solver.kernels.tuples import ServiceParams
 
 SLOW_MPS = 5.0
-"""Speed (m/s) below which the delay of the brakes needs no further reserve: the driver sees the stopping mark and is
-already braking."""
+"""Speed (m/s) below which the delay of the brakes needs no reserve: the driver sees the mark and is already braking."""
 FULL_BRAKES = ServiceParams(1e9, 0.0, 1.0, 1e9)
 """Parameters of full braking: no limit below the train's own, and no delay."""
 _ROUNDING_W = 1e-9
@@ -35,9 +34,10 @@ _FIXED_POINT_TOLERANCE = 1e-13
 
 @kernel
 def _narrowed(v, new, low, low_gap, high, high_gap):
-    """New bounds and the next estimate of the fixed point v; the image `new` falls as v rises. A faster step leaves
-    less force under the power limit, so plain iteration would oscillate between too fast and too slow. Therefore v is
-    bracketed and found by false position (Illinois). `high_gap` is 0 until an estimate has been too fast.
+    """New bounds and the next estimate of the fixed point v; the image `new` falls as v rises.
+
+    A faster step leaves less force under the power limit, so plain iteration would oscillate. Therefore v is bracketed
+    and found by false position (Illinois). `high_gap` is 0 until an estimate has been too fast.
     """
     gap = new - v
     if gap > 0.0:
@@ -99,10 +99,11 @@ def _attainable(a, b, h, g, q, p, friction_n):
 
 @kernel
 def drive(first, last, landing, friction_n, line, envelope, p, v):
-    """Drive from v[first] towards the speed `landing` at integration node `last`, at constant acceleration. Every step
-    stays within the train's efforts, with at most `friction_n` of friction brake, and within the envelope (with all
-    brakes). The train may therefore end slower than `landing` (weak traction, low envelope) or faster (weak brakes).
-    Fills v[first + 1 … last]; returns False after a stall.
+    """Drive from v[first] towards the speed `landing` at integration node `last`, at constant acceleration.
+
+    Every step stays within the train's efforts, with at most `friction_n` of friction brake, and within the envelope
+    (with all brakes). The train may therefore end slower than `landing` (weak traction, low envelope) or faster (weak
+    brakes). Fills v[first + 1 … last]; returns False after a stall.
     """
     step, g, q, u = line
     length = 0.0
@@ -184,10 +185,11 @@ def run_energy(line, p, c, v):
 
 @kernel
 def braking_envelope(line, limit, end_speed, p, service):
-    """Highest speed at each node from which the limits and the end speed can be kept, integrated backwards. `service`
-    is the deceleration and delay of the brakes, or `FULL_BRAKES`. Returns the speeds with the index of the first
-    interval (from the end) where braking is impossible, or -1. The brake power limit is taken at the faster end of each
-    step, so it holds over the whole step.
+    """Highest speed at each node from which the limits and the end speed can be kept, integrated backwards.
+
+    `service` is the deceleration and delay of the brakes, or `FULL_BRAKES`. Returns the speeds with the index of the
+    first interval (from the end) where braking is impossible, or -1. The brake power limit is taken at the faster end
+    of each step, so it holds over the whole step.
     """
     step, g, q, u = line
     n = step.size
@@ -222,8 +224,10 @@ def _brake_start(v0, v1, h, g, q, p, service):
 @kernel
 def _in_service(v, resisting, p, service):
     """The planned deceleration at speed v against a resisting force (N, < 0 on a descent), from the usable share of the
-    brake force. A brake with a delay of t needs the distance D(v) + (v − u)·t to slow down to u, where D is the
-    distance without delay. Per unit of speed this is v/a + t, so the deceleration is 1/(1/a + t/v).
+    brake force.
+
+    A brake with a delay of t needs the distance D(v) + (v − u)·t to slow down to u, where D is the distance without
+    delay. Per unit of speed this is v/a + t, so the deceleration is 1/(1/a + t/v).
     """
     share_n = service.force_share * brake_limit(v, p, service.friction_force_n)
     rate = min(largest_loss(v, resisting, p, p.friction_force_n), (share_n + resisting) / p.inertial_mass_kg)
@@ -233,9 +237,10 @@ def _in_service(v, resisting, p, service):
 
 @kernel
 def climbing_floor(line, envelope, least, p):
-    """Lowest speed at each node from which full traction still reaches the end speed and climbs every hill ahead. 0
-    where the train can start from standstill; at crests at least `least`. Never above the envelope, whose last value is
-    the end speed. Integrated backwards; the power limit is taken at the faster end of each step.
+    """Lowest speed at each node from which full traction still reaches the end speed and climbs every hill ahead.
+
+    0 where the train can start from standstill; at crests at least `least`. Never above the envelope, whose last value
+    is the end speed. Integrated backwards; the power limit is taken at the faster end of each step.
     """
     step, g, q, u = line
     n = step.size

@@ -100,9 +100,7 @@ def brake_limit(v, p, friction_n):
 
 @kernel
 def largest_gain(v, resisting, p):
-    """Acceleration at full traction against a resisting force, at most the train's largest unless it is higher even at
-    full brakes.
-    """
+    """Acceleration at full traction against a resisting force, at most the train's largest or that at full brakes."""
     rate = (traction_limit(v, p) - resisting) / p.inertial_mass_kg
     if rate <= p.max_acceleration_mps2:
         return rate
@@ -111,9 +109,7 @@ def largest_gain(v, resisting, p):
 
 @kernel
 def largest_loss(v, resisting, p, friction_n):
-    """Deceleration at full brake with a resisting force, at most the train's largest unless it is higher even at full
-    traction.
-    """
+    """Deceleration at full brake with a resisting force, at most the train's largest or that at full traction."""
     rate = (brake_limit(v, p, friction_n) + resisting) / p.inertial_mass_kg
     if rate <= p.max_deceleration_mps2:
         return rate

@@ -1,7 +1,8 @@
-"""Policies over instructions: the effect of each instruction, and the best one in every state. An instruction consists
-of a manner (defined by `KINDS` and `SHARES`) and a speed X to which it leads; a train that reaches X holds it. Its
-number is `x · 16 + manner`, where x is the index of X among the ascending speeds. The lines of the speed grid are
-multiples of `line_mps`; the envelope of each node is an additional line.
+"""Policies over instructions: the effect of each instruction, and the best one in every state.
+
+An instruction consists of a manner (defined by `KINDS` and `SHARES`) and a speed X to which it leads; a train that
+reaches X holds it. Its number is `x · 16 + manner`, where x is the index of X among the ascending speeds. The lines of
+the speed grid are multiples of `line_mps`; the envelope of each node is an additional line.
 """
 
 from __future__ import annotations
@@ -51,9 +52,7 @@ more, in each call, and the sweep would take twice as long."""
 
 
 class GuideGrid(NamedTuple):
-    """The decision nodes of a section and its speeds: resistances, envelope, limits, and the speed to which the braking
-    curve falls.
-    """
+    """The decision nodes of a section and its speeds: resistances, envelope, limits, final speeds of braking curves."""
 
     line: LineArrays
     envelope_mps: NDArray[np.float64]
@@ -83,9 +82,7 @@ class GuideMoves(NamedTuple):
 
 
 class GuidePrices(NamedTuple):
-    """Prices of time (W), of a change (J), of a change before the present instruction has stood, and of an unnecessary
-    brake.
-    """
+    """Prices of time (W), of a change (J), of a change before the instruction has stood, of an unnecessary brake."""
 
     time_w: float
     change_j: float
@@ -94,9 +91,9 @@ class GuidePrices(NamedTuple):
 
 
 class GuidePolicy(NamedTuple):
-    """The best new instruction in each state (nodes, lines), and the instructions in which a train stays. `stay` has a
-    bit for each X (nodes, lines, manners, ages, words): at age 0 the instruction has stood for `STANDS_S`, at age 1 it
-    has not.
+    """The best new instruction in each state (nodes, lines), and the instructions in which a train stays.
+
+    `stay` has a bit for each X (nodes, lines, manners, ages, words): age 0 has stood for `STANDS_S`, age 1 has not.
     """
 
     choice: NDArray[np.uint16]
@@ -193,10 +190,11 @@ def guide_moves(first, last, grid, p, c, row, moves):
 
 @compiled(**PART)
 def put_ahead(begin, end, cost, young, w, ahead, lower, manner, here, j, row):
-    """Fill in the costs for the speeds X from begin to end that a step of this cost does not reach. The step leads to
-    `manner` between line `lower` and the next one, whose weight is `w`. The costs `ahead` and `here` (lines, rows,
-    ages, X) are the cost of an instruction that has stood and the additional cost if it has not. The share `young` of
-    the latter remains, because an instruction gets older in a step.
+    """Fill in the costs for the speeds X from begin to end that a step of this cost does not reach.
+
+    The step leads to `manner` between line `lower` and the next one, whose weight is `w`. The costs `ahead` and `here`
+    (lines, rows, ages, X) are the cost of an instruction that has stood and the additional cost if it has not. The
+    share `young` of the latter remains, because an instruction gets older in a step.
     """
     a, b = 1.0 - w, w
     for x in range(np.uint64(begin), np.uint64(max(begin, end))):
@@ -351,9 +349,7 @@ def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
 
 @compiled(**PART)
 def keep(span, leave, leave_young, here, j, m, stay, i):
-    """Limit the costs of staying in the instructions of a manner to the costs of leaving them, and set the bits of
-    `stay`.
-    """
+    """Limit the costs of staying in the instructions of a manner to those of leaving them; set the bits of `stay`."""
     begin, end = np.uint64(span[0]), np.uint64(span[1])
     for w in range(stay.shape[4]):
         kept, kept_young, first = np.uint32(0), np.uint32(0), np.uint64(w * WORD)

@@ -61,6 +61,7 @@ def now_held(now, v, goal_mps, goal_x, speeds):
 @kernel
 def chosen_anew(now, chosen, stays, anew, last):
     """The instruction from a decision node on, for a train in instruction `now` whose best new one is `chosen`.
+
     `stays`: the policy stays in `now`; `anew`: it chooses a new instruction even so.
     """
     if now == NO_INSTRUCTION:
@@ -72,10 +73,11 @@ def chosen_anew(now, chosen, stays, anew, last):
 
 @kernel
 def guide_roll_out(nodes, k0, decision, line, envelope, curve, grid, p, row0, policy, back_share, told, anew, v, said):
-    """Follow a policy from node nodes[0] to nodes[1] of `decision`; the instruction of every interval is written to
-    `said`. `decision` contains the integration nodes of the decision nodes k0, k0 + 1, …; row 0 of the policy is
-    decision node `row0`. `told` is the current instruction and its age (s); `anew`: the policy chooses immediately.
-    Returns the last instruction (`STALLED` after a stall) and its age (s).
+    """Follow a policy from node nodes[0] to nodes[1] of `decision`; `said` receives the instruction of every interval.
+
+    `decision` contains the integration nodes of the decision nodes k0, k0 + 1, …; row 0 of the policy is decision node
+    `row0`. `told` is the current instruction and its age (s); `anew`: the policy chooses now. Returns the last
+    instruction (`STALLED` after a stall) and its age (s).
     """
     speeds, line_mps = grid.speeds_mps, grid.line_mps
     now, age_s = told

@@ -73,8 +73,9 @@ def step_cost(v0, v1, h, g, q, p, c):
 
 @kernel
 def landings(v0, h, g, q, top, last, p, out):
-    """Fill `out` with the candidate landing speeds from v0, hardest brake first, and return their number. `top` is the
-    envelope at the landing node; at the end of a section with one end speed it is the only landing.
+    """Fill `out` with the candidate landing speeds from v0, hardest brake first, and return their number.
+
+    `top` is the envelope at the landing node; at the end of a section with one end speed it is the only landing.
     """
     high = landing_speed(v0, h, 1.0, g, q, p)
     if last:

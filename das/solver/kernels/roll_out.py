@@ -31,9 +31,11 @@ def _total_cost(v0, v1, step, price, c, row):
 
 @kernel
 def best_landing(v0, step, policy, policies, c, out, row):
-    """The landing speed from v0 with the least sum of step cost and landing value, and that sum (J). All landings of
-    the step are tried; the best one is then refined between its neighbours by golden section. Returns (-1, INFEASIBLE)
-    if no landing is feasible. `out` (length LANDINGS) and `row` (one value per grid line) are working memory.
+    """The landing speed from v0 with the least sum of step cost and landing value, and that sum (J).
+
+    All landings of the step are tried; the best one is then refined between its neighbours by golden section. Returns
+    (-1, INFEASIBLE) if no landing is feasible. `out` (length LANDINGS) and `row` (one value per grid line) are working
+    memory.
     """
     price = policy.price_w
     h, g, q, p = step.length_m, step.constant_n, step.tunnel_n_per_mps2, step.train
@@ -161,8 +163,9 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
 
 @kernel
 def blend_runs(share, quick, slow, line, envelope, p, v):
-    """Drive between two runs from the same state: v² = share · (v² of the quick run) + (1 − share) · (v² of the slow
-    run). Every step is limited to the train's efforts. Fills v, returns the trip time (s), or -1 after a stall.
+    """Drive between two runs from the same state: v² = share · v² (quick run) + (1 − share) · v² (slow run).
+
+    Every step is limited to the train's efforts. Fills v, returns the trip time (s), or -1 after a stall.
     """
     v[0] = slow[0]
     for i in range(line.step_m.size):

@@ -42,8 +42,9 @@ def speed_under(kind, share, v0, h, g, q, p):
 
 @kernel
 def followed_speed(i, phase, back_share, way, line, curve, v):
-    """The speed at which a train in a phase (kind, share, target) aims for the end of interval i. `way` is the
-    remaining distance of the phase (m), and `curve` contains the highest speeds allowed at the ends of the interval.
+    """The speed for the end of interval i in a phase (kind, share, target).
+
+    `way` is the remaining distance of the phase (m); `curve` contains the highest speeds at the ends of the interval.
     """
     kind, share, target = phase
     step, g, q, here = line

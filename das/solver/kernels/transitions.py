@@ -162,6 +162,7 @@ def costs(speeds, landings, step, g, q, p, c, time_s, energy_j):
 @compiled(fastmath=True)
 def locations(landings, floor, top, steps, line, share, energy_j):
     """Grid line below each landing and the share of the line above, as in `locate`; energy INFEASIBLE off the grid.
+
     `line` contains whole numbers as floats.
     """
     span = top - floor
@@ -190,9 +191,10 @@ _STANDING_MPS = 1e-3
 
 @kernel
 def transitions(first, last, line, bounds, steps, p, c, moves):
-    """Compute all transitions of the decision nodes first … last − 1. `line` and `bounds` contain all decision nodes;
-    `steps` is the number of steps of the speed grid. Row k of `moves` is filled for node first + k. `filled` receives
-    the number of landings of each state.
+    """Compute all transitions of the decision nodes first … last − 1.
+
+    `line` and `bounds` contain all decision nodes; `steps` is the number of steps of the speed grid. Row k of `moves`
+    is filled for node first + k. `filled` receives the number of landings of each state.
     """
     floor, envelope = bounds
     n = line.step_m.size
@@ -280,9 +282,9 @@ def _costs_on_curves(speeds, landings, h, g, q, p, c, time_s, energy_j):
 
 @kernel
 def _spread(speeds, top, landing, space):
-    """Write the candidate landings from each speed (see `das.solver.kernels.landings.landings`) to the rows of
-    `landing`: `LANDINGS_BRAKE` from the hardest brake on, `LANDINGS_EFFORT` from full electric brake to full traction,
-    then coasting and holding. `space` contains the result of `_extremes`.
+    """Write the candidate landings from each speed (see `das.solver.kernels.landings`) to the rows of `landing`:
+    `LANDINGS_BRAKE` from the hardest brake on, `LANDINGS_EFFORT` from full electric brake to full traction, coasting,
+    holding. `space` contains the result of `_extremes`.
     """
     high, coast, electric, low = space[0], space[1], space[2], space[3]
     for j in range(speeds.size):

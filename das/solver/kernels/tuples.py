@@ -17,12 +17,13 @@ NO_LIMIT_N = 1e30
 
 
 class TrainParams(NamedTuple):
-    """The parameters of a train in the form required by the kernels (SI). `adhesive_force_n` and
-    `braked_adhesive_force_n` are the weights on the driven and on all axles multiplied by the adhesion ratio of the
-    rail; multiplied by the adhesion coefficient, they limit the forces of the motors and of all brakes.
-    `receptivity_ratio` is the share of the power fed back that the line accepts. `brakes_dissipate`: no brake feeds
-    energy back. `has_curves`: the motors are also limited by `curves_n` (2, n), the samples of the effort curves of
-    traction and of the electric brake.
+    """The parameters of a train in the form required by the kernels (SI).
+
+    `adhesive_force_n` and `braked_adhesive_force_n` are the weights on the driven and on all axles multiplied by the
+    adhesion ratio of the rail; multiplied by the adhesion coefficient, they limit the forces of the motors and of all
+    brakes. `receptivity_ratio` is the share of the power fed back that the line accepts. `brakes_dissipate`: no brake
+    feeds energy back. `has_curves`: the motors are also limited by `curves_n` (2, n), the samples of the effort curves
+    of traction and of the electric brake.
     """
 
     inertial_mass_kg: float
@@ -47,6 +48,7 @@ class TrainParams(NamedTuple):
 class ServiceParams(NamedTuple):
     """A service braking in the form required by the kernels: at most `deceleration_mps2`, with at most the share
     `force_share` of the force of all brakes (the electric brake and `friction_force_n`, even if plans use no friction).
+
     The brakes act with a delay of `delay_s`.
     """
 
@@ -61,8 +63,9 @@ PlainTrain: Any = namedtuple("PlainTrain", TrainParams._fields[:-2])  # type: ig
 
 
 class LossParams(NamedTuple):
-    """A loss model in the form required by the kernels. `table_w[i, j]` is the loss of a map at the speed
-    i/steps_per_mps and the force force0_n + j/steps_per_n.
+    """A loss model in the form required by the kernels.
+
+    `table_w[i, j]` is the loss of a map at the speed i/steps_per_mps and the force force0_n + j/steps_per_n.
     """
 
     is_map: bool
@@ -105,9 +108,7 @@ CURVE_STEPS_PER_MPS = 1.0 / SAMPLE_STEP_MPS
 
 
 def _samples_n(*envelopes: EffortEnvelope) -> NDArray[np.float64]:
-    """The samples (envelopes, n) of the effort curves, with the last one repeated; `NO_LIMIT_N` if an envelope has no
-    curve.
-    """
+    """The samples (envelopes, n) of the effort curves, with the last one repeated; `NO_LIMIT_N` without a curve."""
     samples = [np.full(2, NO_LIMIT_N) if one.curve is None else one.curve.samples_n for one in envelopes]
     longest = max(len(one) for one in samples)
     return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in samples])
@@ -177,8 +178,7 @@ class Policies(NamedTuple):
 
 
 class Policy(NamedTuple):
-    """A multiplier λ between two neighbours of the ladder: λ itself, the index a of the lower one, λ − λ_a, λ_{a+1} −
-    λ_a.
+    """A multiplier λ between two neighbours of the ladder: λ, index a of the lower one, λ − λ_a, λ_{a+1} − λ_a.
 
     The gap is 0 for a multiplier of the ladder itself.
     """
