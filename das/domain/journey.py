@@ -132,8 +132,9 @@ class Journey(Summary):
     @classmethod
     def over_stops(cls, stops: Sequence[Stop], *, time_s: float, dwell_s: float) -> Self:
         """A journey from the first to the last stop in `time_s`, with a dwell of at least `dwell_s` at each stop
-        between. Only the departure (0 s) and the last arrival are fixed. Raises InputError if the stops do not form a
-        journey.
+        between.
+
+        Only the departure (0 s) and the last arrival are fixed. Raises InputError if the stops do not form a journey.
         """
         first, *inner, last = stops
         calls = [Call(name=x.name, position_m=x.position_m, dwell_s=dwell_s) for x in inner]

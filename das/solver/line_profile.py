@@ -80,8 +80,10 @@ _SLOWEST_MPS = 1.0
 
 def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, beside_m: float = 0.0) -> Floats:
     """Positions (m) that must be decision nodes: at and near stops, and where the head or tail meets a change of the
-    line. `length_m` is the length of the train, 0 for a point mass. With `beside_m` there are also nodes at this
-    distance (m) before and after each change of the limit.
+    line.
+
+    `length_m` is the length of the train, 0 for a point mass. With `beside_m` there are also nodes at this distance (m)
+    before and after each change of the limit.
     """
     start_m, end_m = ends_m
     breaks = route.breakpoints_m()

@@ -330,9 +330,7 @@ def evaluate(gto: Vehicle, gto_chain: LossChain, igbt: Vehicle, runs: Runs) -> F
 
 
 def _orders(table: Mapping[str, tuple[float, ...]]) -> tuple[float, float, float]:
-    """Numbers of columns with the diagonal best; with fastest worst; with top-speed behind all optima except L0
-    REG's.
-    """
+    """Numbers of columns with the diagonal best; with fastest worst; with top-speed behind all optima but L0 REG's."""
 
     def count(holds: Callable[[dict[str, float], str], bool]) -> float:
         columns = {c: {row: values[i] for row, values in table.items()} for i, c in enumerate(TABLE2_LEVELS)}

@@ -70,7 +70,7 @@ def plain(value: Any) -> Any:
 
 
 def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
-    """Put lines between the marks `<!-- NAME: begin -->` and `<!-- NAME: end -->` of a page; each is printed when it is
+    """Put lines between the marks `<!-- NAME: begin -->` and `<!-- NAME: end -->` of a page; each is printed once
     computed.
 
     DasError, before the first line, if the page has no such marks.

@@ -56,9 +56,7 @@ def trajectories(bench: Workbench) -> dict[str, Trajectory]:
 
 
 def _best_run(bench: Workbench, variant: Variant, time_s: float) -> Trajectory:
-    """The solver's run, or a four-mode run if better: the solver's error of 0.01 to 0.05 % may exceed the
-    difference.
-    """
+    """The solver's run, or a four-mode run if better: the solver's error is 0.01 to 0.05 %."""
     runs = [bench.front(COMPLETE, variant).trajectory(time_s).trajectory]
     if variant in FOUR_MODE_LEVELS:
         runs.append(baselines.four_modes(bench.section(COMPLETE, variant), time_s).trajectory)

@@ -284,7 +284,9 @@ def _costs_on_curves(speeds, landings, h, g, q, p, c, time_s, energy_j):
 def _spread(speeds, top, landing, space):
     """Write the candidate landings from each speed (see `das.solver.kernels.landings`) to the rows of `landing`:
     `LANDINGS_BRAKE` from the hardest brake on, `LANDINGS_EFFORT` from full electric brake to full traction, coasting,
-    holding. `space` contains the result of `_extremes`.
+    holding.
+
+    `space` contains the result of `_extremes`.
     """
     high, coast, electric, low = space[0], space[1], space[2], space[3]
     for j in range(speeds.size):
