@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 SAMPLE_STEP_MPS = 0.1 * KMH
 """Spacing of the speeds (m/s) at which the solver's kernels sample an effort curve. The points of most real tables lie
-at whole multiples of it; a kink between two samples changes the force by about 1/10 000."""
+at whole multiples of it; a kink elsewhere causes an error of about 1/10 000 of the force."""
 
 
 @dataclass(frozen=True, kw_only=True)

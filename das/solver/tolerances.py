@@ -84,10 +84,10 @@ UNREACHABLE: Final = 1e16
 INFEASIBLE: Final = 1e30
 """The cost (J) of a state from which the section cannot be finished; finite, to allow interpolation."""
 SMALLEST_SHARE: Final = 1e-9
-"""Interpolation weight below which the weight is a rounding error and 0 is used."""
+"""Interpolation weight that is treated as a rounding error, and as 0."""
 CREST_MPS: Final = 0.05
 """Lowest planned speed (m/s) at a crest; a train at exactly the floor speed would stop there."""
 SLOWEST_LIMIT_MPS: Final = 2.0
-"""Lowest planned speed (m/s) after subtracting the margin below a limit, or the limit itself if that is lower."""
+"""Lowest speed (m/s) to which the margin below a limit may reduce it; a lower limit remains unchanged."""
 CREEP_MPS: Final = 0.1
 """Speed (m/s) at the start of the last decision step below which a train first accelerates as fast as allowed."""

@@ -52,7 +52,7 @@ def groups(
     driver: str = "human",
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED,
 ) -> list[Drives]:
-    """The drives of a driver with each presentation, for the seeds that have drives with all presentations."""
+    """The drives of a driver with each presentation, limited to the seeds that have all presentations."""
     found = []
     for one in shown:
         wanted = (scenario, driver, friction, one)
@@ -87,7 +87,7 @@ AT_EQUAL_ARRIVAL: Final = ("energy_kwh", "energy_optimum_kwh")
 def presentations(rows: Sequence[Row], scenario: str) -> Iterator[str]:
     """The saving of each presentation for the default driver in a scenario."""
     yield (
-        "| advice shown | late, s | kWh | less than without advice, kWh | saved at equal arrival, kWh | of that less "
+        "| advice shown | late, s | kWh | saving, kWh | saved at equal arrival, kWh | of which "
         "friction | friction brake's share | changes a minute | above limits, s |"
     )
     yield f"|---|{'---:|' * 8}"
@@ -134,11 +134,11 @@ KEPT: Final[dict[str, Callable[[Drives], str]]] = {
         f"{mean(of, 'advice_changes_per_min'):.2f}, {each(of, 'advice_changes_per_min').max():.2f}"
     ),
     "changes of kind announced in time": _share("announced_ratio"),
-    "brakes shown before they are due": _share("brakes_led_ratio"),
-    "announced changes that came": _share("promises_kept_ratio"),
+    "brakes shown in advance": _share("brakes_led_ratio"),
+    "announced changes that occurred": _share("promises_kept_ratio"),
     "shortest instruction, s": lambda of: f"{each(of, 'shortest_instruction_s').min():.0f}",
     "missed coasts, vain accelerations, odd speeds": _sums("missed_coasts", "vain_accelerations", "odd_speeds"),
-    "seconds above a limit of a driver who did what was shown": _sums("above_limit_obeying_s"),
+    "seconds above a limit while obeying": _sums("above_limit_obeying_s"),
     "acts of the last word": _sums("last_word_acts"),
     "seconds with advice": _share("availability_ratio"),
 }
@@ -157,7 +157,7 @@ def grammar(rows: Sequence[Row]) -> Iterator[str]:
 def examples(rows: Sequence[Row]) -> Iterator[str]:
     """The saving of the guide for the example drivers in clear-day."""
     yield (
-        "| driver | kWh without advice | less with the guide | saved at equal arrival, % | late without and with, s | "
+        "| driver | kWh without advice | saving with the guide | saved at equal arrival, % | late without, with, s | "
         "changes a minute | above limits, s |"
     )
     yield f"|---|{'---:|' * 6}"
@@ -181,11 +181,11 @@ def perfect(rows: Sequence[Row]) -> Iterator[str]:
 
 def spread(rows: Sequence[Row], persons: Sequence[Row]) -> Iterator[str]:
     """The spread of drives without advice in clear-day: of persons with one seed, and of one driver over the seeds."""
-    yield "| who drives | drives | mean kWh | standard deviation, % (95 %) | late, s | above the optimum, % |"
+    yield "| driver | drives | mean kWh | standard deviation, % (95 %) | late, s | above the optimum, % |"
     yield f"|---|{'---:|' * 5}"
     (alone,) = groups(rows, (Presentation.NONE,))
     of_person = {int(one["participant"]): one for one in persons}
-    for who, of in (("persons, each on the same day", of_person), ("one driver, each day another seed", alone)):
+    for who, of in (("persons, all with one seed", of_person), ("one driver, different seeds", alone)):
         energies, late = each(of, "energy_kwh"), each(of, "late_s")
         above = 100.0 * (energies / each(of, "energy_optimum_kwh") - 1.0)
         freedom = len(of) - 1

@@ -57,7 +57,7 @@ def hello_of(
 
 
 def _line(route: Route, stops: Sequence[Stop]) -> dict[str, Any]:
-    """The line for the display of the line ahead: limits, gradients and stops, positions in m."""
+    """The line as needed for the view ahead: limits, gradients and stops, with positions in m."""
     return {
         "length_m": route.length_m,
         "limits": _pairs(route.limits_mps),
@@ -67,7 +67,7 @@ def _line(route: Route, stops: Sequence[Stop]) -> dict[str, Any]:
 
 
 def _train(vehicle: Vehicle) -> dict[str, Any]:
-    """The train: its length (m), top speed (m/s), and largest efforts (N) at speeds 0, 2, 4 … m/s.
+    """The train: length (m), top speed (m/s), and largest efforts (N) at speeds 0, 2, 4 … m/s.
 
     Each row of efforts has three values: traction, electric brake, and both brakes together.
     """
@@ -104,7 +104,7 @@ def _utc_offset_min(route: Route, time_ns: int) -> int:
 
 
 def cab_fields(message: Any) -> dict[str, Any]:
-    """All fields of a message Cab by name, exactly as recorded."""
+    """All fields of a Cab message by name, exactly as recorded."""
     found: dict[str, Any] = {}
     for field in message.DESCRIPTOR.fields:
         value = getattr(message, field.name)

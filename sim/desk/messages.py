@@ -54,7 +54,7 @@ _encoder: Final = msgspec.json.Encoder()
 
 
 def heard(text: str) -> Said | None:
-    """The message in a text from a page; None if it is invalid: no JSON, a wrong type, a number out of range.
+    """The decoded message of a page; None if it is invalid: no JSON, a wrong type, a number out of range.
 
     Valid messages are not nested. A deeply nested text must not reach the decoder, which would recurse.
     """

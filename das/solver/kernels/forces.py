@@ -50,7 +50,7 @@ def on_supply(p, u):
 
 @kernel
 def without_curves(p):
-    """The parameters of a train without its effort curves, for code in vector instructions, which does not use them."""
+    """The parameters of a train without its effort curves, which vectorised code does not use."""
     return PlainTrain(*p[:-2])
 
 
@@ -100,7 +100,10 @@ def brake_limit(v, p, friction_n):
 
 @kernel
 def largest_gain(v, resisting, p):
-    """Acceleration at full traction against a resisting force, at most the train's largest or that at full brakes."""
+    """Acceleration at full traction against a resisting force.
+
+    It is at most the train's largest, or that at full brakes if this is larger.
+    """
     rate = (traction_limit(v, p) - resisting) / p.inertial_mass_kg
     if rate <= p.max_acceleration_mps2:
         return rate
@@ -109,7 +112,10 @@ def largest_gain(v, resisting, p):
 
 @kernel
 def largest_loss(v, resisting, p, friction_n):
-    """Deceleration at full brake with a resisting force, at most the train's largest or that at full traction."""
+    """Deceleration at full brake with a resisting force.
+
+    It is at most the train's largest, or that at full traction if this is larger.
+    """
     rate = (brake_limit(v, p, friction_n) + resisting) / p.inertial_mass_kg
     if rate <= p.max_deceleration_mps2:
         return rate

@@ -135,7 +135,7 @@ BAD = {
     "stands": (
         INLINE.replace("[0, 100]", "[0, 0]"),
         EFFORT,
-        "'0 kN at 0 km/h': expected a force > 0, or the train does",
+        "'0 kN at 0 km/h': expected a force > 0; otherwise the train",
     ),
     "unit": (INLINE.replace("force_kn", "force_lbf"), EFFORT, r"columns = 'force_lbf': expected force_N or force_n"),
     "both": (
