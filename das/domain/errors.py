@@ -37,7 +37,7 @@ class DasError(Exception):
 class InputError(DasError):
     """A value in an input is unusable.
 
-    The message names the source (a file, or an option), the key in it, the value found and what was expected.
+    The message names the source (a file, or an option), the key in it, the value found and the expected one.
     """
 
     def __init__(self, source: str | Path, key: str, value: object, expected: str) -> None:

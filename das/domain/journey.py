@@ -199,7 +199,7 @@ def _check_point(source: str, point: Call | Passing) -> None:
         raise InputError(source, f"position of {point.name}", point.position_m, "a finite number")
     windows = (point.arrival, point.departure) if isinstance(point, Call) else (point.window,)
     for window in windows:
-        # Written so that NaN is refused as well.
+        # This form also rejects NaN.
         if not (window.earliest_s <= window.latest_s and window.earliest_s < math.inf and window.latest_s > -math.inf):
             shown = f"{window.earliest_s:g} … {window.latest_s:g} s"
             raise InputError(source, f"times of {point.name}", shown, "an earliest time not after the latest")

@@ -48,7 +48,7 @@ class Restriction:
     valid_until_ns: int = 0
 
     def __post_init__(self) -> None:
-        # Written so that NaN is refused as well.
+        # This form also rejects NaN.
         if not -math.inf < self.start_m < self.end_m < math.inf:
             shown = f"{self.start_m:g} … {self.end_m:g} m"
             raise InputError("restriction", "positions", shown, "a start before the end")

@@ -1,6 +1,6 @@
 """All unit factors of the project, and gravity. The program computes in SI units and converts other units only here.
 
-A quantity read from a file names its unit; `to_si` multiplies by that unit's factor, or refuses an unknown unit.
+A quantity read from a file names its unit; `to_si` multiplies by that unit's factor, or rejects an unknown unit.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from das.solver.state import RollOut, State, fastest, least_time_s
 MAX_ROLL_OUTS: Final = 12
 """Largest number of multipliers tried."""
 OVERSHOOT_S: Final = 0.15
-"""Time (s) beyond the requested one at which the next trial aims; two trials then enclose the requested time."""
+"""Time (s) by which the next trial overshoots the requested one; two trials then enclose the requested time."""
 FIRST_STEP: Final = 0.05
 """Least part of a ladder step between two trials while all trials are on one side of the requested time; each further
 step is four times as large."""
@@ -203,7 +203,7 @@ class TimeSearch:
         )
 
     def _enclose(self) -> tuple[Trial | None, Trial]:
-        """A slow and a quick trial that can be blended; no slow one if even the smallest multiplier is early."""
+        """A slow and a quick trial that can be blended; None for the slow one if the smallest multiplier is early."""
         slow, quick = None, None
         above, below, kept = 0.0, 0.0, 0
         place, step = self._place(self.time_s), FIRST_STEP
@@ -226,7 +226,7 @@ class TimeSearch:
         return slow, quick
 
     def _share(self, above: float, below: float) -> float:
-        """Place of the next trial between two others as a share, from their misses (false position)."""
+        """Position of the next trial between two others (a share), from their misses by false position."""
         return float(np.clip(above / (above - below), LEAST_SHARE, 1.0 - LEAST_SHARE))
 
     def _blendable(self, slow: Trial | None, quick: Trial | None) -> bool:

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 class LineProfile:
     """The profile of a line under a train, on a grid of positions `node_m` (route coordinates).
 
-    The other arrays hold one value per interval: `step_m`, `grade_ratio` (gradient averaged over the train),
+    The other arrays have one value per interval: `step_m`, `grade_ratio` (gradient averaged over the train),
     `constant_n` (gradient and curve force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train), and `supply`
     (receptivity, `NO_REGENERATION` or `NEUTRAL`; the lowest if an interval has several).
     """

@@ -217,9 +217,9 @@ def calibrate(
     out: OutFolderOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to what the paper prints.
+    """Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to the paper's figures.
 
-    Prints the targets with what is reached; the exit code is 1 where one is missed. The vehicle files with the new
+    Prints the targets and the figures reached; the exit code is 1 if a target is missed. The vehicle files with the new
     parameters go to the folder of --out. This takes a few minutes.
     """
     if out is not None and check:

@@ -136,7 +136,7 @@ class AssessedDay:
             if self._operators.restarts(second):
                 self._cab.close()
                 self._cab = self._new_cab()
-            # If nothing changes the journey, it is sent once more.
+            # An unchanged journey is sent once more.
             told_journey = second in (BEGINS_S, changes_at) or self._operators.restarts(second)
             if told_journey:
                 heard.insert(0, self._journey(second))
@@ -185,7 +185,7 @@ class AssessedDay:
         return state._replace(time_s=float(second + 1))
 
     def _has_arrived(self, state: PlantState, advice: Advice, stop_m: float) -> bool:
-        """Whether the train stands at its stop; the cab may decide so while noise hides a small speed."""
+        """Whether the train stands at its stop; with noise, the cab may report this at a small speed."""
         near_m, slow_mps = (AT_STOP_M, 0.1 + SPEED_SD_MPS) if advice.mode is Regime.STOP else (10.0, 0.0)
         return state.speed_mps <= slow_mps and stop_m - state.s_m <= near_m
 
@@ -296,7 +296,7 @@ class _Operators:
                     self._told[second + 2] = _list(second, self.in_force, "a")
                     yield self._told[second + 2]
             if second in self._told and self._drawn.sensors.late_ratio and self._told[second] == self._newest():
-                yield self._told[second]  # The bus delivers it once more.
+                yield self._told[second]  # The bus delivers the message twice.
         if second == self._happens_s:
             yield from self._incident(second)
 

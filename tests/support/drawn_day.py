@@ -58,7 +58,7 @@ class Upset(StrEnum):
     WRONG_SPEED = "wrong-speed"
     """The measured speed is wrong by a constant share for some seconds."""
     SILENT = "silent"
-    """No position comes for some seconds."""
+    """No position arrives for some seconds."""
     FROZEN = "frozen"
     """The position stays where it was for some seconds."""
 

@@ -33,7 +33,7 @@ class _NoLoss(UsualLoss):
 
 
 def sure(section: Section, front: GuideFront | None, worker: Worker = AT_ONCE) -> Keeper:
-    """A keeper whose drivers lose no time, so that references have no reserve."""
+    """A keeper whose drivers lose no time; its references have no reserve."""
     keeper = Keeper(section, front, DEFAULT, worker)
     keeper._usual = _NoLoss(section)
     return keeper

@@ -29,8 +29,7 @@ def catalogue(kind: str) -> dict[str, Path]:
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
     """The train with a bundled name ("re460-ic"), or from a TOML file of this project or a JSON train of TTOBench.
 
-    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
-    in it.
+    Raises DasError for an unknown name or file, InputError (file, key, value, expectation) for anything unusable in it.
 
         >>> import das
         >>> das.load_vehicle("re460-ic").max_speed_mps * 3.6
@@ -43,8 +42,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
 def load_route(name_or_path: str | Path) -> Route:
     """The line with a bundled name ("zurich-luzern"), or from a TOML file of this project or a JSON track of TTOBench.
 
-    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
-    in it.
+    Raises DasError for an unknown name or file, InputError (file, key, value, expectation) for anything unusable in it.
 
         >>> import das
         >>> [stop.name for stop in das.load_route("zurich-luzern").stops]
@@ -55,10 +53,11 @@ def load_route(name_or_path: str | Path) -> Route:
 
 
 def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
-    """The journey on a route, with a bundled name ("zurich-luzern") or from a file (our TOML, or JSON of TTOBench).
+    """The journey on a route, with a bundled name ("zurich-luzern") or from a file (TOML of this project, or JSON of
+    TTOBench).
 
-    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
-    in it, and for a point of the journey that is not on the route. Without a route, every point must have a position.
+    Raises DasError for an unknown name or file, InputError (file, key, value, expectation) for anything unusable in it,
+    and for a point of the journey that is not on the route. Without a route, every point must have a position.
     """
     path = locate_journey(name_or_path)
     json = path.suffix.lower() == ".json"

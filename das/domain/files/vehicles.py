@@ -325,7 +325,7 @@ def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
 
 
 def _evened(axis: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Remove the rounding of the file's decimals (under 1 % of a step) so that the axis is exactly even."""
+    """Remove the rounding of the file's decimals (under 1 % of a step), which makes the axis exactly even."""
     even = np.linspace(axis[0], axis[-1], len(axis))
     if len(axis) > 1 and np.abs(even - axis).max() < 0.01 * (axis[-1] - axis[0]) / (len(axis) - 1):
         even[np.abs(even) < 1e-9 * (axis[-1] - axis[0])] = 0.0

@@ -74,7 +74,8 @@ def blended_values(policies, policy, k, first, last, row):
 
 @kernel
 def value_at(row, v, floor, top):
-    """Value (J) at speed v of a decision node whose grid lines hold `row`; floor and top bound the speed grid there.
+    """Value (J) at speed v of a decision node whose grid lines have the values `row`; floor and top bound the speed
+    grid there.
 
     Only the lines given by `needed_lines` for v are read.
     """

@@ -20,7 +20,7 @@ def backward_sweep(first, last, lam, moves, value, time_to_go):
     """Bellman sweep of the multipliers lam[first … last − 1] together: value (J) and time-to-go (s) of every state.
 
     value[k, j, l] = min over landings of energy + lam·dt + value at the landing (linear in v²). Row k = n of both
-    outputs must hold the end values; the other rows are filled. A product and a sum may be fused, but their order is
+    outputs must contain the end values; the other rows are filled. A product and a sum may be fused, but their order is
     fixed: results are identical, bit for bit, however the ladder is divided.
     """
     dt, energy, target, weight, filled = moves
