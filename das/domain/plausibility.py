@@ -62,9 +62,8 @@ class VehicleLimits:
     max_acceleration: Range = Range(usual_least=0.01, usual_most=1.6, most=3.0)
     """Traction force over mass, at most the train's largest acceleration (m/s²).
 
-    With all axles driven, adhesion on a dry rail ends at 3.2 (Curtius & Kniffler 1944, at standstill). Assumption:
-    metros reach 1.3.
-    """
+    With all axles driven, adhesion on a dry rail limits it to 3.2 (Curtius & Kniffler 1944, at standstill). Assumption:
+    metros reach 1.3."""
     mass: Range = Range(least=1e3, usual_least=1e4, usual_most=1e7, most=2e7)
     """Mass of the whole train (kg). Assumption: from a track trolley to the heaviest coal trains."""
     max_speed: Range = Range(least=1.0, usual_least=5.0, usual_most=400 * KMH, most=600 * KMH)
@@ -83,7 +82,7 @@ class VehicleLimits:
     rotating_mass: Range = Range(usual_most=0.3, most=0.5)
     """Rotating mass over mass. Assumption: 0.02 to 0.15 is usual, 0.3 is a light locomotive."""
     length: Range = Range(usual_most=2e3, most=1e4)
-    """Length (m). Assumption: the longest train ever run had 7.4 km; a length of 0 is a point."""
+    """Length (m). Assumption: the longest train ever run was 7.4 km long; a length of 0 is a point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +90,7 @@ class RouteLimits:
     """The limits of lines in SI units; each field has the name of its check."""
 
     length: Range = Range(least=1.0, usual_least=10.0, usual_most=1e7, most=2e7)
-    """Length (m), at most half the Earth's circumference; the longest line, Moscow to Vladivostok, has 9 289 km."""
+    """Length (m), at most half the Earth's circumference; the longest line, Moscow to Vladivostok, is 9 289 km."""
     speed_limit: Range = Range(usual_least=3 * KMH, usual_most=400 * KMH, most=600 * KMH)
     """Every speed limit (m/s). The bounds are those of a train's top speed."""
     gradient: Range = Range(usual_most=0.08, most=0.2)

@@ -155,7 +155,7 @@ class VariationOutcome:
 
     `followed`: the plan as driven. `on_time` and `same_time` are optima under the changed conditions: `on_time` for the
     planned time (or the fastest run, which is late), `same_time` for the time that following the plan took. None: there
-    is no such run. `trouble` is the reason for that, or the defect of `followed`. Ratios are relative to the plan's
+    is no such run. `trouble` is the reason for that, or the problem of `followed`. Ratios are relative to the plan's
     energy at the collector.
     """
 

@@ -14,7 +14,7 @@ from das.domain.errors import DasError
 from sim.options import MOST_NOTCHES
 
 LARGEST_BYTES: Final = 4096
-"""Longest message of a page (bytes); the longest message of the desk's own page has 120."""
+"""Longest message of a page (bytes); the longest of the desk's own page has 120."""
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 WallMs = Annotated[float, msgspec.Meta(ge=0, le=4e12)]
 """A time on the browser's wall clock (ms since 1970)."""

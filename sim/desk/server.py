@@ -107,7 +107,7 @@ class Desk:
     """A person's desk in a run: messages to the page and actions from it. `hello` is the constant data of the page.
 
     The phases are welcome, preparing (the person is ready, the run has not begun), driving and over. A server that
-    replaces a killed one finds a running run and starts in the phase driving.
+    replaces a killed one during a run starts in the phase driving.
     """
 
     def __init__(self, given: DeskGiven, hello: dict[str, Any], route: Line) -> None:

@@ -82,9 +82,7 @@ class Witness:
         return self._curves[stop_m]
 
     def _brakes_n(self, i: int, v: float) -> float:
-        """All brakes (N) that the train's policy allows in a plan; without electric brake on a supply that rejects
-        it.
-        """
+        """All brakes (N) that the train's policy allows in a plan; no electric brake on a supply that rejects power."""
         train, zones = self._train, (*self._line.neutral, *self._line.no_regeneration)
         electric_n = 0.0 if any(a <= self._at_m[i] < b for a, b in zones) else float(train.motors_n(np.float64(v))[1])
         return electric_n + (0.0 if train.brakes == "electric" else train.friction_n)
@@ -234,7 +232,7 @@ def _shown(run: Run) -> dict[str, Any]:
 
 
 def _witnessed(driver: Watched) -> dict[str, float]:
-    """The largest excess over limit and curve, and the seconds of it."""
+    """The largest excess over limit and curve, and its duration (s)."""
     limit, curve = np.array(driver.excess_mps).T
     found = {}
     for name, one in (("limit", limit), ("curve", curve)):
