@@ -126,7 +126,7 @@ def _draw(
         handles=crossed_handles(dict(zip(BUFFER_COLOURS, labels, strict=True))),
         loc="outside upper center",
         ncols=len(labels),
-        title=f"{case.title}; runs turn from bright to greyish on their way, crosses every 200 m",
+        title=f"{case.title}; runs change from bright to greyish towards the end, crosses every 200 m",
     )
     lines = [Line2D([], [], **how) for how in _ENERGY_LINES.values()]
     figure.legend(handles=lines, loc="outside lower center", ncols=4)
@@ -188,8 +188,8 @@ def _draw_energy(axes: Any, variant: Variant, curve: EnergyCurve) -> None:
 _ENERGY_LINES: dict[str, dict[str, Any]] = {
     "l3_percent": {"color": "#009e73", "linewidth": 2.0, "label": "evaluated at L3"},
     "own_percent": {"color": "black", "linestyle": ":", "linewidth": 1.6, "label": "what the level optimises"},
-    "loss_percent": {"color": "#e02424", "linewidth": 1.5, "label": "of it component losses (L3)"},
-    "resistance_percent": {"color": "#56b4e9", "linewidth": 1.5, "label": "of it running resistance"},
+    "loss_percent": {"color": "#e02424", "linewidth": 1.5, "label": "component losses (L3)"},
+    "resistance_percent": {"color": "#56b4e9", "linewidth": 1.5, "label": "running resistance"},
 }
 
 

@@ -37,7 +37,7 @@ BAND_MPS = 10.0 * KMH
 """Excess over the speed to hold (m/s) up to which a train slows down to it by coasting; a faster train gets another
 instruction."""
 STANDS_S = 8.0
-"""Minimum time (s) for which an instruction should stand: about the time a driver needs to read it, act and check."""
+"""Minimum duration (s) of an instruction: about the time a driver needs to read it, act and check."""
 SAME_MPS = 1e-5
 """Speed difference (m/s) below which speeds are equal; moves are stored in single precision."""
 CONTACT_MPS = 1e-3
@@ -61,7 +61,7 @@ class GuideGrid(NamedTuple):
     goal_mps: NDArray[np.float64]
     """For each decision node, the speed to which its braking curve falls."""
     goal_x: NDArray[np.int64]
-    """Number of that speed among the speeds X; -1 for standstill."""
+    """Number of `goal_mps` among the speeds X; -1 for standstill."""
     speeds_mps: NDArray[np.float64]
     """The speeds X that may be advised, ascending."""
     line_mps: float
@@ -118,7 +118,7 @@ def between(v, line_mps, top):
 
 @compiled(**PART)
 def first_above(speeds, v):
-    """The number of the first of the ascending speeds that is above a speed."""
+    """The index of the lowest of the ascending speeds above a given speed."""
     low, high = 0, speeds.size
     while low < high:
         middle = (low + high) // 2

@@ -16,12 +16,12 @@ from das.solver.kernels.forces import (
 from das.solver.tolerances import LANDINGS_BRAKE, LANDINGS_EFFORT
 
 SPECIAL_LANDINGS = 2
-"""Coasting, and holding the speed."""
+"""Number of special landings: coasting, and holding the speed."""
 LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
 """Largest number of landings of a step."""
 
 LANDING_STEPS = 4
-"""Number of iterations for a landing, because the forces depend on the mean speed of the step."""
+"""Number of iterations for a landing; they are needed because the forces depend on the mean speed of the step."""
 
 
 @kernel
