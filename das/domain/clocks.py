@@ -1,4 +1,4 @@
-"""The clocks of this machine. Code that needs the time takes a clock as an argument; these are the defaults."""
+"""The clocks of the machine: the defaults for code that takes a clock as an argument."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 WALL_NS = time.time_ns
-"""The time of day (ns since 1970); it jumps when somebody sets the clock."""
+"""The time of day (ns since 1970); it jumps when the clock is set."""
 MONOTONIC_S = time.monotonic
-"""Seconds since some moment in the past, which never jump: for periodic work."""
+"""Seconds since an arbitrary start, without jumps: for periodic work."""
 WALL_STOPWATCH = time.perf_counter
-"""Seconds since some moment in the past, in the finest resolution: for measuring how long something took."""
+"""Seconds since an arbitrary start at the finest resolution: for measuring durations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class Clocks:
     now_ns: Callable[[], int] = WALL_NS
     """The time of day (ns since 1970)."""
     seconds: Callable[[], float] = MONOTONIC_S
-    """Seconds that never jump."""
+    """Seconds without jumps."""
 
 
 WALL = Clocks()

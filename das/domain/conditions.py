@@ -42,7 +42,7 @@ class Conditions:
 
     @property
     def changes_nothing(self) -> bool:
-        """Whether train and line are as in their files."""
+        """Whether the train and the line remain as in their files."""
         return self == Conditions()
 
     def train(self, vehicle: Vehicle) -> Vehicle:

@@ -1,4 +1,4 @@
-"""The largest wheel force of a train at each speed: force and power, or an effort curve, by mode."""
+"""The largest wheel force of a train at each speed, from force and power or from an effort curve, for each mode."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from das.domain.units import KMH
 Floats = NDArray[np.float64]
 
 SAMPLE_STEP_MPS = 0.1 * KMH
-"""Spacing of the speeds (m/s) at which the solver's kernels hold an effort curve. The points of most real tables lie at
-whole multiples of it; a kink elsewhere is off by about 1/10 000 of the force."""
+"""Spacing of the speeds (m/s) at which the solver's kernels sample an effort curve. The points of most real tables lie
+at whole multiples of it; a kink elsewhere causes an error of about 1/10 000 of the force."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EffortCurve:
     """The largest wheel force (N) at n rising speeds (m/s), the first of which is 0.
 
-    It is linear between two speeds, and constant beyond the last. It may rise and fall.
+    The force is linear between two speeds and constant beyond the last. It may rise and fall.
     """
 
     speed_mps: tuple[float, ...]
@@ -59,7 +59,7 @@ class EffortEnvelope:
 
     @classmethod
     def of_curve(cls, curve: EffortCurve, top_mps: float) -> EffortEnvelope:
-        """The envelope of a curve alone, for a train with a top speed (m/s)."""
+        """The envelope given by a curve alone, for a train with a top speed (m/s)."""
         beyond_w = top_mps * curve.force_n[-1] if top_mps > curve.speed_mps[-1] else 0.0
         return cls(max_force_n=max(curve.force_n), max_power_w=max(curve.largest_power_w, beyond_w), curve=curve)
 
@@ -71,7 +71,7 @@ class EffortEnvelope:
 
 @dataclass(frozen=True, kw_only=True)
 class EffortMode:
-    """The efforts of a train in one mode: under a voltage, on its diesel engines, or in a kind of weather."""
+    """The efforts of a train in one mode: for a line voltage, for diesel operation, or for a type of weather."""
 
     traction: EffortEnvelope
     electric_brake: EffortEnvelope

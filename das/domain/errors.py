@@ -10,7 +10,7 @@ from typing import Final
 
 MOST_OF_A_MESSAGE = 2000
 MOST_OF_A_VALUE = 200
-"""Longest message and longest value or key in it (characters): a file may contain megabytes in place of a number."""
+"""Longest message, and longest value or key in it (characters): a file may contain megabytes in place of a number."""
 NOW_CALLED: Final = {
     "coach": ("guide", "braking"),
     "rms": ("top-speed",),
@@ -27,7 +27,7 @@ _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 class DasError(Exception):
     """A request of the user cannot be fulfilled. The message gives the reason in one line. It is cut after
-    `MOST_OF_A_MESSAGE` characters, and control characters, which a terminal would execute, become escapes.
+    `MOST_OF_A_MESSAGE` characters. Control characters, which a terminal would execute, are escaped.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -37,7 +37,7 @@ class DasError(Exception):
 class InputError(DasError):
     """A value in an input is unusable.
 
-    The message names the source (a file, or an option), the key in it, the value found and what was expected.
+    The message names the source (a file, or an option), the key in it, the value found and the expected one.
     """
 
     def __init__(self, source: str | Path, key: str, value: object, expected: str) -> None:
@@ -47,7 +47,7 @@ class InputError(DasError):
 
 
 class _Missing:
-    """Stands for the value of a missing key, so that None can be a value."""
+    """The type of `MISSING`, which represents the value of a missing key; None remains a valid value."""
 
 
 MISSING = _Missing()
@@ -58,7 +58,7 @@ class InfeasibleError(DasError):
 
 
 class RunawayError(InfeasibleError):
-    """A train that its brakes cannot hold on a descent; they hold it from `held_from_m` on (m; infinity: unknown)."""
+    """The brakes cannot hold the train on a descent; they can from `held_from_m` on (m; infinity: unknown)."""
 
     def __init__(self, text: str, held_from_m: float = math.inf) -> None:
         super().__init__(text)
@@ -72,25 +72,25 @@ def now_called(name: object, known: Iterable[str]) -> str | None:
 
 
 def one_of(known: Iterable[str], name: object, kind: str = "") -> str:
-    """The expectation of an error for an unknown name: its present name, or else one of the known ones."""
+    """The expected value in the error for an unknown name: its present name if it is old, else the known names."""
     new = now_called(name, known)
     return f"{new}, as {name} is now called" if new is not None else f"one of {kind}{', '.join(known)}"
 
 
 def is_seen(text: str) -> bool:
-    """Whether all characters of a text can be printed on one line: no control characters, no line breaks."""
+    """Whether a text can be printed on one line: it has no control characters or line breaks."""
     return not any(unicodedata.category(character) in _UNSEEN for character in text)
 
 
 def seen(text: str) -> str:
-    """The text with its control characters and line breaks as escapes (`\\x1b`, `\\n`)."""
+    """The text with control characters and line breaks escaped (`\\x1b`, `\\n`)."""
     if text.isprintable():
         return text
     return "".join(x if is_seen(x) else x.encode("unicode_escape").decode("ascii") for x in text)
 
 
 def shortened(text: str, most: int) -> str:
-    """The text if it has at most `most` characters, else its beginning and its length."""
+    """The text if it has at most `most` characters; otherwise its beginning and its length."""
     if len(text) <= most:
         return text
     end = f"… ({len(text)} characters)"
@@ -101,5 +101,5 @@ def _shown(value: object) -> str:
     """The `repr` of a value, shortened."""
     try:
         return shortened(repr(value), MOST_OF_A_VALUE)
-    except (RecursionError, ValueError):  # too deep, or an integer of too many digits
+    except (RecursionError, ValueError):  # nested too deeply, or an integer with too many digits
         return f"a {type(value).__name__}"

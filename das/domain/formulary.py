@@ -1,12 +1,12 @@
 """The equations of the literature that the project uses: one function each, with its source.
 
-Every function takes numbers or numpy arrays in SI units, and knows nothing of trains, routes or files. The classes of
+Every function takes numbers or numpy arrays in SI units, and is independent of trains, routes and files. The classes of
 `das.domain` and the section of `das.solver` call them. The kernels of the solver and of the train model repeat a few of
-them, because numba compiles scalars; tests compare both.
+them, because numba compiles scalars; tests compare the two.
 
 [NC] is Nold & Corman, "Increasing realism in modelling energy losses in railway vehicles and their impact to
-energy-efficient train control", Railway Engineering Science, 2024. Pages are counted from the first of the article.
-[B] is the public benchmark TTOBench (its data and the curve resistance that its tools use).
+energy-efficient train control", Railway Engineering Science, 2024. Pages are counted from the first page of the
+article. [B] is the public benchmark TTOBench: its data and the curve resistance in its tools.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def mean_davis_resistance_n(
 ) -> Floats:
     """Davis resistance (N), averaged exactly over the distance of each interval between n speeds (m/s): n − 1 values.
 
-    At constant acceleration v² is linear in the distance, so that the mean of v² is (a² + b²)/2 and the mean of v is
-    (2/3)·(a² + a·b + b²)/(a + b), with a and b the speeds at both ends. Source: integration of Davis' formula.
+    At constant acceleration v² is linear in the distance: with the speeds a and b at the ends, the mean of v² is (a² +
+    b²)/2 and the mean of v is (2/3)·(a² + a·b + b²)/(a + b). Source: integration of Davis' formula.
     """
     a, b = speeds_mps[:-1], speeds_mps[1:]
     total = np.maximum(a + b, 1e-12)
@@ -51,8 +51,8 @@ def davis_in_head_wind(
 ) -> tuple[float, float, float]:
     """Davis coefficients of c0 + c1·v + c2·(v + w)²: the air meets the train at its own speed v plus the wind speed w.
 
-    A tail wind is negative. It would push a slower train; in this formula it holds the train back by as much.
-    Source: expansion of the square; only c2 is the resistance of the air.
+    A tail wind is negative. It would push a slower train; this formula counts that force as resistance. Source:
+    expansion of the square; only c2 describes air resistance.
     """
     w = wind_mps
     return c0_n + c2_n_per_mps2 * w * w, c1_n_per_mps + 2 * c2_n_per_mps2 * w, c2_n_per_mps2
@@ -73,8 +73,8 @@ def curve_resistance_mps2(curvature_per_m: ArrayLike) -> Floats:
 def line_force_n(mass_kg: float, grade_ratio: Floats, curve_mps2: Floats) -> Floats:
     """Force of gradient and curves against a train (N): m·(g·i + r), i the gradient (ratio, uphill > 0).
 
-    Source: [NC], section 3.1, counts gradient and curve resistance apart from the running resistance. Gradients are
-    small, so that sin(arctan i) is taken as i, as [B] does.
+    Source: [NC], section 3.1, separates gradient and curve resistance from the running resistance. Gradients are small:
+    sin(arctan i) ≈ i, as in [B].
     """
     return mass_kg * (STANDARD_GRAVITY_MPS2 * grade_ratio + curve_mps2)
 
@@ -98,7 +98,7 @@ def effort_n(speed_mps: ArrayLike, max_force_n: float, max_power_w: float) -> Fl
 
 
 def largest_power_w(speed_mps: Floats, force_n: Floats) -> float:
-    """The largest power (W) of forces (N) at n rising speeds (m/s) that are linear between two speeds.
+    """The largest power (W) of forces (N) given at n rising speeds (m/s) and linear between them.
 
     On a piece F = a + b·v, the power v·(a + b·v) is largest at one of its ends, or at −a/(2·b) if that lies between.
     """
@@ -122,7 +122,7 @@ def proportional_loss_w(power_w: Floats, traction_ratio: float, brake_ratio: flo
     """Component loss (W) at each mechanical power at the wheel (W, braking < 0), with an idle part c0 (W).
 
     P_L = k_traction·max(P, 0) + k_brake·max(−P, 0) + c0. Source: [NC], section 3.4, eqs. 9 to 11, from p. 9 on: level
-    L0 has neither part, L1 one ratio 1/η̄ − 1 for both signs, L2 the idle part as well. Two ratios are ours, for trains
-    whose files give one efficiency for driving and one for braking [B].
+    L0 has neither part, L1 one ratio 1/η̄ − 1 for both signs, L2 the idle part as well. Separate ratios are an
+    extension for trains whose files give one efficiency for driving and one for braking [B].
     """
     return traction_ratio * np.maximum(power_w, 0) + brake_ratio * np.maximum(-power_w, 0) + idle_w

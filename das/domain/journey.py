@@ -19,7 +19,7 @@ LEAST_SPACING_M = 1.0
 
 
 class Held(StrEnum):
-    """The bound of its window at which a time lies."""
+    """The bound of a window at which a time lies."""
 
     FREE = "free"
     EARLIEST = "earliest"
@@ -37,7 +37,7 @@ class Window:
 
     @classmethod
     def at(cls, time_s: float) -> Self:
-        """The window that is one time."""
+        """The window that consists of one time."""
         return cls(earliest_s=time_s, latest_s=time_s)
 
     def held_at(self, time_s: float, tolerance_s: float) -> Held:
@@ -53,7 +53,7 @@ ANY_TIME = Window()
 
 @dataclass(frozen=True, kw_only=True)
 class Call:
-    """A stop of the train: the windows of its arrival and departure, and the least dwell between them."""
+    """A stop of the train: the windows of its arrival and departure, and the minimum dwell between them."""
 
     name: str
     position_m: float
@@ -64,10 +64,10 @@ class Call:
 
 @dataclass(frozen=True, kw_only=True)
 class Passing:
-    """A point passed within a window of time and between two speeds; or, without a window, a timing point.
+    """A point to be passed within a time window and between two speeds; without a window, a timing point.
 
-    A `wish` is not enforced: plans report whether its window was kept to within `tolerance_s` (the rounding of the
-    timetable), and the cost of keeping it.
+    A `wish` is not enforced: plans report whether its window is met within `tolerance_s` (the rounding of the
+    timetable) and what meeting it costs.
     """
 
     name: str
@@ -80,12 +80,12 @@ class Passing:
 
     @property
     def tolerated(self) -> Window:
-        """The window with the tolerance on both sides."""
+        """The window extended by the tolerance at both ends."""
         window, more_s = self.window, self.tolerance_s
         return Window(earliest_s=window.earliest_s - more_s, latest_s=window.latest_s + more_s)
 
     def missed_s(self, time_s: float) -> float:
-        """The distance (s; late > 0) of a time from the tolerated window; 0 inside it."""
+        """The deviation (s; late > 0) of a time from the tolerated window; 0 inside it."""
         window = self.tolerated
         return max(time_s - window.latest_s, 0.0) + min(time_s - window.earliest_s, 0.0)
 
@@ -94,9 +94,9 @@ class Passing:
 class Journey(Summary):
     """Stops and passing points in the order of travel; the first and the last are stops.
 
-    All times count on one clock, whose zero the journey chooses (midnight, or the departure). The earliest departure
-    from the first stop and the latest arrival at the last stop must be known. `mode` names the mode of the train; "":
-    that of its file.
+    All times are on one clock, whose zero depends on the journey (midnight, or the departure). The earliest departure
+    from the first stop and the latest arrival at the last stop must be known. `mode` names the mode of the train; ""
+    means the default mode of its file.
     """
 
     id: str
@@ -131,10 +131,10 @@ class Journey(Summary):
 
     @classmethod
     def over_stops(cls, stops: Sequence[Stop], *, time_s: float, dwell_s: float) -> Self:
-        """A journey from the first to the last stop in `time_s`, calling at all of them for at least `dwell_s`.
+        """A journey from the first to the last stop in `time_s`, with a dwell of at least `dwell_s` at each stop
+        between.
 
-        Only the departure (0 s) and the last arrival are timed, so the split of the time is free.
-        Raises InputError if the stops do not form a journey.
+        Only the departure (0 s) and the last arrival are fixed. Raises InputError if the stops do not form a journey.
         """
         first, *inner, last = stops
         calls = [Call(name=x.name, position_m=x.position_m, dwell_s=dwell_s) for x in inner]
@@ -174,7 +174,7 @@ class Journey(Summary):
             raise InputError(self.source, f"arrival at {last.name}", MISSING, "a latest time: the journey ends by then")
 
     def _check_order(self) -> None:
-        """Raise InputError for a latest time that cannot be kept because of the earliest times and dwells before it."""
+        """Raise InputError for a latest time that earlier earliest times and dwells make impossible."""
         reached_s, since = -math.inf, ""
         for key, window, dwell_s in self._windows():
             reached_s += dwell_s
@@ -185,7 +185,7 @@ class Journey(Summary):
                 reached_s, since = window.earliest_s, key
 
     def _windows(self) -> Iterator[tuple[str, Window, float]]:
-        """Every enforced time in order: its description, its window, and the least dwell before it."""
+        """Every enforced time in order: its description, its window, and the minimum dwell before it."""
         for point in self.points:
             if isinstance(point, Call):
                 yield f"arrival at {point.name}", point.arrival, 0.0
@@ -199,7 +199,7 @@ def _check_point(source: str, point: Call | Passing) -> None:
         raise InputError(source, f"position of {point.name}", point.position_m, "a finite number")
     windows = (point.arrival, point.departure) if isinstance(point, Call) else (point.window,)
     for window in windows:
-        # Written so that NaN is refused as well.
+        # This form also rejects NaN.
         if not (window.earliest_s <= window.latest_s and window.earliest_s < math.inf and window.latest_s > -math.inf):
             shown = f"{window.earliest_s:g} … {window.latest_s:g} s"
             raise InputError(source, f"times of {point.name}", shown, "an earliest time not after the latest")
@@ -208,7 +208,7 @@ def _check_point(source: str, point: Call | Passing) -> None:
             raise InputError(source, f"dwell of {point.name}", point.dwell_s, "a finite number >= 0")
         return
     if point.wish and point.window == ANY_TIME:
-        raise InputError(source, f"times of {point.name}", MISSING, "a time: it is a wish")
+        raise InputError(source, f"times of {point.name}", MISSING, "a time, because the passing is a wish")
     if not (0 <= point.lowest_mps <= point.highest_mps and point.highest_mps > 0 and point.lowest_mps < math.inf):
         shown = f"{point.lowest_mps / KMH:g} … {point.highest_mps / KMH:g} km/h"
         raise InputError(
@@ -224,6 +224,6 @@ def clock(time_s: float) -> str:
 
 
 def file_clock(time_s: float) -> str:
-    """A time >= 0 as journey files have it, "08:12:30"; after midnight it continues beyond 24 hours."""
+    """A time >= 0 in the notation of journey files, "08:12:30"; after midnight the hours continue beyond 24."""
     whole = round(time_s)
     return f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"

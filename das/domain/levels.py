@@ -1,4 +1,4 @@
-"""The loss levels by name. Command lines read them at their start, so this module imports nothing heavy."""
+"""The loss levels by name. Every command line imports this module at startup, so it imports nothing heavy."""
 
 from __future__ import annotations
 

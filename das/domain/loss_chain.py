@@ -1,13 +1,13 @@
 """A parametric loss chain from current collector to wheel: transformer, converter, motors, gear, auxiliaries.
 
-The measured maps behind the paper are confidential; this module makes a map of the same kind from named components.
-Each component is a small dataclass with the textbook formula of its loss and the formula's source. The parameters are
-assumptions or results of the calibration, as the vehicle's file states (docs/explanation/loss-maps.md).
+The measured maps of the paper are confidential; this module computes a map of the same kind from named components. Each
+component is a small dataclass with the textbook formula of its loss and the formula's source. The parameters are
+assumptions or results of the calibration; the vehicle's file states which (docs/explanation/loss-maps.md).
 
-Power is followed from the wheel to the line, so that driving and braking differ without further assumptions. When
-driving, a component also carries the losses of the components nearer to the wheel; when braking, it carries less power
-than the wheel gives. Symbols: F wheel force (traction > 0), v speed, f = F_shaft/F_rated torque and φ flux of the
-motors relative to their rated values, i motor current relative to the current at rated torque and flux.
+Power is computed from the wheel to the line, so driving and braking differ without further assumptions. When driving, a
+component also carries the losses of the components nearer to the wheel; when braking, it carries less power than the
+wheel delivers. Symbols: F wheel force (traction > 0), v speed, f = F_shaft/F_rated torque and φ flux of the motors
+relative to their rated values, i motor current relative to the current at rated torque and flux.
 
 Sources: [S] Steimel, Electric Traction – Motive Power and Energy Supply (three-phase traction chain, pulse patterns,
 field weakening); [M] Mohan, Undeland, Robbins, Power Electronics (conduction, switching, GTO snubbers); [B] Bose,
@@ -31,20 +31,20 @@ Floats = NDArray[np.float64]
 
 MAP_SPEED_STEP_MPS = 1.0 * KMH
 MAP_FORCE_STEP_N = 1.0 * KN
-"""Grid of the map: 1 km/h × 1 kN, as in the paper."""
+"""Grid steps of the map: 1 km/h × 1 kN, as in the paper."""
 LARGEST_PARAMETER = 1e12
-"""A larger parameter (SI units) is refused."""
+"""Largest value of a parameter (SI units); a larger one is rejected."""
 
 IRON_FREQUENCY_EXPONENT = 1.5
-"""Exponent of the frequency f in the iron loss, between hysteresis (∝ f) and eddy currents (∝ f²)."""
+"""Exponent of the frequency f in the iron loss: between those of hysteresis (∝ f) and eddy currents (∝ f²)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Auxiliaries:
     """Fans, pumps and compressor of the traction equipment, which run while the train moves.
 
-    P = base_w + fan_w·(heat/rated_heat_w)³: the air needed is proportional to the heat of the cooled components, the
-    power of a fan to the cube of its air flow (affinity law). Thermal inertia is left out.
+    P = base_w + fan_w·(heat/rated_heat_w)³: the required air flow is proportional to the heat of the cooled components,
+    the power of a fan to the cube of its air flow (affinity law). Thermal inertia is neglected.
     """
 
     base_w: float
@@ -87,11 +87,10 @@ class Converter:
                  line_brake_ratio when feeding back (rectifying, the current flows in the diodes; feeding back, in
                  the switches)
     motor side:  conduction_w·i + (switching_w·i + snubber_w)·f_switch/asynchronous_hz [M]: on-state voltage × current,
-                 switching energy ∝ current, and the charge of the (GTO) snubber capacitors, which is lost whatever
-                 the current
+                 switching energy ∝ current, and the charge of the (GTO) snubber capacitors, lost at any current
     f_switch(v): asynchronous_hz up to the first clock speed, then pulses × stator frequency, stator frequency =
-                 stator_hz_per_mps·v: synchronous pulse patterns with ever fewer pulses per period, down to full
-                 block [S]. Each change is a jump of the loss along speed.
+                 stator_hz_per_mps·v: synchronous pulse patterns with decreasing numbers of pulses per period, down
+                 to full block [S]. The loss jumps at each change.
     """
 
     fixed_w: float
@@ -134,14 +133,13 @@ class Converter:
 class Motors:
     """All traction motors: induction machines in field orientation [B].
 
-    φ = min(1, base_speed/v): above the base speed the voltage is at its limit and the field is weakened.
-    i² = ((m·φ)² + h·(f/φ)²)/(1 + m²), m = magnetising_ratio: the torque-forming current grows as the field weakens,
-    and near the pull-out torque T_p faster than the torque: h = 2·(1 − √(1 − x²))/x² with x = T/T_p, from Kloss's
-    equation T/T_p = 2/(s/s_p + s_p/s) and I_rotor² ∝ T·s; h = 1 for small torques, 2 at pull-out.
-    T_p = pull_out_ratio·φ² times the rated torque (voltage at its limit).
-    When braking, the torque-forming current is multiplied by brake_current_ratio (how well the electric brake uses
-    its voltage; 1 = as well as when driving).
-    Losses: copper_w·i² + iron_w·φ²·(v/base_speed)^1.5: copper ∝ current², iron ∝ flux²·frequency^1.5 (Steinmetz).
+    φ = min(1, base_speed/v): above the base speed the voltage is at its limit and the field is weakened. i² = ((m·φ)² +
+    h·(f/φ)²)/(1 + m²), m = magnetising_ratio: the torque-forming current grows as the field weakens, and near the
+    pull-out torque T_p faster than the torque: h = 2·(1 − √(1 − x²))/x² with x = T/T_p, from Kloss's equation T/T_p =
+    2/(s/s_p + s_p/s) and I_rotor² ∝ T·s; h = 1 for small torques, 2 at pull-out. T_p = pull_out_ratio·φ² times the
+    rated torque (voltage at its limit). When braking, the torque-forming current is multiplied by brake_current_ratio
+    (how well the electric brake uses the voltage; 1 = as well as when driving). Losses: copper_w·i² +
+    iron_w·φ²·(v/base_speed)^1.5: copper ∝ current², iron ∝ flux²·frequency^1.5 (Steinmetz).
     """
 
     base_speed_mps: float
@@ -163,8 +161,8 @@ class Motors:
         """Current relative to that at rated torque and flux, at shaft force (N, referred to the wheel) and speed."""
         flux = self.flux_ratio(speed_mps)
         torque = shaft_force_n / self.rated_force_n * np.where(shaft_force_n < 0, self.brake_current_ratio, 1.0)
-        # x²·h without dividing by x: 2·(1 − √(1 − x²)); no torque exists beyond pull-out; a larger one counts as
-        # pull-out.
+        # x²·h without dividing by x: 2·(1 − √(1 − x²)); no torque exists beyond pull-out, so a larger one is limited to
+        # it.
         share = np.minimum(np.abs(torque) / (self.pull_out_ratio * flux**2), 1.0)
         torque_forming = self.pull_out_ratio * flux * np.sqrt(2.0 * (1.0 - np.sqrt(1.0 - share**2)))
         magnetising = self.magnetising_ratio
@@ -220,7 +218,7 @@ class LossChain:
     def to_map(self, name: str, max_force_n: float, max_brake_force_n: float, max_speed_mps: float) -> LossMap:
         """Tabulate at 1 kN × 1 km/h over the whole rectangle of forces and speeds.
 
-        The row of 0 km/h holds the losses of a train that just moves, so that losses below 1 km/h are interpolated
+        The row of 0 km/h contains the losses of a train that is just moving; losses below 1 km/h are thus interpolated
         between moving states (at standstill the loss of any map is 0).
         """
         speeds = math.ceil(max_speed_mps / MAP_SPEED_STEP_MPS - 1e-9) + 2

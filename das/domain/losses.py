@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 GRID_EVENNESS = 1e-6
 """Relative deviation from even spacing allowed on the axes of a loss map."""
 MOST_MAP_POINTS = 5_000_000
-"""Largest number of points of a loss map: 500 km/h and 10 000 kN in steps of 1; a map with more has a wrong speed or
+"""Largest number of points of a loss map: 500 km/h and 10 000 kN in steps of 1; a larger map contains a wrong speed or
 force."""
 
 
@@ -56,7 +56,7 @@ class EfficiencyLoss:
         return cls(traction_ratio=ratio, brake_ratio=ratio, idle_w=idle_w)
 
     def with_constant(self, power_w: float) -> EfficiencyLoss:
-        """The same losses and a constant power on top."""
+        """The losses plus a constant power."""
         return replace(self, idle_w=self.idle_w + power_w)
 
     def loss_w(self, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
@@ -73,12 +73,12 @@ LOSSLESS = EfficiencyLoss(traction_ratio=0.0, brake_ratio=0.0)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LossMap:
-    """Loss in W on an even grid of speed and wheel force, read with bilinear interpolation.
+    """Loss in W on an even grid of speed and wheel force, with bilinear interpolation.
 
     `loss_w_table[i, j]` belongs to `speed_mps[i]` and `force_n[j]`; NaN marks a state that the map does not cover. The
-    covered forces of each speed must be one unbroken range. `filled_w` continues the losses of each speed linearly past
-    that range, so that a cell cut by the edge of the map (a power hyperbola runs through cells) can be interpolated up
-    to that edge.
+    covered forces of each speed must be one unbroken range. `filled_w` continues the losses of each speed linearly
+    beyond that range: a cell cut by the edge of the map (a power hyperbola runs through cells) can then be interpolated
+    up to the edge.
     """
 
     name: str
@@ -101,7 +101,7 @@ class LossMap:
                 self.name, "forces (N)", (float(self.force_n[0]), float(self.force_n[-1])), "a range that contains 0 N"
             )
         if np.abs(self.force_n).min() > GRID_EVENNESS * (self.force_n[-1] - self.force_n[0]):
-            raise InputError(self.name, "force", float(np.abs(self.force_n).min()), "0 N to be a point of the grid")
+            raise InputError(self.name, "force", float(np.abs(self.force_n).min()), "0 N among the points of the grid")
         _check_losses(self)
         low, high = _covered_range(self)
         filled = self.loss_w_table.copy()
@@ -133,7 +133,7 @@ class LossMap:
         return result
 
     def with_constant(self, power_w: float) -> LossMap:
-        """The same losses and a constant power on top."""
+        """The losses plus a constant power."""
         return replace(self, loss_w_table=self.loss_w_table + power_w)
 
     def loss_w(self, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
@@ -159,14 +159,14 @@ LossModel = EfficiencyLoss | LossMap
 
 
 def check_map_size(source: str | Path, speeds: int, forces: int) -> None:
-    """Raise InputError if a loss map of this many speeds and forces has more than `MOST_MAP_POINTS` points."""
+    """Raise InputError if a loss map with these numbers of speeds and forces has more than `MOST_MAP_POINTS` points."""
     if speeds * forces > MOST_MAP_POINTS:
         found, expected = f"{speeds} speeds × {forces} forces", f"at most {MOST_MAP_POINTS} points"
         raise InputError(source, "size of the loss map", found, expected)
 
 
 def outside_map(loss_map: LossMap, force_n: float, speed_mps: float) -> DasError:
-    """The error for a state the map does not cover."""
+    """The error for a state outside the map."""
     return DasError(
         f"{loss_map.name}: the state {force_n / 1e3:.1f} kN at {speed_mps / KMH:.1f} km/h "
         f"({force_n * speed_mps / 1e3:.0f} kW at the wheel) is outside the loss map"
@@ -177,13 +177,13 @@ def fit_mean_efficiency(model: LossMap, max_power_w: float, *, with_idle: bool) 
     """Least-squares fit of levels L1 (`with_idle=False`) and L2 to a loss map over its operating points.
 
     P_L ≈ k·|F·v| (+ c0) is fitted over all covered points of the map with speed > 0 and wheel power up to
-    `max_power_w`, with η̄ = 1/(1 + k). Neither k nor c0 may become negative. L1 has its own fit, without the constant.
+    `max_power_w`, with η̄ = 1/(1 + k). k and c0 remain >= 0. L1 has a separate fit without c0.
     """
     points = operating_points(model, max_power_w)
     x, y = points.power_w, points.loss_w
     if not x.any():
         raise DasError(
-            f"{model.name}: no point of the map with a force has a wheel power up to {max_power_w / 1e3:g} kW, so that "
+            f"{model.name}: no point of the map with a force has a wheel power up to {max_power_w / 1e3:g} kW; "
             "no efficiency can be fitted"
         )
     ratio, idle_w = float(x @ y / (x @ x)), 0.0
@@ -227,9 +227,9 @@ def operating_points(model: LossMap, max_power_w: float, max_force_n: float = np
 class FitError:
     """The deviation of a fitted loss from a map over its operating points; residual = map − fit.
 
-    `mean_to_input_ratio`: mean |residual| over the mean power that goes into the chain – the error of an energy.
-    `mean_to_largest_ratio`, `rms_to_largest_ratio`: mean |residual| and root mean square residual over the largest
-    loss of the map. `largest_w`: the largest |residual| (W).
+    `mean_to_input_ratio`: mean |residual| over the mean input power of the chain, that is, the error of an energy.
+    `mean_to_largest_ratio`, `rms_to_largest_ratio`: mean |residual| and root mean square residual over the largest loss
+    of the map. `largest_w`: the largest |residual| (W).
     """
 
     mean_to_input_ratio: float
@@ -254,14 +254,14 @@ def fit_error(model: LossMap, fit: EfficiencyLoss, max_power_w: float) -> FitErr
 def deviation_ratio(model: LossMap, fit: EfficiencyLoss, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
     """(map − fit)/fit at each force (N) and speed (m/s), e.g. for forces equal to the running resistance (cruising).
 
-    Raises DasError for a state outside the map. Where the fit has no loss, the deviation is inf or NaN.
+    Raises DasError for a state outside the map. If the fitted loss is 0, the deviation is inf or NaN.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(model.loss_w(force_n, speed_mps) / fit.loss_w(force_n, speed_mps) - 1.0, dtype=float)
 
 
 def _fit_line(x: Floats, y: Floats) -> tuple[float, float]:
-    """Least squares y ≈ k·x + c with k, c >= 0: if one of them would be negative, the best fit without it."""
+    """Least squares y ≈ k·x + c with k, c >= 0: if one of them would be negative, it is 0."""
     k, c = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=1), y, rcond=None)[0]
     if c < 0:
         return float(x @ y / (x @ x)), 0.0

@@ -1,7 +1,7 @@
-"""Plausible limits for the values of trains and lines: they reveal a wrong unit or a digit too many.
+"""Plausible limits for the values of trains and lines: they reveal a wrong unit or an extra digit.
 
-`check_vehicle` and `check_route` refuse a value beyond a limit unless the file accepts that check by its name.
-`warnings_of` has a line for each value that is unusual or was accepted. Nothing here is printed.
+`check_vehicle` and `check_route` reject a value beyond a limit unless the file lists that check as accepted.
+`warnings_of` returns a line for each value that is unusual or was accepted. This module prints nothing.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from das.domain.vehicle import Vehicle
 ACCEPTED = "implausible_accepted"
 """The key in a TOML file that names the checks whose limits the file's values may exceed."""
 INSIST = f'to accept it, set {ACCEPTED} = ["{{check}}"] in [%s]'
-"""The end of the error for an implausible value: what to do if the value is meant; `%s` is the table of the file."""
+"""The end of the error for an implausible value: how to accept it; `%s` is the table of the file."""
 SPEEDS = 200
 """Number of speeds, from standstill to the top speed, at which efforts are checked."""
 NOISE_OVER_M = 2000.0
-"""Smoothing length (m) of altitudes; the difference that it makes is called noise."""
+"""Smoothing length (m) of altitudes; the part removed by smoothing is called noise."""
 NOISE_CLIMB_RATIO = 0.003
-"""Climb per length that vanishes on a noisy line. Noise of 1 m every 100 m gives 0.0055, real lines below 0.002."""
+"""Removed climb per length from which a line is noisy: 1 m of noise every 100 m gives 0.0055, real lines below
+0.002."""
 FLAT_ERROR = "energies are those of a flat line; on four real sections they were 1 to 29 % too low"
 FLAT = f"no altitudes: {FLAT_ERROR} (docs/explanation/own-lines.md)"
 FEW_POINTS = (
@@ -36,7 +37,7 @@ FEW_POINTS = (
 )
 SMOOTHED = "smoothed altitudes: noise of 4 m changed energies of four real sections by -3 to +3 %"
 NOISY = "raw altitudes: noise of 4 m changed energies of four real sections by -10 to +11 %; smooth them (--smooth-m)"
-"""Meaning of a line's altitudes for energies; the figures are of docs/explanation/own-lines.md."""
+"""Effect of a line's kind of altitudes on energies; the figures are from docs/explanation/own-lines.md."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,19 +57,17 @@ class VehicleLimits:
     max_deceleration: Range = Range(usual_least=0.3, usual_most=1.6, most=3.0)
     """Force of all brakes over mass, at most the train's largest deceleration (m/s²).
 
-    Assumption: 3 is more than magnetic track brakes reach; service brakes of passenger trains stay below 1.6, and with
-    less than 0.3 a train needs kilometres to stop.
-    """
+    Assumption: magnetic track brakes stay below 3, service brakes of passenger trains below 1.6; with less than 0.3 a
+    train needs kilometres to stop."""
     max_acceleration: Range = Range(usual_least=0.01, usual_most=1.6, most=3.0)
     """Traction force over mass, at most the train's largest acceleration (m/s²).
 
-    With all axles driven, adhesion on a dry rail ends at 3.2 (Curtius & Kniffler 1944, at standstill). Assumption:
-    metros reach 1.3.
-    """
+    With all axles driven, adhesion on a dry rail limits it to 3.2 (Curtius & Kniffler 1944, at standstill). Assumption:
+    metros reach 1.3."""
     mass: Range = Range(least=1e3, usual_least=1e4, usual_most=1e7, most=2e7)
-    """Mass of the whole train (kg). Assumption: from a trolley to the heaviest coal trains."""
+    """Mass of the whole train (kg). Assumption: from a track trolley to the heaviest coal trains."""
     max_speed: Range = Range(least=1.0, usual_least=5.0, usual_most=400 * KMH, most=600 * KMH)
-    """Top speed (m/s). The fastest a train on wheels has been is 574.8 km/h (2007); none in service goes above 400."""
+    """Top speed (m/s). The record of a wheeled train is 574.8 km/h (2007); none in service exceeds 400."""
     power_per_mass: Range = Range(least=0.05, usual_least=0.2, usual_most=50.0, most=150.0)
     """Traction power over mass (W/kg, the same as kW/t).
 
@@ -79,12 +78,11 @@ class VehicleLimits:
     resistance_per_weight: Range = Range(usual_least=0.0005, usual_most=0.1, most=1.0)
     """Running resistance at the top speed over weight.
 
-    Assumption: 0.007 to 0.03 is usual; a resistance above the weight has a wrong unit.
-    """
+    Assumption: 0.007 to 0.03 is usual; a resistance above the weight indicates a wrong unit."""
     rotating_mass: Range = Range(usual_most=0.3, most=0.5)
-    """Share of rotating mass on top of the mass. Assumption: 0.02 to 0.15 is usual, 0.3 is a light locomotive."""
+    """Rotating mass over mass. Assumption: 0.02 to 0.15 is usual, 0.3 is a light locomotive."""
     length: Range = Range(usual_most=2e3, most=1e4)
-    """Length (m). Assumption: 10 km is beyond the longest train ever run, of 7.4 km; a length of 0 is a point."""
+    """Length (m). Assumption: the longest train ever run was 7.4 km long; a length of 0 is a point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,19 +90,19 @@ class RouteLimits:
     """The limits of lines in SI units; each field has the name of its check."""
 
     length: Range = Range(least=1.0, usual_least=10.0, usual_most=1e7, most=2e7)
-    """Length (m), at most half the Earth's circumference; the longest line, Moscow to Vladivostok, has 9 289 km."""
+    """Length (m), at most half the Earth's circumference; the longest line, Moscow to Vladivostok, is 9 289 km."""
     speed_limit: Range = Range(usual_least=3 * KMH, usual_most=400 * KMH, most=600 * KMH)
     """Every speed limit (m/s). The bounds are those of a train's top speed."""
     gradient: Range = Range(usual_most=0.08, most=0.2)
-    """Every gradient, up or down (m/m). Assumption: adhesion railways end at 120 ‰, and hardly any is above 80 ‰."""
+    """Every gradient, up or down (m/m). Assumption: no adhesion railway exceeds 120 ‰, and few exceed 80 ‰."""
     geometry_length: Range = Range(least=0.6, usual_least=0.95, usual_most=1.03, most=1.3)
     """Length of the geometry on the map over the distance of its positions.
 
-    Chords of a curve of 90° are 10 % shorter than it. Assumption: below 0.6 it is the polyline of another line.
-    """
+    The chord of a 90° curve is 10 % shorter than the curve. Assumption: below 0.6 the polyline belongs to another
+    line."""
     geometry_jump: Range = Range(usual_most=100.0, most=2000.0)
-    """Excess (m) of the distance of two neighbouring points on the map over that by their positions. A chord is never
-    longer than its track. Assumption: 100 m is a matter of rounded positions."""
+    """Excess (m) of the map distance between two neighbouring points over the difference of their positions. A chord is
+    never longer than its track. Assumption: rounded positions explain up to 100 m."""
     geometry_missing: Range = Range(usual_most=0.02, most=0.5)
     """Share of the line before the first and after the last point of its geometry."""
 
@@ -117,7 +115,7 @@ class Unit(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """A value outside its range: name of the check, words for the value, value and range (SI), and unit in messages."""
+    """A value outside its range: names of the check and of the value, value and range (SI), and unit in messages."""
 
     check: str
     key: str
@@ -131,11 +129,11 @@ class Finding(NamedTuple):
         return not self.range.least <= self.value <= self.range.most
 
     def expected(self) -> str:
-        """The possible range, in words."""
+        """The possible range as text."""
         return self._bounds(self.range.least, self.range.most)
 
     def in_words(self) -> str:
-        """The value and the usual range, in words."""
+        """The value and the usual range as text."""
         usual = self._bounds(self.range.usual_least, self.range.usual_most)
         unit = f" {self.unit.name}" if self.unit.name else ""
         return f"{self.key} = {self.shown():g}{unit}: {usual} is usual"
@@ -167,8 +165,8 @@ _ROUTE: Mapping[str, tuple[str, Unit]] = {
     "speed_limit": ("speed_limits", Unit("km/h", KMH)),
     "gradient": ("gradients", Unit("‰", PERMILLE)),
     "geometry_length": ("geometry: length on the map over that of the positions", _RATIO),
-    "geometry_jump": ("geometry: further to the next point than by the positions", Unit("m")),
-    "geometry_missing": ("geometry: share of the line without it", _RATIO),
+    "geometry_jump": ("geometry: map distance to the next point beyond that of the positions", Unit("m")),
+    "geometry_missing": ("share of the line without geometry", _RATIO),
 }
 _LISTS = ("speed_limit", "gradient")
 """Checks of a list: the message names the entry."""
@@ -179,7 +177,7 @@ VEHICLE_CHECKS, ROUTE_CHECKS = tuple(_VEHICLE), tuple(_ROUTE)
 def check_vehicle(vehicle: Vehicle, accepted: Collection[str] = (), *, insist: str) -> Vehicle:
     """Return the vehicle; InputError for the first impossible value, in any load state, whose check is not accepted.
 
-    `insist` ends the message: it says what to do if the value is meant. `{check}` in it stands for the check's name.
+    `insist` is the end of the message: how to accept the value. `{check}` in it is replaced by the check's name.
     """
     _refuse(vehicle.source, _of_vehicle(vehicle), accepted, insist)
     return vehicle
@@ -188,16 +186,15 @@ def check_vehicle(vehicle: Vehicle, accepted: Collection[str] = (), *, insist: s
 def check_route(route: Route, accepted: Collection[str] = (), *, insist: str) -> Route:
     """Return the route; InputError for the first impossible value whose check is not accepted.
 
-    `insist` ends the message: it says what to do if the value is meant. `{check}` in it stands for the check's name.
+    `insist` is the end of the message: how to accept the value. `{check}` in it is replaced by the check's name.
     """
     _refuse(route.source, _of_route(route), accepted, insist)
     return route
 
 
 def warnings_of(thing: Vehicle | Route) -> tuple[str, ...]:
-    """The unusual values of a train or line; of a line also how wrong energies may be.
-
-    The latter is left out if the altitudes are as good as known.
+    """The unusual values of a train or line, and for a line the possible error of energies unless its altitudes are
+    well known.
     """
     if isinstance(thing, Vehicle) or thing.altitudes is Altitudes.SMOOTHED or not (energy := energy_range(thing)):
         return unusual_in(thing)
@@ -211,11 +208,11 @@ def unusual_in(thing: Vehicle | Route) -> tuple[str, ...]:
 
 
 def energy_range(route: Route) -> str:
-    """How wrong an energy on this line may be because of its altitudes, in words; empty if nothing is known of that.
+    """The possible error of energies on this line because of its altitudes, as text; empty if unknown.
 
-    A line is flat if its file says so, or has no other gradient than 0 and does not say that it is level in truth. It
-    is noisy if its file says that its altitudes are raw, or does not say how they were made and they climb more than
-    `NOISE_CLIMB_RATIO` metres per metre more than when smoothed over `NOISE_OVER_M`.
+    A line is flat if its file says so, or if all gradients are 0 and the file does not state that the real line is
+    level. It is noisy if its file says that its altitudes are raw, or does not state their kind and smoothing over
+    `NOISE_OVER_M` removes more than `NOISE_CLIMB_RATIO` metres of climb per metre.
     """
     kind = route.altitudes
     if kind is None and not route.gradients_ratio.value.any() and _states_its_altitudes(route):
@@ -227,12 +224,12 @@ def energy_range(route: Route) -> str:
 
 
 def _states_its_altitudes(route: Route) -> bool:
-    """Whether the file is of a format that can say that a line is level in truth, and the line is meant to be real."""
+    """Whether the format of the file can state that the real line is level, and the line represents a real one."""
     return route.source.lower().endswith(".toml") and not route.illustrative
 
 
 def vanishing_climb_ratio(route: Route) -> float:
-    """Metres climbed per metre of line that smoothing over `NOISE_OVER_M` takes away; 0 for a shorter line."""
+    """Climb per metre of line that smoothing over `NOISE_OVER_M` removes; 0 for a shorter line."""
     if route.length_m < 2 * NOISE_OVER_M:
         return 0.0
     every_m = np.arange(0.0, route.length_m - NOISE_OVER_M, NOISE_OVER_M / 40)
@@ -252,7 +249,7 @@ def _refuse(source: str, findings: Iterator[Finding], accepted: Collection[str],
 
 
 def _of_vehicle(vehicle: Vehicle) -> Iterator[Finding]:
-    """The unusual values of a train, then those of its load states that were not found before."""
+    """The unusual values of a train, then those of its load states for checks that found nothing before."""
     known = set()
     for name, train in (("", vehicle), *((name, vehicle.loaded(name)) for name in vehicle.loads)):
         for check, value in _vehicle_values(train).items():
@@ -284,7 +281,7 @@ def _vehicle_values(train: Vehicle) -> dict[str, float]:
 
 
 def _of_route(route: Route) -> Iterator[Finding]:
-    """The unusual values of a line; of each list the first impossible one, or else the first unusual one."""
+    """The unusual values of a line; for a list only the first impossible value, else the first unusual one."""
     lists = {
         "length": np.array([route.length_m]),
         "speed_limit": route.limits_mps.value,
@@ -302,7 +299,7 @@ def _of_route(route: Route) -> Iterator[Finding]:
 
 
 def _geometry_values(route: Route) -> dict[str, float]:
-    """The value of each check of the geometry; none for a line without one."""
+    """The value of each check of the geometry; empty for a line without geometry."""
     at_m = route.geometry_position_m
     if len(at_m) < 2:
         return {}

@@ -1,4 +1,4 @@
-"""A run as pictures show it, whoever computed or drove it."""
+"""A run, computed or driven, in the form that pictures show."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class PlottedWindow:
-    """When a train may be at a position (m): a window on the time axis of its run, and what it is for."""
+    """The time window of a train at a position (m), on the time axis of its run, and its kind."""
 
     position_m: float
     window: Window
@@ -27,10 +27,10 @@ class PlottedWindow:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PlottedRun(Summary):
-    """A run as pictures show it: arrays of shape (n,), with a value for each node; None where something is not known.
+    """A run in the form that pictures show: arrays of shape (n,) with a value for each node; None for unknown values.
 
-    The limit and the forces of motors and friction brake hold from a node to the next. `energy_j` is the net energy at
-    the current collector since the first node. `names` tells the run from others: its train, level, strategy or file.
+    The limit and the forces of motors and friction brake apply from a node to the next. `energy_j` is the net energy at
+    the current collector since the first node. `names` identifies the run: its train, level, strategy or file.
     """
 
     names: tuple[str, ...]
@@ -45,33 +45,33 @@ class PlottedRun(Summary):
     windows: tuple[PlottedWindow, ...] = ()
 
     def facts(self) -> dict[str, str]:
-        """What tells the run from others, and what it needs."""
+        """The names of the run, and its time and energy."""
         return {"run": ", ".join(self.names), "needs": self.figures}
 
     @property
     def figures(self) -> str:
-        """Time and energy in words; the time alone if the energy is not known."""
+        """Time and energy as text; only the time if the energy is unknown."""
         took_s = float(self.time_s[-1] - self.time_s[0])
         return f"{took_s:.0f} s" if self.energy_j is None else needs(took_s, float(self.energy_j[-1]))
 
     @property
     def stops(self) -> list[tuple[str, float]]:
-        """Names and positions (m) of the line's stops between the ends of the run; empty if the line is not known."""
+        """Names and positions (m) of the line's stops between the ends of the run; empty if the line is unknown."""
         if self.route is None:
             return []
         low_m, high_m = float(self.s_m.min()) - NEAR_M, float(self.s_m.max()) + NEAR_M
         return [(one.name, one.position_m) for one in self.route.stops if low_m <= one.position_m <= high_m]
 
     def named(self, *more: str) -> PlottedRun:
-        """The same run with more names."""
+        """The run with additional names."""
         return replace(self, names=(*self.names, *more))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlottedFront:
-    """Points of a front, fastest first, as arrays of shape (points,); `names` tells it from others.
+    """Points of a front, fastest first, as arrays of shape (points,); `names` identifies the front.
 
-    `credit` is what the file of its line says of the origin of the data.
+    `credit` is the source and licence of the data, as stated in the file of the line.
     """
 
     names: tuple[str, ...]
@@ -89,4 +89,4 @@ class Plottable(Protocol):
 
 
 NEAR_M = 50.0
-"""Distance (m) beyond the ends of a run within which a stop belongs to it: trains stand some metres off."""
+"""Distance (m) beyond the ends of a run within which a stop belongs to it: trains stop with an error of metres."""

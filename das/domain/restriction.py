@@ -1,4 +1,4 @@
-"""A temporary speed restriction: where it holds, how fast a train may be there, and in which window of time."""
+"""A temporary speed restriction: its extent, its speed and its time window."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 LEAST_RESTRICTION_MPS = 0.5
-"""Lowest speed restriction (m/s): a train could not pass a lower one."""
+"""Lowest speed of a restriction (m/s); a train could not pass a lower one."""
 COUNTS_BEFORE_S = 900.0
-"""Time (s) before its window opens from which plans keep to a restriction. No train needs as long to brake: from 500
-km/h at 0.2 m/s² it takes 700 s, so the train is slow enough, or past the restriction, when the window opens."""
+"""Time (s) before its window opens from which plans observe a restriction. Every train brakes in less: from 500 km/h at
+0.2 m/s² it takes 700 s, so the train is slow enough, or past the restriction, when the window opens."""
 COUNTS_AFTER_S = 10.0
-"""Time (s) after its window has closed until which plans keep to a restriction. The node continues to advise if its
-clock is corrected by up to 5 s; the margin is twice as much."""
+"""Time (s) after its window has closed until which plans observe a restriction: twice the clock correction (5 s) up to
+which the node continues to advise."""
 LONGEST_TEXT = 200
-"""A message with a longer text, name or id (letters) is rejected as nonsense."""
+"""Longest text, name or id (letters) of a message; a message with a longer one is rejected as implausible."""
 LATEST_NS = 2**63 - 1
-"""The last moment (ns since 1970) that a message can carry."""
+"""The latest time (ns since 1970) that a message can contain."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -37,8 +37,8 @@ class Restriction:
     `valid_from_ns` to `valid_until_ns` (ns since 1970; 0: the window is open at that end). Raises InputError for an
     implausible value.
 
-    A field with text for people does not affect plans: declare it `field(default="", compare=False)`. Restrictions that
-    differ only in their texts are equal.
+    A field with text for people does not affect plans: it is declared `field(default="", compare=False)`, and
+    restrictions that differ only in their texts are equal.
     """
 
     start_m: float
@@ -48,7 +48,7 @@ class Restriction:
     valid_until_ns: int = 0
 
     def __post_init__(self) -> None:
-        # Written so that NaN is refused as well.
+        # This form also rejects NaN.
         if not -math.inf < self.start_m < self.end_m < math.inf:
             shown = f"{self.start_m:g} … {self.end_m:g} m"
             raise InputError("restriction", "positions", shown, "a start before the end")
@@ -65,7 +65,7 @@ class Restriction:
 
     @property
     def figures(self) -> tuple[float, ...]:
-        """The values of the fields other than texts, in their order: extent, speed and window."""
+        """The values of all fields except texts, in order: extent, speed and window."""
         return tuple(getattr(self, one.name) for one in fields(self) if one.compare)
 
     @property
@@ -75,12 +75,12 @@ class Restriction:
 
     @property
     def has_window(self) -> bool:
-        """Whether the restriction begins or ends at a given time."""
+        """Whether the restriction has a start or end time."""
         return bool(self.valid_from_ns or self.valid_until_ns)
 
     @property
     def unlimited(self) -> Restriction:
-        """The same restriction without its window, for a caller that has decided that plans must observe it."""
+        """The restriction without its window, for a caller that has decided that plans must observe it."""
         return replace(self, valid_from_ns=0, valid_until_ns=0) if self.has_window else self
 
     def holds_at(self, time_ns: int | Times) -> Any:
@@ -88,7 +88,7 @@ class Restriction:
         return (time_ns >= self.valid_from_ns) & (time_ns < (self.valid_until_ns or LATEST_NS))
 
     def counts_at(self, now_ns: int) -> bool:
-        """Whether a plan made now (ns since 1970) must keep to the restriction, wherever the train is.
+        """Whether a plan made now (ns since 1970) must observe the restriction, wherever the train is.
 
         It must do so from `COUNTS_BEFORE_S` before the window opens to `COUNTS_AFTER_S` after it has closed.
         """
@@ -97,7 +97,7 @@ class Restriction:
 
     @property
     def counting_ns(self) -> tuple[int, int]:
-        """The times (ns since 1970) from and until which plans keep to the restriction; open: 0, `LATEST_NS`."""
+        """Start and end (ns since 1970) of the time in which plans observe the restriction; open: 0, `LATEST_NS`."""
         from_ns = self.valid_from_ns and max(self.valid_from_ns - round(COUNTS_BEFORE_S / NS), 0)
         until_ns = self.valid_until_ns and min(self.valid_until_ns + round(COUNTS_AFTER_S / NS), LATEST_NS)
         return from_ns, until_ns or LATEST_NS
@@ -108,16 +108,16 @@ class Restriction:
 
     @property
     def words(self) -> str:
-        """The restriction in words, for example "80 km/h, km 20.00 to 22.00 from 08:10:00 until 08:20:00 UTC"."""
+        """The restriction as text, for example "80 km/h, km 20.00 to 22.00 from 08:10:00 until 08:20:00 UTC"."""
         return self.words_in(UTC)
 
     def words_in(self, zone: tzinfo) -> str:
-        """The same with times of day in a time zone."""
+        """The restriction as text, with times of day in a time zone."""
         place = f"km {self.start_m / KM:.2f} to {self.end_m / KM:.2f}"
         return f"{self.limit_mps / KMH:.4g} km/h, {place}{self.window_words(zone)}"
 
     def window_words(self, zone: tzinfo = UTC) -> str:
-        """The window in words, for example " from 08:10:00 until 08:20:00 UTC"; nothing if both ends are open."""
+        """The window as text, for example " from 08:10:00 until 08:20:00 UTC"; empty if both ends are open."""
         ends = (("from", self.valid_from_ns), ("until", self.valid_until_ns))
         said = [f" {word} {_clock(moment_ns, zone)}" for word, moment_ns in ends if moment_ns]
         return f"{''.join(said)} {zone}" if said else ""

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 POSITION_TOLERANCE_M = 1e-6
 """Distance (m) below which two positions are the same point."""
 AT_STOP_M = 1.0
-"""Largest distance (m) between a stop and a position that is at the stop."""
+"""Largest distance (m) from a stop at which a position counts as at the stop."""
 NO_REGENERATION = -1.0
 """Supply (see `Route.supply`) of a stretch on which the electric brake must not be used."""
 NEUTRAL = -2.0
@@ -30,23 +30,23 @@ NEUTRAL = -2.0
 
 
 class Altitudes(StrEnum):
-    """The origin of the gradients of a line, which indicates the possible error of energies."""
+    """The source of a line's gradients, which indicates how large errors of energies may be."""
 
     LEVEL = "level"
-    """The line is really level."""
+    """The real line is level."""
     NONE = "none"
     """No altitudes were known: the line is assumed flat."""
     POINTS = "points"
-    """A few points (stations, summits), joined by straight lines."""
+    """A few points (stations, summits) joined by straight lines."""
     SMOOTHED = "smoothed"
-    """Altitudes close to each other, smoothed."""
+    """Closely spaced altitudes, smoothed."""
     RAW = "raw"
-    """Altitudes close to each other, as measured."""
+    """Closely spaced altitudes, as measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """A place where trains stop; its WGS 84 coordinates (deg) are None if the file has none."""
+    """A place where trains stop. Its WGS 84 coordinates (deg) are None if the file has none."""
 
     name: str
     position_m: float
@@ -93,12 +93,12 @@ class Stretches:
         first = np.clip(np.searchsorted(self.start_m, from_m + POSITION_TOLERANCE_M, side="right") - 1, 0, None)
         last = np.maximum(np.searchsorted(self.start_m, to_m - POSITION_TOLERANCE_M, side="left"), first + 1)
         edges = np.stack((first, last), axis=1).ravel()
-        # Every second reduction goes from the end of an interval to the beginning of the next.
+        # Every second reduction covers the range from the end of an interval to the beginning of the next.
         return np.asarray(np.minimum.reduceat(np.append(self.value, np.inf), edges)[::2], dtype=float)
 
     def reversed(self, length_m: float, sign: float = 1.0) -> Stretches:
-        """The same quantity counted from the other end of a line of `length_m`."""
-        inside = self.start_m < length_m - POSITION_TOLERANCE_M  # one that begins at the end has no length
+        """The quantity with positions counted from the other end of a line of `length_m`."""
+        inside = self.start_m < length_m - POSITION_TOLERANCE_M  # a stretch that begins at the end has no length
         start, value = self.start_m[inside], self.value[inside]
         ends = np.append(start[1:], length_m)
         return Stretches(start_m=(length_m - ends)[::-1].copy(), value=sign * value[::-1])
@@ -106,7 +106,7 @@ class Stretches:
 
 @dataclass(frozen=True, kw_only=True)
 class Zone:
-    """A stretch of the line from `start_m` over `length_m`."""
+    """A stretch of the line that begins at `start_m` and is `length_m` long."""
 
     start_m: float
     length_m: float
@@ -126,13 +126,13 @@ _Zone = TypeVar("_Zone", bound=Zone)
 class Route(Summary):
     """A line from position 0 to `length_m`.
 
-    `curvature_per_m` holds the mean |κ| of each stretch (a clothoid counts with its mean curvature).
-    `receptivity_ratio` is the share of the power fed back that the line accepts (0 to 1). While the head of the train
-    is in one of the `neutral_sections` there is neither traction nor electric brake, and in one of the
-    `no_regeneration` zones there is no electric brake. `geometry_*` is a polyline (position, WGS 84 latitude and
-    longitude), empty where unknown. `restrictions` are the temporary ones contained in `limits_mps`. `time_zone` is the
-    IANA name of the zone whose clock the line has. `source` is the file; `data_source` and `licence` are what the file
-    says of the origin of its data. A `one_way` line describes one direction alone and cannot be reversed.
+    `curvature_per_m` holds the mean |κ| of each stretch (for a clothoid, its mean curvature). `receptivity_ratio` is
+    the share of the power fed back that the line accepts (0 to 1). While the head of the train is in one of the
+    `neutral_sections` there is neither traction nor electric brake, and in one of the `no_regeneration` zones there is
+    no electric brake. `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where unknown.
+    `restrictions` are the temporary speed restrictions contained in `limits_mps`. `time_zone` is the IANA name of the
+    line's time zone. `source` is the file; `data_source` and `licence` are the source and licence of the data, as
+    stated in the file. A `one_way` line describes one direction only and cannot be reversed.
     """
 
     id: str
@@ -203,7 +203,7 @@ class Route(Summary):
 
     @property
     def credit(self) -> str:
-        """Source and licence of the line's data as its file states them, for pictures and reports; may be empty."""
+        """Source and licence of the line's data as stated in its file, for pictures and reports; may be empty."""
         return ", ".join(text for text in (self.data_source, self.licence) if text)
 
     @property
@@ -212,9 +212,9 @@ class Route(Summary):
         return ZoneInfo(self.time_zone)
 
     def midnight_ns(self, time_ns: int) -> int:
-        """The midnight (ns since 1970) that begins the day of a moment in the line's time zone.
+        """The midnight (ns since 1970) before a time, in the line's time zone.
 
-        It is twelve hours before noon: where clocks are set, a timetable's day begins an hour before or after midnight.
+        It is twelve hours before noon: when clocks change, a timetable's day begins an hour before or after midnight.
         """
         day = datetime.fromtimestamp(time_ns // 10**9, self.zone).date()
         noon = datetime(day.year, day.month, day.day, 12, tzinfo=self.zone)
@@ -237,7 +237,7 @@ class Route(Summary):
         return np.unique(np.concatenate(parts))
 
     def supply(self) -> Stretches:
-        """The power supply along the line: the receptivity (0 to 1), or `NO_REGENERATION`, or `NEUTRAL`."""
+        """The power supply along the line: the receptivity (0 to 1), `NO_REGENERATION` or `NEUTRAL`."""
         starts = self.breakpoints_m()
         value = self.receptivity_ratio.at(starts)
         for zones, code in ((self.no_regeneration, NO_REGENERATION), (self.neutral_sections, NEUTRAL)):
@@ -262,11 +262,11 @@ class Route(Summary):
         return next(near, "")
 
     def reversed(self) -> Route:
-        """The same line driven the other way; positions count from its other end. DasError for a `one_way` line."""
+        """The line in the opposite direction, positions counted from its other end; DasError for a `one_way` line."""
         if self.one_way:
             raise DasError(
-                f"{self.source}: one_way = true: its limits hold from {self.stops[0].name} to {self.stops[-1].name} "
-                "alone, so it cannot be reversed; import or write a file of the other direction"
+                f"{self.source}: one_way = true: its limits are those from {self.stops[0].name} to "
+                f"{self.stops[-1].name}, and it cannot be reversed; import or write a file for the other direction"
             )
         length = self.length_m
         return replace(
@@ -290,7 +290,7 @@ class Route(Summary):
         )
 
     def with_restrictions(self, restrictions: Sequence[Restriction]) -> Route:
-        """The same line with temporary limits, regardless of their windows; the lowest limit at a position applies."""
+        """The line with temporary limits, regardless of their windows; the lowest limit at each position applies."""
         limits = self.limits_mps
         edges = np.array([edge for one in restrictions for edge in (one.start_m, one.end_m)])
         inside = edges[(edges > 0) & (edges < self.length_m)]
@@ -315,7 +315,7 @@ class Route(Summary):
         return self.altitude_at_start_m + self.gradients_ratio.integral(np.asarray(position_m, dtype=float))
 
     def location_deg(self, position_m: ArrayLike) -> tuple[Floats, Floats] | None:
-        """Latitude and longitude at each position, or None where the route has no geometry."""
+        """Latitude and longitude at each position, or None if the route has no geometry."""
         if not len(self.geometry_position_m):
             return None
         x = np.asarray(position_m, dtype=float)
@@ -328,7 +328,7 @@ class Route(Summary):
 def section_stops(route: Route, from_stop: str | None, to_stop: str | None) -> tuple[Stop, Stop]:
     """The two stops of a section by name or number, by default the route's first and last.
 
-    Raises DasError for an unknown stop or an order against the direction of the route.
+    Raises DasError for an unknown stop, or if the stops are not in the route's direction.
     """
     start = route.stop(from_stop) if from_stop is not None else route.stops[0]
     end = route.stop(to_stop) if to_stop is not None else route.stops[-1]
@@ -349,7 +349,7 @@ def _check_positions(
         i = int(bad[0]) + 1
         raise InputError(source, f"{key}[{i}] position", f"{position_m[i]:g} m", f"more than {position_m[i - 1]:g} m")
     if first_at_zero and position_m[0] != 0:
-        raise InputError(source, f"{key}[0] position", f"{position_m[0]:g} m", "0 m, so that the whole line is covered")
+        raise InputError(source, f"{key}[0] position", f"{position_m[0]:g} m", "0 m, to cover the whole line")
     if position_m[0] < 0:
         raise InputError(source, f"{key}[0] position", f"{position_m[0]:g} m", "a position >= 0 m")
     if position_m[-1] > length_m + POSITION_TOLERANCE_M:
@@ -363,7 +363,7 @@ def _zones_reversed(zones: tuple[_Zone, ...], length_m: float) -> tuple[_Zone, .
 
 
 def _check_zones(source: str, key: str, zones: Sequence[Zone], length_m: float) -> None:
-    """Raise InputError unless zones lie on the line, in order, without overlap, and each has a length."""
+    """Raise InputError unless the zones lie on the line in order, do not overlap and have lengths > 0."""
     free_from_m = 0.0
     for i, zone in enumerate(zones):
         _check_positive(source, f"{key}[{i}] length_m", zone.length_m)

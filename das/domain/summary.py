@@ -1,4 +1,4 @@
-"""How the objects that the library returns show themselves: one line in a terminal, a small table in a notebook."""
+"""Display of the objects that the library returns: one line in a terminal, a small table in a notebook."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from das.domain.units import kwh
 
 
 class Summary(ABC):
-    """An object whose `repr` is one line, and which a notebook shows as a table of a few rows, instead of its arrays.
+    """An object whose `repr` is one line and which a notebook shows as a table of a few rows instead of its arrays.
 
-    A dataclass that inherits from it needs `repr=False`, because it would otherwise get a `repr` of all its fields.
+    A dataclass that inherits from it needs `repr=False`; otherwise its `repr` contains all fields.
     """
 
     @abstractmethod
     def facts(self) -> Mapping[str, str]:
-        """What tells the object from others, in words with units, by what it is; `repr` and notebooks show it."""
+        """The values that identify the object, as texts with units under their names; shown by `repr` and notebooks."""
 
     def __repr__(self) -> str:
         told = "; ".join(f"{name}: {value}" for name, value in self.facts().items())
@@ -33,5 +33,5 @@ class Summary(ABC):
 
 
 def needs(time_s: float, energy_j: float) -> str:
-    """Time and energy of a run in words, "571 s, 117.3 kWh"."""
+    """Time and energy of a run as text, "571 s, 117.3 kWh"."""
     return f"{time_s:.0f} s, {kwh(energy_j):.1f} kWh"

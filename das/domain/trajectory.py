@@ -1,4 +1,4 @@
-"""Trajectories over the nodes of a section, their energy balance, and their energy at any level of losses."""
+"""Trajectories over the nodes of a section, their energy balance, and their energy at any loss level."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PART_WORDS: Final = {
     "kinetic": "speed gained",
     "potential": "height gained",
 }
-"""The parts that sum to the input of an energy balance, as named in all tables."""
+"""The parts that add up to the input of an energy balance, by the names that all tables use."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -55,7 +55,7 @@ class EnergyBalance(Summary):
 
     @property
     def parts(self) -> dict[str, float]:
-        """The parts of the input by their names in `PART_WORDS` (J)."""
+        """The parts of the input (J) by their names in `PART_WORDS`."""
         return {name: float(getattr(self, name)) for name in PART_WORDS}
 
     @property
@@ -69,12 +69,12 @@ class EnergyBalance(Summary):
         return self.resistance + self.component_loss + self.friction_brake + self.unreturned
 
     def as_dict(self) -> dict[str, float]:
-        """Every term by its name with its unit (`resistance_j`, …, `input_j`), and `irreversible_j`, in J."""
+        """All terms (J), each under its name with the unit (`resistance_j`, …, `input_j`), and `irreversible_j`."""
         terms = {f"{name}_j": value for name, value in vars(self).items()}
         return {**terms, "irreversible_j": self.irreversible}
 
     def as_kwh(self) -> dict[str, float]:
-        """Every term by its name, in kWh."""
+        """All terms (kWh) by name."""
         return {name: kwh(value) for name, value in vars(self).items()}
 
     @property
@@ -111,7 +111,7 @@ class Trajectory(Summary):
         return float(self.t_s[-1])
 
     def facts(self) -> dict[str, str]:
-        """Extent, duration and speeds."""
+        """Start, end, duration and speeds."""
         return {
             "from": f"km {self.s_m[0] / KM:.3f}",
             "to": f"km {self.s_m[-1] / KM:.3f}",
@@ -121,10 +121,10 @@ class Trajectory(Summary):
         }
 
     def plotted(self, loss: LossModel | None = None, route: Route | None = None, *names: str) -> PlottedRun:
-        """The trajectory for a picture; its energy needs the losses, the names of stops need the line."""
+        """The trajectory for a picture. Its energy requires the losses; the names of stops require the line."""
         columns = self.columns()
         energy_j = None
-        if loss is not None:  # at a stand between two stops nothing is counted, as in the balances of the sections
+        if loss is not None:  # standing time between two sections has no energy, as in the balances of the sections
             drawn_j = np.where(np.diff(self.s_m) > 0, self.input_j(self.loss_j(loss)), 0.0)
             energy_j = np.concatenate(([0.0], np.cumsum(drawn_j)))
         return PlottedRun(
@@ -142,8 +142,8 @@ class Trajectory(Summary):
     def columns(self) -> dict[str, Floats]:
         """The trajectory as arrays of shape (n,), one value per node, by names with units.
 
-        `s_m`, `t_s` and `v_mps` hold at the node; `force_el_n`, `force_friction_n`, `grade_ratio` and `limit_mps`
-        hold from the node to the next. The last node has no forces (0) and repeats the gradient and limit before it.
+        `s_m`, `t_s` and `v_mps` are values at the node; `force_el_n`, `force_friction_n`, `grade_ratio` and `limit_mps`
+        apply from the node to the next. The last node has no forces (0) and repeats the gradient and limit before it.
         """
         return {
             "s_m": self.s_m,
@@ -164,7 +164,7 @@ class Trajectory(Summary):
         return 0.5 * (self.v_mps[:-1] + self.v_mps[1:])
 
     def passed(self, position_m: float) -> tuple[float, float]:
-        """Time (s) and speed (m/s) at a position on the way; the acceleration is constant between two nodes."""
+        """Time (s) and speed (m/s) at a position of the trajectory; the acceleration is constant between two nodes."""
         node = int(np.clip(np.searchsorted(self.s_m, position_m, side="right") - 1, 0, len(self.s_m) - 2))
         step_m, way_m = self.s_m[node + 1] - self.s_m[node], position_m - self.s_m[node]
         before, after = self.v_mps[node : node + 2]
@@ -172,7 +172,7 @@ class Trajectory(Summary):
         return float(self.t_s[node] + 2.0 * way_m / max(before + speed_mps, 1e-9)), speed_mps
 
     def loss_j(self, loss: LossModel) -> Floats:
-        """Component loss of each interval under any loss model (J)."""
+        """Component loss (J) of each interval with any loss model."""
         return loss.loss_w(self.force_el_n, self.mean_speed_mps()) * self.interval_s()
 
     def input_j(self, loss_j: Floats) -> Floats:
@@ -181,8 +181,7 @@ class Trajectory(Summary):
         return np.where(gross > 0, gross, np.clip(self.supply, 0.0, 1.0) * gross)
 
     def braked_as(self, vehicle: Vehicle, level: Level) -> Trajectory:
-        """The same motion with its forces split between motors and friction brake in the way of the vehicle at a
-        level."""
+        """The trajectory with forces split between motors and friction brake by the brake policy at a level."""
         total = self.force_el_n + self.force_friction_n
         faster = np.maximum(self.v_mps[:-1], self.v_mps[1:])
         electric = vehicle.electric_effort_n(total, faster, level, self.supply)
@@ -198,7 +197,7 @@ class Trajectory(Summary):
     def balance_with(self, vehicle: Vehicle, loss_j: Floats) -> EnergyBalance:
         """The energy balance from the component loss of each interval (J).
 
-        Every term is computed separately, so that `EnergyBalance.residual_ratio` is a check.
+        Every term is computed separately, which makes `EnergyBalance.residual_ratio` a check.
         """
         step = np.diff(self.s_m)
         v2 = self.v_mps**2
@@ -218,7 +217,7 @@ class Trajectory(Summary):
 
 
 def evaluated_at(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> EnergyBalance:
-    """Energy balance of any motion at any level of losses and with the brakes of that level (cross-evaluation).
+    """Energy balance of any trajectory at any loss level, with the brakes of that level (cross-evaluation).
 
     Raises DasError if the vehicle has no such level or its loss map does not cover the trajectory.
     """
@@ -226,7 +225,7 @@ def evaluated_at(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> Ener
 
 
 def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
-    """Energy (J) by which the paper compares trajectories at a level: the irreversible energy E_IC (eqs. 9 to 12).
+    """Energy (J) with which the paper compares trajectories at a level: the irreversible energy E_IC (eqs. 9 to 12).
 
     At L0 NOREG it is the positive wheel work (eq. 8), which counts the brakes' losses before they occur.
     """

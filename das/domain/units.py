@@ -1,6 +1,6 @@
-"""Every unit factor of the project, and gravity: the program computes in SI and converts other units only here.
+"""All unit factors of the project, and gravity. The program computes in SI units and converts other units only here.
 
-A quantity read from a file names its unit; `to_si` multiplies by that unit's factor, or refuses an unknown unit.
+A quantity read from a file names its unit; `to_si` multiplies by that unit's factor, or rejects an unknown unit.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
     "frequency_per_speed": {"hz_per_mps": 1.0, "hz_per_kmh": 1.0 / KMH},
     "angle": {"deg": 1.0},
 }
-"""Factor to SI of every unit accepted in a file, by dimension (angles stay in degrees: WGS 84)."""
+"""Conversion factor to SI for every unit accepted in a file, by dimension (angles stay in degrees: WGS 84)."""
 
 
 def to_si(value: float, unit: str, dimension: str) -> float:

@@ -35,7 +35,7 @@ class BrakePolicy(StrEnum):
     BLENDED = "blended"
     """Electric brake first, friction brake for the rest."""
     FRICTION = "friction"
-    """All braking energy is dissipated (level L0 NOREG); the force limit stays that of both brakes together."""
+    """Both brakes up to their joint force limit; all braking energy is dissipated (level L0 NOREG)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ class Resistance:
         return davis_resistance_n(speed_mps, self.c0_n, self.c1_n_per_mps, self.c2_n_per_mps2)
 
     def scaled(self, ratio: float) -> Resistance:
-        """The same resistance with all three coefficients times a ratio."""
+        """The resistance with all three coefficients multiplied by a ratio."""
         return Resistance(
             c0_n=ratio * self.c0_n,
             c1_n_per_mps=ratio * self.c1_n_per_mps,
@@ -61,7 +61,7 @@ class Resistance:
     def in_head_wind(self, wind_mps: float) -> Resistance:
         """The resistance in a head wind (m/s, tail wind < 0): R(v) = c0 + c1·v + c2·(v + w)².
 
-        A tail wind faster than the train would push it; here it holds the train back by the same force.
+        A tail wind faster than the train would push it; this formula counts that force as resistance.
         """
         c0, c1, c2 = davis_in_head_wind(self.c0_n, self.c1_n_per_mps, self.c2_n_per_mps2, wind_mps)
         return Resistance(c0_n=c0, c1_n_per_mps=c1, c2_n_per_mps2=c2)
@@ -72,7 +72,7 @@ class ServiceBrake:
     """The braking of a train in normal service: the largest deceleration, and the time until its brakes act fully."""
 
     deceleration_mps2: float = 0.7
-    """The largest deceleration in service (m/s²); assumed if a file states none, as is usual for passenger trains."""
+    """The largest deceleration in service (m/s²). Default (assumption): a usual value for passenger trains."""
     build_up_s: float = 1.5
     """Time (s) until the brakes act fully; electric brakes with electronic control take 1 to 2 s, air brakes in
     position P 3 to 5 s (UIC 540)."""
@@ -80,7 +80,7 @@ class ServiceBrake:
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """A load state of a train: its whole mass, and its constant resistance if known (else see `with_mass`)."""
+    """A load state of a train: its total mass, and its constant resistance if known (else see `with_mass`)."""
 
     mass_kg: float
     c0_n: float | None = None
@@ -91,11 +91,11 @@ class Vehicle(Summary):
     """A train as the planner sees it, in SI units.
 
     `rotating_mass_ratio` is the additional rotating mass as a share of `mass_kg` (0.06 = 6 %). `losses` contains the
-    loss model of each level in the file; the others are derived from them (see `loss_model`). Accelerations may be inf.
-    `adhesive_mass_kg` is the mass on the driven axles (inf: no adhesion limit), `adhesion_ratio` the state of the
-    rail (1 = dry, as Curtius and Kniffler found it). `auxiliary_power_w` is drawn while the train moves, on top of the
-    losses of OWN, L2 or L3. `comfort_power_w` stays outside the optimisation. `traction` and `electric_brake` are those
-    of the mode `mode`, "" if the file names no default; see `in_mode`.
+    loss model of each level in the file; the other levels are derived from these (see `loss_model`). Accelerations may
+    be inf. `adhesive_mass_kg` is the mass on the driven axles (inf: no adhesion limit), `adhesion_ratio` the state of
+    the rail (1 = dry, as measured by Curtius and Kniffler). `auxiliary_power_w` is drawn while the train moves, on top
+    of the losses of OWN, L2 or L3. `comfort_power_w` is not part of the optimisation. `traction` and `electric_brake`
+    belong to the mode `mode`, "" if the file names no default; see `in_mode`.
     """
 
     id: str
@@ -141,10 +141,10 @@ class Vehicle(Summary):
             if np.isnan(value) or value <= 0:
                 raise InputError(self.source, key, value, "a number > 0")
         if self.default_level not in (*self.losses, Level.L0_NOREG, Level.L0_REG):
-            raise InputError(self.source, "default_level", str(self.default_level), "a level this vehicle has")
+            raise InputError(self.source, "default_level", str(self.default_level), "a level of the vehicle")
 
     def facts(self) -> dict[str, str]:
-        """Name, mass, length, top speed and levels of losses."""
+        """Name, mass, length, top speed and loss levels."""
         modes = {"modes": ", ".join(self.modes)} if self.modes else {}
         return {
             "name": self.name,
@@ -157,16 +157,15 @@ class Vehicle(Summary):
 
     @property
     def inertial_mass_kg(self) -> float:
-        """Mass that accelerates: with the rotating parts."""
+        """Effective mass for acceleration (kg), including the rotating parts."""
         return self.mass_kg * (1.0 + self.rotating_mass_ratio)
 
     def loss_model(self, level: Level) -> LossModel:
         """The component losses at `level`.
 
-        L0 has no losses. L1 and L2 are those of the file, or fitted to the vehicle's L3 map; L1 may also be the mean of
-        OWN's two ratios. L3 and OWN must be in the file. `auxiliary_power_w` is part of OWN, L2 and L3; L1 is a
-        pure efficiency.
-        Raises DasError if the vehicle has nothing to derive the level from.
+        L0 has no losses. L1 and L2 are read from the file, or fitted to the vehicle's L3 map; L1 may also be the mean
+        of OWN's two ratios. L3 and OWN must be in the file. `auxiliary_power_w` is part of OWN, L2 and L3; L1 is a pure
+        efficiency. Raises DasError if the vehicle has no data from which the level can be derived.
         """
         model = self._chain_loss(level)
         if self.auxiliary_power_w and level in (Level.OWN, Level.L2, Level.L3):
@@ -190,7 +189,7 @@ class Vehicle(Summary):
         raise DasError(f"{self.source}: no data for level {level} (it has {have}); {hint}")
 
     def brakes_at(self, level: Level) -> BrakePolicy:
-        """Brake policy at a level: L0 NOREG dissipates everything, the others brake like the train."""
+        """Brake policy at a level: L0 NOREG dissipates all braking energy; other levels have the train's policy."""
         return BrakePolicy.FRICTION if level is Level.L0_NOREG else self.brake_policy
 
     def traction_effort_n(self, speed_mps: ArrayLike) -> Floats:
@@ -210,12 +209,12 @@ class Vehicle(Summary):
 
     @property
     def adhesive_force_n(self) -> float:
-        """Weight on the driven axles times the state of the rail (N)."""
+        """Weight on the driven axles multiplied by the adhesion ratio of the rail (N)."""
         return self.adhesive_mass_kg * STANDARD_GRAVITY_MPS2 * self.adhesion_ratio
 
     @property
     def braked_adhesive_force_n(self) -> float:
-        """Weight on all axles times the state of the rail (N); inf without an adhesion limit."""
+        """Weight on all axles multiplied by the adhesion ratio of the rail (N); inf without an adhesion limit."""
         if np.isinf(self.adhesive_mass_kg):
             return np.inf
         return self.mass_kg * STANDARD_GRAVITY_MPS2 * self.adhesion_ratio
@@ -224,10 +223,11 @@ class Vehicle(Summary):
         return np.asarray(self.adhesive_force_n * adhesion_coefficient(speed_mps))
 
     def electric_effort_n(self, force_n: ArrayLike, speed_mps: ArrayLike, level: Level, supply: ArrayLike) -> Floats:
-        """The part of each wheel force (N) at a speed (m/s) of the motors; the rest is the friction brake.
+        """The share of each wheel force (N) at a speed (m/s) that the motors provide; the friction brake provides the
+        rest.
 
-        `supply` is that of `das.domain.route.Route.supply`: where it forbids the electric brake, the friction brake
-        does all the braking.
+        `supply` is that of `das.domain.route.Route.supply`: where it forbids the electric brake, friction does all
+        braking.
         """
         force = np.asarray(force_n, dtype=float)
         brakes = self.brakes_at(level)
@@ -258,17 +258,17 @@ class Vehicle(Summary):
         return Stretches(start_m=start_m, value=value)
 
     def line_resistance_mps2(self, route: Route) -> Stretches:
-        """The resistance per unit of this train's mass (m/s²) along a line, apart from gradients: that of curves.
+        """Curve resistance per unit of this train's mass (m/s²) along a line.
 
-        Used by planner, simulated trains and drivers; each averages it over the train in its own way.
+        The planner, simulated trains and drivers use it; each averages it over the train in its own way.
         """
         curves = route.curvature_per_m
         return Stretches(start_m=curves.start_m.copy(), value=curve_resistance_mps2(curves.value))
 
     def with_mass(self, mass_kg: float) -> Vehicle:
-        """The same train with another load.
+        """The train with another load.
 
-        The rotating parts keep their mass; the constant resistance c0, rolling friction, grows with the weight.
+        The rotating parts keep their mass; the constant resistance c0 (rolling friction) is proportional to the weight.
         """
         ratio = mass_kg / self.mass_kg
         return replace(
@@ -279,12 +279,12 @@ class Vehicle(Summary):
         )
 
     def loaded(self, name: str) -> Vehicle:
-        """The train in one of its load states or modes, or in both ("empty+15kv"); DasError if there is none."""
+        """The train in one of its load states or modes, or both ("empty+15kv"); DasError for an unknown name."""
         known = {*self.loads, *self.modes}
         train, parts = self, (name,) if name in known else tuple(name.split("+"))
         for part_of in (self.loads, self.modes):
             if sum(one in part_of for one in parts) > 1:
-                raise DasError(f"{self.source}: load {name!r}: expected one load state and one mode at most")
+                raise DasError(f"{self.source}: load {name!r}: expected at most one load state and one mode")
         for one in parts:
             if one not in known:
                 raise DasError(
@@ -305,7 +305,7 @@ class Vehicle(Summary):
         return replace(self, traction=mode.traction, electric_brake=mode.electric_brake, mode=name)
 
     def with_loss_map(self, loss_map: LossMap) -> Vehicle:
-        """The same train with `loss_map` in place of all its losses."""
+        """The train with `loss_map` in place of all its losses."""
         return replace(self, losses=MappingProxyType({Level.L3: loss_map}), default_level=Level.L3)
 
 
@@ -326,7 +326,7 @@ def _check_resistance(vehicle: Vehicle) -> None:
 
 
 def _check_curves(vehicle: Vehicle) -> None:
-    """Raise InputError for an effort curve that ends below the top speed, or with which the train could not stop."""
+    """Raise InputError for an effort curve that ends below the top speed or leaves the train unable to stop."""
     for name, effort in (("traction", vehicle.traction), ("electric_brake", vehicle.electric_brake)):
         curve = effort.curve
         if curve is not None and curve.speed_mps[-1] < vehicle.max_speed_mps * (1 - 1e-9):

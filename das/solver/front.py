@@ -1,4 +1,4 @@
-"""Front of a section: the supported time–energy trade-off and the optimal continuation from any state.
+"""Front of a section: the supported points of the time–energy trade-off and the optimal continuation from any state.
 
 For every multiplier λ of a ladder a backward sweep minimises energy + λ·time (`das.solver.solve`). The tables of values
 and times-to-go are feedback policies. `Front.trajectory` searches for the trajectory of one trip time from any state.
@@ -22,32 +22,32 @@ from das.solver.solution import Fit, Solution
 from das.solver.state import RollOut, State, fastest, least_time_s
 
 MAX_ROLL_OUTS: Final = 12
-"""Most multipliers that are tried."""
+"""Largest number of multipliers tried."""
 OVERSHOOT_S: Final = 0.15
-"""Time (s) beyond the wanted one at which the next trial is aimed, so that two trials enclose it."""
+"""Time (s) by which the next trial overshoots the requested one; two trials then enclose the requested time."""
 FIRST_STEP: Final = 0.05
-"""Least part of a ladder step from the last trial to the next while all are on one side of the wanted time; then four
-times as far, and so on."""
+"""Least part of a ladder step between two trials while all trials are on one side of the requested time; each further
+step is four times as large."""
 BLEND_LOSS_RATIO: Final = 2e-5
-"""Share of the train's kinetic energy at the highest speed ahead that a multiplier between those of two trajectories
-must be able to save for them not to be blended."""
+"""Potential saving, as a share of the kinetic energy at the highest speed ahead, below which two trajectories are
+blended instead of trying a multiplier between theirs."""
 MAX_BLENDS: Final = 40
-"""Most blends of two trajectories that are tried."""
+"""Largest number of blends tried."""
 LEAST_SHARE: Final = 0.02
-"""Least share of the interval by which the next trial keeps away from both ends, so that the interval shrinks."""
+"""Least distance of the next trial from both ends, as a share of the interval; it ensures that the interval shrinks."""
 
 Floats = NDArray[np.float64]
 
 
 class Sweep(Protocol):
-    """The sweep of a section from its end, which has not reached the beginning yet."""
+    """An incomplete sweep of a section, from its end."""
 
     @property
     def known_from(self) -> int:
         """The first decision node whose policies are known."""
 
     def come_down_to(self, first: int) -> None:
-        """Solve all nodes from `first` on that are not solved yet."""
+        """Solve all unsolved nodes from `first` on."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -56,8 +56,8 @@ class Front(Summary):
 
     `lambda_w` (L,) ascends. `value_j` and `time_to_go_s` have the shape (K + 1 decision nodes, J + 1 speeds, L).
 
-    With a `sweep` only the nodes from `sweep.known_from` on are filled: the front of a train that is under way. The
-    methods continue the sweep if they need more.
+    With a `sweep` only the nodes from `sweep.known_from` on are filled: the front of a moving train. The methods
+    continue the sweep if they need more nodes.
     """
 
     section: Section
@@ -67,18 +67,18 @@ class Front(Summary):
     sweep: Sweep | None = None
 
     def facts(self) -> dict[str, str]:
-        """The section's facts, and what its fastest trajectory and one with a tenth more time need."""
+        """The section's facts, with time and energy of its fastest trajectory and of one that takes a tenth longer."""
         fastest_run = self.fastest()
         told = {"fastest": fastest_run, "with a buffer of 10 %": self.trajectory(1.1 * fastest_run.time_s)}
         return {**self.section.facts(), **{name: needs(run.time_s, run.balance.input) for name, run in told.items()}}
 
     def cover(self, s_m: float) -> None:
-        """Solve the missing policies for a train at a position (m) and for all places ahead of it."""
+        """Solve the missing policies for a train at a position (m) and all positions ahead of it."""
         self._cover(State.at(self.section, s_m, 0.0))
 
     @property
     def policies(self) -> Policies:
-        """The policies as the kernels take them."""
+        """The policies in the form required by the kernels."""
         return Policies(self.lambda_w, self.value_j, self.time_to_go_s)
 
     def fastest(self, s_m: float | None = None, v_mps: float | None = None) -> Solution:
@@ -99,9 +99,8 @@ class Front(Summary):
     ) -> Solution:
         """The trajectory of least energy that takes `time_s` from a state (by default from the start of the section).
 
-        A time below the least possible gives the fastest trajectory (`Fit.LATE`). A time so long that no more energy
-        can be saved gives the trajectory of least energy (`Fit.EARLY`). Otherwise the time is met to within
-        `tolerance_s`.
+        For a time below the minimum it is the fastest trajectory (`Fit.LATE`), for a time too long to save more energy
+        the trajectory of least energy (`Fit.EARLY`). Otherwise the time is met to within `tolerance_s`.
 
         Raises DasError for a state outside the section or a time that is not positive, InfeasibleError if the train
         cannot reach the end of the section from the state.
@@ -130,10 +129,10 @@ class Front(Summary):
 
 
 class Trial(NamedTuple):
-    """A trajectory that was tried.
+    """A trajectory that has been tried.
 
-    `place` is the index of its multiplier on the ladder, with a fraction if it lies between two steps (inf: the fastest
-    trajectory). `miss_s` is how much longer than wanted the trajectory takes.
+    `place` is the index of its multiplier on the ladder, fractional if it lies between two steps (inf: the fastest
+    trajectory). `miss_s` is its time minus the requested time.
     """
 
     place: float
@@ -142,10 +141,11 @@ class Trial(NamedTuple):
 
 
 class TimeSearch:
-    """Finds the trajectory from a state that takes a given time: that of a multiplier, or a blend if the front jumps.
+    """Search for the trajectory from a state that takes a given time: that of a multiplier, or a blend if the front
+    jumps.
 
-    The policies tell where on the ladder to look. Each trial corrects that, and the next one is aimed a little beyond
-    the wanted time, so that the two enclose it. The search then goes on by false position (Illinois).
+    The policies give the first place on the ladder. Each trial corrects it, and the next one aims slightly beyond the
+    requested time until two enclose it. Then the search continues by false position (Illinois).
     """
 
     def __init__(
@@ -161,11 +161,11 @@ class TimeSearch:
         self.least_time_s, self.tolerance_s = least_time_s, tolerance_s
         self.last = len(policies.lambda_w) - 1
         self._steps = np.arange(self.last + 1)
-        # Where the front almost jumps, the times by the policies may rise with the multiplier.
+        # Where the front almost jumps, the policies' times may rise with the multiplier.
         self._table_s = np.minimum.accumulate(state.totals(policies).time_s)
 
     def run(self) -> Solution:
-        """The trajectory of the wanted time, or the nearest efficient one (see `Fit`)."""
+        """The trajectory of the requested time, or the nearest efficient one (see `Fit`)."""
         slow, quick = self._enclose()
         for trial in (slow, quick):
             if trial is not None and abs(trial.miss_s) <= self.tolerance_s:
@@ -178,7 +178,7 @@ class TimeSearch:
         return self._answer(run, 0.5 * (slow.place + min(quick.place, self.last)), fit)
 
     def attempt(self, place: float) -> Trial:
-        """Roll out the multiplier at a place of the ladder."""
+        """The trial of the multiplier at a place of the ladder."""
         run = self.state.roll_out(self.policies, self.policy(place))
         return Trial(place, run, run.time_s - self.time_s)
 
@@ -203,13 +203,13 @@ class TimeSearch:
         )
 
     def _enclose(self) -> tuple[Trial | None, Trial]:
-        """A slow and a quick trial that can be blended; no slow one if even the smallest multiplier is early."""
+        """A slow and a quick trial that can be blended; None for the slow one if the smallest multiplier is early."""
         slow, quick = None, None
         above, below, kept = 0.0, 0.0, 0
         place, step = self._place(self.time_s), FIRST_STEP
         for _ in range(MAX_ROLL_OUTS):
             trial = self.attempt(place)
-            # The end that is kept twice in a row counts half, so that both ends move.
+            # An end kept twice in a row is weighted by half, which makes both ends move.
             if trial.miss_s > 0:
                 slow, above, below, kept = trial, trial.miss_s, below * (0.5 if kept > 0 else 1.0), 1
             else:
@@ -220,17 +220,17 @@ class TimeSearch:
                 place, step = self._beyond(trial, step), 4 * step
             else:
                 place = slow.place + self._share(above, below) * (quick.place - slow.place)
-        if quick is None:  # Only the fastest trajectory is quicker than that of the highest multiplier.
+        if quick is None:  # Only the fastest trajectory is faster than that of the highest multiplier.
             run = self.state.fastest()
             quick = Trial(math.inf, run, run.time_s - self.time_s)
         return slow, quick
 
     def _share(self, above: float, below: float) -> float:
-        """Where between two trials the next one should lie, by their misses (false position)."""
+        """Position of the next trial between two others (a share), from their misses by false position."""
         return float(np.clip(above / (above - below), LEAST_SHARE, 1.0 - LEAST_SHARE))
 
     def _blendable(self, slow: Trial | None, quick: Trial | None) -> bool:
-        """Whether next to nothing can be gained between two trials, or no multiplier lies between them."""
+        """Whether the possible gain between two trials is negligible, or no multiplier lies between them."""
         if slow is None or quick is None:
             return (quick is not None and quick.place <= 0) or (slow is not None and slow.place >= self.last)
         # The front lies above its tangents at both trials, whose slopes are −λ.
@@ -240,11 +240,11 @@ class TimeSearch:
         return gain_j <= BLEND_LOSS_RATIO * kinetic_j
 
     def _place(self, time_s: float) -> float:
-        """Where on the ladder a trip time lies according to the policies."""
+        """Place of a trip time on the ladder according to the policies."""
         return float(np.interp(-time_s, -self._table_s, self._steps))
 
     def _beyond(self, trial: Trial, step: float) -> float:
-        """A place just on the other side of the wanted time, if the policies err there as they did at `trial`."""
+        """A place just on the other side of the requested time, if the policies' error there equals that at `trial`."""
         side = math.copysign(1.0, trial.miss_s)
         known_s = float(np.interp(trial.place, self._steps, self._table_s))
         aimed = self._place(known_s - trial.miss_s - side * OVERSHOOT_S)
@@ -252,7 +252,7 @@ class TimeSearch:
         return min(max(place, 0.0), float(self.last))
 
     def _blend(self, slow: Trial, quick: Trial) -> RollOut:
-        """The trajectory of the wanted time between two trials; its energy is near the chord between theirs."""
+        """The trajectory of the requested time between two trials; its energy is close to the chord between theirs."""
         low, high, above, below = 0.0, 1.0, slow.miss_s, quick.miss_s
         best, kept = slow.run, 0
         for _ in range(MAX_BLENDS):

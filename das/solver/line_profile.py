@@ -1,4 +1,4 @@
-"""A line as it acts on a train, on a grid of positions: forces, limits and supply, averaged over the train."""
+"""The line profile of a train: forces, limits and supply, averaged over the train, on a grid of positions."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LineProfile:
-    """A line as it acts on a train, on a grid of positions `node_m` (route coordinates).
+    """The profile of a line under a train, on a grid of positions `node_m` (route coordinates).
 
-    The other arrays hold one value per interval: `step_m`, `grade_ratio` (gradient averaged over the train),
+    The other arrays have one value per interval: `step_m`, `grade_ratio` (gradient averaged over the train),
     `constant_n` (gradient and curve force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train), and `supply`
-    (receptivity, `NO_REGENERATION` or `NEUTRAL`; the least where an interval has several).
+    (receptivity, `NO_REGENERATION` or `NEUTRAL`; the lowest if an interval has several).
     """
 
     node_m: Floats
@@ -36,7 +36,7 @@ class LineProfile:
 
     @classmethod
     def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, train_length_m: float) -> Self:
-        """The line under a train of this length (m, 0: a point mass), between the given positions."""
+        """The profile between the given positions for a train of this length (m, 0: a point mass)."""
         grade = _over_train(route.gradients_ratio, node_m, train_length_m)
         curve = _over_train(vehicle.line_resistance_mps2(route), node_m, train_length_m)
         constant_n = line_force_n(vehicle.mass_kg, grade, curve)
@@ -56,17 +56,17 @@ class LineProfile:
         )
 
     def elapsed_s(self, speeds_mps: Floats) -> Floats:
-        """Times (s, from 0) at the nodes with these speeds there and constant acceleration between them."""
+        """Times (s, from 0) at the nodes for these node speeds and constant acceleration between them."""
         return np.concatenate(([0.0], np.cumsum(2.0 * self.step_m / (speeds_mps[:-1] + speeds_mps[1:]))))
 
     @property
     def for_kernels(self) -> LineArrays:
-        """Step, constant force, tunnel coefficient and supply of each interval, as every kernel takes them."""
+        """Step, constant force, tunnel coefficient and supply of each interval, in the form required by the kernels."""
         return LineArrays(self.step_m, self.constant_n, self.tunnel_n_per_mps2, self.supply)
 
 
 def _over_train(stretches: Stretches, node_m: Floats, length_m: float) -> Floats:
-    """Mean over each interval of a quantity that is itself averaged over the train's length."""
+    """Mean over each interval of a quantity averaged over the train's length."""
     if length_m == 0:
         return stretches.mean(node_m[:-1], node_m[1:])
     # The train-averaged profile is linear between nodes that contain every breakpoint b and b + length.
@@ -75,14 +75,15 @@ def _over_train(stretches: Stretches, node_m: Floats, length_m: float) -> Floats
 
 
 _SLOWEST_MPS = 1.0
-"""Speed (m/s) whose steps are used where the fastest trajectory is slower (near a stop)."""
+"""Lowest speed (m/s) for which decision steps are computed; a slower trajectory (near a stop) has the same steps."""
 
 
 def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, beside_m: float = 0.0) -> Floats:
-    """Positions (m) that must be decision nodes: at and near stops, and where head or tail meets a change of the line.
+    """Positions (m) that must be decision nodes: at and near stops, and where the head or tail meets a change of the
+    line.
 
     `length_m` is the length of the train, 0 for a point mass. With `beside_m` there are also nodes at this distance (m)
-    before and after each change of the limit, again for the train's head and for its tail.
+    before and after each change of the limit.
     """
     start_m, end_m = ends_m
     breaks = route.breakpoints_m()
@@ -97,23 +98,24 @@ def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, besi
 
 
 def even_nodes(fixed_m: Floats) -> Floats:
-    """The fixed nodes with even steps between them; the fastest trajectory on them determines the decision steps."""
+    """The fixed nodes and evenly spaced ones between; the fastest trajectory on them determines the decision steps."""
     return subdivide(fixed_m, np.ceil(np.diff(fixed_m) / _longest_m(fixed_m) - 1e-9).astype(np.int64))
 
 
 def decision_nodes(
     route: Route, fixed_m: Floats, even_m: Floats, fastest_mps: Floats, asked_m: float | None = None
 ) -> Floats:
-    """Positions (m) of the decision nodes: the fixed ones, and others so that no step is longer than its cap.
+    """Positions (m) of the decision nodes: the fixed ones, and others that limit each step to its cap.
 
     `even_m` are the nodes of `even_nodes`, and `fastest_mps` is the speed of the fastest trajectory there. With
-    `asked_m`, no step is longer than that either.
+    `asked_m`, steps are also at most that long.
     """
     cap_m = np.minimum(_caps_m(route, even_m, fastest_mps), np.inf if asked_m is None else asked_m)
     steps = np.concatenate(([0.0], np.cumsum(np.diff(even_m) / cap_m)))
     at_fixed = steps[np.searchsorted(even_m, fixed_m)]
     counts = np.maximum(np.ceil(np.diff(at_fixed) - 1e-6), 1.0).astype(np.int64)
-    # To the micrometre: the last digits of a cube root depend on the processor, and trajectories on the last of a node.
+    # Rounded to the micrometre: the last digits of a cube root depend on the processor, and trajectories depend on the
+    # last digit of a node.
     nodes_m = np.round(np.interp(subdivide(at_fixed, counts), steps, even_m), 6)
     nodes_m[np.concatenate(([0], np.cumsum(counts)))] = fixed_m
     return nodes_m
@@ -128,7 +130,7 @@ def subdivide(nodes: Floats, counts: NDArray[np.int64]) -> Floats:
 
 
 def _longest_m(node_m: Floats) -> float:
-    """The longest step (m) allowed anywhere on a section with these nodes."""
+    """The longest step (m) allowed on a section with these nodes."""
     share_m = (node_m[-1] - node_m[0]) / tol.STEPS_OF_A_SECTION
     return float(np.clip(share_m, tol.SHORTEST_MAX_STEP_M, tol.MAX_STEP_M))
 

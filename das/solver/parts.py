@@ -1,4 +1,4 @@
-"""Work on the parts of a range, shared out among threads."""
+"""Work on the parts of a range, distributed among threads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from itertools import pairwise
 def in_parts(
     pool: ThreadPoolExecutor, threads: int, size: int, work: Callable[..., None], *args: object, of: int = 1
 ) -> None:
-    """Call work(first, last, *args) for equal parts of range(size), each on a thread of its own.
+    """Call work(first, last, *args) for equal parts of range(size), each in its own thread.
 
     The parts begin at multiples of `of`.
     """

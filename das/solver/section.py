@@ -1,8 +1,8 @@
 """A section: route × vehicle × level as arrays on the space grid, ready for the kernels.
 
-A section has two nested grids. Decisions are taken at the *decision nodes*: at every breakpoint, and between them as
-closely as line and speed require (see `das.solver.line_profile`). Between them the motion is integrated over the finer
-*integration nodes*, on which trajectories are given.
+A section has two nested grids. Decisions are made at the *decision nodes*: at every breakpoint, and between breakpoints
+as densely as line and speed require (see `das.solver.line_profile`). Between decision nodes the motion is integrated
+over the finer *integration nodes*, at which trajectories are given.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Section(Summary, LineProfile):
-    """A section that one train runs on: from `start_m` to `end_m` of a route (positions in route coordinates).
+    """A section of a route, from `start_m` to `end_m` (route positions), with the train that runs on it.
 
-    The arrays of the line's profile are those on the integration nodes. `allowed_mps` (per node) is the fastest speed
-    from which full brakes can still keep the train to all limits and to the speed at the end. `envelope_mps` is the
-    fastest planned speed: lower only if the section is planned with a service `braking`. `floor_mps` is the slowest
-    speed from which the end speed can still be reached (mostly 0). `train_length_m` is 0 for a point mass. `decision`
-    holds the indices of the decision nodes among the integration nodes.
+    The line profile has the integration nodes. `allowed_mps` (per node) is the highest speed from which full braking
+    still keeps all limits and the end speed. `envelope_mps` is the highest planned speed, which is lower only if the
+    section is planned with a service `braking`. `floor_mps` is the lowest speed from which the end speed can still be
+    reached (usually 0). `train_length_m` is 0 for a point mass. `decision` holds the indices of the decision nodes
+    among the integration nodes.
     """
 
     route: Route
@@ -67,12 +67,12 @@ class Section(Summary, LineProfile):
 
     @property
     def start_m(self) -> float:
-        """Where the section begins (route position)."""
+        """Start of the section (route position)."""
         return float(self.node_m[0])
 
     @property
     def end_m(self) -> float:
-        """Where the section ends (route position)."""
+        """End of the section (route position)."""
         return float(self.node_m[-1])
 
     @cached_property
@@ -82,30 +82,30 @@ class Section(Summary, LineProfile):
 
     @cached_property
     def train(self) -> TrainParams:
-        """The numbers of the train, with the brakes of the section, as the kernels take them."""
+        """The parameters of the train for the kernels, with the brakes of the section."""
         return train_params(self.vehicle, self.brakes)
 
     @cached_property
     def loss_params(self) -> LossParams:
-        """The losses as the kernels take them."""
+        """The losses in the form required by the kernels."""
         return loss_params(self.loss)
 
     @property
     def speed_steps(self) -> int:
-        """Steps of the speed grid at every decision node."""
+        """Number of steps of the speed grid at every decision node."""
         return tol.SHORT_SPEED_STEPS if len(self.decision) <= tol.FEW_NODES else tol.SPEED_STEPS
 
     @property
     def bounds(self) -> SpeedBounds:
-        """Floor and envelope at the integration nodes, as the kernels take them."""
+        """Floor and envelope at the integration nodes, in the form required by the kernels."""
         return SpeedBounds(self.floor_mps, self.envelope_mps)
 
     @cached_property
     def fastest_run(self) -> KnownRun:
         """The fastest trajectory from the start: speed at every integration node (m/s) and time to go from there (s).
 
-        Raises InfeasibleError if the train stalls. The trajectory is computed once; `dataclasses.replace` makes a
-        section that computes its own.
+        Raises InfeasibleError if the train stalls. The trajectory is computed once for each section; a section made
+        with `dataclasses.replace` computes its own.
         """
         speeds = np.empty(len(self.node_m))
         speeds[0] = self.start_speed_mps
@@ -121,7 +121,7 @@ class Section(Summary, LineProfile):
         return float(running_n + self.constant_n[interval])
 
     def largest_n(self, v_mps: float) -> tuple[float, float]:
-        """The largest forces (N) at a speed: traction, and all brakes of the train, used by the plan or not."""
+        """The largest forces (N) at a speed: traction, and all brakes of the train, even those not used in plans."""
         v, train = max(v_mps, 0.1), self.train
         return float(traction_limit(v, train)), float(brake_limit(v, train, self.vehicle.friction_brake_force_n))
 
@@ -135,21 +135,21 @@ class Section(Summary, LineProfile):
 
     @property
     def end_stop_name(self) -> str:
-        """The name of the stop where the section ends; empty if it ends elsewhere."""
+        """The name of the stop at the end of the section; empty if there is none."""
         return self.route.stop_name_at(self.end_m)
 
     def facts(self) -> dict[str, str]:
-        """Where, which train, and the level of losses."""
+        """Route, ends, train and loss level."""
         return {"way": self.way, "train": self.vehicle.name, "level": str(self.level)}
 
     @property
     def titles(self) -> tuple[str, ...]:
-        """What pictures name a run or a front on the section by: way, train and level."""
+        """The names of a run or front on the section in pictures: ends, train and level."""
         return (self.way, self.vehicle.name, f"level {self.level}")
 
     @property
     def way(self) -> str:
-        """Both ends, by the names of their stops, else by kilometres."""
+        """The two ends, by the names of their stops or else by kilometre."""
         ends = (self.start_m, self.end_m)
         return " – ".join(self.route.stop_name_at(at_m) or f"km {at_m / KM:.3f}" for at_m in ends)
 
@@ -161,24 +161,24 @@ class Section(Summary, LineProfile):
 
 @dataclass(frozen=True, kw_only=True)
 class SectionOptions:
-    """Rarely needed options of a section; the defaults are a real train from standstill to standstill."""
+    """Rarely needed options of a section; the defaults are a train of real length, from standstill to standstill."""
 
     start_speed_mps: float = 0.0
     """Speed (m/s) at which the train enters the section; 0 is a departure from a stop."""
     end_speed_mps: float = 0.0
     """Speed (m/s) at which the train leaves the section; 0 is a halt."""
     point_mass: bool = False
-    """The train's length is taken as 0, as in the public benchmark and in the paper."""
+    """Whether the train's length is taken as 0, as in the public benchmark and in the paper."""
     brakes: BrakePolicy | None = None
-    """The brakes that a trajectory may use; None: those of the vehicle at the level of the section."""
+    """The brakes that a trajectory may use; None: the vehicle's brakes at the level of the section."""
     longest_step_m: float | None = None
-    """Largest distance (m) between decision nodes; None: by the settings of the solver."""
+    """Largest distance (m) between decision nodes; None: the solver's setting."""
     braking: ServiceBraking | None = None
-    """Braking for limits and stops; None: with the train's full brakes, without any reserve."""
+    """Braking for limits and stops; None: the train's full brakes without reserve."""
 
 
 ORDINARY = SectionOptions()
-"""A real train from standstill to standstill, with the brakes of its level."""
+"""A train of real length, from standstill to standstill, with the brakes of its level."""
 
 
 def build_section(
@@ -192,10 +192,10 @@ def build_section(
 ) -> Section:
     """Discretise a section of a route for a train.
 
-    By default the section leads from the first to the last stop, at the vehicle's default level.
+    By default the section runs from the first to the last stop, at the vehicle's default level.
 
-    Raises DasError if the loss map does not cover what the train can do here, InfeasibleError if the train cannot
-    brake or climb.
+    Raises DasError if the loss map does not cover all forces and speeds possible on the section, InfeasibleError if the
+    train cannot brake or climb.
     """
     start_m = route.stops[0].position_m if start_m is None else start_m
     end_m = route.stops[-1].position_m if end_m is None else end_m
@@ -237,10 +237,9 @@ def rebuilt(
     brakes: BrakePolicy | None = None,
     braking: ServiceBraking | None = None,
 ) -> Section:
-    """The same stretch of the line with another vehicle, other brakes or a service braking.
+    """The section rebuilt with another vehicle, other brakes or a service braking.
 
-    None for `brakes` stands for those of the section, None for `braking` for full brakes. Raises as `build_section`
-    does.
+    `brakes=None` keeps the brakes of the section; `braking=None` means full brakes. Errors as in `build_section`.
     """
     return build_section(
         section.route,
@@ -259,22 +258,22 @@ def rebuilt(
 
 
 def with_braking(section: Section, braking: ServiceBraking | None) -> Section:
-    """The same section, planned with a service braking, or with full brakes; raises as `build_section` does."""
+    """The section planned with a service braking, or with full brakes; errors as in `build_section`."""
     return rebuilt(section, section.vehicle, braking=braking)
 
 
 def capped(section: Section, cap_mps: ArrayLike) -> Section:
     """The section with a lower speed envelope: at each node the smaller of envelope and cap (m/s).
 
-    `cap_mps` is one speed, or one for each integration node. The envelope is nowhere taken below the floor, so that
-    a train on it can still climb every hill ahead.
+    `cap_mps` is one speed, or one for each integration node. The envelope remains at or above the floor: a train on it
+    can still climb every hill ahead.
     """
     cap = np.maximum(np.minimum(section.envelope_mps, cap_mps), section.floor_mps)
     return replace(section, envelope_mps=cap)
 
 
 class _Ends(NamedTuple):
-    """Where a train enters and leaves a section (m), how fast (m/s), and how long the train is (m)."""
+    """Positions (m) and speeds (m/s) at which a train enters and leaves a section, and its length (m)."""
 
     start_m: float
     end_m: float
@@ -313,28 +312,28 @@ def _decided(
 def _check_ends(route: Route, start_m: float, end_m: float) -> None:
     if not (start_m >= 0 and end_m - start_m > tol.MIN_STEP_M and end_m <= route.length_m + tol.MIN_STEP_M):
         raise DasError(
-            f"{route.source}: a section from {start_m:g} m to {end_m:g} m: expected one that leads forwards "
-            f"on the route, 0 … {route.length_m:g} m"
+            f"{route.source}: a section from {start_m:g} m to {end_m:g} m: expected one in the direction of the "
+            f"route, within 0 … {route.length_m:g} m"
         )
 
 
 def _slope_change(route: Route, node_m: Floats, length_m: float) -> Floats:
-    """How much the gradient under the train changes over each interval (ratio); 0 for a point mass."""
+    """Change of the gradient under the train over each interval (ratio); 0 for a point mass."""
     if length_m == 0:
         return np.zeros(len(node_m) - 1)
     return np.abs(np.diff(route.gradients_ratio.mean(node_m - length_m, node_m)))
 
 
 def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Floats) -> NDArray[np.int64]:
-    """The number of integration steps in each decision step: so many that speed and slope change little in each.
+    """The number of integration steps in each decision step, chosen such that speed and slope change little in each.
 
-    A slope that changes evenly by Δi over h takes and gives back the kinetic energy g·Δi·h/8 per unit of mass. With n
-    steps, 1/n² of it remains as an error, and the error in speed is that energy divided by the speed.
+    A slope that changes evenly by Δi over h absorbs and returns the kinetic energy g·Δi·h/8 per unit of mass. With n
+    steps, 1/n² of this energy remains as an error; divided by the speed, it is the error in speed.
     """
     mean = np.maximum(0.5 * (fastest_mps[:-1] + fastest_mps[1:]), 0.1)
     change = np.abs(np.diff(fastest_mps)) / mean
     counts = np.ceil(change / tol.SUBSTEP_SPEED_RATIO).astype(np.int64)
-    # Near a standstill the force limit, not the power, bounds the effort: a few steps are enough.
+    # Near standstill the effort is limited by force, not by power: a few steps are enough.
     at_rest = np.minimum(fastest_mps[:-1], fastest_mps[1:]) < 2.0
     counts = np.where(at_rest, np.minimum(counts, 4), counts)
     drift_mps = STANDARD_GRAVITY_MPS2 * slope_change * np.diff(decision_m) / 8 / mean
@@ -359,13 +358,13 @@ def _bounding_speeds(
         raise _runs_away(route, vehicle, profile, train, stuck, float(allowed[stuck + 1]), None)
     if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
         raise InfeasibleError(
-            f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or cannot be braked"
+            f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or too fast to brake"
         )
     floor = climbing_floor(line, allowed, tol.CREST_MPS, train)
     envelope = allowed
     if braking is not None:
         envelope = _planned_envelope(route, vehicle, profile, train, ends, braking)
-        # The speed that hills ahead need comes before the reserve of the brakes.
+        # The speed required for hills ahead takes priority over the brake reserve.
         envelope = np.minimum(np.maximum(envelope, floor), allowed)
     fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
     if stuck >= 0:
@@ -383,9 +382,9 @@ def _bounding_speeds(
 def _planned_envelope(
     route: Route, vehicle: Vehicle, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking
 ) -> Floats:
-    """The fastest speeds (m/s) from which braking as in service keeps to the limits and to the speed at the end.
+    """The highest speeds (m/s) from which service braking keeps the limits and the end speed.
 
-    A limit beside the train counts as well, if the train may be under it because its position is uncertain. Raises
+    A limit also counts if the train may be within its extent because of the uncertainty of its position. Raises
     InfeasibleError if the service brake cannot hold the train on a descent.
     """
     node_m, beside_m = profile.node_m, braking.deviation_m
@@ -410,7 +409,7 @@ def _runs_away(
     v_mps: float,
     service: ServiceParams | None,
 ) -> RunawayError:
-    """The error for a train that its brakes cannot hold in interval i: the place, and the key that would change it."""
+    """The error for a train whose brakes cannot hold it in interval i, with the place and the key to change."""
     here = on_supply(train, float(profile.supply[i]))
     resisting_n = mean_resistance(0.0, v_mps, profile.tunnel_n_per_mps2[i], here) + profile.constant_n[i]
     electric_n, friction_n = float(electric_limit(max(v_mps, 0.1), here)), vehicle.friction_brake_force_n
@@ -432,7 +431,7 @@ def _runs_away(
 
 
 def _check_coverage(loss: LossMap, vehicle: Vehicle, top_speed_mps: float) -> None:
-    """The map must cover every force the train can use up to the highest speed it may reach here."""
+    """Raise DasError unless the map covers every force of the train up to the highest speed on the section."""
     speeds = np.append(np.arange(0.0, top_speed_mps, 0.5 * loss.speed_step_mps), top_speed_mps)
     for force in (vehicle.traction_effort_n(speeds), -vehicle.electric_brake_effort_n(speeds)):
         outside = np.flatnonzero(~loss.covers(force, speeds))

@@ -24,13 +24,13 @@ Floats = NDArray[np.float64]
 
 
 class Fit(StrEnum):
-    """How a trajectory relates to the time that was asked for."""
+    """Relation of a trajectory to the requested time."""
 
     ON_TIME = "on-time"
     LATE = "late"
-    """The time is below the least possible: the trajectory is the fastest one."""
+    """The requested time is below the minimum; the trajectory is the fastest one."""
     EARLY = "early"
-    """A slower trajectory would need more energy: the trajectory is the one of least energy."""
+    """A slower trajectory would need more energy; the trajectory is that of least energy, before the requested time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -40,8 +40,8 @@ class Solution(Summary):
     `least_time_s` is the time of the fastest trajectory from the same state. `lambda_w` is the price of time at the
     solution (W; inf for the fastest trajectory).
 
-    `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`). It is computed when first asked
-    for, unless a longer search has given it as `proven`; `bound_j`, `gap_ratio` and `gap_reason` are read from it.
+    `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`). It is computed on first access,
+    unless a longer search has supplied it as `proven`; `bound_j`, `gap_ratio` and `gap_reason` are taken from it.
     """
 
     section: Section
@@ -59,7 +59,7 @@ class Solution(Summary):
         return self.trajectory.balance(self.section.vehicle, self.section.loss)
 
     def facts(self) -> dict[str, str]:
-        """The section's facts, the trajectory's time and energy, and how far its time is above the least one."""
+        """The section's facts, the trajectory's time and energy, and the excess of its time over the minimum."""
         buffer = 100.0 * (self.time_s / self.least_time_s - 1.0)
         return {
             **self.section.facts(),
@@ -79,7 +79,7 @@ class Solution(Summary):
 
     @property
     def saves_time(self) -> bool:
-        """Whether this is the trajectory of least energy, which ends before the time that was asked for."""
+        """Whether the trajectory is that of least energy, which takes less than the requested time."""
         return self.fit is Fit.EARLY
 
     @cached_property
@@ -106,7 +106,7 @@ class Solution(Summary):
 
 
 def plotted_on(section: Section, trajectory: Trajectory) -> PlottedRun:
-    """A trajectory over a section for a picture, from any strategy."""
+    """A trajectory of any strategy on a section, for a picture."""
     return trajectory.plotted(section.loss, section.route, *section.titles)
 
 

@@ -22,10 +22,10 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 BLOCK_NODES = 32
-"""Decision nodes whose transitions are kept at a time: a few MB, and threads rarely wait for each other."""
+"""Number of decision nodes with transitions in memory at a time: a few MB, and threads rarely wait for each other."""
 
 BEHIND_M = 1_000.0
-"""Distance (m) behind a train under way at which its front begins: more than any correction of its position."""
+"""Distance (m) behind a moving train at which its front begins: more than any correction of its position."""
 
 
 def solve_front(
@@ -41,11 +41,11 @@ def solve_front(
     If the end speed of the section is free, `end_value_j` holds for each of its J + 1 possible end speeds the cost of
     the line beyond the section (J).
 
-    Blocks of decision nodes are solved one after another, from the end. First the transitions of a block are found,
-    with its nodes shared out among the threads; then the block is swept, with the multipliers shared out among them.
-    The kernels release the GIL and share nothing that they write. Only the transitions of one block are kept, because
-    all of them together would be as large as the result. The result does not depend on the number of threads or the
-    size of a block, bit for bit.
+    Blocks of decision nodes are solved one after another, from the end. First the transitions of a block are computed,
+    with its nodes distributed among the threads; then the block is swept, with the multipliers distributed among the
+    threads. The kernels release the GIL and write no shared data. Only the transitions of one block are in memory,
+    because all of them together would be as large as the result. The result is identical, bit for bit, for any number
+    of threads and size of block.
     """
     sweep = _Sweep(section, lambda_w, end_value_j, threads=threads, block_nodes=block_nodes)
     sweep.come_down_to(0)
@@ -60,14 +60,14 @@ def solve_ahead(
     lambda_w: Floats | None = None,
     end_value_j: Floats | None = None,
 ) -> Front:
-    """The front of a section for a train that is at a position (m): only the part ahead of it is solved.
+    """The front of a section for a train at a position (m): only the part ahead of the train is solved.
 
-    The sweep starts from the end, so the part ahead equals that of the whole front, bit for bit. For a trajectory from
-    a position more than `BEHIND_M` behind the train, the front first solves the rest. The other arguments are those of
-    `solve_front`.
+    The sweep starts at the end, so the part ahead equals that of the whole front, bit for bit. If a trajectory from a
+    position more than `BEHIND_M` behind the train is requested, the front solves the rest first. The other arguments
+    are those of `solve_front`.
     """
     sweep = _Sweep(section, lambda_w, end_value_j, threads=threads)
-    # A trajectory follows the policies of the nodes ahead of it, not those of the node where it begins.
+    # A trajectory follows the policies of the nodes ahead of it, not those of its first node.
     sweep.come_down_to(node_behind(section, s_m) + 1)
     return sweep.front()
 
@@ -107,7 +107,7 @@ class _Sweep:
         return self._known_from
 
     def come_down_to(self, first: int) -> None:
-        """Solve all nodes from `first` on that are not solved yet."""
+        """Solve all unsolved nodes from `first` on."""
         with self._lock:
             last, threads, ladder = self._known_from, self._threads, self.ladder
             if first >= last:
@@ -123,7 +123,7 @@ class _Sweep:
             self._known_from = first
 
     def front(self) -> Front:
-        """The front of the nodes solved so far; it continues the sweep when a node further back is needed."""
+        """The front of the nodes solved so far, which continues the sweep when a node further back is needed."""
         return Front(
             section=self.grid.section,
             lambda_w=self.ladder,
@@ -134,7 +134,7 @@ class _Sweep:
 
 
 def default_ladder(section: Section) -> Floats:
-    """A few very small multipliers, a geometric ladder, and a few far above the power the train can use here (W)."""
+    """The default multipliers (W): a few very small ones, a geometric ladder, a few far above the usable power."""
     lowest, highest = np.array(tol.LADDER_LOWEST_RATIOS), np.array(tol.LADDER_HIGHEST_RATIOS)
     between = tol.LADDER_SIZE - len(lowest) - len(highest)
     ladder = np.geomspace(tol.LADDER_LOW_RATIO, tol.LADDER_HIGH_RATIO, between)
@@ -158,7 +158,7 @@ class Transitions:
 
     @classmethod
     def empty(cls, nodes: int, states: int) -> Transitions:
-        """Room for the moves of this number of nodes and speeds."""
+        """Unfilled arrays for the moves of this number of nodes and speeds."""
         shape = (nodes, states, LANDINGS)
         return cls(
             time_s=np.empty(shape, np.float32),
@@ -180,7 +180,7 @@ class Transitions:
     def sweep(
         self, first: int, last: int, lambda_w: Floats, value_j: Floats, time_to_go_s: NDArray[np.float32]
     ) -> None:
-        """Fill in values and times-to-go of these nodes for multipliers first … last − 1, from the node after them."""
+        """Fill in values and times-to-go of the nodes for multipliers first … last − 1, from the node after them."""
         backward_sweep(first, last, lambda_w, self.moves, value_j, time_to_go_s)
 
 
@@ -215,7 +215,7 @@ class DecisionGrid:
 
     @property
     def speed_steps(self) -> int:
-        """Steps of the speed grid."""
+        """Number of steps of the speed grid."""
         return self.section.speed_steps
 
     def fill(self, first: int, last: int, start: int, moves: Transitions) -> None:

@@ -1,4 +1,4 @@
-"""A state of a train on a section, and the trajectories that lead on from it; the fastest one needs no front."""
+"""A state of a train on a section, and the trajectories from it; the fastest one needs no front."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Floats = NDArray[np.float64]
 
 
 class RollOut(NamedTuple):
-    """A trajectory from a state: its speed there and at the integration nodes ahead, and the time to the end."""
+    """A trajectory from a state: its speeds at the state and at the integration nodes ahead, and its time."""
 
     speeds_mps: Floats
     time_s: float
 
 
 class Totals(NamedTuple):
-    """Least total cost (J) and time (s) from a state for every multiplier of the ladder, as the policies know them."""
+    """Least total cost (J) and time (s) from a state for every multiplier of the ladder, according to the policies."""
 
     cost_j: Floats
     time_s: Floats
@@ -54,7 +54,7 @@ class State(LineProfile):
     def at(cls, section: Section, s_m: float | None = None, v_mps: float | None = None) -> State:
         """The state at a position (m) and speed (m/s), by default at the start of the section.
 
-        Raises DasError for a position outside the section or a speed that no train has.
+        Raises DasError for a position outside the section or an impossible speed.
         """
         s_m = section.start_m if s_m is None else float(s_m)
         v_mps = section.start_speed_mps if v_mps is None else float(v_mps)
@@ -100,9 +100,9 @@ class State(LineProfile):
         return self._finished(speeds, time_s)
 
     def blend(self, share: float, quick: RollOut, slow: RollOut) -> RollOut:
-        """The trajectory between two others: v² is `share` times the quick one's plus 1 − `share` times the slow one's.
+        """The trajectory between two others: v² = share · (v² of the quick one) + (1 − share) · (v² of the slow one).
 
-        Every step is cut to what the train can do. Raises InfeasibleError if the train stalls.
+        Every step is limited to the train's efforts. Raises InfeasibleError if the train stalls.
         """
         speeds = self._speeds()
         time_s = blend_runs(
@@ -166,7 +166,7 @@ class State(LineProfile):
 
 
 def check_state(section: Section, s_m: float, v_mps: float) -> None:
-    """Raise DasError for a position outside the section or a speed that no train has."""
+    """Raise DasError for a position outside the section or an impossible speed."""
     if not section.start_m <= s_m < section.end_m - tol.MIN_STEP_M:
         raise DasError(f"position {s_m} m: expected one in the section {section.start_m:g} … {section.end_m:g} m")
     if not 0 <= v_mps < 200:
@@ -189,9 +189,9 @@ def fastest(section: Section, s_m: float | None = None, v_mps: float | None = No
 
 
 def least_time_s(section: Section, s_m: float, v_mps: float) -> float:
-    """Time (s) of the fastest trajectory from a position (m) and speed (m/s); raises as `fastest` does.
+    """Time (s) of the fastest trajectory from a position (m) and speed (m/s); errors as in `fastest`.
 
-    The trajectory is followed only until it meets the section's `fastest_run`.
+    The trajectory is computed only until it meets the section's `fastest_run`.
     """
     check_state(section, s_m, v_mps)
     following = following_node(section, s_m)

@@ -1,4 +1,4 @@
-"""Compiling every kernel, or loading it from the cache, before time matters."""
+"""Compilation of every kernel, or its loading from the cache, before operation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from das.solver.state import least_time_s
 
 
 def warm_up() -> Front:
-    """Solve a tiny section through every entry point of the solver; about 10 s the first time on a machine."""
+    """Solve a tiny section with every entry point of the solver; the first time on a machine takes about 10 s."""
     front = solve_front(build_section(tiny_route(), tiny_vehicle()), lambda_w=np.array([1e4, 1e5, 1e6]))
     shortest_s = front.fastest().time_s
     for buffer_ratio in (0.01, 0.1, 0.3):
@@ -26,7 +26,7 @@ def warm_up() -> Front:
 
 
 def tiny_vehicle() -> Vehicle:
-    """A simple train, for warming up."""
+    """A simple train for the warm-up."""
     effort = EffortEnvelope(max_force_n=1e5, max_power_w=1e6)
     return Vehicle(
         id="warm-up",
@@ -46,7 +46,7 @@ def tiny_vehicle() -> Vehicle:
 
 
 def tiny_route() -> Route:
-    """400 m of level line, for warming up."""
+    """A level line of 400 m for the warm-up."""
     return Route(
         id="warm-up",
         name="warm-up",

@@ -1,4 +1,4 @@
-"""The section of a study's command line: a route, a vehicle, and the stops between which it runs."""
+"""The section given on a study's command line: a route, a vehicle, and two stops."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from das.solver.section import Section, build_section
 
 
 def add_section(parser: ArgumentParser) -> None:
-    """Give a study's parser the words that name a section."""
+    """Add the arguments that define a section to a study's parser."""
     parser.add_argument("route")
     parser.add_argument("vehicle")
     parser.add_argument("--from", dest="start", metavar="STOP")
@@ -19,7 +19,7 @@ def add_section(parser: ArgumentParser) -> None:
 
 
 def section_of(given: Namespace, conditions: Conditions | None = None) -> Section:
-    """The section that was asked for, under other conditions if some are given; DasError for an unusable file."""
+    """The requested section, under other conditions if given; DasError for an unusable file."""
     world = conditions or Conditions()
     route = world.line(load_route(given.route))
     start, end = section_stops(route, given.start, given.end)

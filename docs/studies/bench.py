@@ -1,6 +1,6 @@
-"""How long the solver takes on this machine: `python -m docs.studies.bench`.
+"""Computing times of the solver on the machine: `python -m docs.studies.bench`.
 
-Each row is the median of some rounds, with the least and the most. Other work on the machine makes them worse.
+Each row is the median of several rounds, with minimum and maximum. Other load on the machine increases them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ VEHICLE: Final = "re460-ic"
 SECTION_KM: Final = (29.0, 57.0)
 LENGTHS_KM: Final = (7.0, 14.0, 28.0, 57.0)
 BUFFERS: Final = (0.03, 0.05, 0.08, 0.12)
-"""Buffers of the runs and departures that are timed, as shares of the least time."""
+"""Buffers of the measured runs and departures, as shares of the least time."""
 HALF_WAY_RATIO: Final = 0.9
 """Share of the braking envelope's speed at which the train is when the rest of its section is solved again."""
 NOT_REFINED: Final = TableSettings(buffers_percent=(0.0,), refined=False, proven=0)
@@ -42,7 +42,7 @@ Work = Callable[[], object]
 
 
 def seconds(work: Work, rounds: int) -> list[float]:
-    """Durations (s) of the rounds of some work, after one that is not counted."""
+    """Durations (s) of several rounds of a task, after one that is not counted."""
     work()
     found = []
     for _ in range(rounds):
@@ -53,7 +53,7 @@ def seconds(work: Work, rounds: int) -> list[float]:
 
 
 def works(section: Section, folder: Path) -> Iterator[tuple[str, Work]]:
-    """What is timed on a section, by name; a table is written into the folder."""
+    """The tasks measured on a section, by name; a table is written to the folder."""
     front, middle = solve_front(section), len(section.node_m) // 2
     least_s = front.fastest().time_s
     at_m, at_mps = float(section.node_m[middle]), HALF_WAY_RATIO * float(section.envelope_mps[middle])

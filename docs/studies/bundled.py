@@ -1,6 +1,6 @@
-"""The report of the smallest bundled study, and what other scripts need of commands and reports.
+"""The report of the smallest bundled study, and helpers of other scripts for commands and reports.
 
-`python -m docs.studies.bundled` runs the study in the working folder, and writes its report there, smoke.html.
+`python -m docs.studies.bundled` runs the study in the working folder and writes its report there, smoke.html.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from docs.studies.output import DOCS
 
 ROOT: Final = DOCS.parent
 PAGE_DPI: Final = 121
-"""A4 becomes 1000 pixels wide."""
+"""Resolution at which A4 is 1000 pixels wide."""
 
 
 def das_sim(*args: str | Path, folder: Path = ROOT) -> str:
-    """What a das-sim command prints in a folder. Raises DasError if it fails."""
+    """The output of a das-sim command run in a folder. Raises DasError if it fails."""
     with tempfile.TemporaryDirectory() as name:
         said = Path(name)
         process = forked(("-m", "sim.cli", *map(str, args)), folder, said)
@@ -33,7 +33,7 @@ def das_sim(*args: str | Path, folder: Path = ROOT) -> str:
 
 
 def first_page(pdf: Path, picture: Path) -> None:
-    """Draw the first page of a PDF as a PNG of 256 colours: with fewer, small curves lose theirs."""
+    """Draw the first page of a PDF as a PNG with 256 colours; with fewer, small curves lose their colour."""
     from PIL import Image
 
     options = ("-f", "1", "-l", "1", "-r", str(PAGE_DPI), "-png", "-singlefile")

@@ -1,11 +1,11 @@
 """`python -m docs.studies.calibrate`: calibrate the loss chains of the Re 460 to the paper's figures, or check them.
 
-Stage 1 (static) finds four parameters of the GTO chain, from four equations: its map has the published L2 fit
+Stage 1 (static) determines four parameters of the GTO chain from four equations: its map has the published L2 fit
 (efficiency and idle part) and loss at full power, and the fit has no mean deviation when cruising. The IGBT chain is
-the GTO chain with another converter, whose parameters are chosen so that runs that do not depend on the map consume
-what Table 2 prints for them. Stage 2 (trajectories, GTO) searches without derivatives (Nelder & Mead 1965) over a few
-parameters of the map's shape, so that the optimal runs save what the paper prints; each trial has its own stage 1.
-Everything starts from fixed numbers, which a wider search found (docs/explanation/loss-maps.md), and is deterministic.
+the GTO chain with another converter, whose parameters are chosen such that runs independent of the map consume the
+energies printed in Table 2. Stage 2 (trajectories, GTO) searches without derivatives (Nelder & Mead 1965) over a few
+parameters of the map's shape for optimal runs with the printed savings; stage 1 is repeated for each trial. The start
+values are fixed results of a wider search (docs/explanation/loss-maps.md), and the calibration is deterministic.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ STAGE_1_START: Final[Mapping[str, float]] = MappingProxyType(
 )
 """Free parameters of the GTO chain's stage 1, with their start values."""
 EFFICIENCY_AIM, IDLE_AIM_W, FULL_POWER_AIM_W = 0.8885, 115e3, 1043e3
-"""The aims of stage 1: the L2 fit (eq. 16), the loss at full power (section 2: about 1000 kW), no mean deviation of the
-fit when cruising. Of the values that round to the printed figures, efficiency and loss at full power are the lossiest,
-because at L3 Table 2's fastest run consumes more for its mechanical work than a less lossy map gives."""
+"""The aims of stage 1: the L2 fit (eq. 16), the loss at full power (section 2: about 1000 kW), and no mean deviation of
+the fit when cruising. Efficiency and loss at full power have the highest losses that round to the printed figures: with
+lower losses, Table 2's fastest run at L3 would consume too little for its mechanical work."""
 
 STAGE_2_START: Final[Mapping[str, float]] = MappingProxyType(
     {
@@ -67,12 +67,12 @@ STAGE_2_STEP: Final = 0.03
 IGBT_START: Final[Mapping[str, float]] = MappingProxyType({"converter.conduction_w": 150e3})
 """Free parameters of the IGBT chain, with their start values."""
 OWN_OF_IGBT: Final = ("converter.", "motors.brake_current_ratio")
-"""Parameters that differ between the chains: the converter, and how well the electric brake uses the motors."""
+"""Parameters that differ between the chains: the converter, and the use of the motors by the electric brake."""
 _OF_GTO: Final = (*STAGE_1_START, *STAGE_2_START)
 CALIBRATED: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {GTO_VEHICLE: _OF_GTO, IGBT_VEHICLE: (*(name for name in _OF_GTO if not name.startswith(OWN_OF_IGBT)), *IGBT_START)}
 )
-"""Parameters that the command writes, by vehicle; all others are assumptions in the files."""
+"""Parameters written by the command, by vehicle; all others are assumptions in the files."""
 DIGITS: Final = 4
 """Significant digits of a calibrated parameter in a file."""
 UNITS: Final = {"w": ("kw", KW), "n": ("kn", KN), "mps": ("kmh", KMH)}
@@ -80,7 +80,7 @@ UNITS: Final = {"w": ("kw", KW), "n": ("kn", KN), "mps": ("kmh", KMH)}
 
 
 def value_of(chain: LossChain, name: str) -> float:
-    """A parameter of a chain by its dotted name, like "motors.copper_w"."""
+    """The parameter of a chain with a dotted name such as "motors.copper_w"."""
     component, key = name.split(".")
     return float(getattr(getattr(chain, component), key))
 
@@ -95,12 +95,12 @@ def with_values(chain: LossChain, values: Mapping[str, float]) -> LossChain:
 
 
 def _with_shares(chain: LossChain, start: Mapping[str, float], shares: np.ndarray) -> LossChain:
-    """The chain with the named parameters at these multiples of their start."""
+    """The chain with the named parameters at these multiples of their start values."""
     return with_values(chain, dict(zip(start, shares * list(start.values()), strict=True)))
 
 
 def rounded(chain: LossChain, names: Mapping[str, float]) -> LossChain:
-    """The chain with the named parameters rounded to `DIGITS`, as a file has them."""
+    """The chain with the named parameters rounded to `DIGITS`, as in a file."""
     return with_values(chain, {name: float(f"{value_of(chain, name):.{DIGITS}g}") for name in names})
 
 
@@ -115,7 +115,7 @@ def with_chain(vehicle: Vehicle, chain: LossChain) -> Vehicle:
 def solve_stage_1(vehicle: Vehicle, chain: LossChain) -> LossChain:
     """The GTO chain with the free parameters of stage 1 solved for; all others are those of `chain`.
 
-    Raises DasError if no set of positive parameters has the published fit and loss at full power.
+    Raises DasError if no positive parameters give the published fit and loss at full power.
     """
 
     def residuals(trial: LossChain) -> list[float]:
@@ -134,7 +134,7 @@ def solve_stage_1(vehicle: Vehicle, chain: LossChain) -> LossChain:
 
 
 def solve_igbt(vehicle: Vehicle, chain: LossChain, gto: Vehicle, runs: Runs) -> LossChain:
-    """The IGBT chain whose free parameters meet Table 2's last column for the runs that do not depend on a map."""
+    """The IGBT chain whose free parameters match Table 2's last column for the runs that do not depend on a map."""
     whole_j = consumed_j(runs["fastest"], gto, Level.L3)
     column = TABLE2_LEVELS.index("l3-igbt")
 
@@ -155,7 +155,7 @@ def _least_squares(
     *,
     exact: bool = False,
 ) -> LossChain:
-    """Least squares over the named parameters, each relative to its start; `exact`: the residuals must vanish."""
+    """Least squares over the named parameters, each relative to its start value; `exact`: the residuals must be 0."""
 
     def at(x: np.ndarray) -> LossChain:
         return _with_shares(chain, start, x)
@@ -165,8 +165,8 @@ def _least_squares(
     )
     if exact and np.abs(solved.fun).max() > 1e-6:
         raise DasError(
-            f"calibration: no {', '.join(start)} >= 0 meet the static targets (left over: "
-            f"{', '.join(f'{100 * x:+.2f} %' for x in solved.fun)}); change the parameters that are assumed"
+            f"calibration: no {', '.join(start)} >= 0 meet the static targets (residuals: "
+            f"{', '.join(f'{100 * x:+.2f} %' for x in solved.fun)}); change the assumed parameters"
         )
     return at(solved.x)
 
@@ -176,8 +176,8 @@ def search_stage_2(
 ) -> LossChain:
     """The GTO chain whose optimal runs meet `paper.STAGE_2_TARGETS`, by Nelder–Mead over the parameters of stage 2.
 
-    `report` is called with the cost after each trial. The parameters of stage 2 are returned rounded, those of stage 1
-    solved for them.
+    `report` is called with the cost after each trial. The returned parameters of stage 2 are rounded, and those of
+    stage 1 are solved for them.
     """
 
     def cost(x: np.ndarray) -> float:
@@ -212,14 +212,14 @@ def refitted(gto: LossChain, igbt: LossChain) -> LossChain:
 
 def calibrate(
     check: Annotated[
-        bool, typer.Option("--check", help="Only hold the bundled vehicles against the targets (seconds).")
+        bool, typer.Option("--check", help="Only check the bundled vehicles against the targets (takes seconds).")
     ] = False,
     out: OutFolderOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to what the paper prints.
+    """Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to the paper's figures.
 
-    Prints the targets with what is reached; the exit code is 1 where one is missed. The vehicle files with the new
+    Prints the targets and the figures reached; the exit code is 1 if a target is missed. The vehicle files with the new
     parameters go to the folder of --out. This takes a few minutes.
     """
     if out is not None and check:
@@ -263,7 +263,7 @@ def _calibrated(chains: Mapping[str, LossChain]) -> dict[str, LossChain]:
 def _calibrated_gto(train: Vehicle, chain: LossChain) -> LossChain:
     with busy("GTO, stage 1, and the runs that do not depend on a map …"):
         start = solve_stage_1(train, with_values(chain, STAGE_2_START))
-        # From the start, not from the bundled parameters: the outcome must not depend on what is calibrated.
+        # From the start values, not from the bundled parameters: the result must not depend on an earlier calibration.
         runs = paper.other_runs(with_chain(train, start))
     costs: list[float] = []
     with error_console().status("GTO, stage 2 …") as status:
@@ -280,14 +280,14 @@ def _calibrated_gto(train: Vehicle, chain: LossChain) -> LossChain:
 
 
 def _printed_and_reached(target: paper.PublishedFigure, reached: float) -> tuple[str, str]:
-    """Both figures of a target with their unit."""
+    """The printed and reached figures of a target with their unit."""
     unit = f" {target.unit}" if target.unit else ""
     printed = f"{target.printed}{unit}" if target.printed[0].isdigit() else target.printed
     return printed, f"{reached:.4g}{unit}" if "%" not in unit else f"{reached:.2f}{unit}"
 
 
 def reached_table(figures: Figures) -> Iterator[str]:
-    """The lines of the page's table: every target but the cells of Table 2, and how far those are off by column."""
+    """The lines of the page's table: all targets except the cells of Table 2, and their deviations by column."""
     yield "| | printed | reached | accepted |"
     yield "|---|---:|---:|---:|"
     columns: dict[str, tuple[float, float]] = {}
@@ -307,9 +307,9 @@ def reached_table(figures: Figures) -> Iterator[str]:
 
 
 def vehicle_toml(name: str, chain: LossChain) -> str:
-    """The bundled vehicle's file with the calibrated parameters of its block [losses.l3] as in `chain`.
+    """The bundled vehicle's file with the calibrated parameters of its table [losses.l3] replaced by those of `chain`.
 
-    Sources and everything else stay. Raises DasError if the file has no line for a parameter.
+    Sources and all other lines are unchanged. Raises DasError if the file has no line for a parameter.
     """
     path = locate_vehicle(name)
     wanted = {_key(parameter): value_of(chain, parameter) for parameter in CALIBRATED[name]}
@@ -324,7 +324,7 @@ def vehicle_toml(name: str, chain: LossChain) -> str:
 
 
 def _key(parameter: str) -> tuple[str, str]:
-    """Table and key of a parameter like "motors.copper_w" in a vehicle file."""
+    """Table and key in a vehicle file for a parameter such as "motors.copper_w"."""
     component, name = parameter.split(".")
     stem, _, suffix = name.rpartition("_")
     return f"losses.l3.{component}", f"{stem}_{UNITS[suffix][0]}" if suffix in UNITS else name
@@ -336,7 +336,7 @@ def _in_file(key: str, value_si: float) -> str:
 
 
 def main() -> None:
-    """Run the command; bad input ends in one line and exit code 2."""
+    """Run the command; an input error gives one line and exit code 2."""
     name = "python -m docs.studies.calibrate"
     run_app(single_command(name, calibrate, (f"{name} --check",)), name)
 

@@ -1,7 +1,7 @@
-"""What is published about the losses of the Re 460, as named targets, and how a vehicle's own figures are computed.
+"""Published losses of the Re 460 as named targets, and the corresponding figures of a vehicle.
 
-Source of every target: Nold & Corman (2024), Railway Engineering Science. The measured maps are confidential; our maps
-can only be compared with these figures.
+Source of every target: Nold & Corman (2024), Railway Engineering Science. The measured maps are confidential; only
+these figures are available for comparison.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from precompute.baselines import strategies as baselines
 from precompute.loss_maps import cruising_deviation_ratio
 
 Figures = dict[str, float]
-"""Name of a target → what a vehicle reaches."""
+"""The value that a vehicle reaches, by target name."""
 
 BUFFER_RATIO: Final = TABLE2_BUFFER_PERCENT / 100
 """The buffer t+ of Table 2."""
@@ -50,7 +50,7 @@ CELL_TOLERANCE: Final[Mapping[str, float]] = {
 }
 """Accepted relative deviation of a cell from the printed figure, by column."""
 EQUAL_ENERGY: Final = 5e-4
-"""Relative difference below which two energies count as equal if only their order matters."""
+"""Relative difference below which two energies count as equal in comparisons of order."""
 
 ACCELERATION_BUFFERS: Final = (0.02, 0.15, 0.25, 0.40)
 DECELERATION_BUFFERS: Final = (0.02, 0.05, 0.10, 0.15, 0.30)
@@ -60,7 +60,7 @@ LARGE_BUFFER: Final = 0.10
 
 @dataclass(frozen=True)
 class PublishedFigure:
-    """A published figure and the range that is accepted: low <= reached <= high."""
+    """A published figure and its accepted range: low <= reached <= high."""
 
     name: str
     printed: str
@@ -80,7 +80,7 @@ class PublishedFigure:
         return f"{self.low:.4g}" if self.low == self.high else f"{self.low:.4g} … {self.high:.4g}"
 
     def miss(self, reached: float, margin_ratio: float = 0.0) -> float:
-        """How far outside the range (in half-widths) a figure lies; the margin makes the range smaller."""
+        """Distance of a figure from the range (in half-widths), 0 inside it; the margin makes the range smaller."""
         if self.met(reached) and margin_ratio == 0:
             return 0.0
         low, high = self.low, self.high
@@ -90,8 +90,8 @@ class PublishedFigure:
 
 
 TRIP_STEP_M: Final = 25.0
-"""The longest decision step (m) of the runs of the two inverters. With it their driving differs by 0.4 %, with steps of
-10 m by 0.2 %; with the usual steps, which are longer, by 0.04 %."""
+"""The longest decision step (m) of the runs of the two inverters. With it the driving of the two differs by 0.4 %, with
+steps of 10 m by 0.2 %; with the usual, longer steps by 0.04 %."""
 
 
 INF: Final = float("inf")
@@ -117,7 +117,7 @@ SAVING_TARGETS: Final = (
     PublishedFigure("deceleration, t+ 5 %: L3 saves", "about 2", 1.0, 3.0, "%", "section 4.4, fig. 8"),
     PublishedFigure("deceleration, large t+: L3 saves at most", "4", 3.0, 5.0, "%", "section 4.4, fig. 8"),
 )
-"""Savings of the L3 run over the L2 run, in % of what the fastest run consumes, all at L3."""
+"""Savings of the L3 run over the L2 run, in % of the fastest run's energy, all at L3."""
 
 TRIP_TARGETS: Final = (
     PublishedFigure("6 km: L3 GTO better than second best", "1.1", 1.0, 2.5, "%", "Table 2, column L3 GTO"),
@@ -166,11 +166,11 @@ STAGE_2_TARGETS: Final = (
     *(target for target in CELL_TARGETS if "igbt" not in target.name),
 )
 STAGE_2_MARGIN: Final = 0.05
-"""Share of their half-width by which stage 2 aims inside the accepted intervals."""
+"""Margin, as a share of the half-width, by which stage 2 aims inside the accepted ranges."""
 
 
 def map_figures(chain: LossChain, vehicle: Vehicle) -> Figures:
-    """The figures of `MAP_TARGETS` that a chain's map reaches."""
+    """The figures of a chain's map for `MAP_TARGETS`."""
     loss_map, power_w = vehicle.loss_model(Level.L3), vehicle.traction.max_power_w
     assert isinstance(loss_map, LossMap)
     l1, l2 = (fit_mean_efficiency(loss_map, power_w, with_idle=with_idle) for with_idle in (False, True))
@@ -193,14 +193,14 @@ def map_figures(chain: LossChain, vehicle: Vehicle) -> Figures:
 
 
 def full_power_loss_w(loss_map: LossMap, vehicle: Vehicle) -> float:
-    """Mean loss (W) along the power hyperbola of traction, from where it begins to the top speed."""
+    """Mean loss (W) along the power hyperbola of traction, from its beginning to the top speed."""
     traction = vehicle.traction
     speed = np.arange(np.ceil(traction.max_power_w / traction.max_force_n / KMH), vehicle.max_speed_mps / KMH) * KMH
     return float(loss_map.loss_w(traction.max_power_w / speed, speed).mean())
 
 
 def largest_jump_ratio(loss_map: LossMap, vehicle: Vehicle) -> float:
-    """Largest rise of the efficiency from one speed of the map to the next above it, at half the full power."""
+    """Largest increase of the efficiency from one speed of the map to the next higher one, at half the full power."""
     power_w = 0.5 * vehicle.traction.max_power_w
     speed = np.arange(50.0, vehicle.max_speed_mps / KMH) * KMH
     efficiency = power_w / (power_w + loss_map.loss_w(power_w / speed, speed))
@@ -250,14 +250,14 @@ def _buffered(case: StudyCase, vehicle: Vehicle, level: Level, buffers: tuple[fl
 def trip_run(vehicle: Vehicle, runs: Runs) -> Trajectory:
     """The L3 optimum of the 6 km, with short decision steps and refined.
 
-    The runs of the two inverters differ by less than the errors of runs from the usual table.
+    The difference between the two inverters' runs is smaller than the error of runs from the usual table.
     """
     front = solve_front(COMPLETE.section(vehicle, Level.L3, TRIP_STEP_M), threads=1)
     return refined(front.trajectory(runs["fastest"].time_s * (1 + BUFFER_RATIO))).trajectory
 
 
 def saving_figures(vehicle: Vehicle, runs: Runs) -> Figures:
-    """The figures of `SAVING_TARGETS` that a vehicle reaches; `runs` holds the runs of L2 and of L3."""
+    """The figures of a vehicle for `SAVING_TARGETS`; `runs` contains the runs of L2 and L3."""
     saved = {}
     for case, buffers in SAVING_CASES:
         whole_j = consumed_j(runs[f"{case.name} fastest"], vehicle, Level.L3)
@@ -273,7 +273,7 @@ def saving_figures(vehicle: Vehicle, runs: Runs) -> Figures:
 
 
 def table_2(gto: Vehicle, igbt: Vehicle, runs: Runs) -> dict[str, tuple[float, ...]]:
-    """Our Table 2: the rows of `runs` that the paper has, every column, in % of the fastest run at L3 GTO."""
+    """The computed Table 2: the paper's rows, from `runs`, in every column, in % of the fastest run at L3 GTO."""
     whole_j = consumed_j(runs["fastest"], gto, Level.L3)
     return {
         row: tuple(
@@ -285,7 +285,7 @@ def table_2(gto: Vehicle, igbt: Vehicle, runs: Runs) -> dict[str, tuple[float, .
 
 
 def trip_figures(gto: Vehicle, igbt: Vehicle, runs: Runs) -> Figures:
-    """The figures of `TRIP_TARGETS` and `CELL_TARGETS` that both vehicles reach; `runs` holds all rows of Table 2."""
+    """The figures of both vehicles for `TRIP_TARGETS` and `CELL_TARGETS`; `runs` contains all rows of Table 2."""
     table = table_2(gto, igbt, runs)
     column = {row: values[TABLE2_LEVELS.index("l3-gto")] for row, values in table.items()}
     best = column["l3-gto"]
@@ -319,7 +319,7 @@ def stage_2_cost(vehicle: Vehicle, runs: Runs) -> float:
 
 
 def evaluate(gto: Vehicle, gto_chain: LossChain, igbt: Vehicle, runs: Runs) -> Figures:
-    """The figures of `TARGETS` that both vehicles reach."""
+    """The figures of both vehicles for `TARGETS`."""
     every = {
         **runs,
         **l3_runs(gto, runs),
@@ -330,7 +330,7 @@ def evaluate(gto: Vehicle, gto_chain: LossChain, igbt: Vehicle, runs: Runs) -> F
 
 
 def _orders(table: Mapping[str, tuple[float, ...]]) -> tuple[float, float, float]:
-    """Numbers of columns in which the diagonal is best; fastest worst; top-speed behind all optima but L0 REG's."""
+    """Numbers of columns with the diagonal best; with fastest worst; with top-speed behind all optima but L0 REG's."""
 
     def count(holds: Callable[[dict[str, float], str], bool]) -> float:
         columns = {c: {row: values[i] for row, values in table.items()} for i, c in enumerate(TABLE2_LEVELS)}
@@ -348,7 +348,7 @@ def _orders(table: Mapping[str, tuple[float, ...]]) -> tuple[float, float, float
 
 
 def traction_share_ratio(run: Trajectory, vehicle: Vehicle, speed_mps: float) -> float:
-    """Traction force as a share of the largest possible force, where the run first passes a speed."""
+    """Traction force over the largest possible force at the point where the run first passes a speed."""
     i = int(np.argmax(run.v_mps >= speed_mps))
     return float(run.force_el_n[i - 1] / vehicle.traction.force_n(run.v_mps[i]))
 
@@ -360,12 +360,12 @@ def _work_and_square(run: Trajectory, sign: int) -> tuple[float, float]:
 
 
 def _mean_power_w(run: Trajectory, sign: int) -> float:
-    """Mean wheel power weighted by the power itself, so that long stretches of almost no force do not count."""
+    """Mean wheel power weighted by the power itself; long stretches with almost no force then do not count."""
     work_j, square = _work_and_square(run, sign)
     return square / work_j
 
 
 def _duration_s(run: Trajectory, sign: int) -> float:
-    """How long the motors would drive or brake with that mean power for the same work."""
+    """Duration of driving or braking with that mean power for the same work (s)."""
     work_j, square = _work_and_square(run, sign)
     return work_j**2 / square

@@ -60,7 +60,7 @@ def label(name: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyCase:
-    """A straight and level stretch with given speeds at both ends; at most 160 km/h."""
+    """A straight and level stretch with given speeds at both ends and a limit of 160 km/h."""
 
     name: str
     title: str
@@ -111,9 +111,9 @@ class PrintedSaving:
 CRUISING_MINIMUM_KMH: Final = 63.0
 """Speed of the least energy per kilometre at L2 (section 4.2, fig. 4d)."""
 LOWEST_CRUISE_KMH: Final = 20.0
-"""Speed (km/h) below which the paper's grid only accelerates from, or brakes to, a standstill (section 4.1)."""
+"""Speed (km/h) below which the paper's grid only accelerates from standstill or brakes to it (section 4.1)."""
 BUFFERS_PERCENT: Final = (0.0, 2.0, 7.0, 15.0, 25.0)
-"""Travel time buffers drawn in figs. 5, 7 and 9, besides the largest."""
+"""Travel time buffers drawn in figs. 5, 7 and 9, in addition to the largest."""
 TABLE2_BUFFER_PERCENT: Final = 7.0
 """Buffer of Table 2 and of fig. 10 (sections 4.6, 4.7)."""
 
@@ -126,8 +126,7 @@ SAVINGS: Final = (
 )
 """Savings stated in the text (section 4.3 on fig. 6, section 4.4 on fig. 8).
 
-"Very large buffers" of the deceleration is read as 15 % and more.
-"""
+"Very large buffers" of the deceleration is interpreted as 15 % and more."""
 
 NOT_PRINTED: Final = float("nan")
 TABLE2_LEVELS: Final = tuple(variant.name for variant in ALL_VARIANTS)
@@ -152,16 +151,15 @@ ENERGY_SHARES_PERCENT: Final = {
 """Shares of the energy net of regeneration: 49 measured Intercity runs Zürich–Luzern (60 km, 2 intermediate stops)."""
 
 ENERGY_MARGIN_RATIO = 2e-5
-"""Difference from the least energy (relative to the fastest run's at L3) within which energies count as the least:
+"""Difference from the least energy (relative to the fastest run's at L3) within which an energy counts as the least:
 slower runs save nothing."""
 START_WAY_M = 100.0
-"""Distance to or from a standstill on which a run may be slower than 20 km/h."""
+"""Distance from a start or to a stop on which a run may be slower than 20 km/h."""
 TIE_RATIO = 1e-4
-"""Loss by which ties at L0 REG are broken, as a share of the wheel work in either direction: without losses, braking
-and accelerating again costs nothing, and many runs of the same time have the same energy. The paper filters such
-runs."""
+"""Loss that breaks ties at L0 REG, as a share of the wheel work in either direction: without losses, braking and
+accelerating again cost nothing, and many runs of the same time have the same energy. The paper filters such runs."""
 SLOWEST_SCAN = 80
-"""Number of trip times at which the energy of a level is evaluated to find the least."""
+"""Number of trip times at which the energy of a level is evaluated in the search for the least energy."""
 TIME_MARGIN_S = 0.05
 """Tolerance (s) of the time of the slowest run."""
 
@@ -186,7 +184,7 @@ def _with_ties_broken(vehicle: Vehicle) -> Vehicle:
 
 
 class Workbench:
-    """Solves each case and level once, on demand, and keeps the result."""
+    """The workbench, which solves each case and level once, on demand, and stores the result."""
 
     def __init__(self) -> None:
         self._vehicles: dict[str, Vehicle] = {}
@@ -221,7 +219,7 @@ class Workbench:
         return self.front(case, variant).section
 
     def fastest(self, case: StudyCase) -> Trajectory:
-        """The fastest run (the force limits are the same at every level, and so is this run)."""
+        """The fastest run, which is the same at every level because the force limits are."""
         return self.front(case, L3).fastest().trajectory
 
     def time_s(self, case: StudyCase, buffer_percent: float) -> float:
@@ -229,13 +227,13 @@ class Workbench:
         return self.fastest(case).time_s * (1 + buffer_percent * PERCENT)
 
     def run(self, case: StudyCase, variant: Variant, buffer_percent: float) -> Trajectory | None:
-        """The least-energy run of a level with a buffer; None if the level has no use for so large a buffer."""
+        """The least-energy run of a level with a buffer; None if the buffer exceeds the level's largest useful one."""
         if buffer_percent > self.slowest(case, variant).buffer_percent + 1e-9:
             return None
         return self.front(case, variant).trajectory(self.time_s(case, buffer_percent)).trajectory
 
     def energy_j(self, trajectory: Trajectory, variant: Variant) -> float:
-        """Energy the paper compares at a level: irreversible, or positive wheel work at L0 NOREG."""
+        """The paper's energy for comparisons at a level: irreversible energy, or positive wheel work at L0 NOREG."""
         return consumed_j(trajectory, self.vehicle(variant), variant.level)
 
     def balance(self, trajectory: Trajectory, variant: Variant) -> EnergyBalance:
@@ -243,7 +241,7 @@ class Workbench:
         return evaluated_at(trajectory, self.vehicle(variant), variant.level)
 
     def reference_j(self, case: StudyCase) -> float:
-        """100 %: the energy of the fastest run at L3 with the GTO map."""
+        """The reference energy (100 %): that of the fastest run at L3 with the GTO map."""
         return self.energy_j(self.fastest(case), L3)
 
     def percent(self, case: StudyCase, trajectory: Trajectory, variant: Variant) -> float:
@@ -288,9 +286,9 @@ class Workbench:
 
 
 def lowest_running_speed_mps(trajectory: Trajectory) -> float:
-    """Lowest speed of a run, without the first or last 100 m if it starts or ends there slower than 20 km/h.
+    """Lowest speed of a run, without the first or last 100 m if it starts or ends there below 20 km/h.
 
-    The paper's grid has its nodes 100 m apart, and below 20 km/h only starting and stopping (section 4.1).
+    The nodes of the paper's grid are 100 m apart; below 20 km/h it has only starting and stopping (section 4.1).
     """
     s_m, v_mps = trajectory.s_m, trajectory.v_mps
     slow = LOWEST_CRUISE_KMH * KMH
@@ -300,7 +298,7 @@ def lowest_running_speed_mps(trajectory: Trajectory) -> float:
 
 
 def _first_time(holds: Callable[[float], bool], low_s: float, high_s: float) -> float:
-    """The time (to TIME_MARGIN_S) from which on a condition holds, by bisection; it holds at `high_s`."""
+    """The time (to within TIME_MARGIN_S) from which a condition holds, by bisection; it holds at `high_s`."""
     while high_s - low_s > TIME_MARGIN_S:
         middle = 0.5 * (low_s + high_s)
         low_s, high_s = (low_s, middle) if holds(middle) else (middle, high_s)

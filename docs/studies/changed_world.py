@@ -1,9 +1,9 @@
-"""Robustness of a plan: what its speed profile costs in a changed world, and what a new plan would cost there.
+"""Robustness of a plan: the cost of its speed profile under changed conditions, and the cost of a new plan there.
 
 `python -m docs.studies.changed_world ROUTE VEHICLE --buffer 7` prints a table; docs/how-to/check-a-plan.md explains it.
 
-The driver follows the planned speeds v(s) as well as the changed train can: where its force is too small, it falls
-below the planned speed, and full traction brings it back. Braking begins as early as the changed train needs: no speed
+The driver follows the planned speeds v(s) as closely as the changed train can: if its force is too small, it falls
+below the planned speed and returns with full traction. Braking begins as early as the changed train requires: no speed
 is above the envelope integrated backwards with the changed mass, resistance and adhesion.
 """
 
@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 
 
 class Parameter(StrEnum):
-    """What differs from the plan."""
+    """The condition that differs from the plan."""
 
     MASS = "mass"
     RESISTANCE = "resistance"
@@ -57,7 +57,7 @@ USUAL = {
     Parameter.RECEPTIVITY: (0.5, 0.0),
     Parameter.ADHESION: (0.6, 0.3),
 }
-"""The values of each parameter unless others are asked for; adhesion only of a train with data on it."""
+"""The default values of each parameter; adhesion only for a train with adhesion data."""
 _FIELDS = {
     Parameter.MASS: "mass_ratio",
     Parameter.RESISTANCE: "resistance_ratio",
@@ -83,7 +83,7 @@ class Variation:
 
     @classmethod
     def of(cls, plan: Conditions, parameter: Parameter, value: float) -> Variation:
-        """A parameter of a plan changed to (or by) a value; raises DasError if that is impossible."""
+        """The variation of a plan's parameter to (or by) a value; raises DasError for an impossible value."""
         planned = getattr(plan, _FIELDS[parameter])
         if parameter in RELATIVE:
             changed, step = planned * (1 + value * PERCENT), value
@@ -109,7 +109,7 @@ class Variation:
 
 
 def variations(plan: Conditions, vehicle: Vehicle, texts: Sequence[str] = ()) -> list[Variation]:
-    """The variations of texts like `mass=-10,10`, or the usual ones; DasError for an unknown name or a bad value."""
+    """The variations for texts such as `mass=-10,10`, or the default ones; DasError for an invalid name or value."""
     if not texts:
         known = [one for one in USUAL if one is not Parameter.ADHESION or math.isfinite(vehicle.adhesive_mass_kg)]
         return [Variation.of(plan, one, value) for one in known for value in USUAL[one]]
@@ -126,11 +126,11 @@ def variations(plan: Conditions, vehicle: Vehicle, texts: Sequence[str] = ()) ->
 
 
 OFF_PLAN_MPS = 1.0 * KMH
-"""Distance (m/s) from the planned speed beyond which a speed is off the plan."""
+"""Difference (m/s) from the planned speed above which a speed is off the plan."""
 REPLANNED_TOLERANCE_S = 2e-3
-"""Tolerance (s) of a new plan's trip time: a second changes the energy by more than some variations do."""
+"""Tolerance (s) of a new plan's trip time; a second changes the energy more than some variations do."""
 LEAST_ENERGY_J = 1.0
-"""Energy (J) below which a plan is too small to be the base of ratios."""
+"""Energy (J) below which a plan is too small as the base of ratios."""
 
 World = Callable[[Conditions], Section]
 """The section under given conditions; raises DasError if there is none."""
@@ -138,7 +138,7 @@ World = Callable[[Conditions], Section]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Followed:
-    """A plan as driven in another world. `off_plan_ratio`: share of the distance driven off the planned speed."""
+    """A plan as driven under other conditions. `off_plan_ratio`: share of the distance driven off the planned speed."""
 
     trajectory: Trajectory
     balance: EnergyBalance
@@ -151,12 +151,12 @@ class Followed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VariationOutcome:
-    """What a variation does to a plan.
+    """The effect of a variation on a plan.
 
-    `followed`: the plan as driven. Beside it are optima of the changed world: `on_time` for the planned time (or the
-    fastest run, which is late) and `same_time` for the time that following the plan took. None: there is no such run.
-    `trouble` says why there is none, or what is wrong with `followed`. Ratios are relative to the plan's energy at the
-    collector.
+    `followed`: the plan as driven. `on_time` and `same_time` are optima under the changed conditions: `on_time` for the
+    planned time (or the fastest run, which is late), `same_time` for the time that following the plan took. None: there
+    is no such run. `trouble` is the reason for that, or the problem of `followed`. Ratios are relative to the plan's
+    energy at the collector.
     """
 
     plan: Solution
@@ -168,17 +168,17 @@ class VariationOutcome:
 
     @property
     def late_s(self) -> float | None:
-        """How much later than planned the followed plan arrives (s; early < 0)."""
+        """The delay of the followed plan at the end (s; early < 0)."""
         return self.followed.time_s - self.plan.time_s if self.followed else None
 
     @property
     def extra_ratio(self) -> float | None:
-        """Energy of the followed plan above the plan's own."""
+        """Additional energy of the followed plan relative to the plan's own."""
         return self._ratio(self.followed, self.plan)
 
     @property
     def on_time_late_s(self) -> float | None:
-        """How much later than planned a new plan for the planned time arrives (s).
+        """The delay of a new plan for the planned time (s).
 
         It is early (< 0) only if the run of least energy takes less than the planned time.
         """
@@ -186,22 +186,22 @@ class VariationOutcome:
 
     @property
     def on_time_extra_ratio(self) -> float | None:
-        """Energy of a new plan for the planned time above the plan's own."""
+        """Additional energy of a new plan for the planned time relative to the plan's own."""
         return self._ratio(self.on_time, self.plan)
 
     @property
     def saved_ratio(self) -> float | None:
-        """The energy that a new plan saves compared with following the old one, both in the same time."""
+        """The saving of a new plan over following the old one, in the same time."""
         return self._ratio(self.followed, self.same_time)
 
     @property
     def off_plan_ratio(self) -> float | None:
-        """Share of the way on which the train could not keep to the plan."""
+        """Share of the distance on which the train could not follow the plan."""
         return self.followed.off_plan_ratio if self.followed else None
 
     @property
     def late_s_per_step(self) -> float | None:
-        """Lateness per unit of the variation (s)."""
+        """Delay per unit of the variation (s)."""
         return self._per_step(self.late_s)
 
     @property
@@ -220,14 +220,14 @@ class VariationOutcome:
 
 
 def assess(plan: Solution, variation: Variation, world: World) -> VariationOutcome:
-    """Drive a plan in another world, and replan there."""
+    """Drive a plan under other conditions, and replan there."""
     outcome = VariationOutcome(plan=plan, variation=variation)
     try:
         section = world(variation.conditions)
         front = solve_front(section)
         on_time = front.trajectory(plan.time_s, tolerance_s=REPLANNED_TOLERANCE_S)
     except DasError as error:
-        # The changed train cannot climb or brake here, or its losses are not known.
+        # The changed train cannot climb or brake here, or its losses are unknown.
         return replace(outcome, trouble=f"no run at all: {error}")
     try:
         followed = follow(plan.trajectory, section)
@@ -243,7 +243,7 @@ def assess(plan: Solution, variation: Variation, world: World) -> VariationOutco
 
 
 def follow(plan: Trajectory, section: Section) -> Followed:
-    """Drive the speeds of a plan on a section that may differ from the plan's in all but its ends.
+    """Drive the speeds of a plan on a section that has the same ends as the plan's but may otherwise differ.
 
     Raises InfeasibleError if the train stalls or cannot brake.
     """
@@ -251,7 +251,7 @@ def follow(plan: Trajectory, section: Section) -> Followed:
     envelope = _envelope(line, section)
     planned = np.sqrt(np.interp(line.node_m, plan.s_m, plan.v_mps**2))
     speeds = np.full(len(planned), np.nan)
-    # A blend of the plan with itself is the plan, cut to what the train can do.
+    # A blend of the plan with itself is the plan, limited to the train's efforts.
     time_s = blend_runs(1.0, planned, planned, line.for_kernels, envelope, section.train, speeds)
     if time_s < 0:
         stalled = int(np.isnan(speeds).argmax()) - 1
@@ -266,7 +266,7 @@ def follow(plan: Trajectory, section: Section) -> Followed:
 
 
 def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
-    """The line at the nodes of the plan and at the nodes of the changed section, which suit the changed train."""
+    """The line at the nodes of the plan and of the changed section; the latter suit the changed train."""
     after = np.clip(np.searchsorted(planned_m, section.node_m), 1, len(planned_m) - 1)
     apart = np.minimum(np.abs(section.node_m - planned_m[after - 1]), np.abs(section.node_m - planned_m[after]))
     node_m = np.union1d(planned_m, section.node_m[apart > tol.MIN_STEP_M])
@@ -274,7 +274,7 @@ def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
 
 
 def _envelope(line: LineProfile, section: Section) -> Floats:
-    """Fastest speed at each node of a line from which the changed train keeps all limits ahead."""
+    """Highest speed at each node of a line from which the changed train keeps all limits ahead."""
     end_mps = section.end_speed_mps
     envelope, stuck = braking_envelope(line.for_kernels, line.limit_mps, end_mps, section.train, FULL_BRAKES)
     if stuck >= 0:
@@ -294,9 +294,9 @@ def _wrong_end(followed: Followed, section: Section) -> str | None:
 
 
 def by_effect(outcomes: list[VariationOutcome]) -> list[list[VariationOutcome]]:
-    """Pairs of variations equally far from the plan on either side, in falling order of their effect on the energy.
+    """Pairs of variations at equal distances on both sides of the plan, by decreasing effect on the energy.
 
-    Pairs with a variation that cannot be driven come before all others.
+    Pairs with an impossible variation come first.
     """
     pairs: dict[tuple[str, float], list[VariationOutcome]] = {}
     for outcome in sorted(outcomes, key=lambda x: x.variation.value):
@@ -321,7 +321,7 @@ COLUMNS: Final = {
     "on time\n+%": ("on_time_extra_ratio", 100.0, "+z.2f"),
     "saved\n%": ("saved_ratio", 100.0, "z.2f"),
 }
-"""Heading of a column, the property of an outcome, factor and format."""
+"""Columns: heading, property of an outcome, factor and format."""
 LEGEND: Final = {
     "time, energy": "for a driver who follows the plan, relative to the plan",
     "per step": "the same for 1 % of mass, resistance, receptivity or adhesion, or for 1 km/h of wind",
@@ -337,7 +337,7 @@ def _cell(outcome: VariationOutcome, name: str, scale: float, form: str) -> str:
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Plan the section, drive the plan in each changed world, and print the table."""
+    """Plan the section, drive the plan under each changed condition, and print the table."""
     parser = ArgumentParser(prog="python -m docs.studies.changed_world", description=__doc__)
     add_section(parser)
     parser.add_argument("--buffer", type=float, default=7.0, metavar="PERCENT")

@@ -1,4 +1,4 @@
-"""Common parts of all pictures of the study: colours of levels and buffers, runs drawn over space and over speed."""
+"""Common parts of all pictures of the study: colours of levels and buffers, runs drawn over distance and over speed."""
 
 from __future__ import annotations
 
@@ -47,25 +47,25 @@ LEVEL_COLOURS = {
 }
 """Colour of each level in every picture (from Okabe and Ito, distinguishable for the colour-blind)."""
 DASHES: dict[str, Any] = {"l1": (0, (5, 3)), "l0-noreg": (0, (1, 1.5))}
-"""Dashes of the levels whose curves lie on another level's; they are drawn last."""
+"""Dashes of the levels whose curves coincide with those of another level; they are drawn last."""
 BUFFER_COLOURS = ("#12a150", "#1f6fe0", "#9a3fd6", "#e02424", "#e0a100", "#000000")
 """Colours of the buffers 0, 2, 7, 15, 25 % and the largest, as the paper's: green, blue, purple, red, yellow, black."""
 GREYISH = "#7a7a7a"
 GREY_SHARE = 0.75
 """Share of grey in the colour of a run at its end."""
 MAP_COLOURS = ("#6f8ea6", "#ffffff")
-"""Colours of the least and the most efficient operating points: pale, so that coloured runs stand out."""
+"""Colours of the least and the most efficient operating points: pale, for contrast with the coloured runs."""
 SHADES = 24
 """Number of shades along a run."""
 CROSS_STEP_M = 200.0
 """Distance (m) between crosses along a run."""
 PANEL_GAP_IN = 0.09
-"""Room at the left and right of each panel, so that labels do not touch the panel beside it."""
+"""Space (inches) at the left and right of each panel, which keeps labels off the next panel."""
 
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw and save in the style of the study, whatever the user's own settings."""
+    """Use the style of the study for drawing and saving, regardless of the user's settings."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(STYLE)
@@ -78,14 +78,14 @@ def new_figure(width_in: float, height_in: float) -> Any:
 
 
 def draw_speed(axes: Any, run: Trajectory, colour: str) -> None:
-    """Speed over space, shaded from bright (beginning) to greyish (end), with crosses equidistant in space."""
+    """Speed over distance, shaded from bright (start) to greyish (end), with crosses at equal distances."""
     _shaded(axes, (run.s_m - run.s_m[0]) / KM, run.v_mps / KMH, run, colour)
     at_m, v_mps, _ = _cross_points(run)
     _crosses(axes, at_m / KM, v_mps / KMH, at_m / at_m[-1], colour)
 
 
 def draw_force(axes: Any, run: Trajectory, colour: str) -> None:
-    """Wheel force over speed, shaded like the speed, with crosses equidistant in space."""
+    """Wheel force over speed, shaded like the speed, with crosses at equal distances."""
     speed = 0.5 * (run.v_mps[:-1] + run.v_mps[1:]) / KMH
     force = (run.force_el_n + run.force_friction_n) / KN
     _shaded(axes, speed, force, run, colour)
@@ -111,7 +111,7 @@ def _shaded(axes: Any, x: Floats, y: Floats, run: Trajectory, colour: str) -> No
 
 
 def _cross_points(run: Trajectory) -> tuple[Floats, Floats, Floats]:
-    """Distance from the start (m), speed and force at points equidistant in space."""
+    """Distance from the start (m), speed and force at equally spaced points."""
     length_m = float(run.s_m[-1] - run.s_m[0])
     at_m = np.arange(CROSS_STEP_M, length_m - 1e-6, CROSS_STEP_M)
     i = np.clip(np.searchsorted(run.s_m, run.s_m[0] + at_m, side="right") - 1, 0, len(run.force_el_n) - 1)
@@ -135,7 +135,7 @@ def draw_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, highest_mps: float)
 
 
 def efficiency_bar(figure: Any, drawn: Sequence[Any], axes: Sequence[Any]) -> None:
-    """Put maps on one scale, with a colour bar beside their axes."""
+    """Put maps on one scale, with a colour bar next to their axes."""
     scale = Normalize(min(item.levels[0] for item in drawn), max(item.levels[-1] for item in drawn))
     for item in drawn:
         item.set_norm(scale)
@@ -151,7 +151,7 @@ def efficiency_bar(figure: Any, drawn: Sequence[Any], axes: Sequence[Any]) -> No
 
 
 def crossed_handles(labels: dict[str, str]) -> list[Any]:
-    """Legend handles of runs with crosses: label by colour."""
+    """Legend handles of runs with crosses, from labels and colours."""
     return [
         Line2D([], [], color=colour, linewidth=2, marker="x", markersize=5, label=label)
         for colour, label in labels.items()

@@ -1,10 +1,10 @@
-"""The driver days of release 0.2: one data set of simulated drives, the only source of all tables about drivers.
+"""The driver data set of release 0.2: simulated drives, the only source of all tables about drivers.
 
-`python -m docs.studies.driver_days` drives what is missing, and writes docs/results/0.2/driver_days.csv, a row a drive,
-with the facts on its page (242 drives, about ten minutes on two free cores). With `--persons` it is populations.csv,
-30 persons of the default population on one day (a minute). Finished drives are kept in build/driver-days: a command
-that was stopped goes on from there, and drives again only what another version of the program drove.
-`python -m docs.studies.driver_tables` makes the tables.
+`python -m docs.studies.driver_days` simulates the missing drives and writes docs/results/0.2/driver_days.csv, one row
+for each drive, with the facts on its page (242 drives, about ten minutes on two free cores). With `--persons` it writes
+populations.csv, 30 persons of the default population in one scenario (a minute). Finished drives are stored in
+build/driver-days: a stopped command continues from there, and only drives of another version of the program are
+repeated. `python -m docs.studies.driver_tables` makes the tables.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ EXAMPLES: Final = tuple(
 )
 EXAMPLE_SEEDS: Final = SEEDS[:3]
 FOLLOWED: Final = (Presentation.SPEED_AND_EFFORT, Presentation.GUIDE)
-"""The presentations that the perfect driver follows."""
+"""The presentations used by the perfect driver."""
 PERFECT_SEEDS: Final = SEEDS[:1]
 
 COLUMNS: Final = (
@@ -54,7 +54,7 @@ COLUMNS: Final = (
     *("missed_coasts", "vain_accelerations", "odd_speeds", "hidden_limits", "last_word_acts", "availability_ratio"),
     *("over_limit_s", "over_limit_kmh", "above_limit_obeying_s", "signals_passed"),
 )
-"""The columns: what tells a drive from the others, and measures (docs/reference/measures.md)."""
+"""The columns: the properties that identify a drive, and measures (docs/reference/measures.md)."""
 
 PERSONS: Final = FOLDER / "populations.csv"
 PERSON_NUMBERS: Final = tuple(range(1, 31))
@@ -78,7 +78,7 @@ def jobs(asked: DaysAsked) -> list[TrialJob]:
 
 
 def person_jobs(numbers: Sequence[int] = PERSON_NUMBERS) -> list[TrialJob]:
-    """The drives of persons of the default population on one clear day, without advice."""
+    """The drives of persons of the default population in one run of clear-day, without advice."""
     return jobs(
         DaysAsked(
             scenarios=SCENARIOS[:1], drivers=(DriverKind.HUMAN,), advice=(Presentation.NONE,), seeds=SEEDS[:1],
@@ -88,9 +88,9 @@ def person_jobs(numbers: Sequence[int] = PERSON_NUMBERS) -> list[TrialJob]:
 
 
 def all_jobs() -> list[TrialJob]:
-    """Every drive, half of the seeds first: a command that is stopped leaves drives that can be compared.
+    """All drives, with half of the seeds first: a stopped command leaves drives that can be compared.
 
-    Drives of one scenario follow each other, because its plans are solved once for all of them.
+    Drives of one scenario are consecutive, because its plans are solved once for all of them.
     """
     half = len(SEEDS) // 2
     found: list[TrialJob] = []
@@ -101,7 +101,7 @@ def all_jobs() -> list[TrialJob]:
 
 
 def driven_row(job: TrialJob, measures: Mapping[str, Any]) -> dict[str, Any]:
-    """The row of a drive: what tells it from the others, and its measures."""
+    """The row of a drive: the properties that identify it, and its measures."""
     comparable = measures["above_optimum_kwh"] is not None
     return {
         **row_of(job),
@@ -133,7 +133,7 @@ def csv_bytes(rows: Sequence[dict[str, Any]], columns: Sequence[str] = COLUMNS) 
 
 
 def facts(rows: Sequence[dict[str, Any]], of: int) -> Iterator[str]:
-    """The title of the page, which says what the data set is, and what is missing in it if it was stopped."""
+    """The title of the page, with the content of the data set and, after a stop, the number of missing drives."""
     found = subprocess.run(["git", "rev-parse", "HEAD"], cwd=DOCS, capture_output=True, text=True, check=False)
     seeds = sorted({row["seed"] for row in rows})
     made = f"{datetime.now(tz=UTC):%d %B %Y}".lstrip("0")
@@ -147,7 +147,7 @@ def facts(rows: Sequence[dict[str, Any]], of: int) -> Iterator[str]:
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Drive what is missing, and write the table and its facts."""
+    """Simulate the missing drives, and write the table and its facts."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.driver_days", description=__doc__)
     parser.add_argument("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
     parser.add_argument("--persons", action="store_true", help="Persons of the population, not the driver days.")

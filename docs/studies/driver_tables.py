@@ -1,7 +1,7 @@
-"""All tables about simulated drivers: of the rows of driver_days.csv and populations.csv, and no other source.
+"""All tables about simulated drivers, computed only from the rows of driver_days.csv and populations.csv.
 
-`python -m docs.studies.driver_tables` writes them into their pages again, in a second; with the NAMES of tables it
-prints these. It drives nothing.
+`python -m docs.studies.driver_tables` updates them in their pages within a second; with the NAMES of tables it prints
+these. It simulates nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sim.experiment.savings import with_interval
 Row = Mapping[str, Any]
 """A drive: texts, and figures as floats; None for an empty cell."""
 Drives = Mapping[int, Row]
-"""Drives that differ in their seed only, by seed."""
+"""Drives that differ only in the seed, by seed."""
 KEYS: Final = ("scenario", "driver", "friction_policy", "advice")
 TEXTS: Final = (*KEYS, "not_comparable")
 BRAKES: Final = {
@@ -52,7 +52,7 @@ def groups(
     driver: str = "human",
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED,
 ) -> list[Drives]:
-    """The drives of a driver with each presentation, on the days that were driven with all of them."""
+    """The drives of a driver with each presentation, limited to the seeds that have all presentations."""
     found = []
     for one in shown:
         wanted = (scenario, driver, friction, one)
@@ -62,7 +62,7 @@ def groups(
 
 
 def each(of: Drives, column: str) -> np.ndarray:
-    """A column of each drive, in the order of the seeds."""
+    """The values of a column, in the order of the seeds."""
     return np.array([row[column] for row in of.values()], dtype=float)
 
 
@@ -72,9 +72,9 @@ def mean(of: Drives, column: str) -> float:
 
 
 def less(of: Drives, alone: Drives, *columns: str) -> np.ndarray:
-    """By how much each drive has less of a column than the one without advice on the same day.
+    """Reduction of a column in each drive relative to the drive without advice with the same seed.
 
-    What it has less of a second column is taken from that: energy less optimum is saved at equal arrival.
+    The reduction of a second column is subtracted: energy minus optimum gives the saving at equal arrival.
     """
     differences = [each(alone, column) - each(of, column) for column in columns]
     return np.asarray(differences[0] - sum(differences[1:]))
@@ -85,9 +85,9 @@ AT_EQUAL_ARRIVAL: Final = ("energy_kwh", "energy_optimum_kwh")
 
 
 def presentations(rows: Sequence[Row], scenario: str) -> Iterator[str]:
-    """What each presentation saves the default driver on the days of a scenario."""
+    """The saving of each presentation for the default driver in a scenario."""
     yield (
-        "| advice shown | late, s | kWh | less than without advice, kWh | saved at equal arrival, kWh | of that less "
+        "| advice shown | late, s | kWh | saving, kWh | saved at equal arrival, kWh | of which "
         "friction | friction brake's share | changes a minute | above limits, s |"
     )
     yield f"|---|{'---:|' * 8}"
@@ -106,7 +106,7 @@ def presentations(rows: Sequence[Row], scenario: str) -> Iterator[str]:
 
 
 def worth(rows: Sequence[Row]) -> Iterator[str]:
-    """What the guide saves the default driver, in % of the energy without advice: four ways to compare."""
+    """The saving of the guide for the default driver, in % of the energy without advice, in four comparisons."""
     yield f"| both drives | {' | '.join(SCENARIOS)} |"
     yield f"|---|{'---:|' * len(SCENARIOS)}"
     for columns, words in ((ENERGY, ""), (AT_EQUAL_ARRIVAL, ", at equal arrival")):
@@ -134,19 +134,19 @@ KEPT: Final[dict[str, Callable[[Drives], str]]] = {
         f"{mean(of, 'advice_changes_per_min'):.2f}, {each(of, 'advice_changes_per_min').max():.2f}"
     ),
     "changes of kind announced in time": _share("announced_ratio"),
-    "brakes shown before they are due": _share("brakes_led_ratio"),
-    "announced changes that came": _share("promises_kept_ratio"),
+    "brakes shown in advance": _share("brakes_led_ratio"),
+    "announced changes that occurred": _share("promises_kept_ratio"),
     "shortest instruction, s": lambda of: f"{each(of, 'shortest_instruction_s').min():.0f}",
     "missed coasts, vain accelerations, odd speeds": _sums("missed_coasts", "vain_accelerations", "odd_speeds"),
-    "seconds above a limit of a driver who did what was shown": _sums("above_limit_obeying_s"),
+    "seconds above a limit while obeying": _sums("above_limit_obeying_s"),
     "acts of the last word": _sums("last_word_acts"),
     "seconds with advice": _share("availability_ratio"),
 }
-"""The rules of the guide's grammar, and how the drives of a group kept them."""
+"""The rules of the guide's grammar, each with its value for the drives of a group."""
 
 
 def grammar(rows: Sequence[Row]) -> Iterator[str]:
-    """How the guide kept its grammar with the default driver; counts are sums over the drives."""
+    """Compliance of the guide with its grammar, for the default driver; counts are sums over the drives."""
     yield f"| with the guide | {' | '.join(SCENARIOS)} |"
     yield f"|---|{'---:|' * len(SCENARIOS)}"
     found = [groups(rows, (Presentation.GUIDE,), scenario)[0] for scenario in SCENARIOS]
@@ -155,9 +155,9 @@ def grammar(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def examples(rows: Sequence[Row]) -> Iterator[str]:
-    """What the guide saves the example drivers on clear days."""
+    """The saving of the guide for the example drivers in clear-day."""
     yield (
-        "| driver | kWh without advice | less with the guide | saved at equal arrival, % | late without and with, s | "
+        "| driver | kWh without advice | saving with the guide | saved at equal arrival, % | late without, with, s | "
         "changes a minute | above limits, s |"
     )
     yield f"|---|{'---:|' * 6}"
@@ -171,7 +171,7 @@ def examples(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def perfect(rows: Sequence[Row]) -> Iterator[str]:
-    """What a perfect driver takes on a clear day."""
+    """The energy of a perfect driver in clear-day."""
     yield "| advice shown | kWh | above the optimum of its own times, % | late, s |"
     yield "|---|---:|---:|---:|"
     for shown, of in zip(FOLLOWED, groups(rows, FOLLOWED, driver="perfect"), strict=True):
@@ -180,12 +180,12 @@ def perfect(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def spread(rows: Sequence[Row], persons: Sequence[Row]) -> Iterator[str]:
-    """How far drives without advice on a clear day differ: of persons on one day, and of one driver from day to day."""
-    yield "| who drives | drives | mean kWh | standard deviation, % (95 %) | late, s | above the optimum, % |"
+    """The spread of drives without advice in clear-day: of persons with one seed, and of one driver over the seeds."""
+    yield "| driver | drives | mean kWh | standard deviation, % (95 %) | late, s | above the optimum, % |"
     yield f"|---|{'---:|' * 5}"
     (alone,) = groups(rows, (Presentation.NONE,))
     of_person = {int(one["participant"]): one for one in persons}
-    for who, of in (("persons, each on the same day", of_person), ("one driver, each day another seed", alone)):
+    for who, of in (("persons, all with one seed", of_person), ("one driver, different seeds", alone)):
         energies, late = each(of, "energy_kwh"), each(of, "late_s")
         above = 100.0 * (energies / each(of, "energy_optimum_kwh") - 1.0)
         freedom = len(of) - 1
@@ -198,7 +198,7 @@ def spread(rows: Sequence[Row], persons: Sequence[Row]) -> Iterator[str]:
 
 
 def goes_with(persons: Sequence[Row]) -> Iterator[str]:
-    """With which of the persons' parameters their drives go: coefficients of correlation."""
+    """Correlation coefficients of the persons' parameters with the results of their drives."""
     people = load_population(DEFAULT)
     drawn = [people.draw(int(one["participant"])) for one in persons]
     energies, optima, late = (np.array([one[name] for one in persons]) for name in (*AT_EQUAL_ARRIVAL, "late_s"))
@@ -211,7 +211,7 @@ def goes_with(persons: Sequence[Row]) -> Iterator[str]:
 
 
 def tables(rows: Sequence[Row], persons: Sequence[Row]) -> Iterator[tuple[Path, str, list[str]]]:
-    """Every table: its page or its CSV, its name, and its lines."""
+    """All tables, each with its page or CSV, its name and its lines."""
     folder = PAGE.with_suffix("")
     for scenario in SCENARIOS:
         yield PAGE if scenario == CLEAR else folder / f"{scenario}.csv", scenario, list(presentations(rows, scenario))
@@ -224,7 +224,7 @@ def tables(rows: Sequence[Row], persons: Sequence[Row]) -> Iterator[tuple[Path, 
 
 
 def main(names: Sequence[str] = ()) -> None:
-    """Write all tables again, or print those that are named."""
+    """Update all tables, or print the named ones."""
     made = list(tables(read(), read(PERSONS)))
     for page, name, lines in made if not names else ():
         if page.suffix == ".csv":

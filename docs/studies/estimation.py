@@ -1,7 +1,7 @@
-"""How well localisation and calibration on board estimate a simulated drive whose truth is known.
+"""Errors of on-board localisation and calibration, found on simulated drives with known true values.
 
-`python -m docs.studies.estimation` writes localisation.md and calibration.md, the tables of the pages of these names,
-into the working folder. The drives are those of tests/das/estimate/test_calibration.py.
+`python -m docs.studies.estimation` writes localisation.md and calibration.md, the tables of the pages with these names,
+to the working folder. The drives are those of tests/das/estimate/test_calibration.py.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from sim.plant.kernels import PlantState
 
 Floats = NDArray[np.float64]
 WANDER_S: Final = 30.0
-"""Time constant (s) with which the error of a receiver wanders."""
+"""Correlation time (s) of a receiver's error."""
 
 
 class Noise(NamedTuple):
-    """Standard deviations of a receiver, which states them: of its positions (m) and of its speeds (m/s)."""
+    """Standard deviations of a receiver's positions (m) and speeds (m/s), which the receiver also reports."""
 
     position_m: float
     speed_mps: float
@@ -34,7 +34,7 @@ class Noise(NamedTuple):
 
 NOISES: Final = (Noise(3.0, 0.05), Noise(8.0, 0.3))
 SEEDS: Final = tuple(range(40))
-"""Seeds of the receiver's noise; many, because an error that wanders with 30 s takes few values in a drive."""
+"""Seeds of the receiver's noise: many, because an error correlated over 30 s has few independent values in a drive."""
 
 
 def localisation_table(

@@ -1,7 +1,7 @@
-"""The exact front of the paper's complete case, as `das-precompute front flat-6km re460-ic --exact` finds it.
+"""The exact front of the paper's complete case, as computed by `das-precompute front flat-6km re460-ic --exact`.
 
-`python -m docs.studies.exact_front` writes the tables into docs/results/0.2/exact-front.md again (about five minutes
-on two cores).
+`python -m docs.studies.exact_front` updates the tables in docs/results/0.2/exact-front.md (about five minutes on two
+cores).
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ BUFFERS: Final = (0.02, 0.05, 0.07, 0.1)
 LENGTHS_KM: Final = (2.0, 3.0, 4.0, 5.0, 6.0)
 SPEED_STEPS_KMH: Final = (0.5, 0.25, 0.1)
 STEP_BUFFER: Final = 0.07
-"""Share above the least time of the paper's own grid at which the steps of speed are compared."""
+"""Buffer over the least time of the paper's own grid at which speed steps are compared."""
 BUCKET_MS: Final = 3.0
 MILLION: Final = 1e6
 
 
 def case(level: Level, length_km: float = LENGTHS_KM[-1]) -> Section:
-    """The paper's level line of 6 km, or its beginning, for the Re 460."""
+    """The section on the paper's level line of 6 km, or its first part, for the Re 460."""
     return build_section(load_route("flat-6km"), load_vehicle("re460-ic"), level=level, end_m=length_km * KM)
 
 
 def solver_against(front: Front, exact: ExactFront, time_s: float) -> str:
-    """By how much the energy of the solver's run differs from that of the exact front for the same time."""
+    """Relative difference of the solver's energy from that of the exact front for the same time."""
     found_j = front.trajectory(time_s).balance.input
     return f"{100.0 * (found_j / float(exact.energy_j[exact.index_at(time_s)]) - 1.0):+.2f} %"
 
@@ -68,7 +68,7 @@ def case_table(levels: Sequence[Level] = LEVELS, buffers: Sequence[float] = BUFF
 
 
 def growth_table(lengths_km: Sequence[float] = LENGTHS_KM, buffer_ratio: float = BUFFERS[-1]) -> Iterator[str]:
-    """The lines of the table of ever longer beginnings of the line, with the loss map."""
+    """The lines of the table for increasing lengths of the line, with the loss map."""
     yield "| length | points of the front | partial runs kept, million |"
     yield "|---:|---:|---:|"
     for length_km in lengths_km:
@@ -77,7 +77,7 @@ def growth_table(lengths_km: Sequence[float] = LENGTHS_KM, buffer_ratio: float =
 
 
 def step_table(steps_kmh: Sequence[float] = SPEED_STEPS_KMH) -> Iterator[str]:
-    """The lines of the table of finer steps of speed, at L1, for one time; the grid of coasting stays as it is."""
+    """The lines of the table for finer speed steps, at L1, for one time; the coasting grid is unchanged."""
     section = case(Level.L1)
     front = solve_front(section)
     coarse = solve_exact(section, 0.0)
@@ -92,7 +92,7 @@ def step_table(steps_kmh: Sequence[float] = SPEED_STEPS_KMH) -> Iterator[str]:
 
 
 def bounded_lines() -> Iterator[str]:
-    """The sentence on L0 REG, whose front is found between bounds."""
+    """The sentence on L0 REG, whose front is only bounded."""
     exact = solve_exact(case(Level.L0_REG), BUFFERS[-1], limits=Limits(bucket_ms=BUCKET_MS))
     above = 100.0 * (exact.energy_j - exact.bound_j) / np.maximum(np.abs(exact.energy_j), 1.0)
     yield (

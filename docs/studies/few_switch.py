@@ -1,8 +1,8 @@
-"""What few changes of the controller cost: `python -m docs.studies.few_switch ROUTE VEHICLE`.
+"""The cost of few changes of the controller: `python -m docs.studies.few_switch ROUTE VEHICLE`.
 
-A change of what the driver does is made only where it saves as much energy as the train's full power needs in the time
-given as its price. The rows show the schedule that the guide would make, with the section's own braking, beside the
-optimum and the best run of four modes.
+A change of instruction is made only if it saves the energy that the train's full power needs in the time given as the
+price of a change. The rows show the schedule of the guide with the section's own braking, compared with the optimum and
+the best run of four modes.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ def few_switch_rows(
 ) -> Iterator[dict[str, Any]]:
     """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes.
 
-    `fronts` comes from `few_switch_fronts`. `shortest_s` is the shortest time between two changes in which the train
-    does not brake (None if there is none), and `more` is the energy above the optimum for the same time.
+    `fronts` comes from `few_switch_fronts`. `shortest_s` is the shortest time without braking between two changes (None
+    if there is none), and `more` is the energy above the optimum for the same time.
     """
     section = front.section
     yield _row_of_modes(OPTIMUM, front.trajectory(time_s).trajectory, front)
@@ -65,7 +65,7 @@ def few_switch_rows(
 
 
 def _row_of_schedule(price_s: float, solved: GuideFront, front: Front, time_s: float) -> dict[str, Any]:
-    """The row for a price of a change; its schedule is made as the guide makes it."""
+    """The row for a price of a change, with a schedule computed as for the guide."""
     section = front.section
     found = scheduled_run(solved, in_time(solved, State.at(section), time_s)[0])
     phases = found.schedule.phases
@@ -86,7 +86,7 @@ def _row_of_modes(name: str, run: Trajectory, front: Front) -> dict[str, Any]:
 def _row(
     name: str, run: Trajectory, front: Front, phases: tuple[NDArray[np.int64], NDArray[np.bool_]]
 ) -> dict[str, Any]:
-    """The row of a run; `phases` holds the first interval of each phase, and whether the train brakes in it."""
+    """The row of a run; `phases` contains the first interval of each phase and whether the train brakes in it."""
     begins, brakes = phases
     lasts_s = np.diff(np.append(run.t_s[begins], run.t_s[-1]))
     others = lasts_s[~brakes]

@@ -1,10 +1,10 @@
-"""Figures of the pages, made when the site is built: a hook of mkdocs that replaces marks in the Markdown.
+"""Figures of the pages, generated when the site is built: a hook of mkdocs that replaces marks in the Markdown.
 
     {{ figures: COMMAND }}            what a command prints
     {{ figures: COMMAND -> FILE }}    a text that it writes into its folder, or the path of a picture or report of its
     {{ value: MODULE.NAME }}          a constant of the code or of a test; {{ value: MODULE.NAME * 100 }} in per cent
 
-A command begins with das-sim, das-precompute or python, and runs once, in an empty folder. What it leaves is kept in
+A command begins with das-sim, das-precompute or python, and runs once, in an empty folder. Its output is stored in
 build/figures, under a hash of the command, the sources of the project, and its main libraries.
 """
 
@@ -37,38 +37,38 @@ SOURCES: Final = (
     *("das", "sim", "precompute", "docs/studies", "recordings/zurich-zug-late.mcap"),
     *("tests/das/estimate", "tests/das/solver", "tests/support"),
 )
-"""Folders and files that decide what a command prints and draws."""
+"""Folders and files on which the output of a command depends."""
 LIBRARIES: Final = ("numpy", "numba", "scipy", "matplotlib")
 PROGRAMS: Final = {
     "das-sim": ("-m", "sim.cli"),
     "das-precompute": ("-m", "precompute.cli"),
     "python": (),
 }
-"""Words that stand for the first word of a command, after the running Python."""
+"""Arguments of Python that replace the first word of a command."""
 FIRST: Final = tuple(
     f"python -m docs.studies.{name}" for name in ("pictures what-if", "estimation", "bundled", "guide_days")
 )
-"""The longest commands, which are started first, so that none of them runs alone at the end."""
+"""The longest commands; they are started first, because otherwise one would run alone at the end."""
 MAKING: Final = "making-"
 COPIED: Final = (".png", ".html")
-"""Ends of the names of files that become files of the site; others are put into the page as text."""
+"""Endings of the names of files that become files of the site; the text of other files is inserted into the page."""
 URL: Final = "figures"
-"""Folder of the site for what is copied."""
+"""Folder of the site for copied files."""
 MARK: Final = re.compile(r"\{\{ figures: (?P<command>[^{}\n]+?)(?: -> (?P<file>[\w.-]+))? \}\}")
 VALUE: Final = re.compile(r"\{\{ value: (?P<module>[\w.]+)\.(?P<name>\w+)(?: \* (?P<factor>[\d.]+))? \}\}")
 EXPECTED: Final = "expected {{ figures: COMMAND }}, {{ figures: COMMAND -> FILE }} or {{ value: MODULE.NAME }}"
 BEGINS: Final = re.compile(r"\{\{ *(?:figures|value)\b")
 
 _made: dict[str, Path] = {}
-"""Folder of each command's output in the build that is running."""
+"""Folder of each command's output in the current build."""
 
 
 class BadMarkError(PluginError):
-    """A mark that cannot be read, or a command that fails: the build ends."""
+    """A mark is invalid, or a command fails; the build ends."""
 
 
 def marks_of(text: str, page: str) -> list[tuple[str, str | None]]:
-    """The commands of a page, each with the file that is asked for; raises BadMarkError where a mark cannot be read."""
+    """The commands of a page, each with the requested file; raises BadMarkError for an invalid mark."""
     found = [(one["command"], one["file"]) for one in MARK.finditer(text)]
     values = VALUE.findall(text)
     if len(found) + len(values) != len(BEGINS.findall(text)):
@@ -77,7 +77,7 @@ def marks_of(text: str, page: str) -> list[tuple[str, str | None]]:
 
 
 def input_hash(sources: tuple[str, ...] = SOURCES, root: Path = ROOT) -> str:
-    """A hash of all sources that decide figures, of this Python, and of the libraries."""
+    """A hash of all sources on which figures depend, of the Python version, and of the libraries."""
     found = hashlib.sha256(sys.version.encode())
     for name in LIBRARIES:
         found.update(f"{name} {version(name)}\n".encode())
@@ -89,9 +89,9 @@ def input_hash(sources: tuple[str, ...] = SOURCES, root: Path = ROOT) -> str:
 
 
 def made(commands: Iterable[str], inputs: str, kept: Path) -> dict[str, Path]:
-    """The folders with what commands printed and wrote; a command runs only if its folder is not there.
+    """The folders with the output of commands; a command runs only if its folder is missing.
 
-    Raises BadMarkError if a command is of no program of ours, or fails; what the others left is kept.
+    Raises BadMarkError if a command fails or belongs to no program of this project; the output of the others is kept.
     """
     found = {one: kept / hashlib.sha256(f"{inputs}\n{one}".encode()).hexdigest()[:16] for one in commands}
     missing = {one: _arguments(one) for one in longest_first(found) if not found[one].is_dir()}
@@ -115,7 +115,7 @@ def made(commands: Iterable[str], inputs: str, kept: Path) -> dict[str, Path]:
                 (place / "work").replace(found[one])
         for one in (one for one, code in codes.items() if code):
             said = "".join((places[one] / file).read_text(encoding="utf-8") for file in (PRINTED, ERRORS)).split("\n")
-            last = next((line for line in reversed(said) if line.strip()), "it says nothing")
+            last = next((line for line in reversed(said) if line.strip()), "no output")
             raise BadMarkError(f"{one}: exit code {codes[one]}: {last}")
     return found
 
@@ -126,7 +126,7 @@ def longest_first(commands: Iterable[str]) -> list[str]:
 
 
 def _arguments(command: str) -> list[str]:
-    """What comes after `python` to run a command."""
+    """The arguments of `python` that run a command."""
     program, *words = shlex.split(command)
     if program not in PROGRAMS:
         raise BadMarkError(f"{command}: expected a command that begins with {', '.join(PROGRAMS)}")
@@ -150,7 +150,7 @@ def value_of(module: str, name: str, factor: str | None = None, root: Path = ROO
 
 
 def copied(wanted: Iterable[tuple[str, str | None]]) -> dict[str, Path]:
-    """Each picture and report that pages ask for, by its name; raises BadMarkError if two commands write one name."""
+    """All pictures and reports requested by pages, by name; raises BadMarkError if two commands write the same name."""
     found: dict[str, Path] = {}
     for command, name in wanted:
         if name is None or not name.endswith(COPIED):
@@ -162,15 +162,15 @@ def copied(wanted: Iterable[tuple[str, str | None]]) -> dict[str, Path]:
 
 
 def written(command: str, name: str) -> Path:
-    """A file that a command wrote; raises BadMarkError if it did not."""
+    """A file written by a command; raises BadMarkError if it is missing."""
     path = _made[command] / name
     if not path.is_file():
-        raise BadMarkError(f"{command}: it writes no {name}")
+        raise BadMarkError(f"{command}: it does not write {name}")
     return path
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Run all commands that pages name, and add their pictures and reports to the site."""
+    """Run all commands in the marks of pages, and add their pictures and reports to the site."""
     asked = [one for page in files.documentation_pages() if page.src_uri.endswith(".md") for one in _asked(page)]
     commands = list(dict.fromkeys(command for command, _ in asked))
     _made.clear()
@@ -188,7 +188,7 @@ def _asked(page: Any) -> list[tuple[str, str | None]]:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Put figures and values in the place of their marks."""
+    """Replace marks by figures and values."""
 
     def figure(mark: re.Match[str]) -> str:
         name = mark["file"] or PRINTED

@@ -1,6 +1,6 @@
 """Figs. 4, 6 and 8: the power and energy of holding a speed, and the energy of every level's runs over the buffer.
 
-Fig. 4 belongs to section 4.2; figs. 6 and 8 show what L3 saves (sections 4.3 and 4.4).
+Fig. 4 belongs to section 4.2; figs. 6 and 8 show the savings of L3 (sections 4.3 and 4.4).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from docs.studies.output import Output
 
 LOWEST_KMH, HIGHEST_KMH, STEP_KMH = 10.0, 200.0, 0.5
 CROSS_STEP_KMH = 10.0
-"""Distance in speed between the crosses of the L3 map."""
+"""Speed difference (km/h) between the crosses of the L3 map."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,13 +64,13 @@ class Cruising:
         return power_w * KM / self.speed_mps
 
     def cheapest_kmh(self, level: str) -> float | None:
-        """Speed of the least energy per km; None if the lowest speed is the cheapest."""
+        """Speed with the least energy per km; None if it is the lowest speed."""
         i = int(np.argmin(self.per_km_j(self.total_w(level))))
         return float(self.speed_mps[i] / KMH) if i > 0 else None
 
 
 def cruising(bench: Workbench) -> Cruising:
-    """The powers of holding a speed with the GTO train."""
+    """The powers required to hold each speed with the GTO train."""
     vehicle = bench.vehicle(L3)
     speed = np.arange(LOWEST_KMH, HIGHEST_KMH + 0.5 * STEP_KMH, STEP_KMH) * KMH
     speed = speed[speed <= vehicle.max_speed_mps * (1 + 1e-9)]
@@ -153,12 +153,12 @@ def _draw_energy(axes: Any, data: Cruising, speed: Floats, coarse: slice) -> Non
 
 
 SAVING_TOLERANCE_PERCENT = 1.0
-"""Distance (percentage points) from a printed saving within which it counts as reached; the bars of figs. 6 and 8."""
+"""Deviation (percentage points) from a printed saving within which it counts as reached; the bars of figs. 6 and 8."""
 
 
 OTHER_LEVELS = (L0_NOREG, L1, L2)
-"""The levels L3 is compared with. L0 REG is set apart, as the paper does when braking (section 4.4): without losses,
-braking and driving again cost nothing, so that its optimum is hardly determined."""
+"""The levels with which L3 is compared. L0 REG is treated separately, as in the paper for braking (section 4.4):
+without losses, braking and driving again cost nothing, and its optimum is hardly determined."""
 
 
 def saving_percent(bench: Workbench, case: StudyCase, variant: Variant, buffer_percent: float) -> float | None:
@@ -170,7 +170,7 @@ def saving_percent(bench: Workbench, case: StudyCase, variant: Variant, buffer_p
 
 
 def saving(bench: Workbench, printed: PrintedSaving) -> float:
-    """Our saving (%, mean over the other levels) where the paper prints one: at its buffer, or the largest to 40 %."""
+    """The computed saving (%, mean over the other levels) at the buffer of a printed one, or the largest up to 40 %."""
     case = ACCELERATION if printed.case == ACCELERATION.name else DECELERATION
     largest = LARGEST_DRAWN_PERCENT if printed.up_to else printed.buffer_percent
     means = []
@@ -184,17 +184,17 @@ def saving(bench: Workbench, printed: PrintedSaving) -> float:
 
 
 LEGEND_ROOM_RATIO = 1.25
-"""Multiple of the largest saving at which their axis ends, so that the legend covers no curve."""
+"""End of the axis of savings as a multiple of the largest one; it leaves room for the legend above the curves."""
 
 
 def savings_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> None:
-    """Draw the energy of a case's runs at every level, and what L3 saves beside the printed savings."""
+    """Draw the energy of a case's runs at every level, and the savings of L3 next to the printed ones."""
     curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
     output.picture(name, _draw_savings(case, curves))
 
 
 def _saved_percent(curve: EnergyCurve, l3: EnergyCurve) -> Floats:
-    """What L3 saves against a level over its buffers; NaN beyond L3's largest buffer."""
+    """The saving of L3 over a level for its buffers; NaN beyond L3's largest buffer."""
     return curve.l3_percent - np.interp(curve.buffer_percent, l3.buffer_percent, l3.l3_percent, right=np.nan)
 
 

@@ -1,6 +1,6 @@
 """Figs. 5, 7, 9 and 10: optimal runs, their path through the efficiency map, and their energy.
 
-Figs. 5, 7 and 9 have a column for each level, fig. 10 the old (GTO) and the new (IGBT) inverter on one trip.
+Figs. 5, 7 and 9 have a column for each level; fig. 10 shows the old (GTO) and the new (IGBT) inverter on one trip.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from docs.studies.output import Output
 
 LARGEST_DRAWN_PERCENT = 40.0
 CURVE_POINTS = 81
-"""Points of an energy curve: every 0.5 % if it goes to 40 %."""
+"""Number of points of an energy curve: every 0.5 % if it extends to 40 %."""
 HIGHEST_ENERGY_PERCENT = 125.0
-"""The energy axis ends here; a note gives what is above it (L0 NOREG counts the kinetic energy)."""
+"""End of the energy axis (%); a note gives values above it (L0 NOREG counts the kinetic energy)."""
 HIGHEST_DRAWN_MPS = 165 * KMH
 """Speed (m/s) up to which force over speed is drawn."""
 OTHER_SIDE_RATIO = 0.1
-"""Share by which the force axis goes beyond zero when only driving (or braking): cruising needs a little traction."""
+"""Share by which the force axis extends beyond zero when only driving (or braking): cruising needs some traction."""
 MAX = "max"
 
 
@@ -84,7 +84,7 @@ def energy_curve(bench: Workbench, case: StudyCase, variant: Variant) -> EnergyC
 
 
 def level_runs(bench: Workbench, case: StudyCase, variant: Variant) -> dict[str, Trajectory | None]:
-    """A level's runs by the name of their buffer ("0" … "25", "max"), None if it has no use for the buffer."""
+    """A level's runs by buffer ("0" … "25", "max"); None if the buffer exceeds the level's largest useful one."""
     runs: dict[str, Trajectory | None] = {f"{b:g}": bench.run(case, variant, b) for b in BUFFERS_PERCENT}
     return {**runs, MAX: bench.slowest(case, variant).trajectory}
 
@@ -126,7 +126,7 @@ def _draw(
         handles=crossed_handles(dict(zip(BUFFER_COLOURS, labels, strict=True))),
         loc="outside upper center",
         ncols=len(labels),
-        title=f"{case.title}; runs turn from bright to greyish on their way, crosses every 200 m",
+        title=f"{case.title}; runs change from bright to greyish towards the end, crosses every 200 m",
     )
     lines = [Line2D([], [], **how) for how in _ENERGY_LINES.values()]
     figure.legend(handles=lines, loc="outside lower center", ncols=4)
@@ -157,7 +157,7 @@ def _draw_forces(axes: Any, bench: Workbench, case: StudyCase, runs: dict[str, T
 
 
 def note_forces_off_scale(axes: Any, runs: list[Trajectory]) -> None:
-    """Add a note of the largest force if it is beyond the end of the axis (L0 REG's runs alternate)."""
+    """Add a note with the largest force if it is beyond the axis (L0 REG's runs alternate between extremes)."""
     low_kn, high_kn = axes.get_ylim()
     forces_kn = np.concatenate([run.force_el_n + run.force_friction_n for run in runs]) / KN
     if forces_kn.min() < low_kn:
@@ -188,8 +188,8 @@ def _draw_energy(axes: Any, variant: Variant, curve: EnergyCurve) -> None:
 _ENERGY_LINES: dict[str, dict[str, Any]] = {
     "l3_percent": {"color": "#009e73", "linewidth": 2.0, "label": "evaluated at L3"},
     "own_percent": {"color": "black", "linestyle": ":", "linewidth": 1.6, "label": "what the level optimises"},
-    "loss_percent": {"color": "#e02424", "linewidth": 1.5, "label": "of it component losses (L3)"},
-    "resistance_percent": {"color": "#56b4e9", "linewidth": 1.5, "label": "of it running resistance"},
+    "loss_percent": {"color": "#e02424", "linewidth": 1.5, "label": "component losses (L3)"},
+    "resistance_percent": {"color": "#56b4e9", "linewidth": 1.5, "label": "running resistance"},
 }
 
 

@@ -1,7 +1,7 @@
-"""Python programs that run in forks of one process, which has imported and compiled what nearly all of them need.
+"""Python programs run in forks of one process that has already imported and compiled what nearly all of them need.
 
-`python -m docs.studies.forks` reads lists of [arguments of Python, folder to run in, folder for what is printed] as
-JSON, runs them on all cores, and prints their exit codes. What each prints becomes `printed.txt` and `errors.txt`.
+`python -m docs.studies.forks` reads lists of [arguments of Python, folder to run in, folder for the output] as JSON,
+runs them on all cores, and prints their exit codes. Their output is written to `printed.txt` and `errors.txt`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from das.command_line.process import available_cores
 PRINTED: Final = "printed.txt"
 ERRORS: Final = "errors.txt"
 IMPORTED: Final = ("matplotlib.pyplot", "scipy.optimize", "scipy.stats", "sim.world.over_bus", "sim.drive.comparison")
-"""Imported once, before the first fork, if there are more programs than cores."""
+"""Modules imported once, before the first fork, if there are more programs than cores."""
 
 
 def forked(arguments: Sequence[str], folder: Path, said: Path) -> ForkProcess:
@@ -35,7 +35,7 @@ def forked(arguments: Sequence[str], folder: Path, said: Path) -> ForkProcess:
 
 
 def _run(arguments: list[str], folder: Path, said: Path) -> None:
-    atexit._clear()  # what the first process has open is not this one's to remove
+    atexit._clear()  # the fork must not remove files that the first process has open
     for stream, name in ((sys.stdout, PRINTED), (sys.stderr, ERRORS)):
         stream.flush()
         with (said / name).open("wb") as file:
@@ -51,11 +51,11 @@ def _run(arguments: list[str], folder: Path, said: Path) -> None:
         traceback.print_exc()
         raise SystemExit(1) from None
     finally:
-        atexit._run_exitfuncs()  # a fork runs none by itself
+        atexit._run_exitfuncs()  # a fork does not run them by itself
 
 
 def main() -> None:
-    """Run the programs that standard input names."""
+    """Run the programs listed on standard input."""
     waiting = [(n, words, Path(folder), Path(said)) for n, (words, folder, said) in enumerate(json.load(sys.stdin))]
     if len(waiting) > available_cores():
         for module in IMPORTED:

@@ -1,4 +1,4 @@
-"""README and its neighbours as pages of the site: a hook of mkdocs. README is its front page."""
+"""README and other files of the root folder as pages of the site: a hook of mkdocs. README is the front page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LINK: Final = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:|#)([^)\s]+)\)")
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages; the root folder's other files are named there without a link."""
+    """Add the pages; links to other files of the root folder become plain text."""
     for name, page in PAGES.items():
         text = (ROOT / name).read_text(encoding="utf-8")
         files.append(File.generated(config, page, content=LINK.sub(_from_docs, text)))
@@ -23,7 +23,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def _from_docs(link: re.Match[str]) -> str:
-    """A link of a file in the root folder, as one of a page in docs."""
+    """A link of a file in the root folder, rewritten for a page in docs."""
     picture, text, target = link.groups()
     path, mark, anchor = target.partition("#")
     target = PAGES.get(path, path.removeprefix("docs/") if path.startswith("docs/") else "")

@@ -1,4 +1,4 @@
-"""What a driver is shown from Zürich to Zug, speed and effort above and the guide below, as a picture for the pages.
+"""Picture of the advice shown to a driver from Zürich to Zug: speed and effort above, the guide below.
 
 `python -m docs.studies.guide_days` draws restriction-ahead.png into the working folder.
 """
@@ -31,7 +31,7 @@ from sim.world.service import Day, Service, make_day, prepare_service
 
 DAY: Final = "restriction-ahead"
 SECTIONS: Final = 2
-"""The day ends at its second stop, Zug."""
+"""Number of sections; the run ends at the second stop, Zug."""
 SEED: Final = 1
 BEFORE_AND_AFTER: Final = (Presentation.SPEED_AND_EFFORT, Presentation.GUIDE)
 HEIGHTS_IN: Final = (2.6, 0.25, 2.6, 0.25)
@@ -57,7 +57,7 @@ class WatchedLink(InProcess):
 
 
 class WatchedRun(NamedTuple):
-    """A finished run of a day with the advice of each tick: `watched[i]` was given in `run.states[i]`."""
+    """A finished run with the advice of each tick: `watched[i]` was given in `run.states[i]`."""
 
     day: Day
     run: Run
@@ -65,7 +65,7 @@ class WatchedRun(NamedTuple):
 
 
 def watched_run(service: Service, seed: int, presentation: Presentation) -> WatchedRun:
-    """Drive a day of a service with the default human driver."""
+    """Simulate a run of a service with the default human driver."""
     day = make_day(service, seed)
     link = WatchedLink(service, guide=presenter_of(presentation).needs_guide)
     driver = day.driver(DriverKind.HUMAN, FrictionPolicy.AS_MEASURED)
@@ -73,7 +73,7 @@ def watched_run(service: Service, seed: int, presentation: Presentation) -> Watc
 
 
 class ShownSecond(NamedTuple):
-    """A second of a moving train: place (km), limit, driven and shown speed (km/h; NaN: none), and the mode shown."""
+    """A second of a moving train: position (km), limit, driven and shown speed (km/h; NaN: none), mode shown."""
 
     at_km: float
     limit_kmh: float
@@ -83,7 +83,7 @@ class ShownSecond(NamedTuple):
 
 
 def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSecond]:
-    """What was driven and shown in each second in which the train moved."""
+    """The driven and shown values of each second in which the train moved."""
     found = []
     for state, advice in zip(one.run.states, one.watched, strict=False):
         if state.speed_mps <= 0:
@@ -102,7 +102,7 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
 
 
 def draw_day(path: Path, scenario: str) -> None:
-    """Draw one day of a scenario, driven by the default human with speed and effort and with the guide."""
+    """Draw one scenario, driven by the default human with speed and effort and with the guide."""
     whole = load_scenario(scenario)
     service = prepare_service(replace(whole, to_stop="Zug", running_s=(whole.running_s or ())[:SECTIONS]))
     figure, axes = light_figure(HEIGHTS_IN)
@@ -121,7 +121,7 @@ def draw_day(path: Path, scenario: str) -> None:
 
 
 def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, came: DayOutcome) -> None:
-    """One run in two axes: speeds, and under them a strip of the modes shown."""
+    """Draw one run in two axes: speeds, and below them a strip of the modes shown."""
     speed, strip = axes
     seconds = shown_seconds(one, presentation)
     at_km = np.array([x.at_km for x in seconds])
@@ -146,7 +146,7 @@ def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, came: DayO
 
 
 def _stretches(seconds: list[ShownSecond], mode: Regime) -> list[tuple[float, float]]:
-    """Begin and length (km) of every stretch on which a mode was shown."""
+    """Start and length (km) of every stretch on which a mode was shown."""
     found: list[tuple[float, float]] = []
     for one, after in pairwise(seconds):
         if one.mode is mode:

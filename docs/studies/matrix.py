@@ -1,8 +1,8 @@
 """`python -m docs.studies.matrix [--cells N] [--first N] [--workers N] [--write]`: any train on any line, as tables.
 
-It drives cells of the matrix (line, train, driver, seed), prints the bounds and the means of every line, and with
---write writes the title of docs/results/0.2/matrix.md, and the CSV files beside it. 100 cells take ten minutes
-of processor time; those of public data sets need ../shared/data.
+It simulates cells of the matrix (line, train, driver, seed) and prints the bounds and the means of every line. With
+--write it writes the title of docs/results/0.2/matrix.md and the CSV files next to it. 100 cells take ten minutes of
+CPU time; cells of public data sets need ../shared/data.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def driven(cell: Cell) -> Judged:
 
 
 def facts(rows: Sequence[Judged]) -> Iterator[str]:
-    """The title of the page: what was driven, with which commit, and when."""
+    """The title of the page: the simulated cells, the commit and the date."""
     found = subprocess.run(["git", "rev-parse", "HEAD"], cwd=DOCS, capture_output=True, text=True, check=False)
     pairs, seeds = {(row.line, row.train) for row in rows}, sorted({row.seed for row in rows})
     which = f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}"
@@ -45,7 +45,7 @@ def facts(rows: Sequence[Judged]) -> Iterator[str]:
 
 
 def write(rows: Sequence[Judged]) -> None:
-    """Write the tables of the page, and the rows beside it."""
+    """Write the tables of the page and the rows."""
     with PAGE.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
         out = csv.writer(file, lineterminator="\n")
         out.writerow(Judged.columns())
@@ -55,10 +55,10 @@ def write(rows: Sequence[Judged]) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Drive the cells, and print or write their tables."""
+    """Simulate the cells, and print or write their tables."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.matrix", description=__doc__)
     parser.add_argument("--cells", type=int, default=100, metavar="N", help="Number of cells.")
-    parser.add_argument("--first", type=int, default=0, metavar="N", help="The first of them.")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="Number of the first cell.")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="Number of processes.")
     parser.add_argument("--write", action="store_true", help="Write the page of the release.")
     asked = parser.parse_args(args)

@@ -1,7 +1,7 @@
-"""Runs notebooks of the documentation in an empty folder, and keeps what they put out.
+"""Execution of the documentation's notebooks in an empty folder, with their outputs stored.
 
-`python -m docs.studies.notebooks` runs all of them (some minutes), with names only those:
-`python -m docs.studies.notebooks first-steps`.
+`python -m docs.studies.notebooks` runs all of them (some minutes), or only the named ones: `python -m
+docs.studies.notebooks first-steps`.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from docs.studies.output import DOCS
 
 NOTEBOOKS: Final = {path.stem: path for path in sorted((DOCS / "tutorials").glob("*.ipynb"))}
 LONGEST_S: Final = 300
-"""A cell that takes longer is given up."""
+"""Longest time (s) of a cell; a longer one is aborted."""
 
 
 def executed(path: Path, folder: Path) -> Any:
-    """A notebook with what its cells put out when they are run in a folder; the exception of a cell is raised."""
+    """A notebook with the outputs of its cells, run in a folder; raises the exception of a cell."""
     notebook = nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
     for cell in notebook.cells:
         if cell.cell_type == "code":
@@ -33,14 +33,14 @@ def executed(path: Path, folder: Path) -> Any:
     resources = {"metadata": {"path": str(folder)}}
     NotebookClient(notebook, timeout=LONGEST_S, resources=resources, record_timing=False).execute()
     for cell in notebook.cells:
-        if cell.cell_type == "code":  # what is told of the progress differs from run to run
+        if cell.cell_type == "code":  # progress messages differ from run to run
             cell.outputs = [one for one in cell.outputs if one.get("name") != "stderr"]
-    notebook.metadata.language_info = {"name": "python"}  # without the version of this Python
+    notebook.metadata.language_info = {"name": "python"}  # without the Python version
     return notebook
 
 
 def main(names: list[str]) -> None:
-    """Run the notebooks with these names, or all, and write them with their new outputs."""
+    """Run the notebooks with these names, or all notebooks, and write them with their new outputs."""
     unknown = [name for name in names if name not in NOTEBOOKS]
     if unknown:
         raise DasError(f"{unknown[0]}: expected one of {', '.join(NOTEBOOKS)}")

@@ -1,4 +1,4 @@
-"""How often the analysis of an experiment finds a difference where there is none, on made-up differences of drivers.
+"""False positive rate of an experiment's analysis, on generated differences of drivers without an effect.
 
 `python -m docs.studies.null_experiments` prints the table of docs/explanation/experiment-statistics.md.
 """
@@ -18,9 +18,9 @@ ALPHA: Final = 0.05
 SIZES: Final = (8, 12, 24)
 STUDIES: Final = 2000
 REPEATS: Final = 10
-"""Times that `STUDIES` experiments are made up; the table has the share in all, and the lowest and highest."""
+"""Number of sets of `STUDIES` experiments; the table gives the share over all sets, and the lowest and highest."""
 PATTERNS: Final = 2048
-"""Patterns of signs at most: with any number of them the test errs as often as it says, so few will do."""
+"""Largest number of sign patterns. The test has its nominal error rate with any number, so few are sufficient."""
 AT_ONCE: Final = 250
 Draw = Callable[[np.random.Generator, tuple[int, int]], Floats]
 
@@ -34,7 +34,7 @@ def _exponential(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
 
 
 def _same_twice(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
-    """One value less another of the same driver, whose values are very skewed and whose spread is his own."""
+    """Difference between two values of a driver, with very skewed values and a spread that differs between drivers."""
     return rng.gamma(3.0, size=shape) * (rng.lognormal(0.0, 0.8, shape) - rng.lognormal(0.0, 0.8, shape))
 
 
@@ -50,7 +50,7 @@ NULLS: Final[dict[str, Draw]] = {
 def false_alarms(
     draw: Draw, drivers: int, seed: int, studies: int = STUDIES, patterns: int = ALL_PATTERNS
 ) -> tuple[float, float]:
-    """The shares of made-up experiments in which sign flips, and Student's t, find a difference."""
+    """The shares of generated experiments in which sign flips, and Student's t, find a difference."""
     rng = np.random.default_rng([seed, drivers])
     values = draw(rng, (studies, drivers))
     signs = signs_of(drivers, rng, patterns)

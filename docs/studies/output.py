@@ -22,7 +22,7 @@ COLOURS_OF_A_PNG = 256
 
 
 class Output:
-    """Writes into one folder, which is created; `written` lists the files in order."""
+    """A folder for results, which is created; `written` lists its files in order."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -39,7 +39,7 @@ class Output:
         self._write(name, content.encode())
 
     def picture(self, name: str, figure: Any) -> None:
-        """Write a figure as NAME.png; the same figure gives the same bytes."""
+        """Write a figure as NAME.png; equal figures give equal bytes."""
         from PIL import Image
 
         png, small = io.BytesIO(), io.BytesIO()
@@ -55,7 +55,7 @@ class Output:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can hold it: numpy numbers unpacked, not finite ones None, floats to seven digits."""
+    """A value suitable for JSON: numpy numbers unpacked, non-finite numbers as None, floats with seven digits."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -70,9 +70,10 @@ def plain(value: Any) -> Any:
 
 
 def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
-    """Put lines between the marks `<!-- NAME: begin -->` and `<!-- NAME: end -->` of a page; prints each as it comes.
+    """Put lines between the marks `<!-- NAME: begin -->` and `<!-- NAME: end -->` of a page; each is printed once
+    computed.
 
-    Raises DasError if the page has no such marks, before the first line is made.
+    DasError, before the first line, if the page has no such marks.
     """
     marks = re.compile(rf"(<!-- {name}: begin -->\n).*?(<!-- {name}: end -->)", re.DOTALL)
     if not marks.search(page.read_text(encoding="utf-8")):
@@ -81,13 +82,13 @@ def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
     for line in lines:
         print(line, flush=True)
         found.append(f"{line}\n")
-    # The page is read again: making the lines may take a quarter of an hour.
+    # The page is read again, because computing the lines may take a quarter of an hour.
     text = marks.sub(lambda marked: f"{marked[1]}{''.join(found)}{marked[2]}", page.read_text(encoding="utf-8"))
     write_whole(page, text.encode())
 
 
 def write_csv(path: Path, lines: Iterable[str]) -> None:
-    """Write the cells of a Markdown table as CSV; prints each line as it comes."""
+    """Write the cells of a Markdown table as CSV; each line is printed when it is computed."""
     rows = []
     for line in lines:
         print(line, flush=True)
@@ -104,6 +105,6 @@ def csv_text(rows: Iterable[Sequence[str]]) -> str:
 
 
 def csv_lines(path: Path) -> list[str]:
-    """The rows of a CSV as those of a Markdown table."""
+    """The rows of a CSV as rows of a Markdown table."""
     with path.open(encoding="utf-8", newline="") as file:
         return [f"| {' | '.join(row)} |" for row in csv.reader(file)]

@@ -1,9 +1,9 @@
-"""`python -m docs.studies.own_lines [DATA]`: real lines imported, and what altitudes mean for energies.
+"""`python -m docs.studies.own_lines [DATA]`: import of real lines, and the effect of altitudes on energies.
 
 It writes docs/results/0.2/lines.md.
 
-DATA is the folder with the public data (lines), by default ../shared/data. The tables of the page and
-own-line-*.png beside it are written; the data stay where they are.
+DATA is the folder with the public data (lines), by default ../shared/data. The tables of the page and own-line-*.png
+next to it are written; the data are not copied.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ PAGE: Final = DOCS / "results" / "0.2" / "lines.md"
 PICTURES: Final = PAGE.parent
 BUFFER: Final = 1.07
 NOISE_M, NOISE_LENGTH_M, EVERY_M, SEEDS = 4.0, 250.0, 50.0, (1, 2, 3, 4)
-"""Noise of altitudes: standard deviation (m) of points so far apart (m), joined by straight lines."""
+"""Noise of altitudes: standard deviation (m) and spacing (m) of points joined by straight lines."""
 TRAIN: Final = "re460-ic"
 
 
 class RealLine(NamedTuple):
-    """A real line in the folder of data: its files, its ends, and what its licence asks for."""
+    """A real line in the data folder: its files, its ends, and the credit that its licence requires."""
 
     files: tuple[str, ...]
     start: str
@@ -75,13 +75,13 @@ REAL_LINES: Final = (
 
 
 def line_of(data: Path, source: RealLine) -> Route:
-    """A real line, imported as a user does it."""
+    """A real line, imported as by a user."""
     files = [data / "lines" / name for name in source.files]
     return imported(files, ImportOrder(start=source.start, end=source.end, flat=source.flat), source.words).route
 
 
 def line_table(lines: list[Route]) -> Iterator[str]:
-    """What was imported of each line."""
+    """The imported data of each line."""
     yield "| line | data | km | limits | km/h | gradients | ‰ | climb and fall, m | tunnels, km | points |"
     yield "|---|---|---:|---:|---|---:|---|---|---:|---:|"
     for line in lines:
@@ -99,7 +99,7 @@ def line_table(lines: list[Route]) -> Iterator[str]:
 
 
 class KnownSection(NamedTuple):
-    """A section of a line whose altitudes are known, by the numbers of its stops."""
+    """A section of a line with known altitudes, by the numbers of its stops."""
 
     route: Route
     first: int
@@ -107,25 +107,25 @@ class KnownSection(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The names of its ends."""
+        """The names of the two ends."""
         return f"{self.route.stops[self.first].name} – {self.route.stops[self.last].name}"
 
     def energy_j(self, line: Route, time_s: float | None = None) -> tuple[float, float]:
-        """Least energy (J) of the section on a line like its own, and its time (s; None: 7 % above the least)."""
+        """Least energy (J) of the section on a variant of its line, and its time (s; None: 7 % above the minimum)."""
         ends = (self.route.stops[i].position_m for i in (self.first, self.last))
         front = solve_front(build_section(line, load_vehicle(TRAIN), start_m=next(ends), end_m=next(ends)))
         wanted_s = BUFFER * front.fastest().time_s if time_s is None else time_s
         return front.trajectory(wanted_s).balance.input, wanted_s
 
     def with_altitudes(self, at_m: Floats, altitude_m: Floats, order: ImportOrder) -> Route:
-        """The line with gradients made from altitudes as an import makes them."""
+        """The line with gradients derived from altitudes as in an import."""
         numbers = {"position": tuple(at_m.tolist()), "altitude": tuple(altitude_m.tolist())}
         table = LineTable(path=Path("altitudes.csv"), lines=tuple(range(len(at_m))), numbers=numbers)
         return with_altitudes(ImportedLine(route=self.route, structures=self.route.tunnels), table, order).route
 
 
 def altitude_table(sections: Sequence[KnownSection]) -> Iterator[str]:
-    """How wrong the energy of each section is with poorer altitudes, at the same trip time."""
+    """The error of the energy of each section with poorer altitudes, at the same trip time."""
     yield "| section | true altitudes | flat | altitudes of the stops | 4 m of noise, raw | smoothed over 2 km |"
     yield "|---|---:|---:|---:|---:|---:|"
     for section in sections:
@@ -145,7 +145,7 @@ def altitude_table(sections: Sequence[KnownSection]) -> Iterator[str]:
 
 
 def noisy_lines(section: KnownSection) -> Iterator[tuple[Route, Route]]:
-    """The line from noisy altitudes, as they are and smoothed, for each seed."""
+    """The line from noisy altitudes, raw and smoothed, for each seed."""
     at_m = np.arange(0.0, section.route.length_m, EVERY_M)
     knots_m = np.arange(0.0, section.route.length_m + NOISE_LENGTH_M, NOISE_LENGTH_M)
     for seed in SEEDS:

@@ -1,4 +1,4 @@
-"""`python -m docs.studies.paper -o DIR`: redo the study of the paper: Nold & Corman (2024), sections 4.2 to 4.7."""
+"""`python -m docs.studies.paper -o DIR`: reproduce the paper's study (Nold & Corman 2024, sections 4.2 to 4.7)."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def study(
 
 
 def chosen(only: str | None) -> list[str]:
-    """The items that `--only` lists, each once and in their order (None: all); DasError for an unknown one."""
+    """The items listed by `--only`, each once and in the paper's order (None: all); DasError for an unknown one."""
     asked = list(ITEMS) if only is None else [name.strip() for name in only.split(",")]
     for name in asked:
         if name not in ITEMS:
@@ -71,7 +71,7 @@ def make(wanted: list[str], output: Output) -> None:
 
 
 def main() -> None:
-    """Run the command; bad input ends in one line and exit code 2."""
+    """Run the command; an input error gives one line and exit code 2."""
     name = "python -m docs.studies.paper"
     run_app(single_command(name, study, (f"{name} -o study --only fig9,table2",)), name)
 

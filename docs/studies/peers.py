@@ -1,7 +1,7 @@
 """The tables of docs/results/0.2/solver: peers, the solver's table, refinement and proven bounds side by side.
 
 `python -m docs.studies.peers` solves all rows again, which takes about ten minutes, and writes the tables. It needs the
-third-party data beside the checkout (../shared).
+third-party data next to the checkout (../shared).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MAP = SHARED / "loss_maps" / "NL_Intercity_VIRM6_chain.csv"
 LEVELS = (Level.L0_REG, Level.L1, Level.L2, Level.L3)
 SEED = 14
 TIGHT_S = 40.0
-"""CPU seconds that the tight bound of a loss map may take."""
+"""Largest CPU time (s) of the tight bound of a loss map."""
 
 
 class PeerRow(NamedTuple):
@@ -48,18 +48,18 @@ class PeerRow(NamedTuple):
 
     @classmethod
     def of(cls, name: str, front: Front, time_s: float) -> PeerRow:
-        """Solve and refine for a time."""
+        """The row of a problem for a time, solved and refined."""
         given = front.trajectory(time_s)
         return cls(name, given, refined(given))
 
     @property
     def gap(self) -> str:
-        """The cell of the gap, which both tables have."""
+        """The cell with the gap, common to both tables."""
         return f"{100 * self.found.gap_ratio:.3f} %"
 
 
 def benchmark_rows() -> Iterator[tuple[ReferenceResult, PeerRow]]:
-    """Every result of other optimisers, with our answer for the same time."""
+    """Every result of other optimisers, with that of the solver for the same time."""
     fronts: dict[tuple[str, ...], Front] = {}
     for result in reference_results():
         if result.problem not in fronts:
@@ -69,7 +69,7 @@ def benchmark_rows() -> Iterator[tuple[ReferenceResult, PeerRow]]:
 
 
 def _table(heads: str, rows: Iterable[Iterable[str]]) -> Iterator[str]:
-    """The lines of a table; the heads are separated by commas."""
+    """The lines of a table; the headings are separated by commas."""
     names = heads.split(", ")
     for cells in chain((names, ["---"] * len(names)), rows):
         yield f"| {' | '.join(cells)} |"
@@ -108,11 +108,11 @@ class Hard(NamedTuple):
 
 
 def hard_problems(rng: np.random.Generator) -> Iterator[Hard]:
-    """Ten kinds of hard problems for the Re 460, redrawn at each call."""
+    """Ten kinds of hard problems for the Re 460, different in each call of the generator."""
     train = load_vehicle("re460-ic")
 
     def drawn(length_m: float, every_m: float, steepest: float) -> Route:
-        """A line with limits of 40 to 160 km/h and gradients, which change every `every_m` metres."""
+        """A line with random limits of 40 to 160 km/h and gradients, which change every `every_m` metres."""
         places = np.arange(0.0, length_m - 0.5 * every_m, every_m)
         limits = [(float(at), float(rng.uniform(40.0, 160.0)) * KMH) for at in places]
         grades = [(float(at), float(rng.uniform(-steepest, steepest))) for at in places]
@@ -135,7 +135,7 @@ def hard_problems(rng: np.random.Generator) -> Iterator[Hard]:
 
 
 def hard_rows() -> Iterator[tuple[Hard, Level, PeerRow]]:
-    """Every hard problem at every level, with our answer; problems without any solution are drawn again."""
+    """Every hard problem at every level, solved; problems without a solution are replaced."""
     for number, level in enumerate(LEVELS):
         rng = np.random.default_rng([SEED, number])
         wanted = [one.kind for one in hard_problems(np.random.default_rng(0))]
@@ -153,7 +153,7 @@ def hard_rows() -> Iterator[tuple[Hard, Level, PeerRow]]:
 
 
 def hard_table() -> Iterator[str]:
-    """The hard problems, and how they are solved as a whole; the tight gap is that of the bound in `TIGHT_S`."""
+    """The hard problems and a summary of their gaps; the tight gap is that of the bound computed in `TIGHT_S`."""
     rows = list(hard_rows())
     of_maps = [row for _, level, row in rows if level is Level.L3]
     tight = {id(row): tightened(row.found, TIGHT_S).gap_ratio for row in of_maps}
@@ -190,7 +190,7 @@ def _summed(what: str, gap_ratios: Sequence[float]) -> str:
 
 
 def main() -> None:
-    """Write both tables, and the summary of the hard problems into the page."""
+    """Write both tables, and the summary of the hard problems in the page."""
     write_csv(PEERS, peers_table())
     lines = list(hard_table())
     write_csv(HARD, (line for line in lines if line.startswith("|")))

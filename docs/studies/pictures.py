@@ -1,4 +1,4 @@
-"""The pictures of recordings in the pages, drawn from drives that are made for them, into the working folder.
+"""The pictures of recordings in the pages, drawn in the working folder from drives made for them.
 
 `python -m docs.studies.pictures what-if` compares a run of the example files with the same run without its restriction
 (what-if.txt, what-if.png). `readme` writes what README has: the words of the first minute (first-minute.txt), and its
@@ -48,12 +48,12 @@ def draw_first_minute(recorded: Path, guided: Path, picture: Path) -> None:
 
 
 def _beside(first: Path, other: Path, picture: Path) -> None:
-    """Draw two drives beside each other, as in a report."""
+    """Draw two drives side by side, as in a report."""
     save_figure(picture, comparison_figure(sim.compare(first, other)))
 
 
 def report(folder: Path) -> None:
-    """The first page of the report of a day with a restriction."""
+    """The first page of the report on a run with a restriction."""
     das_sim("run", "restriction-ahead", "--seed", "1", "-o", folder / "run.mcap")
     das_sim("report", folder / "run.mcap", "-o", folder / "report.pdf")
     first_page(folder / "report.pdf", folder / "report.png")
@@ -67,7 +67,7 @@ PICTURES: Final[dict[str, Callable[[Path], None]]] = {
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Draw the pictures that are named."""
+    """Draw the named pictures."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.pictures", description=__doc__)
     parser.add_argument("names", nargs="+", choices=list(PICTURES), metavar="NAME", help=", ".join(PICTURES))
     for name in parser.parse_args(args).names:

@@ -1,8 +1,8 @@
-"""How often the train of a record is found: 20 simulated drives by five trains, whose load and resistance were planted.
+"""Success rate in finding the train of a record: 20 simulated drives of five trains with planted load and resistance.
 
-A human driver without advice drives the bundled line with each train, on four journeys. A GPS receiver with noise sees
-him, and `find_train` tries all bundled trains on its record. `python -m docs.studies.planted_trains` writes the table
-into docs/results/0.2/find-train.md again, in about 6 min on one core.
+A human driver without advice drives each train on the bundled line, on four journeys. A noisy GPS receiver records the
+drive, and `find_train` tries all bundled trains on the record. `python -m docs.studies.planted_trains` updates the
+table in docs/results/0.2/find-train.md, in about 6 min on one core.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ TRAINS: Final = (
     "re460-ic", "CH_Stadler_KISS_SBB", "CH_Stadler_FLIRT_TPF", "NL_Intercity_VIRM6", "CN_Beijing_Subway",
 )  # fmt: skip
 JOURNEYS: Final = ((None, None, False), (None, None, True), ("Zürich HB", "Zug", False), ("Luzern", "Thalwil", True))
-"""First stop, last stop, and whether the line is driven from its end to its start."""
+"""Journeys: first stop, last stop, and whether the line is driven from its end to its start."""
 MASS_RATIOS, RESISTANCE_RATIOS = (0.9, 1.2), (0.85, 1.2)
-"""Ranges, as ratios of the file's, from which the load and the resistance of a drive are drawn evenly."""
+"""Ranges of mass and resistance, relative to the file, from which the values of a drive are drawn uniformly."""
 POSITION_SD_M, POSITION_MEMORY_S = 3.0, 30.0
-"""Noise of the receiver's positions: one standard deviation, and the time over which it wanders."""
+"""Noise of the receiver's positions: standard deviation and correlation time."""
 SPEED_SD_MPS: Final = 0.1
 EPOCH_S: Final = 1_700_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Planted:
-    """A simulated drive by a known train, and what was found of it, the likeliest train first."""
+    """A simulated drive of a known train, and the trains found for it, the most probable first."""
 
     train: str
     journey: str
@@ -57,17 +57,17 @@ class Planted:
 
     @property
     def true(self) -> FoundTrain:
-        """What was found of the train that drove."""
+        """The result for the true train."""
         return next(one for one in self.found if self.train in one.names)
 
     @property
     def rank(self) -> int:
-        """The place of the train that drove, 1 for the first."""
+        """The rank of the true train, 1 for the first."""
         return 1 + self.found.index(self.true)
 
     @property
     def off_ratios(self) -> tuple[float, float]:
-        """By how much the mass and the resistance found are off."""
+        """The relative errors of the mass and the resistance found."""
         return self.true.mass_ratio / self.mass_ratio - 1.0, self.true.resistance_ratio / self.resistance_ratio - 1.0
 
 
@@ -103,7 +103,7 @@ def _scenario(train: str, number: int, mass: float, resistance: float) -> str:
 
 
 def _driven(folder: Path, scenario: str, seed: int) -> tuple[PlantState, ...]:
-    """Every state of a simulated drive without advice."""
+    """The states of a simulated drive without advice."""
     path = folder / "planted.toml"
     path.write_text(scenario, encoding="utf-8")
     service = prepare_service(read_scenario(path))
@@ -112,7 +112,7 @@ def _driven(folder: Path, scenario: str, seed: int) -> tuple[PlantState, ...]:
 
 
 def record_of(folder: Path, states: Sequence[PlantState], number: int, rng: np.random.Generator) -> Trip:
-    """The trip that a GPS receiver with noise saw of a drive, one point a second, cleaned and matched."""
+    """The trip recorded by a noisy GPS receiver, one point a second, cleaned and matched."""
     start, end, reverse = JOURNEYS[number]
     file = load_route(LINE)
     driven = file.reversed() if reverse else file
@@ -125,7 +125,7 @@ def record_of(folder: Path, states: Sequence[PlantState], number: int, rng: np.r
         off_m = kept * off_m + POSITION_SD_M * math.sqrt(1.0 - kept**2) * float(rng.standard_normal())
         read_mps = max(true_mps + SPEED_SD_MPS * float(rng.standard_normal()), 0.0) if true_mps > 0 else 0.0
         where = driven.location_deg(place_m + (off_m if true_mps > 0 else 0.0))
-        assert where is not None  # the bundled line has a map
+        assert where is not None  # the bundled line has geometry
         rows.append(f"{(EPOCH_S + second) / MS:.0f},{where[0]:.7f},{where[1]:.7f},{read_mps:.3f}")
     path = folder / "planted.csv"
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
@@ -144,7 +144,7 @@ def train_row(drives: Sequence[Planted]) -> str:
 
 
 def planted_table(drives: Sequence[Planted]) -> Iterator[str]:
-    """The lines of the table, in Markdown, and what they come to."""
+    """The lines of the table, in Markdown, and a summary."""
     yield (
         "| train that drove | found first | its probability | mass off, at most | resistance off, at most | "
         "mass shown by the record |"

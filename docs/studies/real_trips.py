@@ -1,7 +1,7 @@
-"""`python -m docs.studies.real_trips [DATA]`: review two real trips again, for docs/results/0.2/real-trips.md.
+"""`python -m docs.studies.real_trips [DATA]`: review of two real trips, for docs/results/0.2/real-trips.md.
 
 DATA is the folder with the public data sets (trips, ttobench), by default ../shared/data. The tables of the page and
-real-trips-*.png beside it are written; the data stay where they are.
+real-trips-*.png next to it are written; the data are not copied.
 """
 
 from __future__ import annotations
@@ -45,32 +45,32 @@ TRAINS: Final = {
     "FLIRT": "CH_Stadler_FLIRT_TPF.json",
     "VIRM6": "NL_Intercity_VIRM6.json",
 }
-"""Trains that the trips may have been driven with, by their files in ttobench/trains: the true one is not known."""
+"""Trains that may have run the trips, by their files in ttobench/trains; the true train is unknown."""
 FIRST: Final = "KISS"
 LIMIT: Final = LIGHT.of[Meaning.LIMIT]
 ENTRY_M: Final = 18_000.0
-"""Place (m) from which both trips were much slower than the line allows, as if something had held them back."""
+"""Position (m) from which both trips were much slower than the line allows, possibly because of an obstruction."""
 LEAST_J: Final = 0.5 * KWH
-"""Energy (J) below which, on every trip, a cause has no row."""
+"""Energy (J) below which a cause has no row, if it is below on every trip."""
 PARTS: Final = (("start", 0.0, 3.0), ("middle", 3.0, 16.0), ("end", 16.0, 20.0))
 """Parts of the line (km from Kolbäck)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TripAttribution:
-    """The energy attribution of one trip, with one train that it may have been driven with."""
+    """The energy attribution of one trip with one possible train."""
 
     trip: str
     train: str
     attribution: Attribution
     likely: LikelyRange
     entry_j: float
-    """Energy (J) above an optimum as slow as the trip from `ENTRY_M` on, without the part that a slow entry
-    explains."""
+    """Energy (J) above an optimum as slow as the trip from `ENTRY_M` on, that is, without the part explained by a slow
+    entry."""
 
     @property
     def possible(self) -> bool:
-        """Whether the train could have run in the time of the trip."""
+        """Whether the train could have run the trip in its time."""
         return not self.attribution.above.why_not
 
     @property
@@ -101,7 +101,7 @@ def trip_attributions(data: Path) -> list[TripAttribution]:
                 drive = Drive(recording=recording, given=inputs)
                 attribution = drive.energy.any_attribution
                 likely = likely_range(attribution.legs, drive.energy.smoothed)
-                assert likely is not None  # a trip is estimated, and has one leg
+                assert likely is not None  # a trip is an estimate and has one section
                 entry_j = above_slow_entry_j(attribution)
                 found.append(
                     TripAttribution(trip=trip, train=train, attribution=attribution, likely=likely, entry_j=entry_j)
@@ -110,7 +110,7 @@ def trip_attributions(data: Path) -> list[TripAttribution]:
 
 
 def above_slow_entry_j(attribution: Attribution) -> float:
-    """The energy (J) above an optimum that is no faster than the trip from `ENTRY_M` on, as if it had to be slow."""
+    """The energy (J) above an optimum that is no faster than the trip from `ENTRY_M` on, as for a forced slow entry."""
     (leg,) = attribution.legs
     motion, section = leg.leg.motion, leg.optimum.section
     slow_mps = float(motion.speed_mps[motion.s_m >= ENTRY_M].max())
@@ -124,7 +124,7 @@ def _train(data: Path, train: str) -> Path:
 
 
 def above_table(found: Sequence[TripAttribution]) -> Iterator[str]:
-    """How far above the optimum the trips were, by trip and train."""
+    """The energy of the trips above the optimum, by trip and train."""
     wanted = ("driven", "optimum", "above it", "likely", "if the entry had to be slow", "if friction braked")
     yield f"| trip | train assumed | {' | '.join(wanted)} |"
     yield "|---|---|---:|---:|---:|---:|---:|---:|"
@@ -144,7 +144,7 @@ def above_table(found: Sequence[TripAttribution]) -> Iterator[str]:
 
 
 def cause_table(found: Sequence[TripAttribution]) -> Iterator[str]:
-    """The energy above the optimum by cause, from the least to the most of the assumed trains."""
+    """The energy above the optimum by cause, as a range over the assumed trains."""
     yield f"| cause | {' | '.join(TRIPS)} |"
     yield f"|---|{'---:|' * len(TRIPS)}"
     for cause in EnergyCause:
@@ -159,7 +159,7 @@ def _of(one: TripAttribution, cause: EnergyCause) -> float:
 
 
 def place_table(found: Sequence[TripAttribution]) -> Iterator[str]:
-    """The energy lost above the optimum by part of the line, from the least to the most of the assumed trains."""
+    """The energy lost above the optimum by part of the line, as a range over the assumed trains."""
     yield f"| part of the way | {' | '.join(TRIPS)} |"
     yield f"|---|{'---:|' * len(TRIPS)}"
     for name, start_km, end_km in PARTS:
@@ -182,7 +182,7 @@ def _ends(energies_j: Sequence[float]) -> str:
 
 
 def trip_figure(found: Sequence[TripAttribution]) -> Figure:
-    """One trip: speeds with the optima, and the energy lost above them summed from the start, for each train."""
+    """One trip: speeds with the optima, and the cumulative energy lost above them, for each train."""
     figure, (speed, lost) = light_figure((2.8, 2.0))
     for i, one in enumerate(found):
         (leg,) = one.attribution.legs
@@ -206,7 +206,7 @@ def trip_figure(found: Sequence[TripAttribution]) -> Figure:
 
 
 def _held(values: Any, nodes_m: Any) -> Any:
-    """Values of intervals at the nodes that begin them, and the last one at the end as well."""
+    """Values of intervals at their first nodes, with the last value repeated at the end."""
     return values if len(values) == len(nodes_m) else np.append(values, values[-1])
 
 

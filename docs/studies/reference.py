@@ -1,9 +1,9 @@
-"""The tables of the reference pages that the code decides, written into the working folder when the site is built.
+"""The reference pages' tables that are generated from the code, written to the working folder for the site.
 
 `python -m docs.studies.reference` writes the commands of each program with their options (das-sim.md and so on, for
 commands.md), the parameters of a human driver (parameters.md), the default population (population.md), and the measures
-and factors of experiments (measures.md, factors.md); for bus.md also topics.md, causes.md and reasons.md.
-The tables that are kept as CSV in docs/studies/tables become pages' tables as well.
+and factors of experiments (measures.md, factors.md); for bus.md also topics.md, causes.md and reasons.md. The CSV files
+in docs/studies/tables become tables as well.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from sim.experiment.factors import FACTORS, OF_HUMAN
 from sim.experiment.measures import MEASURES
 
 EVERYWHERE = {"--help", "-h", "--version", "--install-completion", "--show-completion"}
-"""Options that the top of commands.md explains for all commands."""
+"""Options common to all commands, which commands.md explains at the top."""
 
 TABLES = Path(__file__).parent / "tables"
 PROGRAMS = ("das-precompute", "das-sim", "das-node", "das-record")
@@ -70,7 +70,7 @@ def options(command: TyperCommand) -> str:
 
 
 def _value(option: Any) -> str:
-    """What follows the option on the command line: nothing, one of several words, or a value."""
+    """The value of an option on the command line: empty for a flag, the allowed words, or a placeholder."""
     kind = option.type_descriptor.annotation
     if option.is_flag:
         return ""
@@ -80,7 +80,7 @@ def _value(option: Any) -> str:
 
 
 def _default(option: Any) -> str:
-    """The default, unless the help text names it; empty for flags and for options without a default."""
+    """The default, unless the help text states it; empty for flags and for options without a default."""
     default = getattr(option.default, "value", option.default)
     if option.required:
         return " Required."
@@ -90,7 +90,7 @@ def _default(option: Any) -> str:
 
 
 def program(name: str) -> str:
-    """The commands of a program: a heading, what its help says first, and the options of each."""
+    """The commands of a program, each with a heading, the first line of its help, and its options."""
     parts = []
     for one, command in commands().items():
         if one.startswith(name):
@@ -116,13 +116,13 @@ def factors() -> str:
 
 
 def rows_of(name: str) -> list[list[str]]:
-    """The rows of a table that is kept as CSV."""
+    """The rows of a CSV table."""
     with (TABLES / f"{name}.csv").open(encoding="utf-8", newline="") as file:
         return list(csv.reader(file))
 
 
 def as_markdown(name: str) -> str:
-    """A table that is kept as CSV."""
+    """A CSV table as Markdown."""
     head, *rows = rows_of(name)
     return _table(head, "|---" * len(head) + "|", rows)
 
@@ -169,7 +169,7 @@ def parameters() -> str:
 
 
 def population(people: Population) -> str:
-    """The parameters that a population draws, and their correlations."""
+    """The parameters drawn by a population, and their correlations."""
     spreads = [
         (
             f"`{one.name}`", f"{one.shape}, {one.sd:g}",
@@ -188,7 +188,7 @@ def population(people: Population) -> str:
 
 
 def _table(head: Iterable[str], aligned: str, rows: Iterable[Iterable[str]]) -> str:
-    """A Markdown table; bars in its cells are escaped, because a bar would end the cell."""
+    """A Markdown table; bars in cells are escaped."""
     cells = ((re.sub(r"(?<!\\)\|", r"\\|", " ".join(cell.split())) for cell in row) for row in (head, *rows))
     first, *others = (f"| {' | '.join(row)} |" for row in cells)
     return "".join(f"{line}\n" for line in (first, aligned, *others))

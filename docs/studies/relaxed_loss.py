@@ -1,4 +1,4 @@
-"""What the convex relaxation of a loss map allows: the picture of docs/explanation/bounds.md.
+"""The convex relaxation of a loss map, as the picture of docs/explanation/bounds.md.
 
 `python -m docs.studies.relaxed_loss` draws relaxed-loss.png into the working folder.
 """
@@ -27,14 +27,14 @@ KWH_PER_KM: Final = 1.0 / 3600.0
 
 
 def energy_per_metre(train: str = "re460-ic") -> Floats:
-    """Energy (J/m) at the current collector of a train that holds each of `SPEEDS_MPS` on a level line, with L3."""
+    """Energy (J/m) at the current collector of a train that holds each of `SPEEDS_MPS` on a level line, at L3."""
     vehicle = load_vehicle(train)
     force_n = vehicle.resistance.force_n(SPEEDS_MPS)
     return np.asarray(force_n + vehicle.loss_model(Level.L3).loss_w(force_n, SPEEDS_MPS) / SPEEDS_MPS)
 
 
 def lower_hull(x: Floats, y: Floats) -> Floats:
-    """The largest convex function of x that is nowhere above the points (x rising, y), at each x."""
+    """The largest convex function of x that is at or below all points (x rising, y), at each x."""
     kept: list[int] = []
     for i in range(x.size):
         while len(kept) > 1 and _above(x, y, kept[-2], kept[-1], i):
@@ -49,7 +49,7 @@ def _above(x: Floats, y: Floats, first: int, middle: int, last: int) -> bool:
 
 
 def relaxed_figure() -> Figure:
-    """Energy per kilometre over the speed held: of the map, and of its convex hull in the slowness."""
+    """Energy per kilometre over the speed held, for the map and for its convex hull in the slowness."""
     found = energy_per_metre()
     hull = lower_hull(1.0 / SPEEDS_MPS[::-1], found[::-1])[::-1]
     figure, (axis,) = light_figure((2.8,))

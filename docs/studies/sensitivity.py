@@ -1,9 +1,9 @@
-"""How much the gap to the optimum changes with one standard deviation of each parameter of the human driver.
+"""Sensitivity of the gap to the optimum to one standard deviation of each parameter of the human driver.
 
-`python -m docs.studies.sensitivity SCENARIO` drives each parameter one standard deviation below and above its median,
-all others at their medians, on the same days with the same chances, and prints a table in Markdown. Half the difference
-is the effect of one standard deviation. A parameter that the population does not draw is varied by a fifth of its
-default. Finished drives are kept in build/sensitivity.
+`python -m docs.studies.sensitivity SCENARIO` simulates each parameter one standard deviation below and above its
+median, all others at their medians, in the same runs with the same random numbers, and prints a table in Markdown. Half
+the difference is the effect of one standard deviation. A parameter that the population does not draw is varied by a
+fifth of its default. Finished drives are stored in build/sensitivity.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ KEPT: Final = DOCS.parent / "build" / "sensitivity"
 ASSUMED_SD_RATIO: Final = 0.2
 """Standard deviation, as a share of the default, of a parameter that the population does not draw."""
 WITHOUT_EFFECT: Final = ("notches", "notch_s", "learning_trips", "learned_ratio")
-"""Parameters that are not varied: the driver has a percent controller, and learning changes other parameters."""
+"""Parameters that are not varied: the driver uses a percent controller, and learning changes other parameters."""
 MEASURES: Final = ("gap_to_optimum_ratio", "energy_kwh")
 
 
@@ -53,10 +53,10 @@ class VariedParameter:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensitivity:
-    """How the gap changes with one standard deviation of a parameter (percentage points), and the energy (kWh).
+    """The change of the gap with one standard deviation of a parameter (percentage points), and of the energy (kWh).
 
-    The change is the mean over the days of half the difference between one standard deviation above and one below; its
-    95 % interval over the days is ± `interval_points` (Student's t; NaN for fewer than 3 days).
+    The change is the mean over the seeds of half the difference between one standard deviation above and one below; its
+    95 % interval over the seeds is ± `interval_points` (Student's t; NaN for fewer than 3 days).
     """
 
     advice: Presentation
@@ -97,7 +97,7 @@ def _variation(item: Field[Any], spread: Spread | None) -> VariedParameter:
 
 
 def jobs(asked: DaysAsked, varied: Sequence[VariedParameter], folder: Path) -> Iterator[tuple[str, TrialJob]]:
-    """All drives, each with the parameter that it varies: the same days for every driver."""
+    """All drives, each with the parameter that it varies; every driver has the same seeds."""
     middles = middle(load_population(asked.population))
     days = asked.design()
     for one in varied:
@@ -120,7 +120,7 @@ def _level(name: str, value: float) -> FactorLevel:
 def sensitivities(
     varied: Sequence[VariedParameter], found: Sequence[tuple[str, TrialJob]], rows: Mapping[str, Mapping[str, Any]]
 ) -> list[Sensitivity]:
-    """The effect of each parameter with each presentation, the strongest first; DasError for a drive that failed."""
+    """The effect of each parameter with each presentation, the strongest first; DasError for a failed drive."""
     kept: dict[tuple[Presentation, str, float, int], Mapping[str, float]] = {}
     for name, job in found:
         row, setting = rows[job.inputs_sha256], job.trial.setting
@@ -162,7 +162,7 @@ def table(found: Sequence[Sensitivity]) -> Iterator[str]:
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Drive what is missing, and print the table."""
+    """Simulate the missing drives, and print the table."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.sensitivity", description=__doc__)
     parser.add_argument("scenario")
     parser.add_argument("--advice", default="guide", help="Presentations, separated by commas.")

@@ -1,10 +1,10 @@
-"""Where the energy of a Zürich–Luzern trip goes: 49 measured runs in the paper against a modelled driver.
+"""Energy of a Zürich–Luzern trip by use: 49 measured runs in the paper compared with a modelled driver.
 
 The driver runs each section with the timetable's buffer, by reduced maximum speed or by four modes, and brakes with a
 given share of friction: at every moment that share of the brake force comes from the friction brake, the rest from the
-motors. Comfort systems draw their constant power all the time, dwell included. The shares are of the energy that never
-comes back (component losses, resistance with curves and tunnels, friction brake, comfort); the potential energy between
-the ends is not part of it. Assumed, not measured: the route between the stations, buffer, dwell, comfort power, driver.
+motors. Comfort systems draw constant power all the time, including dwell. The shares refer to the irreversible energy
+(component losses, resistance with curves and tunnels, friction brake, comfort), without the potential energy between
+the ends. Assumed, not measured: the route between the stations, buffer, dwell, comfort power, driver.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from precompute.baselines import strategies as baselines
 
 ROUTE = "zurich-luzern"
 BUFFER_PERCENT = 7.0
-"""Running time supplement of every section (assumption; the paper names 5 to 7 % as usual)."""
+"""Running time supplement of every section (assumption; usual values in the paper are 5 to 7 %)."""
 DWELL_S = 120.0
 """Dwell at each intermediate stop (assumption)."""
 DRIVERS: dict[str, Callable[[Section, float], Any]] = {
@@ -37,7 +37,7 @@ DRIVERS: dict[str, Callable[[Section, float], Any]] = {
     "four-mode": baselines.four_modes,
 }
 SHARE_STEPS = 40
-"""Number of bisections that find the share of friction braking."""
+"""Number of bisections in the search for the share of friction braking."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class DrivenTrip:
 
     @property
     def time_s(self) -> float:
-        """From departure to arrival, dwell included."""
+        """Time from departure to arrival, including dwell (s)."""
         return sum(run.time_s for run in self.runs) + DWELL_S * (len(self.runs) - 1)
 
 
@@ -65,7 +65,7 @@ class Shares:
 
     @property
     def total(self) -> float:
-        """The energy that never comes back."""
+        """The irreversible energy (J)."""
         return self.component_loss + self.resistance + self.friction_brake + self.comfort
 
     def percent(self, name: str) -> float:
@@ -85,7 +85,7 @@ def drive(driver: str) -> DrivenTrip:
 
 
 def braked_with_friction(run: Trajectory, friction_ratio: float) -> Trajectory:
-    """The same motion with a share of every brake force from the friction brake."""
+    """The trajectory with a share of every brake force from the friction brake."""
     total = run.force_el_n + run.force_friction_n
     friction = friction_ratio * total.clip(max=0.0)
     return replace(run, force_el_n=total - friction, force_friction_n=friction)
@@ -109,7 +109,7 @@ def shares(trip: DrivenTrip, friction_ratio: float) -> Shares:
 
 
 def friction_for(trip: DrivenTrip, friction_brake_percent: float) -> float | None:
-    """The share of friction braking at which the friction brake takes this share of the energy; None if none does."""
+    """The share of friction braking at which the friction brake dissipates a given share of the energy, or None."""
     if shares(trip, 1.0).percent("friction_brake") < friction_brake_percent:
         return None
     low, high = 0.0, 1.0
@@ -121,7 +121,7 @@ def friction_for(trip: DrivenTrip, friction_brake_percent: float) -> float | Non
 
 
 def energy_shares(_bench: object, output: Output) -> None:
-    """Write the shares of both drivers against the paper's, as CSV and picture."""
+    """Write the shares of both drivers and those of the paper, as CSV and picture."""
     drawn: dict[str, list[Shares]] = {}
     for driver in DRIVERS:
         trip = drive(driver)

@@ -1,4 +1,4 @@
-"""Table 2: each level's run at t+ = 7 %, evaluated at every level (section 4.7)."""
+"""Table 2: the run of each level at t+ = 7 %, evaluated at every level (section 4.7)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Cell:
 
     @property
     def deviation_ratio(self) -> float:
-        """Our figure over the printed one, − 1; NaN if none is printed."""
+        """The computed figure over the printed one, minus 1; NaN if none is printed."""
         return self.ours / self.printed - 1
 
 
@@ -56,7 +56,7 @@ def trajectories(bench: Workbench) -> dict[str, Trajectory]:
 
 
 def _best_run(bench: Workbench, variant: Variant, time_s: float) -> Trajectory:
-    """The solver's run, or a four-mode run if that needs less: the two may differ by the solver's 0.01 to 0.05 %."""
+    """The solver's run, or a four-mode run if better: the solver's error is 0.01 to 0.05 %."""
     runs = [bench.front(COMPLETE, variant).trajectory(time_s).trajectory]
     if variant in FOUR_MODE_LEVELS:
         runs.append(baselines.four_modes(bench.section(COMPLETE, variant), time_s).trajectory)
@@ -84,7 +84,7 @@ def table2(bench: Workbench, output: Output) -> None:
 
 
 def as_csv(found: list[Cell]) -> str:
-    """The table; each cell has the printed figure, ours and the deviation."""
+    """The table as CSV; each cell contains the printed figure, the computed one and the deviation."""
     rows = []
     for trajectory in TABLE2:
         row = [c for c in found if c.trajectory == trajectory]

@@ -1,7 +1,7 @@
-"""The desk's server as seen from the run: started, started again if it is killed, and stopped.
+"""Supervision of the desk's server by the run: start, restart if it is killed, stop.
 
-The run itself holds the listening socket, which the server inherits. The address is good before the server answers, and
-stays good when a new server takes the place of one that was killed.
+The run owns the listening socket, which the server inherits. The address is therefore valid before the server answers,
+and remains valid when a killed server is replaced.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from sim.desk.messages import GIVEN, DeskGiven, encoded
 from sim.world.lockstep import Process
 
 LOOK_S: Final = 0.5
-"""Interval (s) at which the run checks whether the server is still there."""
+"""Interval (s) at which the run checks whether the server is still running."""
 STARTS_S: Final = 10.0
-"""Time (s) after its start before which a server that ends was not killed: something is wrong with it."""
+"""Time (s) after its start within which a server that ends is considered faulty, not killed."""
 MOST_FAILURES: Final = 3
 
 
@@ -41,17 +41,17 @@ def listening(port: int) -> socket.socket:
 
 
 def new_token() -> str:
-    """A token that nobody guesses."""
+    """An unguessable token."""
     return secrets.token_urlsafe(24)
 
 
 def address_of(door: socket.socket, token: str) -> str:
-    """The address to open."""
+    """The address of the page."""
     return f"http://127.0.0.1:{door.getsockname()[1]}/?token={token}"
 
 
 class DeskHost:
-    """Keeps the server of a desk running; use with `with`. `address` is where to open it."""
+    """Supervisor of a desk's server, used in a `with` statement. `address` is the address of the page."""
 
     def __init__(self, given: DeskGiven, door: socket.socket) -> None:
         self._given, self._door = given, door
@@ -76,7 +76,7 @@ class DeskHost:
         self._started_s = time.monotonic()
 
     def _keep(self) -> None:
-        """Start the server again if it is killed, unless it never works."""
+        """Restart the server if it is killed, unless it is faulty."""
         while not self._over.wait(LOOK_S):
             try:
                 self._child.check()
@@ -85,6 +85,6 @@ class DeskHost:
                 if self._failures > MOST_FAILURES:
                     warn(f"{error}; the desk does not start: end the run with Ctrl-C")
                     return
-                warn(f"{error}; it is started again")
+                warn(f"{error}; it is restarted")
                 self._child.__exit__()
                 self._start()

@@ -1,4 +1,4 @@
-"""What a page is told when it opens: the line, the train, and the words of the advice. Nothing is solved."""
+"""Data for a page when it opens: the line, the train, and the words of the advice. No optimisation runs here."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.plant.plant import train_numbers
 
 SPEED_STEP_MPS: Final = 2.0
-"""Step of the table of efforts (m/s)."""
+"""Speed step (m/s) of the table of efforts."""
 
 
 def hello_of(
@@ -32,11 +32,11 @@ def hello_of(
     language: str,
     page: PageSettings,
 ) -> dict[str, Any]:
-    """What never changes while a page is open, as its message `hello`.
+    """The constant data of a page, as its message `hello`.
 
-    The title of the scenario is not among it: it says what will happen, and the person must not know. `time_ns` (since
-    1970) is a moment of the drive, for the line's clock. `kinds` has, for each mode by its number on
-    the bus, the kind of its instruction, by which the page draws its sign.
+    The title of the scenario is not included, because it describes coming events that the person must not know.
+    `time_ns` (since 1970) is a time of the drive, for the line's clock. `kinds` maps each mode's number on the bus to
+    the kind of its instruction, which determines the sign on the page.
     """
     route, vehicle, stops = line
     return {
@@ -57,7 +57,7 @@ def hello_of(
 
 
 def _line(route: Route, stops: Sequence[Stop]) -> dict[str, Any]:
-    """The line for the way ahead: limits, gradients and stops, positions in m."""
+    """The line as needed for the view ahead: limits, gradients and stops, with positions in m."""
     return {
         "length_m": route.length_m,
         "limits": _pairs(route.limits_mps),
@@ -67,9 +67,9 @@ def _line(route: Route, stops: Sequence[Stop]) -> dict[str, Any]:
 
 
 def _train(vehicle: Vehicle) -> dict[str, Any]:
-    """The train: its length (m), top speed (m/s), and largest efforts (N) at speeds 0, 2, 4 … m/s.
+    """The train: length (m), top speed (m/s), and largest efforts (N) at speeds 0, 2, 4 … m/s.
 
-    An effort has three figures: traction, the electric brake, and both brakes together.
+    Each row of efforts has three values: traction, electric brake, and both brakes together.
     """
     numbers = train_numbers(vehicle)
     speeds = np.arange(0.0, vehicle.max_speed_mps + SPEED_STEP_MPS, SPEED_STEP_MPS)
@@ -82,7 +82,7 @@ def _train(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def _presentations() -> dict[int, dict[str, Any]]:
-    """How the page shows each presentation, by its number on the bus: what its speed means, and the words of modes."""
+    """The display of each presentation by its number on the bus: meaning of its speed, and words for its modes."""
     presenters = {name: presenter_of(name) for name in Presentation if name is not Presentation.NONE}
     return {
         one.number: {
@@ -98,13 +98,13 @@ def _presentations() -> dict[int, dict[str, Any]]:
 
 
 def _utc_offset_min(route: Route, time_ns: int) -> int:
-    """The line's clock less UTC (min) at a moment (ns since 1970)."""
+    """Offset (min) of the line's clock from UTC at a time (ns since 1970)."""
     offset = datetime.fromtimestamp(time_ns * NS, UTC).astimezone(route.zone).utcoffset()
     return 0 if offset is None else round(offset.total_seconds() / 60)
 
 
 def cab_fields(message: Any) -> dict[str, Any]:
-    """Every field of a message Cab by its name: exactly what is recorded."""
+    """All fields of a Cab message by name, exactly as recorded."""
     found: dict[str, Any] = {}
     for field in message.DESCRIPTOR.fields:
         value = getattr(message, field.name)
@@ -116,13 +116,13 @@ def cab_fields(message: Any) -> dict[str, Any]:
 
 
 def reasons(view: AdviceView | None, route: Route) -> dict[Language, str]:
-    """Why the advice says what it says, in every language; empty where it does not say it."""
+    """The reason for the advice in every language; empty if the advice gives none."""
     if view is None or not view.reason:
         return {}
     return {one: wording.words(view.reason, one, route.zone) for one in Language}
 
 
 def _pairs(stretches: Stretches) -> list[list[float]]:
-    """Starts (m) and values of stretches, without those that change nothing."""
+    """Starts (m) and values of stretches, without those that repeat the value before."""
     pairs = list(zip(stretches.start_m.tolist(), stretches.value.tolist(), strict=True))
     return [[s, v] for i, (s, v) in enumerate(pairs) if not i or v != pairs[i - 1][1]]

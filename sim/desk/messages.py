@@ -1,6 +1,6 @@
-"""What the page and the desk's server say to each other, and what the server is given at its start.
+"""Messages between the page and the desk's server, and the settings passed to the server at its start.
 
-Everything is JSON. A message that does not fit these types is refused (`heard`).
+All are JSON. A message that does not match these types is rejected (`heard`).
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from das.domain.errors import DasError
 from sim.options import MOST_NOTCHES
 
 LARGEST_BYTES: Final = 4096
-"""Longest message of a page (bytes); the longest that our own page sends has 120."""
+"""Longest message of a page (bytes); the longest of the desk's own page has 120."""
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 WallMs = Annotated[float, msgspec.Meta(ge=0, le=4e12)]
-"""A moment by the browser's wall clock (ms since 1970)."""
+"""A time on the browser's wall clock (ms since 1970)."""
 
 
 class Lever(msgspec.Struct, tag_field="t", tag="lever", frozen=True):
-    """A new setting of the controller: its running number, the setting (−1 … 1), when, by what, after which look."""
+    """A new setting of the controller: sequence number, setting (−1 … 1), time, device, and preceding look."""
 
     k: Count
     ratio: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -31,17 +31,17 @@ class Lever(msgspec.Struct, tag_field="t", tag="lever", frozen=True):
 
 
 class FrameDrawn(msgspec.Struct, tag_field="t", tag="drawn", frozen=True):
-    """The page has drawn a frame since its last message, the newest with this look: somebody can see the desk."""
+    """Report that the page has drawn a frame since its last message, the newest with this look: the desk is visible."""
 
     look: Count
 
 
 class Ready(msgspec.Struct, tag_field="t", tag="ready", frozen=True):
-    """The person is ready to drive."""
+    """Report that the person is ready to drive."""
 
 
 class Marked(msgspec.Struct, tag_field="t", tag="mark", frozen=True):
-    """The person marked this moment, or changed a setting of the page, which `text` names."""
+    """A mark that the person set, or a changed setting of the page, named in `text`."""
 
     at: WallMs
     look: Count = 0
@@ -54,9 +54,9 @@ _encoder: Final = msgspec.json.Encoder()
 
 
 def heard(text: str) -> Said | None:
-    """The message of a page; None for what is none: no JSON, a wrong type, a number out of range.
+    """The decoded message of a page; None if it is invalid: no JSON, a wrong type, a number out of range.
 
-    Our messages have no depth. A deep text must not reach the decoder, because it would recurse.
+    Valid messages are not nested. A deeply nested text must not reach the decoder, which would recurse.
     """
     if text.count("{") != 1 or "[" in text:
         return None
@@ -68,19 +68,19 @@ def heard(text: str) -> Said | None:
 
 
 def encoded(message: Any) -> str:
-    """A message, or what the server is given, as JSON; NaN and infinity become null, for which JSON has no words."""
+    """A message, or the server's settings, as JSON; NaN and infinity, which JSON does not have, become null."""
     return _encoder.encode(message).decode()
 
 
 GIVEN: Final = "DAS_DESK"
-"""The environment variable that has what the server is given: other users of the machine cannot read it."""
+"""The environment variable with the server's settings; other users of the machine cannot read it."""
 
 
 class PageSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """What an experimenter sets on the page, and the recording states.
+    """The page's settings, chosen by the experimenter and stated in the recording.
 
-    `notches` is the number of steps of the controller each way (0: none, whole percents). `punctuality`: the page says
-    how late the train is.
+    `notches` is the number of steps of the controller in each direction (0: none, whole percents). `punctuality`: the
+    page shows the delay of the train.
     """
 
     notches: Annotated[int, msgspec.Meta(ge=0, le=MOST_NOTCHES)] = 10
@@ -88,11 +88,11 @@ class PageSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 SETTINGS_KEY: Final = "desk"
-"""The key of a recording's metadata under which its page's settings are, as JSON."""
+"""The key of the page's settings (JSON) in a recording's metadata."""
 
 
 def recorded_settings(recording: Recording) -> PageSettings:
-    """The page's settings that a recording states; the defaults without a desk. DasError for any other text."""
+    """The page's settings stated in a recording; the defaults without a desk. DasError for an invalid text."""
     text = recording.metadata.get("run", {}).get(SETTINGS_KEY, "{}")
     try:
         return msgspec.json.decode(text, type=PageSettings)
@@ -102,7 +102,7 @@ def recorded_settings(recording: Recording) -> PageSettings:
 
 
 class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
-    """What the server of a run is given: the door (a listening socket), the token, the day, and the page's settings.
+    """The settings passed to the server of a run: door (a listening socket), token, scenario, and page settings.
 
     `connect` are the endpoints of simulator and recorder, unless `bus` names the desk's bus file.
     """
@@ -120,7 +120,7 @@ class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def given_of(text: str) -> DeskGiven:
-    """The settings that `das-sim` gave the server; DasError if there are none."""
+    """The settings passed to the server by `das-sim`; DasError if there are none."""
     try:
         return msgspec.json.decode(text, type=DeskGiven)
     except msgspec.MsgspecError as error:

@@ -1,8 +1,8 @@
-"""The desk on the bus: receives the cab, answers every look, and publishes the actions at the desk. A thread of its
-own.
+"""The desk's session on the bus, in its own thread: it receives the cab, answers every look, and publishes actions. The
+browser itself is not on the bus.
 
-A browser never joins the bus. The desk answers a look with the setting of the controller for as long as the page draws
-frames; a page that is closed, asleep or covered draws none, and then the run's dead-man brake stops the train.
+The desk answers a look with the setting of the controller as long as the page draws frames. A page that is closed,
+suspended or covered draws none, and the run's dead-man brake then stops the train.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from das.domain.clocks import WALL, Clocks
 from sim.desk.messages import DeskGiven, Lever, Marked
 
 CALLED_EVERY_S: Final = 0.1
-"""Interval (s) at which the desk announces itself before the run begins."""
+"""Interval (s) of the desk's announcements before the run begins."""
 UNSEEN_S: Final = 1.0
-"""Time (s) without drawing after which a page counts as unwatched; the desk then answers no more looks."""
+"""Time (s) without a frame after which a page counts as unwatched; the desk then stops answering looks."""
 SETTLES_S: Final = 0.01
-"""Time (s) within which a newer setting of the controller replaces one that is not on the bus yet."""
+"""Time (s) within which a newer setting of the controller replaces one that has not been published yet."""
 DEVICES: Final = {
     name.removeprefix("DEVICE_").lower().replace("_", "-"): number for name, number in das_pb2.Action.Device.items()
 }
-"""The devices by the names that the page has for them."""
+"""The devices by their names on the page."""
 OPENED, GONE, AWAY = das_pb2.Mark.KIND_OPENED, das_pb2.Mark.KIND_GONE, das_pb2.Mark.KIND_AWAY
 BACK, SETTING, MARKED = das_pb2.Mark.KIND_BACK, das_pb2.Mark.KIND_SETTING, das_pb2.Mark.KIND_MARK
 Told = Callable[[Any | None], None]
-"""Called in the bus's thread with each message Cab, and with None when the run is over."""
+"""Callback in the bus's thread, with each message Cab and with None when the run is over."""
 
 
 class Attention:
@@ -46,7 +46,7 @@ class Attention:
 
     @property
     def there(self) -> bool:
-        """Whether somebody can see the desk now."""
+        """Whether the desk is visible now."""
         return self._clocks.seconds() - self._drawn_s < UNSEEN_S
 
     def drawn(self) -> bool:
@@ -107,7 +107,7 @@ class Peer:
             self.mark(BACK)
 
     def settle(self) -> None:
-        """Set the controller to 0 for a page that takes over after nobody could see the desk for a second."""
+        """Set the controller to 0 for a page that takes over after the desk was invisible for a second."""
         ratio, number = self._setting
         if ratio and not self._attention.there:
             self._put(number + 1, 0.0, das_pb2.Action.DEVICE_DESK)
@@ -131,7 +131,7 @@ class Peer:
             self._bus.publish(MARK, mark)
 
     def _put(self, number: int, ratio: float, device: int, browser_ns: int = 0, look: int = 0) -> None:
-        """Set the controller; the setting is published immediately, or when the previous one has settled."""
+        """Set the controller. The setting is published immediately, or when the previous one has settled."""
         with self._lock:
             self._setting = ratio, number
             self._waiting = das_pb2.Action(

@@ -1,4 +1,4 @@
-"""A recorded drive on the desk's page, as the driver saw it, at any speed and with the bookmarks of the review."""
+"""Replay of a recorded drive on the desk's page, as the driver saw it, at any speed and with the review's bookmarks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sim.drive.events import bookmarks
 class Replay:
     """The page's view of a recorded drive, from the time `at` of its clock on (default: from its beginning).
 
-    Raises DasError for a recording without a cab, and for one whose line, train or display settings are not known.
+    Raises DasError for a recording without a cab, or with an unknown line, train or display settings.
     """
 
     def __init__(self, drive: Drive, language: str, *, at: str | None = None) -> None:
@@ -32,7 +32,7 @@ class Replay:
         self.cabs = [entry.message for entry in drive.recording.of(topics.CAB)]
         """The messages Cab, in order."""
         if not self.cabs:
-            raise DasError(f"{path}: shows no cab: expected a recording of das-sim run, desk or what-if")
+            raise DasError(f"{path}: contains no cab: expected a recording of das-sim run, desk or what-if")
         inputs = drive.table.inputs
         self._route, first_ns = inputs.route, int(self.cabs[0].time_ns)
         self._start_s = 0.0 if at is None else (drive.table.clock.moment_ns(at) - first_ns) * NS
@@ -45,12 +45,12 @@ class Replay:
         """The bookmarks: seconds from the first cab message, and texts."""
 
     def drive_text(self) -> str:
-        """The data that the page plays, as JSON."""
+        """The data of the replay, as JSON."""
         shown = [cab_of(cab, self._route) for cab in self.cabs]
         return encoded({"cabs": shown, "bookmarks": self.bookmarks, "start_s": self._start_s})
 
     def routes(self) -> list[BaseRoute]:
-        """The requests that are answered."""
+        """The routes that the server answers."""
         text = self.drive_text()
 
         async def drive(_request: Request) -> Response:
@@ -66,13 +66,13 @@ class Replay:
         try:
             with contextlib.suppress(WebSocketDisconnect, RuntimeError):
                 async for _ in socket.iter_text():
-                    pass  # the page reports that it draws; a replay ignores that
+                    pass  # the page reports its frames; a replay ignores these reports
         finally:
             sending.cancel()
 
 
 def _bookmarks(drive: Drive, first_ns: int) -> list[dict[str, Any]]:
-    """The bookmarks of the review; none for a recording that is too short or too damaged to have events."""
+    """The bookmarks of the review; empty for a recording too short or too damaged for events."""
     try:
         events = bookmarks(drive.events)
     except DasError:

@@ -1,10 +1,10 @@
-"""The desk's server: one page at a time drives, and what the bus says goes to it.
+"""The desk's server: one page at a time drives and receives the messages of the bus.
 
-It answers only a browser on this machine that has the token; all others get an empty answer 403. The address that the
-user opens has the token once. The server turns it into a cookie, which scripts cannot read and other sites cannot use.
-Browsers send a cookie to every port of a host, so the cookie's name has the port. The server checks the name of the
-host, because a foreign page can let its own name lead to 127.0.0.1, and the origin, because a foreign page may open
-sockets to 127.0.0.1.
+Only a browser on this machine with the token gets answers; all others get an empty answer 403. The address that the
+user opens contains the token once. The server converts it into a cookie, which scripts cannot read and other sites
+cannot use. Browsers send a cookie to every port of a host, so the cookie's name contains the port. The server checks
+the host name, because a foreign page can make its own name resolve to 127.0.0.1, and the origin, because a foreign page
+may open sockets to 127.0.0.1.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from sim.world.service import lay_out
 
 PAGE: Final = Path(__file__).parent / "page"
 FILES: Final = {path.name: path for path in sorted(PAGE.iterdir()) if path.is_file()}
-"""The files of the page by name; nothing else can be asked for."""
+"""The files of the page by name; the server delivers no others."""
 BEAT_S: Final = 0.5
 """Longest time (s) between two messages to the page."""
 MOST_PER_S, MOST_AT_ONCE = 200.0, 400.0
-"""Most messages from a page, per second and in one burst; our own page sends at most 60 a second."""
+"""Largest number of messages from a page, per second and in one burst; the desk's own page sends up to 60 a second."""
 BAD, TAKEN, FLOOD = 4400, 4409, 4429
-"""Codes with which a socket is closed: what came is no message of the page, a newer page drives, too many messages."""
+"""Close codes of a socket: invalid message, a newer page drives, too many messages."""
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "font-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -60,18 +60,18 @@ HEADERS: Final = {
     "Cache-Control": "no-store",
 }
 PARENT_LOOK_S = 1.0
-"""Interval (s) at which the server checks whether its parent is still there."""
+"""Interval (s) at which the server checks whether its parent is still running."""
 
 
 class Outbox:
-    """What waits to be sent to a page. A newer cab replaces one that waits; everything else keeps its order."""
+    """The queue of messages to a page. A newer cab replaces a waiting one; all other messages keep their order."""
 
     def __init__(self, socket: WebSocket) -> None:
         self._socket, self._waiting = socket, list[dict[str, Any]]()
         self._news, self._last = asyncio.Event(), 0
 
     def put(self, message: dict[str, Any], *, last: int = 0) -> None:
-        """Add a message; `last` is the code with which the socket is closed after it (0: it stays open)."""
+        """Add a message; `last` is the close code after it (0: the socket stays open)."""
         if message["t"] == "cab":
             self._waiting = [one for one in self._waiting if one["t"] != "cab"]
         self._waiting.append(message)
@@ -79,7 +79,7 @@ class Outbox:
         self._news.set()
 
     async def send(self) -> None:
-        """Send until the socket closes."""
+        """Send messages until the socket closes."""
         while self._waiting or not self._last:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._news.wait(), BEAT_S)
@@ -91,23 +91,23 @@ class Outbox:
 
 
 class Allowance:
-    """How many messages a page may still send; it fills up with time (s)."""
+    """The number of messages that a page may still send; it increases with time (s)."""
 
     def __init__(self, now_s: float) -> None:
         self._left, self._at_s = MOST_AT_ONCE, now_s
 
     def spend(self, now_s: float) -> bool:
-        """Count one message; False if there are too many."""
+        """Count one message; False if the allowance is exceeded."""
         self._left = min(self._left + (now_s - self._at_s) * MOST_PER_S, MOST_AT_ONCE) - 1
         self._at_s = now_s
         return self._left >= 0
 
 
 class Desk:
-    """A person's desk in a run: what the page is told, and what it does. `hello` is what never changes.
+    """A person's desk in a run: messages to the page and actions from it. `hello` is the constant data of the page.
 
-    The phases: welcome, preparing (the person is ready, the run has not begun), driving, over. A server that takes the
-    place of one that was killed finds a run that has begun, and is driving at once.
+    The phases are welcome, preparing (the person is ready, the run has not begun), driving and over. A server that
+    replaces a killed one during a run starts in the phase driving.
     """
 
     def __init__(self, given: DeskGiven, hello: dict[str, Any], route: Line) -> None:
@@ -119,7 +119,7 @@ class Desk:
         self.peer.begin()
 
     def routes(self) -> list[BaseRoute]:
-        """What can be asked for."""
+        """The routes of the server."""
         return [WebSocketRoute("/desk", self._connect), *page_routes()]
 
     def _enter(self, phase: str) -> None:
@@ -131,12 +131,12 @@ class Desk:
             self._box.put(message)
 
     def _tell(self, cab: Any | None) -> None:
-        """Take what the bus says, in the bus's thread."""
+        """Receive a message in the bus's thread."""
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._take, cab)
 
     def _take(self, cab: Any | None) -> None:
-        """Tell the page of a cab; None: the run is over."""
+        """Send a cab to the page; None: the run is over."""
         if cab is None:
             self._enter("over")
             return
@@ -148,7 +148,7 @@ class Desk:
         self._loop = asyncio.get_running_loop()
         await socket.accept()
         box, before = Outbox(socket), self._box
-        if before is not None:  # the newer page drives: after a reload, the old page may still seem to be there
+        if before is not None:  # the newer page drives: after a reload, the old page may still seem to be connected
             before.put({"t": "phase", "phase": "taken"}, last=TAKEN)
         self.peer.settle()
         self._box = box
@@ -167,7 +167,7 @@ class Desk:
                 self.peer.mark(on_bus.GONE)
 
     async def _listen(self, socket: WebSocket, box: Outbox) -> None:
-        """Take what the page says until it goes, says nonsense, or says too much."""
+        """Receive messages until the page disconnects, sends an invalid message, or sends too many."""
         assert self._loop is not None
         allowance = Allowance(self._loop.time())
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
@@ -193,13 +193,13 @@ class Desk:
             self.peer.mark(on_bus.SETTING if said.text else on_bus.MARKED, said)
 
     def _flush(self) -> None:
-        """Put the newest setting on the bus, now or when the one before it has settled."""
+        """Publish the newest setting, now or when the previous one has settled."""
         if self._loop is not None and not self.peer.flush():
             self._loop.call_later(on_bus.SETTLES_S, self._flush)
 
 
 def cab_of(message: Any, route: Line) -> dict[str, Any]:
-    """The message with which the page is told a Cab: every field as it is recorded, and the reason in words."""
+    """The message to the page for a Cab: every field as recorded, and the reason as text."""
     return {"t": "cab", "cab": cab_fields(message), "why": reasons(recorded_view(message), route)}
 
 
@@ -214,9 +214,9 @@ def page_routes() -> list[BaseRoute]:
 
 
 class Doorkeeper:
-    """Lets through only requests that name this host, come from its own page, and have the token.
+    """The access check: accepts only requests with this host's name, from the desk's own page, and with the token.
 
-    `?token=…` of an address that is typed or clicked sets the cookie and leads to the page. All answers have `HEADERS`.
+    `?token=…` in a typed or clicked address sets the cookie and redirects to the page. All answers have `HEADERS`.
     """
 
     def __init__(self, app: ASGIApp, port: int, token: str) -> None:
@@ -224,7 +224,7 @@ class Doorkeeper:
         self._cookie = f"desk-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or refuse it."""
+        """Answer or reject a request."""
 
         async def send_guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -234,7 +234,7 @@ class Doorkeeper:
         await self._answering(scope)(scope, receive, send_guarded)
 
     def _answering(self, scope: Scope) -> ASGIApp:
-        """What answers a request: the page's application, the way into the page, or a refusal."""
+        """The application that answers a request: the page, the redirect to the page, or the rejection."""
         if scope["type"] == "lifespan":
             return self._app
         request = HTTPConnection(scope)
@@ -247,7 +247,7 @@ class Doorkeeper:
         return WebSocketClose() if scope["type"] == "websocket" else Response(status_code=403)
 
     def _comes_from_here(self, request: HTTPConnection) -> bool:
-        """Whether host, origin and method are those of our own page; a socket always has an origin."""
+        """Whether host, origin and method are those of the desk's own page; a socket always has an origin."""
         origins, own = request.headers.getlist("origin"), [f"http://{self._host}"]
         if request.headers.getlist("host") != [self._host]:
             return False
@@ -259,14 +259,14 @@ class Doorkeeper:
         return secrets.compare_digest(text.encode(), self._token.encode())
 
     def _way_in(self) -> Response:
-        """Sets the cookie and leads to the page, so that the token leaves the address."""
+        """Set the cookie and redirect to the page, which removes the token from the address."""
         answer = RedirectResponse("/", status_code=303)
         answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
         return answer
 
 
 def server_of(routes: Sequence[BaseRoute], port: int, token: str) -> uvicorn.Server:
-    """The server of these routes; its `serve(sockets=[…])` answers until the process is told to stop."""
+    """The server of some routes; its `serve(sockets=[…])` answers until the process is asked to stop."""
     config = uvicorn.Config(
         Doorkeeper(Starlette(routes=routes), port, token),
         log_level="warning", access_log=False, server_header=False, lifespan="off", timeout_graceful_shutdown=1,
@@ -291,7 +291,7 @@ def main() -> None:
 
 
 def _end_with_thread(failed: threading.ExceptHookArgs) -> None:
-    """End this process when a thread fails: without its session on the bus, a run would wait for the desk for good."""
+    """End this process when a thread fails; without its session on the bus, a run would wait forever for the desk."""
     print(f"error: {failed.exc_value}", file=sys.stderr, flush=True)
     os._exit(2)
 
@@ -310,7 +310,7 @@ async def _serve(given: DeskGiven) -> None:
 
 
 async def _end_with_parent(parent: int) -> None:
-    """End this process when its parent has ended."""
+    """End this process when its parent process has ended."""
     while os.getppid() == parent:
         await asyncio.sleep(PARENT_LOOK_S)
     os._exit(0)

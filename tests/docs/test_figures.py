@@ -169,7 +169,7 @@ def test_what_is_no_longer_asked_for_is_not_kept(site: Path) -> None:
     [
         (f"{{{{ figures: {FAILS} }}}}", "exit code 1: no such line"),
         ("{{ figures: rm -rf / }}", "expected a command that begins with das-sim, das-precompute, python"),
-        (f"{{{{ figures: {WRITES} -> c.md }}}}", "it writes no c.md"),
+        (f"{{{{ figures: {WRITES} -> c.md }}}}", "it does not write c.md"),
         ("{{ figures }}", "page.md: a mark cannot be read"),
         ("{{ value: docs.studies.none.A }}", "docs.studies.none.A: no such module"),
         ("{{ value: docs.studies.figures.NONE }}", "the module assigns no such name"),

@@ -1,6 +1,6 @@
-"""The judge of the assessment (random days): it judges every part of every advice, and the drive that obeys it.
+"""The judge of the assessment (random runs): it checks every part of every advice message, and the drive that obeys it.
 
-It knows limits and braking curves from the raw files of line and train, by an independent calculation.
+It computes limits and braking curves independently from the raw files of line and train.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from tests.support.obedient_drivers import BRAKES, TRACTION
 from tests.support.raw_witness import HELD_STEP_S, Allowed, Place, RawLine, RawTrain, highest
 
 SDS = 2.0
-"""Positions are compared to within this many of the standard deviations that the advice states."""
+"""Number of the stated standard deviations to within which positions are compared."""
 SLACK_M = 2.0
 SLACK_MPS = 0.15
-"""The braking curves of the independent calculation (steps of 1 m) and of the solver differ by less than this."""
+"""Largest difference (m/s) between the braking curves of the solver and of the calculation in steps of 1 m."""
 OBEYED_MPS = 1.0
-"""A driver who obeys the advice is never faster than allowed by more than this."""
+"""Largest excess (m/s) over the allowed speed of a driver who obeys the advice."""
 MOST_MISSED_M = 10.0
 HELD_S = 3.0
-"""Limits and stop must be kept if the force of an advice is applied for this long, and full brakes afterwards."""
+"""Time (s) for which the force of an advice message is applied before full braking; limits and stop must be kept."""
 FORCE_RATIO, FORCE_N = 1.02, 3000.0
-"""A force may exceed the train's largest one by this factor and this amount, because the speed is measured."""
+"""Factor and amount by which a force may exceed the train's largest one, because the speed is measured."""
 STOPS_BY_EYE_M = 300.0
-"""Only a brake for a stop nearer than this may show no effort: the driver sees the platform and stops by eye."""
+"""Distance (m) to a stop below which a brake may show no effort: the driver sees the platform and stops by eye."""
 WAY_RATIO = 0.02
-"""The place of an announced change may be off by this share of the distance to it."""
+"""Largest error of the place of an announced change, as a share of the distance to it."""
 MOVES_MPS = 0.5
 LIED_MPS = 0.5
-"""A faulty sensor has misled the cab if the speed in the advice is wrong by more than this."""
+"""Error of the speed in the advice (m/s) above which a faulty sensor has misled the cab."""
 
 
 class Problem(NamedTuple):
-    """Something that must not happen: its kind, when (s), by how much (in the unit of the kind), and in words."""
+    """A violation: its kind, time (s), amount (in the unit of the kind), and text."""
 
     kind: str
     second: float
@@ -49,7 +49,7 @@ class Problem(NamedTuple):
 
 
 class Judge:
-    """Knows one line and one train; the allowed speeds under a list of restrictions are computed once."""
+    """The judge of one line and one train; the allowed speeds under a list of restrictions are computed once."""
 
     def __init__(self, route: Path, vehicle: Path) -> None:
         self.line = RawLine(route, RawTrain.read(vehicle))
@@ -64,7 +64,9 @@ class Judge:
 
 
 class DayJudge:
-    """Judges one day, second by second; it excuses what no driver could avoid because a message came too late."""
+    """The judge of one run, second by second; it excuses violations made unavoidable by a message that came too
+    late.
+    """
 
     def __init__(self, judge: Judge, drawn: Drawn) -> None:
         self._judge, self._drawn, self.line = judge, drawn, judge.line
@@ -82,7 +84,7 @@ class DayJudge:
             return
         self._off_m = SDS * advice.position_sd_m + SLACK_M
         if self._misled(seen):
-            self._obeyed = False  # When the advice is right again, the present speed is not its fault.
+            self._obeyed = False  # When the advice is right again, it is not responsible for the present speed.
             return
         if seen.obeyed:
             yield from self._driven(seen)
@@ -93,29 +95,29 @@ class DayJudge:
             yield from self._guided(seen, advice, advice.guide)
 
     def stood(self, stood: Stood) -> Problem | None:
-        """The problem of where the train stopped at the end of a leg, if any; careless drivers find the mark by eye."""
+        """The problem of the stopping position at the end of a leg, if any; careless drivers find the mark by eye."""
         if self._drawn.style is Style.CARELESS:
             return None
         beyond_m = stood.s_m - max(stood.stop_m, self._excused_to_m)
         short_m = stood.stop_m - stood.s_m
         if beyond_m > MOST_MISSED_M:
             return Problem("beyond-stop", stood.second, beyond_m, f"stands {beyond_m:.1f} m beyond its stop")
-        # A driver who only goes by speeds brakes fully, harder than shown; the cab counts him as arrived all the same.
+        # A driver who follows only speeds brakes fully, harder than shown; the cab counts the train as arrived even so.
         most_short_m = AT_STOP_M if self._drawn.style is Style.SPEED else MOST_MISSED_M
         if short_m > most_short_m:
             return Problem("short-of-stop", stood.second, short_m, f"stands {short_m:.1f} m before its stop")
         return None
 
     def _misled(self, seen: Seen) -> bool:
-        """Whether the cab believes a sensor that is wrong for long while it states a small deviation."""
+        """Whether the cab trusts a sensor that is wrong for long but states a small deviation."""
         advice, state = seen.advice, seen.state
         off = abs(advice.s_m - state.s_m) > self._off_m or abs(advice.speed_mps - state.speed_mps) > LIED_MPS
         return off and self._drawn.sensors.lies
 
     def _excuse(self, seen: Seen) -> None:
-        """Compute the speeds that no driver can avoid if a restriction, a stop or the next advice comes too late.
+        """Compute the speeds that no driver can avoid if a restriction, a stop or an advice message comes too late.
 
-        A new message excuses a train only where it allows less than before.
+        A new message is an excuse only where it allows less than before.
         """
         key, before, state = (seen.places, seen.stop_m), self._key, seen.state
         if before is not None and seen.stop_m != before[1] and state.speed_mps <= 0:
@@ -132,12 +134,12 @@ class DayJudge:
         self._key, self._obeyed = key, seen.obeyed
 
     def _highest_mps(self, s_m: float, off_m: float | None = None) -> float:
-        """The highest speed near a position for which the driver is not to blame: allowed or unavoidable."""
+        """The highest allowed or unavoidable speed near a position."""
         off_m = self._off_m if off_m is None else off_m
         return max(self._allowed.curve(s_m - off_m, s_m + off_m), highest(self._excused_mps, s_m - off_m, s_m + off_m))
 
     def _driven(self, seen: Seen) -> Iterator[Problem]:
-        """The problem of a train that is too fast because its driver obeys."""
+        """The problem of a train that is too fast because its driver obeys the advice."""
         excess_mps = seen.state.speed_mps - self._highest_mps(seen.state.s_m)
         if excess_mps > OBEYED_MPS:
             yield self._problem("too-fast-by-obeying", seen, excess_mps, f"{excess_mps:.2f} m/s too fast by obeying")
@@ -234,7 +236,7 @@ class DayJudge:
     def _stopped(self, seen: Seen) -> Iterator[Problem]:
         """The problem of a limit before the stop that is broken by a steady brake to the stop, as done by eye.
 
-        A driver who is told to stop, and not how hard to brake, knows of no limit on the way.
+        A driver who is advised to stop, without a braking effort, has no information about limits before the stop.
         """
         state, way_m, off_m = seen.state, seen.stop_m - seen.state.s_m, self._off_m
         worst = 0.0, 0.0
@@ -249,7 +251,7 @@ class DayJudge:
     def _held(self, kind: str, seen: Seen, force_n: Callable[[float, float], float]) -> Iterator[Problem]:
         """The problem of a force that, applied for a while before full brakes, breaks a limit or passes the stop.
 
-        What no driver could avoid is excused.
+        Unavoidable violations are excused.
         """
         state, train = seen.state, self.line.train
         held = self.line.driven(state.s_m, state.speed_mps, force_n, HELD_S)
@@ -288,10 +290,10 @@ class DayJudge:
 
 
 def _wanted(now: Instruction) -> float:
-    """The speed that an instruction tells the driver to reach or to hold; 0 for a brake or coasting."""
+    """The speed to reach or to hold in an instruction; 0 for a brake or coasting."""
     return now.speed_mps if now.mode in TRACTION or now.mode is Regime.CRUISE else 0.0
 
 
 def _by_eye(now: Instruction) -> bool:
-    """Whether an instruction tells the driver to brake, and not how hard."""
+    """Whether an instruction is a brake without an effort."""
     return now.mode in BRAKES and math.isnan(now.effort_ratio)

@@ -1,4 +1,4 @@
-"""A random day of the assessment, driven in closed loop: with operators, sensors and clocks that go wrong."""
+"""A random run of the assessment, simulated in closed loop, with faults of operators, sensors and clocks."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ POSITION_SD_M = 3.0
 DWELL_S = 15.0
 LONGEST_S = 2000.0
 AT_STOP_M = 50.0
-"""The cab counts a train that stands this near to a stop as arrived."""
+"""Distance (m) from a stop within which the cab counts a standing train as arrived."""
 CLEAR_M = 300.0
-"""A stop is added no nearer than this to another one."""
+"""Least distance (m) of an added stop from other stops."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DayStop:
-    """A stop of the journey as now ordered; its times are in s, NaN if there is none."""
+    """A stop of the journey as currently ordered; times in s, NaN if there is none."""
 
     name: str
     s_m: float
@@ -78,17 +78,17 @@ class Seen:
     state: PlantState
     places: tuple[Place, ...]
     stop_m: float
-    """Where the train must stop next (m)."""
+    """The position of the next stop (m)."""
     advice: Advice
     obeyed: bool
-    """Whether the driver does what the advice shows."""
+    """Whether the driver obeys the advice."""
     look: SimplerLook | None = None
-    """What a display of one top speed or of four modes shows of the advice."""
+    """The content of a display of one top speed or of four modes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stood:
-    """Where the train stopped at the end of a leg, and where it should have stopped (m)."""
+    """The stopping position at the end of a leg and the required one (m)."""
 
     second: float
     s_m: float
@@ -97,7 +97,7 @@ class Stood:
 
 @dataclass(kw_only=True)
 class Said:
-    """What the cab sent on the day besides advice, and where the train stopped."""
+    """The messages of the cab in the run other than advice, and the stopping positions."""
 
     estimates: list[Estimated] = field(default_factory=list)
     events: list[tuple[float, str]] = field(default_factory=list)
@@ -109,7 +109,7 @@ class NeverArrivedError(Exception):
 
 
 class AssessedDay:
-    """Drives one day: iterate over `seconds`, then read `said`."""
+    """The simulation of one run: iterate over `seconds`, then read `said`."""
 
     def __init__(self, drawn: Drawn, route: Path, vehicle: Path, raw: RawLine, fronts: Fronts) -> None:
         self.drawn, self.said = drawn, Said()
@@ -125,7 +125,7 @@ class AssessedDay:
         self._simpler: SimplerDisplay | None = None
 
     def seconds(self) -> Iterator[Seen]:
-        """Drive to the last stop, second by second; raises NeverArrivedError."""
+        """Simulate second by second to the last stop; raises NeverArrivedError."""
         state, next_stop = self._plant.at(self._stops[0].s_m, time_s=BEGINS_S), 1
         changes_at = round(self.drawn.changes_s)
         while state.time_s < LONGEST_S:
@@ -136,7 +136,7 @@ class AssessedDay:
             if self._operators.restarts(second):
                 self._cab.close()
                 self._cab = self._new_cab()
-            # If nothing changes the journey, it is sent once more.
+            # An unchanged journey is sent once more.
             told_journey = second in (BEGINS_S, changes_at) or self._operators.restarts(second)
             if told_journey:
                 heard.insert(0, self._journey(second))
@@ -166,7 +166,7 @@ class AssessedDay:
         raise NeverArrivedError(f"the train did not arrive, it is at {state.s_m:.0f} m")
 
     def _look(self, advice: Advice) -> SimplerLook | None:
-        """What a display of one top speed or of four modes shows of an advice; None for other displays."""
+        """The content of a display of one top speed or of four modes for an advice message; None for other displays."""
         leg = self._cab.legs.current
         if self.drawn.presentation not in SIMPLER or leg is None or advice.mode is Regime.NONE:
             return None
@@ -185,7 +185,7 @@ class AssessedDay:
         return state._replace(time_s=float(second + 1))
 
     def _has_arrived(self, state: PlantState, advice: Advice, stop_m: float) -> bool:
-        """Whether the train stands at its stop; the cab may decide so while noise hides a small speed."""
+        """Whether the train stands at its stop; with noise, the cab may report this at a small speed."""
         near_m, slow_mps = (AT_STOP_M, 0.1 + SPEED_SD_MPS) if advice.mode is Regime.STOP else (10.0, 0.0)
         return state.speed_mps <= slow_mps and stop_m - state.s_m <= near_m
 
@@ -198,7 +198,7 @@ class AssessedDay:
         )  # fmt: skip
 
     def _timetable(self) -> list[DayStop]:
-        """The stops of the day, with their times."""
+        """The stops of the run with their times."""
         first, last = self.drawn.stops
         stops = self.route.stops[first : last + 1]
         found, at_s = [DayStop(name=stops[0].name, s_m=stops[0].position_m, arrival_s=np.nan, departure_s=0.0)], 0.0
@@ -247,7 +247,7 @@ class AssessedDay:
 
 
 def changed(stops: list[DayStop], next_stop: int, state: PlantState, drawn: Drawn) -> list[DayStop]:
-    """The stops after a change of the journey under way; unchanged if the change would make no sense."""
+    """The stops after a change of the journey during the run; unchanged if the change is impossible."""
     share, now_s = drawn.change_by, state.time_s
     done, coming = stops[:next_stop], stops[next_stop:]
     if drawn.change is Change.DROPPED_STOP and len(coming) > 1 and state.speed_mps > 0:
@@ -271,7 +271,7 @@ def changed(stops: list[DayStop], next_stop: int, state: PlantState, drawn: Draw
 
 
 class _Operators:
-    """The operators of a day: which restrictions each of them sends, and which are truly in force."""
+    """The operators of a run: the restrictions that each of them sends, and those truly in force."""
 
     def __init__(self, drawn: Drawn) -> None:
         self._drawn, self._is_lost = drawn, False
@@ -285,7 +285,7 @@ class _Operators:
         return self._drawn.operators in kinds and second == self._happens_s
 
     def says(self, second: int, head_m: float) -> Iterator[Heard | PublisherSeen]:
-        """The messages of all operators in a second, with the train's head at a position."""
+        """The messages of all operators in a second, for the train's head at a position."""
         if second == BEGINS_S:
             for told in (Kind.JOURNEY, Kind.RESTRICTION):
                 yield PublisherSeen(kind=told, source="a", there=True)
@@ -296,7 +296,7 @@ class _Operators:
                     self._told[second + 2] = _list(second, self.in_force, "a")
                     yield self._told[second + 2]
             if second in self._told and self._drawn.sensors.late_ratio and self._told[second] == self._newest():
-                yield self._told[second]  # The bus delivers it once more.
+                yield self._told[second]  # The bus delivers the message twice.
         if second == self._happens_s:
             yield from self._incident(second)
 
@@ -304,7 +304,7 @@ class _Operators:
         return self._told[max(self._told)]
 
     def _incident(self, second: int) -> Iterator[Heard | PublisherSeen]:
-        """Operators come and go, or the node is restarted."""
+        """Operators appear or disappear, or the node is restarted."""
         kind, rival = self._drawn.operators, self._drawn.rival
         gone = PublisherSeen(kind=Kind.RESTRICTION, source="a", there=False)
         if kind is Operators.LOST:
@@ -333,7 +333,7 @@ def _list(second: int, places: tuple[Place, ...], source: str) -> RestrictionsHe
 
 
 class _Measuring:
-    """The measurements of the sensors, with all their faults of the day."""
+    """The measurements of the sensors with all faults of the run."""
 
     def __init__(self, drawn: Drawn) -> None:
         self._sensors = drawn.sensors
@@ -342,7 +342,7 @@ class _Measuring:
         self._late: list[PositionHeard] = []
 
     def measured(self, state: PlantState, second: int) -> Iterator[Heard]:
-        """The messages of a second: positions, perhaps late or twice, and the wheel forces."""
+        """The messages of a second: positions, possibly late or repeated, and the wheel forces."""
         noise, chance = self._random.standard_normal(4), float(self._random.random())
         self._wander_m = 0.967 * self._wander_m + 0.25 * POSITION_SD_M * float(noise[0])
         late, self._late = self._late, []

@@ -1,4 +1,4 @@
-"""Drives and judges the days of the assessment."""
+"""Simulation and judgement of the runs of the assessment."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from tests.support.assessed_day import AssessedDay, NeverArrivedError, Seen
 from tests.support.drawn_day import LINES, Drawn, Operators, Style, Upset, write_files
 
 LAST_WORD = "last word:"
-"""The text of an event begins with this if the last word has changed an advice."""
+"""Beginning of the text of an event if the last word has changed an advice message."""
 WRONG_GAIN = 0.08
-"""A force sensor whose gain differs from 1 by more than this must not influence plans."""
+"""Deviation of a force sensor's gain from 1 above which the sensor must not influence plans."""
 LEAST_ADVISED = 0.99
-"""On a steady day there must be advice in at least this share of the seconds in which the train moves."""
+"""Least share of the seconds of a moving train with advice in a steady run."""
 KEPT_BYTES = 400_000_000
 
 
 @dataclass(kw_only=True)
 class Verdict:
-    """The result of a day: its problems and counts."""
+    """The result of a run: its problems and counts."""
 
     drawn: Drawn
     problems: list[Problem] = field(default_factory=list)
@@ -33,7 +33,7 @@ class Verdict:
     advised_s: int = 0
 
     def said(self) -> str:
-        """The day and its problems as text: for each kind the first one, the number, and the size of the worst."""
+        """The run and its problems as text: for each kind the first one, the number, and the size of the worst."""
         lines = [self.drawn.said]
         for kind in dict.fromkeys(one.kind for one in self.problems):
             same = [one for one in self.problems if one.kind == kind]
@@ -42,7 +42,7 @@ class Verdict:
 
 
 class Assessor:
-    """Drives days; it keeps lines, trains, allowed speeds and fronts from day to day."""
+    """The assessor, which keeps lines, trains, allowed speeds and fronts from run to run."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -50,7 +50,7 @@ class Assessor:
         self._judges: dict[tuple[Path, Path], Judge] = {}
 
     def assess(self, drawn: Drawn) -> Verdict:
-        """Drive and judge a day."""
+        """Simulate and judge a run."""
         verdict = Verdict(drawn=drawn)
         try:
             self._assess(drawn, verdict)
@@ -68,7 +68,7 @@ class Assessor:
         stood = 0
         try:
             for seen in day.seconds():
-                # Before the judge learns what applies on the next leg.
+                # Before the judge receives the limits of the next leg.
                 verdict.problems += filter(None, map(of_day.stood, day.said.stood[stood:]))
                 stood = len(day.said.stood)
                 verdict.problems += of_day.problems(seen)
@@ -83,7 +83,9 @@ def _count(verdict: Verdict, seen: Seen) -> None:
     advised = seen.advice.cause is Cause.NONE
     verdict.counts["advised" if advised else seen.advice.cause.label] += 1
     careless = verdict.drawn.style is Style.CARELESS
-    quiet = careless and seen.advice.cause.is_quiet  # He brakes on his own; one who obeys never does.
+    quiet = (
+        careless and seen.advice.cause.is_quiet
+    )  # A careless driver brakes independently; an obedient one never does.
     passed = careless and seen.advice.cause is Cause.PAST_STOP  # The driver did not look in time.
     quiet |= seen.advice.cause is Cause.MOVING_UP  # The train stood short of its stop.
     if seen.state.speed_mps > MOVES_MPS and not (passed or quiet):
@@ -93,12 +95,12 @@ def _count(verdict: Verdict, seen: Seen) -> None:
 
 
 def _of_operators(drawn: Drawn, seen: Seen, counts: Counter[str]) -> list[Problem]:
-    """Advice that should have been withdrawn, because it is not known which restrictions are in force."""
+    """Advice that should have been withdrawn, because the restrictions in force are unknown."""
     if seen.advice.cause is not Cause.NONE or seen.second <= drawn.happens_s:
         counts["two-operators seen"] += seen.advice.cause is Cause.TWO_OPERATORS
         return []
     found, kind, second = [], drawn.operators, seen.second
-    # The new node hears a list that is sent, or sent once more, at that moment.
+    # The new node receives a list sent, or repeated, at that time.
     told_at_once = any(0 <= round(drawn.happens_s) - round(one.at_s) <= 2 for one in drawn.lists)
     if kind is Operators.NODE_RESTARTED_ALONE and not told_at_once:
         found.append("advice without having heard of restrictions")
@@ -111,7 +113,7 @@ def _of_operators(drawn: Drawn, seen: Seen, counts: Counter[str]) -> list[Proble
 
 
 def _of_the_day(drawn: Drawn, day: AssessedDay, verdict: Verdict) -> list[Problem]:
-    """The problems of the day as a whole."""
+    """The problems of the run as a whole."""
     found, said = [], day.said
     acts = [(second, text) for second, text in said.events if text.startswith(LAST_WORD)]
     if acts and drawn.clean:

@@ -1,4 +1,4 @@
-"""The public benchmark library TTOBench: its figures in tests/data, and all of it if ../shared exists."""
+"""The public benchmark library TTOBench: its figures in tests/data, and the whole library if ../shared exists."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.support.needs import missing
 
 DATA = REPOSITORY / "tests" / "data"
 SHARED = REPOSITORY.parent / "shared" / "data"
-"""Third-party data beside the checkout; a user's clone has none (the fixture `shared` skips or fails then)."""
+"""Third-party data next to the checkout; a user's clone has none (the fixture `shared` then skips or fails)."""
 
 TRACKS = [
     *("00_reference", "00_reference_with_tunnels", "00_var_gradient_minus_10", "00_var_gradient_minus_5"),
@@ -38,16 +38,16 @@ TRAIN = {
         ("efficiency reg brake", 80, "%"),
     )
 }
-"""A train of our own in the format of the library."""
+"""A train of this project in the format of the library."""
 
 
 def shared_data(*, module: bool = True) -> Path:
-    """The folder of third-party data beside the checkout; if missing, the test fails in CI and is skipped elsewhere.
+    """The folder of third-party data next to the checkout; without it, the test fails in CI and is skipped elsewhere.
 
     With `module` the whole test file is skipped, for files that test only these data.
     """
     if not SHARED.is_dir():
-        missing(f"{SHARED} is missing: third-party data beside the checkout, not part of the project", module=module)
+        missing(f"{SHARED} is missing: third-party data next to the checkout, not part of the project", module=module)
     return SHARED
 
 
@@ -58,7 +58,7 @@ def track_path(track: str) -> Path:
 
 
 def train_path(train: str) -> Path:
-    """The file of a train of the library, as it is bundled."""
+    """The bundled file of a train of the library."""
     return locate_vehicle(train)
 
 
@@ -68,13 +68,13 @@ def journey_path() -> Path:
 
 
 def tracks_here() -> list[str]:
-    """The names of the tracks that can be read: all of the library, or on a user's clone those of tests/data."""
+    """The names of the available tracks: all of the library, or those of tests/data in a user's clone."""
     return [track for track in TRACKS if track_path(track).is_file()]
 
 
 @dataclass(frozen=True)
 class ReferenceResult:
-    """What another optimiser found for a problem of the benchmark.
+    """The result of another optimiser for a problem of the benchmark.
 
     `losses` is "η/η" (efficiency of traction and of the electric brake) or "map"; `brakes` is "electric" or
     "electric+pneumatic".
@@ -101,7 +101,7 @@ def reference_results() -> list[ReferenceResult]:
 
 
 def least_times() -> list[tuple[str, str, float]]:
-    """Track, train and least time (s) of an independent calculation in fine steps."""
+    """Track, train and least time (s) from an independent calculation in fine steps."""
     return [(route, vehicle, time_s) for route, vehicle, time_s in _reference()["least_times"]["rows"]]
 
 

@@ -18,7 +18,7 @@ from das.solver.state import State
 from das.solver.tolerances import UNREACHABLE
 
 BUNDLED = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
-"""Every section that comes with the program: its route, and its number on that route."""
+"""All bundled sections: route, and number on the route."""
 BUFFERS = (0.03, 0.08, 0.15, 0.30)
 Which = tuple[str, int]
 
@@ -45,7 +45,7 @@ def guide_of(which: Which, change_s: float = PolicySettings().change_s) -> Guide
 
 
 def asked_s(which: Which, buffer_ratio: float) -> float:
-    """The least time of a bundled section (s) plus a buffer (a ratio of that time)."""
+    """The least time (s) of a bundled section plus a buffer (a ratio of that time)."""
     return front_of(which).fastest().time_s * (1.0 + buffer_ratio)
 
 
@@ -57,7 +57,7 @@ def scheduled(which: Which, buffer_ratio: float) -> Scheduled:
 
 
 def excess_ratio(which: Which, energy_j: float, time_s: float) -> float:
-    """By what share an energy exceeds the least energy of the section for the same time."""
+    """The relative excess of an energy over the least energy of the section for the same time."""
     return energy_j / least_j(front_of(which), time_s) - 1.0
 
 
@@ -68,7 +68,7 @@ def least_j(front: Front, time_s: float) -> float:
 
 
 def lasts_s(schedule: Schedule) -> list[float]:
-    """How long (s) each phase of a schedule that starts with its section lasts."""
+    """The duration (s) of each phase of a schedule that starts with its section."""
     elapsed = schedule.section.elapsed_s(schedule.known.speed_mps)
     begins = [one.begin for one in schedule.phases] + [len(schedule.section.step_m)]
     return [float(elapsed[b] - elapsed[a]) for a, b in pairwise(begins)]

@@ -1,4 +1,4 @@
-"""Comparison of large arrays at once; `pytest.approx` compares element by element, which would take minutes."""
+"""Vectorised comparison of large arrays; `pytest.approx` compares element by element, which would take minutes."""
 
 from __future__ import annotations
 

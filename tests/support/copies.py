@@ -1,4 +1,4 @@
-"""Copies of this project's packages that a test can edit, and Python run with a copy instead of the original."""
+"""Editable copies of this project's packages, and Python run with a copy instead of the original."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.support.making import REPOSITORY
 
 
 def copy_of(folder: Path, *packages: str) -> Path:
-    """Copy packages of this project, without compiled files; returns the folder that holds them."""
+    """Copy packages of this project, without compiled files; returns the folder that contains them."""
     for package in packages:
         shutil.copytree(REPOSITORY / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
     return folder
@@ -41,7 +41,7 @@ def _environment(folder: Path) -> dict[str, str]:
 def run_copy(
     folder: Path, *words: str, env: Mapping[str, str] | None = None, timeout_s: float = 300.0
 ) -> subprocess.CompletedProcess[str]:
-    """Run Python in a folder of copies, which it imports before installed packages; it writes no `.pyc` files."""
+    """Run Python in a folder of copies, which take precedence over installed packages; no `.pyc` files are written."""
     return subprocess.run(
         [sys.executable, "-B", *words],
         cwd=folder,

@@ -52,7 +52,7 @@ def few(values: Iterable[Any], kept: Container[Any], rest: pytest.MarkDecorator 
 
 
 def _parts(combination: tuple[int, ...]) -> set[tuple[tuple[int, int], ...]]:
-    """What the default run must cover of a combination: its values if there are two, else its pairs of values."""
+    """The parts of a combination for the default run to cover: its values if there are two, else pairs of values."""
     places = list(enumerate(combination))
     if len(places) <= 2:
         return {(place,) for place in places}

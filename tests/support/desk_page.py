@@ -1,4 +1,4 @@
-"""The cab desk in Chromium: opens it, drives by keyboard with only what is on the page, and runs `das-sim desk`."""
+"""The cab desk in Chromium: a page operated by keyboard, using only what it shows, and the command `das-sim desk`."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tests.support.needs import missing
 
 FLAT_DAY: Final = REPOSITORY / "sim" / "experiment" / "studies" / "days" / "flat-6km.toml"
 STRONGEST_MPS2: Final = 1.62
-"""Deceleration of the train of `FLAT_DAY` with the lever at full brake: a person finds that out in a minute."""
+"""Deceleration (m/s²) of the train of `FLAT_DAY` at full brake, which a person learns within a minute."""
 STATE: Final = "({...document.body.dataset})"
 
 
 @contextmanager
 def chromium(**options: Any) -> Iterator[Any]:
-    """A browser; a test without playwright or Chromium ends as `missing` says."""
+    """A browser; without playwright or Chromium the test ends as described for `missing`."""
     api = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
     try:
         program = browser()
@@ -41,7 +41,7 @@ def chromium(**options: Any) -> Iterator[Any]:
 
 
 class DeskPage:
-    """A page at the desk: its state as it states it, and the keys that a person presses. `errors` must stay empty."""
+    """A page at the desk: its reported state, and the keys that a person presses. `errors` must stay empty."""
 
     def __init__(self, context: Any, address: str) -> None:
         self.page = context.new_page()
@@ -53,7 +53,7 @@ class DeskPage:
 
     @property
     def state(self) -> dict[str, str]:
-        """The state that the page states: look, speed, limit, advice, mode, way, lever, …"""
+        """The state reported by the page: look, speed, limit, advice, mode, way, lever, …"""
         found: dict[str, str] = self.page.evaluate(STATE)
         return found
 
@@ -62,7 +62,7 @@ class DeskPage:
         return str(self.page.evaluate(f"document.getElementById('{node}').textContent"))
 
     def until(self, done: Callable[[dict[str, str]], bool], what: str, for_s: float = 60.0) -> dict[str, str]:
-        """Wait until the page's state is as wanted."""
+        """Wait until the page's state meets a condition."""
         end = time.monotonic() + for_s
         while time.monotonic() < end:
             state = self.state
@@ -76,7 +76,7 @@ class DeskPage:
         return self.until(lambda state: state["phase"] == name, f"the phase {name}", for_s)
 
     def begin(self) -> None:
-        """Say by keyboard that one is ready, and wait until the run has begun."""
+        """Press the key for ready, and wait until the run has begun."""
         self.phase("welcome")
         self.page.keyboard.press("Enter")
         self.phase("driving")
@@ -90,7 +90,7 @@ class DeskPage:
             self.lever += way
 
     def drive(self, look: Callable[[dict[str, str]], None], for_s: float = 600.0) -> None:
-        """Drive to the end of the run with what the page shows; `look` is given every state that is looked at."""
+        """Drive to the end of the run with only the information on the page; `look` is called with every state."""
         end, last = time.monotonic() + for_s, ""
         while time.monotonic() < end:
             state = self.state
@@ -105,14 +105,14 @@ class DeskPage:
 
 
 def picture(page: DeskPage, name: str) -> None:
-    """Write the picture of a page if somebody wants to look at it."""
+    """Write the picture of a page if requested."""
     if folder := os.environ.get("DAS_DESK_PICTURES"):
         page.page.wait_for_timeout(350)
         page.page.screenshot(path=Path(folder) / f"{name}.png")
 
 
 def _wanted(state: dict[str, str], lever: int) -> int:
-    """Where a person sets the lever: by the advice, by the limit, and by eye for the last metres."""
+    """The setting of the lever by a person: by the advice, by the limit, and by eye for the last metres."""
     speed, limit, way, due = (float(state[name]) for name in ("speed", "limit", "way", "due"))
     mode = state["mode"]
     advised = float(state["advice"]) if state["advice"] else None
@@ -142,7 +142,7 @@ def _wanted(state: dict[str, str], lever: int) -> int:
 
 @contextmanager
 def desk_command(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """`das-sim desk` as a user starts it, with the address that it prints."""
+    """`das-sim desk` started as by a user, and the address that it prints."""
     paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
     child = subprocess.Popen(
         [sys.executable, "-m", "sim.cli", "desk", *arguments, "--no-open"], cwd=folder, text=True,

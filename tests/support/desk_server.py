@@ -1,4 +1,4 @@
-"""A desk's server in this process with a made-up bus, and what tests ask of it over HTTP and a socket."""
+"""A desk's server in this process with a made-up bus, and its clients in tests over HTTP and a socket."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Line = tuple[Route, Vehicle, tuple[Stop, ...]]
 
 
 class MadeUpBus:
-    """In place of `das.bus.session.Bus`: a test says what comes (`cab`, `finish`), and sees what the desk publishes."""
+    """A replacement of `das.bus.session.Bus`: a test sends messages (`cab`, `finish`) and reads those of the desk."""
 
     latest: MadeUpBus
 
@@ -64,7 +64,7 @@ class MadeUpBus:
         return [message for topic, message in list(self.said) if topic == name]
 
     def cab(self, like: Any = None, **fields: Any) -> int:
-        """Let a Cab come, `like` another one or of these fields; returns the number of its look."""
+        """Send a Cab, `like` another one or with these fields; returns the number of its look."""
         self._look += 1
         cab = das_pb2.Cab(time_ns=self._look, stop_m=6000.0, signal_m=float("nan"), **fields)
         if like is not None:
@@ -74,12 +74,12 @@ class MadeUpBus:
         return self._look
 
     def finish(self) -> None:
-        """Let the run be over."""
+        """End the run."""
         self._coming.append(Received(CONTROL, "", das_pb2.Control(command=das_pb2.Control.COMMAND_FINISH)))
 
 
 class Visitor:
-    """A browser of a test at the server of a port; `stall(seconds)` keeps the server from answering for a while."""
+    """The browser of a test at the server of a port; `stall(seconds)` keeps the server from answering for a while."""
 
     def __init__(self, port: int, stall: Callable[[float], object] = time.sleep) -> None:
         self.port, self.host, self.stall = port, f"127.0.0.1:{port}", stall
@@ -95,11 +95,11 @@ class Visitor:
 
     @property
     def cookie(self) -> str:
-        """The cookie that the token brings."""
+        """The cookie set for the token."""
         return str(self.ask(f"/?token={TOKEN}").headers["Set-Cookie"]).partition(";")[0]
 
     def open(self, **headers: Any) -> AbstractContextManager[ClientConnection]:
-        """A socket of our own page; `Origin` and `Cookie` replace its own."""
+        """A socket of the desk's own page; `Origin` and `Cookie` replace the page's values."""
         given = {"Cookie": self.cookie, **headers}
         origin: Any = given.pop("Origin", f"http://{self.host}")
         address = f"ws://{self.host}/desk"
@@ -109,7 +109,7 @@ class Visitor:
 
 
 def until(done: Callable[[], Any], what: str) -> Any:
-    """Wait until something holds and return it."""
+    """Wait until a call returns a true value and return that value."""
     end = time.monotonic() + WAITS_S
     while time.monotonic() < end:
         if found := done():
@@ -119,7 +119,7 @@ def until(done: Callable[[], Any], what: str) -> Any:
 
 
 def next_of(socket: ClientConnection, kind: str) -> dict[str, Any]:
-    """The next message of a kind that the page is sent."""
+    """The next message of a kind sent to the page."""
     while True:
         message: dict[str, Any] = json.loads(socket.recv(timeout=WAITS_S))
         if message["t"] == kind:
@@ -127,13 +127,13 @@ def next_of(socket: ClientConnection, kind: str) -> dict[str, Any]:
 
 
 def say(socket: ClientConnection, kind: str, **fields: Any) -> None:
-    """Send a message as the page does."""
+    """Send a message as from the page."""
     socket.send(json.dumps({"t": kind, **fields}))
 
 
 @contextmanager
 def desk_server(line: Line | None = None) -> Iterator[tuple[Visitor, MadeUpBus]]:
-    """A server whose run is ours to make up, by default on 6 flat km."""
+    """A server of a made-up run, by default on a flat line of 6 km."""
     door = listening(0)
     line = line or (flat(6000.0), make_train(), flat(6000.0).stops)
     given = DeskGiven(door=-1, token=TOKEN, scenario="", train="T1", language="en")

@@ -1,4 +1,4 @@
-"""A clean record of a made-up trip, and functions that plant each kind of defect in it."""
+"""A clean record of a made-up trip, and functions that plant one kind of defect each."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def counts(trip: Trip) -> dict[FindingKind, int]:
 
 
 def check_truth(trip: Trip, points: Points, tolerance_m: float = 0.02, speed_mps: float = 0.6) -> None:
-    """Assert that every point kept is where the clean record has it, and that the smoothed trip is the true motion."""
+    """Assert that every remaining point is where the clean record has it, and the smoothed trip is the true motion."""
     t = np.array([p.t for p in points])
     at = (trip.matched.time_ns * 1e-9) - EPOCH_S
     s, v = np.array([p.s_m for p in points]), np.array([p.v for p in points])

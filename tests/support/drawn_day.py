@@ -1,4 +1,4 @@
-"""The random draw of a day of the assessment: line, train, driver, messages, and everything that goes wrong."""
+"""The random draw of a run of the assessment: line, train, driver, messages, and all disturbances."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from tests.support.raw_witness import Place
 
 CATALOGUE = REPOSITORY / "das" / "domain" / "catalogue"
 LINES = 6
-"""The number of lines with their trains; the fronts of each line without restrictions are solved once."""
+"""Number of lines with trains; the fronts of each line without restrictions are solved once."""
 LEGS = ((0, 1), (1, 2), (2, 3), (0, 1), (1, 2), (2, 3), (0, 2), (1, 3))
 LONG_LEGS = ((0, 2), (1, 3))
 """Pairs of the line's stops, by number: the first and the last stop of a day."""
 LONGEST_DELAY_S = 2.0
 NOTICED_S = 2.5
-"""The cab must not believe positions that are wrong for no longer than this."""
+"""Duration (s) up to which the cab must not trust wrong positions."""
 
 
 class Operators(StrEnum):
-    """What happens to the operators on a day."""
+    """The events of the operators in a run."""
 
     ONE = "one"
     LOST = "lost"
@@ -37,20 +37,20 @@ class Operators(StrEnum):
 
 
 class Style(StrEnum):
-    """How a driver follows what he is shown."""
+    """The way in which a driver follows the display."""
 
     FORCE = "force"
-    """He applies exactly the wheel force of the message."""
+    """Exactly the wheel force of the message."""
     EFFORT = "effort"
-    """He applies the mode and effort shown until the speed is reached, and then holds the speed."""
+    """The mode and effort shown until the speed is reached, then holding the speed."""
     SPEED = "speed"
-    """He holds the speed that is shown, with full effort."""
+    """The shown speed, held with full effort."""
     CARELESS = "careless"
-    """He looks rarely, acts late and brakes weakly, but watches limits and stops himself."""
+    """Rare looks, late actions and weak braking, but limits and stops observed by the driver."""
 
 
 class Upset(StrEnum):
-    """What goes wrong with the sensors on a disturbed day."""
+    """The faults of the sensors in a disturbed run."""
 
     NONE = "none"
     JUMP = "jump"
@@ -58,13 +58,13 @@ class Upset(StrEnum):
     WRONG_SPEED = "wrong-speed"
     """The measured speed is wrong by a constant share for some seconds."""
     SILENT = "silent"
-    """No position comes for some seconds."""
+    """No position arrives for some seconds."""
     FROZEN = "frozen"
     """The position stays where it was for some seconds."""
 
 
 class Change(StrEnum):
-    """How the journey is changed under way."""
+    """The change of the journey during the run."""
 
     NONE = "none"
     DROPPED_STOP = "dropped-stop"
@@ -78,7 +78,7 @@ STYLES: dict[Presentation, tuple[Style, ...]] = {
     Presentation.TOP_SPEED: (Style.SPEED, Style.CARELESS),
     Presentation.FOUR_MODE: (Style.EFFORT, Style.CARELESS),
 }
-"""The styles of driving that each presentation shows enough for."""
+"""The styles of driving for which each presentation shows enough."""
 SHARES = {
     Presentation.GUIDE: 0.5,
     Presentation.SPEED_AND_EFFORT: 0.26,
@@ -100,7 +100,7 @@ class Told:
     ahead: tuple[float, float, float] | None = None
 
     def resolved(self, head_m: float) -> tuple[Place, ...]:
-        """The places of the list for a train with its head at a position."""
+        """The restrictions of the list for a train with its head at a position."""
         if self.ahead is None:
             return self.places
         way_m, length_m, limit_mps = self.ahead
@@ -109,10 +109,10 @@ class Told:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """The faults of the sensors and the clocks on a day."""
+    """The faults of the sensors and the clocks in a run."""
 
     gain: float = 1.0
-    """The force sensor reports the true force times this."""
+    """Factor of the force sensor on the true force."""
     clock_off_s: float = 0.0
     force_clock_off_s: float = 0.0
     upset: Upset = Upset.NONE
@@ -121,9 +121,9 @@ class Sensors:
     upset_by: float = 0.0
     """The size of the disturbance: metres of a jump, or the share of the speed."""
     clock_step: tuple[float, float] = (0.0, 0.0)
-    """When (s) the cab's clock is set, and by how much (s)."""
+    """Time (s) at which the cab's clock is set, and the step (s)."""
     late_ratio: float = 0.0
-    """This share of the positions comes one second late, and the same share comes twice."""
+    """Share of the positions that arrive one second late; the same share arrives twice."""
 
     @property
     def lies(self) -> bool:
@@ -139,7 +139,7 @@ class Sensors:
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """Everything that is drawn for a day."""
+    """All random values of a run."""
 
     seed: int
     presentation: Presentation
@@ -154,25 +154,25 @@ class Drawn:
     change: Change
     changes_s: float
     change_by: float
-    """Where, or by how much, the journey is changed: a number between 0 and 1."""
+    """Place or amount of the change of the journey: a number between 0 and 1."""
     stops: tuple[int, int]
-    """The numbers of the first and the last stop of the day; most days have only one leg."""
+    """The numbers of the first and the last stop of the run; most runs have only one leg."""
     buffer_ratio: float
     blended: bool
 
     @property
     def clean(self) -> bool:
-        """Whether the last word must find nothing to replace on this day."""
+        """Whether the last word must have nothing to replace in the run."""
         return self.sensors.clean
 
     @property
     def steady(self) -> bool:
-        """Whether advice is due in nearly every second: the day is clean, and there is only one operator."""
+        """Whether advice is due in nearly every second: the run is clean, and there is only one operator."""
         return self.clean and self.operators in (Operators.ONE, Operators.NODE_RESTARTED)
 
     @property
     def said(self) -> str:
-        """The day in a short text."""
+        """The run as a short text."""
         sensors = self.sensors
         parts = [
             f"day {self.seed}: {self.presentation} {self.style} (delay {self.delay_s:.1f} s)",
@@ -192,9 +192,9 @@ class Drawn:
 
 
 def draw(seed: int) -> Drawn:
-    """Draw a day.
+    """Draw a run.
 
-    Every part of the day has its own stream of random numbers, so that adding a part does not change existing days.
+    Every part of the run has its own stream of random numbers; an added part does not change existing runs.
     """
 
     def stream(part: int) -> np.random.Generator:
@@ -251,7 +251,7 @@ def _lists(random: np.random.Generator) -> tuple[Told, ...]:
 
 
 def _sensors(random: np.random.Generator) -> Sensors:
-    """The faults of sensors and clocks on a day; six days of ten have none."""
+    """The faults of sensors and clocks in a run; six runs of ten have none."""
     gain = float(random.choice([1.0, random.uniform(0.5, 1.5)], p=[0.4, 0.6]))
     kind, from_s, for_s = float(random.random()), float(random.uniform(10.0, 120.0)), float(random.uniform(1.0, 15.0))
     jump, ratio = float(random.uniform(-300.0, 300.0)), float(random.uniform(-0.3, 0.3))
@@ -266,7 +266,7 @@ def _sensors(random: np.random.Generator) -> Sensors:
         return Sensors(gain=gain, clock_step=(from_s, step_s), late_ratio=late)
     upset = list(Upset)[1 + int(random.integers(0, len(Upset) - 1))]
     by = ratio if upset is Upset.WRONG_SPEED else jump
-    if upset is Upset.JUMP and late:  # Half of the jumps are so short that the cab must notice them.
+    if upset is Upset.JUMP and late:  # Half of the jumps are short enough for the cab to detect.
         for_s = min(for_s, NOTICED_S)
     return Sensors(gain=gain, upset=upset, upset_s=(from_s, from_s + for_s), upset_by=by)
 
@@ -274,7 +274,7 @@ def _sensors(random: np.random.Generator) -> Sensors:
 def write_files(folder: Path, number: int, *, blended: bool) -> tuple[Path, Path]:
     """Write the files of route and vehicle with this number: a short hilly line with limits, and a train for it.
 
-    Every fourth train has an effort curve that changes by a fifth within 1 km/h, as where a diesel train shifts.
+    Every fourth train has an effort curve that changes by a fifth within 1 km/h, as when a diesel train shifts.
     """
     random = np.random.default_rng([19, number])
     length_km = round(float(random.uniform(5.0, 8.0)), 3)

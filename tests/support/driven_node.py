@@ -1,4 +1,4 @@
-"""A node without sockets: the test hands it messages, and everything that it publishes is kept."""
+"""A node without sockets: the test passes messages to it, and all published messages are stored."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROUTE, VEHICLE = load_route("flat-6km"), load_vehicle("re460-ic")
 
 
 class Sink:
-    """A stand-in for the bus: it keeps what the node publishes, and sends nothing."""
+    """A replacement for the bus, which stores the node's messages and sends nothing."""
 
     train = TRAIN
     dropped = 0
@@ -60,7 +60,7 @@ def make_node(sink: Sink, settings: CabSettings | None = None, fronts: Fronts = 
 class DrivenNode:
     """A node whose train runs at 20 m/s from second 0 on; it has a journey, and an empty list of restrictions.
 
-    If the train stood a minute before (`stood`), its speeds are believed from the first.
+    If the train stood for a minute before (`stood`), its speeds are trusted from the first one.
     """
 
     def __init__(
@@ -78,15 +78,15 @@ class DrivenNode:
         self.node.take(decoded(topic, topic.key(TRAIN), message.SerializeToString(), source))
 
     def tell_time(self, second: float) -> None:
-        """Ask for the advice at a second."""
+        """Request the advice at a second."""
         self.tell(CONTROL, das_pb2.Control(time_ns=START_NS + round(second * S), tick=round(second)))
 
     def last_advice(self) -> Any:
-        """The newest advice."""
+        """The newest advice message."""
         return self.sink.of(ADVICE)[-1]
 
     def tick(self, second: float, s_m: float | None = None) -> Any:
-        """The one advice that the node publishes for a second."""
+        """The single advice message published by the node for a second."""
         now_ns = START_NS + round(second * S)
         before = len(self.sink.of(ADVICE))
         place_m = 20.0 * second if s_m is None else s_m

@@ -1,6 +1,6 @@
 """The recorded trip of `das-sim example` and its kilometre posts.
 
-`python -m tests.support.example_trip` writes both again.
+`python -m tests.support.example_trip` rewrites both.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tests.support.made_map import EXAMPLE
 LOOK_S: Final = 0.2
 """Interval (s) at which a driver looks and acts."""
 LOOKS_A_STATE: Final = 5
-"""Looks for each state that is kept, which is one a second."""
+"""Number of looks for each stored state (one state a second)."""
 LONGEST_S: Final = 7200.0
 """Longest trip (s) of the example."""
 
@@ -63,21 +63,21 @@ def drive(plant: Plant, driver: Driver, line: LineKnowledge, arrival_s: float) -
 
 
 SEED: Final = 1
-"""Seed of the trip that is kept."""
+"""Seed of the committed trip."""
 POSTS_EVERY_M: Final = 100.0
-"""Distance (m) between kilometre posts, so that straight lines between them keep within some metres of the curves."""
+"""Distance (m) between kilometre posts; straight lines between them deviate from the curves by only some metres."""
 DEPARTURE: Final = datetime(2026, 11, 21, 8, 31, 0, tzinfo=UTC)
 """Departure of the train of the recorded trip."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Receiver:
-    """A GPS receiver and how a trip is recorded with it; the errors are assumed to be those of a good receiver."""
+    """A GPS receiver and its recording of a trip; the errors are assumptions for a good receiver."""
 
     position_sd_m: float = 3.0
     """Standard deviation (m) of the position, each to the north and to the east."""
     correlation_s: float = 20.0
-    """Time constant (s) with which the error of the position wanders."""
+    """Correlation time (s) of the position error."""
     speed_sd_mps: float = 0.08
     """Standard deviation (m/s) of the reported speed of a moving train."""
     standing_s: int = 20
@@ -92,7 +92,7 @@ def trip_files(seed: int = SEED) -> dict[str, bytes]:
 
 
 def _driven(route: Route, vehicle: Vehicle, seed: int) -> list[PlantState]:
-    """A human driver's trip without advice; the timetable allows a tenth more time than a hurrying driver takes."""
+    """A human driver's trip without advice; the timetable allows a tenth more time than a hurrying driver needs."""
     line, plant = LineKnowledge(route=route, vehicle=vehicle), Plant(route, vehicle)
     fastest_s = drive(plant, make_driver(DriverKind.FAST, line), line, 0.0)[-1].time_s
     return drive(plant, make_driver(DriverKind.HUMAN, line, seed=seed), line, 1.1 * fastest_s)

@@ -1,4 +1,4 @@
-"""A small GTFS feed like a published one: quoted, with a byte order mark, in a folder of its zip, with platforms."""
+"""A small GTFS feed like published ones: quoted, with a byte order mark, in a folder of the zip, with platforms."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Rows = Sequence[Sequence[object]]
 PLACES_M = (0.0, 4_000.0, 9_000.0, 15_000.0)
 NAMES = ("Altdorf", "Bad Über", "Neu Altdorf", "Zell")
 OFF_M = 100.0
-"""How far east of the line platforms are: as far as in real feeds."""
+"""Distance (m) of platforms east of the line, as in real feeds."""
 ODD = 'odd "x"/ü #7'
 
 
@@ -87,7 +87,7 @@ def feed_tables() -> dict[str, Rows]:
 
 
 def table_text(rows: Rows) -> str:
-    """A table as feeds have it: every cell quoted, with a byte order mark and CRLF."""
+    """A table as in published feeds: every cell quoted, with a byte order mark and CRLF."""
     text = io.StringIO()
     csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator="\r\n").writerows(rows)
     return "\ufeff" + text.getvalue()
@@ -96,7 +96,7 @@ def table_text(rows: Rows) -> str:
 def write_feed(
     path: Path, changed: Mapping[str, Rows | str | bytes | None] | None = None, folder: str = "made/"
 ) -> Path:
-    """Write the feed; `changed` replaces tables by their names (a text as it is; None: the feed lacks it)."""
+    """Write the feed; `changed` replaces tables by name (a text is written unchanged; None removes the table)."""
     tables: dict[str, Rows | str | bytes | None] = {**feed_tables(), **(changed or {})}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, rows in tables.items():

@@ -26,7 +26,7 @@ class _Believed(SpeedScale):
 
 
 def believing(vehicle: Vehicle) -> Localisation:
-    """A localisation that believes a speed before the way has confirmed it: for tests that begin on the way."""
+    """A localisation that accepts a speed before the distance confirms it, for tests that begin in motion."""
     localisation = Localisation(vehicle)
     localisation._scale = _Believed()
     return localisation
@@ -59,7 +59,7 @@ def truth(time_s: float) -> tuple[float, float]:
 def fixes(
     until_s: float, *, from_s: float = 0.0, hz: float = 1.0, seed: int = 1, noise_m: float = SD_M
 ) -> Iterator[PositionFix]:
-    """What a receiver reports of `truth`: positions with a slowly drifting error, speeds with independent noise."""
+    """A receiver's reports of `truth`: positions with a slowly drifting error, speeds with independent noise."""
     random = np.random.default_rng(seed)
     keep, off_m = math.exp(-1 / hz / WANDER_S), noise_m * random.standard_normal()
     for i in range(round((until_s - from_s) * hz) + 1):

@@ -1,4 +1,4 @@
-"""Simulated days on a flat line: a test writes the scenario file, and the day is driven in the test's own process."""
+"""Simulated runs on a flat line: a test writes the scenario file, and its own process simulates the run."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KEPT_SERVICES = 3
 
 @cache
 def solved() -> list[Service]:
-    """The latest services of a test file: what `@cache` keeps is forgotten at its end."""
+    """The latest services of a test file; the contents of `@cache` are cleared at its end."""
     return []
 
 
@@ -52,14 +52,14 @@ def service_of(path: Path) -> Service:
 
 @cache
 def flat_day(more: str = "") -> Day:
-    """The day of seed 1 on the flat line, with more text in its scenario file."""
+    """The run with seed 1 on the flat line, with more text in its scenario file."""
     path = Path(mkdtemp()) / "flat.toml"
     path.write_text(f"{FLAT}\n{more}", encoding="utf-8")
     return make_day(service_of(path), 1)
 
 
 def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantState, ...]:
-    """Every state of the train on a day of a scenario, with this kind of driver and this presentation of the advice."""
+    """Every state of the train in a run of a scenario, with this kind of driver and this presentation of the advice."""
     service = service_of(path)
     day = make_day(service, seed)
     made = make_driver(DriverKind(driver), service.line, seed=seed)
@@ -67,7 +67,7 @@ def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantSta
 
 
 def run_of(path: Path, driver: str, advice: str = "speed-and-effort") -> Run:
-    """The whole run of the day with seed 1; its service is prepared from the file each time."""
+    """The whole run with seed 1; its service is prepared from the file each time."""
     service = prepare_service(read_scenario(path))
     made = make_driver(DriverKind(driver), service.line, seed=1)
     link = Alone() if advice == Presentation.NONE else InProcess(service)
@@ -85,7 +85,7 @@ def signal_at(at_m: float, seen_m: float) -> str:
 
 
 class Alone:
-    """The link of a train without an on-board system, for drivers who are shown nothing."""
+    """The link of a train without an on-board system, for drivers without a display."""
 
     def exchange(self, tick: Tick) -> None:
         """No advice."""
@@ -94,7 +94,7 @@ class Alone:
         """No advice."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Nobody records it."""
+        """No recording."""
 
     def restart(self) -> None:
         """There is nothing to start."""

@@ -57,7 +57,7 @@ def kept(schedule: Schedule, state: TrainState, replan: Replan | None = None) ->
 
 
 def scene(schedule: Schedule, s_m: float, kmh: float, place: SpeedsAllowed = FREE, second: float = 100.0) -> Sight:
-    """What the guide sees of a train at a place, at a speed."""
+    """The guide's input for a train at a position and speed."""
     state = TrainState(ns(second), s_m, kmh * KMH)
     foreseen = TrainForecast.of(kept(schedule, state), state)
     return Sight(schedule, timeline(schedule), foreseen, state, place, BrakingAhead(schedule.section))

@@ -32,7 +32,7 @@ def truth(t_s: float, s_m: float, speed_mps: float, limit_mps: float = LINE_MPS)
 
 
 def recorded(*sent: tuple[topics.Topic, Any]) -> Recording:
-    """A train at 20 m/s for 100 s, and what else was sent."""
+    """A recording of a train at 20 m/s for 100 s with further messages."""
     return in_memory(*(truth(t, SPEED_MPS * t, SPEED_MPS) for t in range(SECONDS + 1)), *sent)
 
 
@@ -68,7 +68,7 @@ def logged(t_s: float, text: str, topic: topics.Topic = topics.LOG, level: int =
 
 
 def day() -> Recording:
-    """A recording with every kind of message that these tests use."""
+    """A recording with every kind of message used in the tests."""
     return recorded(
         *(advice(t, mode=3, advised_speed_mps=19.0, position_sd_m=2.0, s_m=20.0 * t) for t in range(60)),
         *(withdrawn(t, "uncertain") for t in range(60, 80)), *(advice(t, mode=4) for t in range(80, 101)),

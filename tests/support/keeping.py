@@ -1,4 +1,4 @@
-"""A guide's reference on a bundled section, and trains that keep it or lose time against it."""
+"""A guide's reference on a bundled section, and trains that follow it or lose time against it."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class _NoLoss(UsualLoss):
 
 
 def sure(section: Section, front: GuideFront | None, worker: Worker = AT_ONCE) -> Keeper:
-    """A keeper whose drivers lose no time, so that references have no reserve."""
+    """A keeper whose drivers lose no time; its references have no reserve."""
     keeper = Keeper(section, front, DEFAULT, worker)
     keeper._usual = _NoLoss(section)
     return keeper
 
 
 def keeper_of(which: Which, *, loses: bool = False) -> Keeper:
-    """A keeper of a bundled section that has made no reference yet; its drivers lose no time, or the usual one."""
+    """A keeper of a bundled section that has made no reference yet; its drivers lose no time, or the usual amount."""
     section, front = section_of(which), guide_of(which)
     return Keeper(section, front, DEFAULT) if loses else sure(section, front)
 
@@ -51,7 +51,7 @@ def goal_of(which: Which, buffer_ratio: float, **more: object) -> Goal:
 
 
 class Keeping:
-    """A train that drives exactly as forecast, from a given time and place on."""
+    """A train that runs exactly as forecast, from a given time and place on."""
 
     def __init__(self, schedule: Schedule, forecast: Prospect, begin_s: float, s_m: float) -> None:
         times, self._node_m = elapsed_s(schedule, forecast, s_m)
@@ -70,14 +70,14 @@ class Keeping:
 
 
 def stood(keeper: Keeper, which: Which, goal: Goal) -> Kept:
-    """The reference that a keeper has made, or makes now, for the train before it departs."""
+    """The reference that a keeper has made, or makes now, for the train before its departure."""
     kept = keeper.keep(TrainState(ns(0), section_of(which).start_m, 0.0), goal)
     assert kept is not None
     return kept
 
 
 def departed(keeper: Keeper, which: Which, goal: Goal) -> tuple[Kept, Keeping]:
-    """The reference that a keeper makes for a train that departed 5 s ago, and a train that keeps it."""
+    """The reference that a keeper makes for a train that departed 5 s ago, and a train that follows it."""
     standing = stood(keeper, which, goal)
     state = Keeping(standing.reference.schedule, standing.forecast, 0.0, section_of(which).start_m).at(5.0)
     keeper.forget()
@@ -87,7 +87,7 @@ def departed(keeper: Keeper, which: Which, goal: Goal) -> tuple[Kept, Keeping]:
 
 
 def copied(keeper: Keeper, which: Which) -> Keeper:
-    """A keeper that goes on from where another is; the reference, the section and its front are the same objects."""
+    """A copy of a keeper in its present state, with the same objects for the reference, the section and its front."""
     same = (section_of(which), guide_of(which), keeper.reference)
     return deepcopy(keeper, {id(one): one for one in same})
 
@@ -114,6 +114,6 @@ def waiting(which: Which, goal: Goal, *, loses: bool = False) -> Keeper:
 
 
 def started(which: Which, goal: Goal, *, loses: bool = False) -> tuple[Keeper, Kept, Keeping]:
-    """A keeper whose train departed 5 s ago, its reference, and a train that keeps it; made once, as for `waiting`."""
+    """A keeper whose train departed 5 s ago, its reference, and a train that follows it; made once as in `waiting`."""
     keeper, kept, train = _on_the_way(which, goal, loses)
     return copied(keeper, which), kept, train

@@ -1,4 +1,4 @@
-"""Figures that the repository keeps, compared with those made now: lines, pictures, and the outputs of notebooks."""
+"""Comparison of committed figures with newly made ones: lines, pictures, and the outputs of notebooks."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from das.drawing.picture import Picture
 NUMBER: Final = re.compile(r"[+\-−]?\d+(?:\.\d+)?")
 BLOCK_PIXELS: Final = 8
 GREY_STEPS: Final = 12.0
-"""Blocks of a picture whose mean grey differs by more than this (of 255) differ: hair lines of text do not."""
+"""Difference of mean grey (of 255) above which two blocks of a picture differ; hair lines of text stay below."""
 SAME_PICTURE: Final = 0.0005
-"""Pictures with a smaller share of blocks that differ are the same; one that is drawn again has none."""
+"""Share of differing blocks below which pictures are the same; a redrawn picture has none."""
 
 Cells = list[tuple[str, bytes | None]]
 """The output of each cell of a notebook: its text, and its picture if there is one."""
 
 
 def agree(one: str, other: str) -> bool:
-    """Whether two lines have the same words, and figures that differ by no more than one unit of their last digit."""
+    """Whether two lines have the same words, and figures that differ by at most one unit of the last digit."""
     words = [" ".join(NUMBER.sub("#", line).split()) for line in (one, other)]
     pairs = zip(NUMBER.findall(one), NUMBER.findall(other), strict=False)
     return words[0] == words[1] and all(_near(*pair) for pair in pairs)
@@ -41,13 +41,13 @@ def _near(one: str, other: str) -> bool:
 
 
 def not_on_page(page: str, made: Iterable[str]) -> list[str]:
-    """The lines made now with which no line of a page agrees."""
+    """The new lines that agree with no line of a page."""
     there = page.splitlines()
     return [line for line in made if line not in there and not any(agree(line, one) for one in there)]
 
 
 def picture_difference(one: bytes, other: bytes) -> float:
-    """The share of the blocks of a picture that are lighter or darker in another one; 1 if they differ in size."""
+    """The share of a picture's blocks that are lighter or darker in another one; 1 for different sizes."""
     greys = [_blocks(content) for content in (one, other)]
     if greys[0].shape != greys[1].shape:
         return 1.0
@@ -64,7 +64,7 @@ def _blocks(content: bytes) -> np.ndarray:
 
 
 def made_cells(notebook: Any) -> Cells:
-    """What the cells of a notebook put out when they are run here."""
+    """The outputs of a notebook's cells when run now."""
     names: dict[str, Any] = {}
     found: Cells = []
     for cell in notebook["cells"]:
@@ -84,7 +84,7 @@ def made_cells(notebook: Any) -> Cells:
 
 
 def kept_cells(notebook: Any) -> Cells:
-    """What the cells of a notebook put out when it was committed."""
+    """The committed outputs of a notebook's cells."""
     found: Cells = []
     for cell in notebook["cells"]:
         outputs = cell.get("outputs", [])
@@ -98,7 +98,7 @@ def kept_cells(notebook: Any) -> Cells:
 
 
 def stale_cells(kept: Cells, made: Cells) -> list[str]:
-    """What a notebook was committed with and no longer puts out: texts, and "picture" for a picture."""
+    """The committed outputs that a notebook no longer produces: texts, and "picture" for a picture."""
     stale = []
     for (text, picture), (new_text, new_picture) in zip(kept, made, strict=True):
         stale += not_on_page(text, [new_text] if new_text else [])

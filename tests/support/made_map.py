@@ -1,4 +1,4 @@
-"""`python -m tests.support.made_map`: write the map and the altitudes of the example's line, which are all invented.
+"""`python -m tests.support.made_map`: write the map and the altitudes of the example's line, which are fictitious.
 
 `tracks.geojson` has the tags of OpenStreetMap. The line has two tracks, with crossovers, a siding, a yard, a branch, a
 tunnel, a bridge, stations and platforms. `heights.csv` has the noise of a terrain model.
@@ -25,13 +25,13 @@ TRACKS_APART_M: Final = 4.5
 DEGREE_M: Final = 111_200.0
 """Length of a degree of latitude (m)."""
 SWITCH_M: Final = 80.0
-"""Length (m) of the piece that leads from a track to its neighbour."""
+"""Length (m) of a connection from a track to its neighbour."""
 CROSSOVERS_KM: Final = (0.3, 5.7, 6.8, 13.4)
 BRIDGE_KM: Final = (3.05, 3.15)
 TUNNEL_KM: Final = (8.15, 8.95)
 HEIGHT_EVERY_M: Final = 50.0
 HEIGHT_SD_M: Final = 1.5
-"""Standard deviation (m) of the altitudes, as a terrain model has it."""
+"""Standard deviation (m) of the altitudes, as in a terrain model."""
 
 
 def map_files(route: Route) -> dict[str, bytes]:
@@ -51,7 +51,7 @@ def _geojson(route: Route) -> bytes:
 
 
 def _places_of(route: Route, at_m: Floats, aside_m: float | Floats) -> list[list[float]]:
-    """Longitude and latitude of points at positions, so many metres to the left of the line."""
+    """Longitude and latitude of points at positions, at a distance (m) to the left of the line."""
     at_m = np.clip(at_m, 0.0, route.length_m)
     found = [route.location_deg(at_m + half) for half in (-5.0, 5.0, 0.0)]
     (south, west), (north, east), (latitude, longitude) = [one for one in found if one is not None]
@@ -117,7 +117,7 @@ def _other_tracks(route: Route) -> list[dict[str, Any]]:
 
 
 def _places(route: Route) -> list[dict[str, Any]]:
-    """A station, a stop position and a platform for each stop of the line, and a house beside it."""
+    """A station, a stop position and a platform for each stop of the line, and a house next to it."""
     found: list[dict[str, Any]] = []
     for stop in route.stops:
         at_m = np.array([stop.position_m])

@@ -1,4 +1,4 @@
-"""The invented map of the example as files of several formats, and drawn in other ways: always the same line."""
+"""The fictitious map of the example in several formats and drawings of the same line."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def written(path: Path, content: Any) -> Path:
 
 
 def as_overpass(of: dict[str, Any], *, geometry: bool = False) -> dict[str, Any]:
-    """The answer of Overpass with the same things, with nodes (`out skel`) or with geometries (`out geom`)."""
+    """The answer of Overpass with the same objects, with nodes (`out skel`) or with geometries (`out geom`)."""
     numbers: dict[tuple[float, float], int] = {}
     ways, nodes = [], []
     for i, one in enumerate(of["features"], 1):
@@ -62,7 +62,7 @@ def as_overpass(of: dict[str, Any], *, geometry: bool = False) -> dict[str, Any]
 
 
 def drawn_otherwise(of: dict[str, Any], seed: int) -> dict[str, Any]:
-    """The same map with tracks turned round, cut at random vertices, and everything shuffled."""
+    """The same map with tracks reversed and cut at random vertices, and all features shuffled."""
     chance = random.Random(seed)
     found: list[dict[str, Any]] = []
     for one in copy.deepcopy(of["features"]):
@@ -92,7 +92,7 @@ def _turned(one: dict[str, Any]) -> dict[str, Any]:
 
 
 def same_line(one: Route, other: Route) -> bool:
-    """Whether two routes have the same limits, gradients, tunnels, stops and course, to 1 mm."""
+    """Whether two routes have the same limits, gradients, tunnels, stops and geometry, to within 1 mm."""
     return _figures(one) == _figures(other)
 
 

@@ -122,7 +122,7 @@ def after_last(order: Any, levels: int) -> Floats:
 
 
 def eight_drivers() -> RunStudy:
-    """A study of `EIGHT_POINTS`; one condition has no noise at all, on which the whole mixed model breaks."""
+    """A study of `EIGHT_POINTS`; one condition has no noise, with which the full mixed model fails."""
     truth = Truth(
         drivers=8, days=4, means=(0.2, 0.2), noise=(0.0, 0.02), level_sd=0.0, effect_sd=0.0, day_sd=0.0,
         shared_days=False,
@@ -146,11 +146,12 @@ APART = compared("top-speed", "none")
 SAME = Truth(means=(0.25, 0.25), noise=(0.01, 0.02), effect_sd=0.0)
 STUDIES = 200
 EIGHT_POINTS = (6.9, 0.0, 2.6, 3.1, 27.9, 4.2, 11.7, -0.7)
-"""Differences of eight drivers with one outlier: sign flips find their mean (p = 8 / 256), Student's t does not."""
+"""Differences of eight drivers with one outlier: their mean is significant by sign flips (p = 8 / 256), but not by
+Student's t."""
 
 
 def probability(study: RunStudy, a: str, b: str) -> float:
-    """The probability that the analysis gives for one comparison of a study."""
+    """The probability computed by the analysis for one comparison of a study."""
     pairs = paired_trials(study, compared(a, b))
     rng = generator(study, "made-up")
     return paired_estimate(pairs.means, rng).probability

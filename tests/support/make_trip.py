@@ -1,6 +1,6 @@
-"""Makes the recording of a trip (MCAP): a simulated train and driver without advice, seen by a GPS receiver.
+"""Generator of the recording of a trip (MCAP): a simulated train and driver without advice, with a GPS receiver.
 
-`python -m tests.support.make_trip` makes the messages of the bundled recording again, into the file that is named.
+`python -m tests.support.make_trip` writes the messages of the bundled recording again, to the named file.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def drive(plan: TripPlan) -> list[HurriedState]:
 
 
 def write_trip(path: Path, plan: TripPlan, states: list[HurriedState], command: str) -> None:
-    """Write a recording of a trip, with the messages that a receiver and the operator would have sent."""
+    """Write a recording of a trip, with the messages of a receiver and the operator."""
     random = np.random.default_rng(plan.seed + 1)
     file = RecordingFile(path)
 
@@ -133,7 +133,7 @@ def _journey(plan: TripPlan, time_ns: int) -> JourneyHeard:
 
 BUFFER_RATIO = 0.15
 TIMETABLE_STEP_S = 6.0
-"""The times of a timetable are multiples of this (s), a tenth of a minute."""
+"""Step (s) of the times of a timetable, a tenth of a minute."""
 DEPARTURE = datetime(2026, 11, 21, 8, 4, tzinfo=UTC)
 
 

@@ -1,4 +1,4 @@
-"""Helpers of many tests: small routes, trains and a loss chain, and commands run in this process or another."""
+"""Common helpers of tests: small routes, trains and a loss chain, and commands run in this process or another."""
 
 from __future__ import annotations
 
@@ -120,19 +120,19 @@ def csv_rows(run: Trajectory) -> NDArray[np.float64]:
 
 
 def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
-    """Run das-precompute in a folder, within this process, so that imports and kernels are not loaded again."""
+    """Run das-precompute in a folder, within this process, which avoids loading imports and kernels again."""
     return run_here(precompute.cli.program.main, precompute.cli.program.__file__, args, folder)
 
 
 def printed(folder: Path, *args: str) -> str:
-    """What das-precompute prints in a folder; it must succeed, with nothing on standard error."""
+    """The output of das-precompute in a folder; it must succeed, with nothing on standard error."""
     done = das_precompute(folder, *args)
     assert (done.returncode, done.stderr) == (0, ""), done
     return done.stdout
 
 
 def refused(folder: Path, *args: str) -> str:
-    """The one line with which das-precompute refuses in a folder, with nothing on standard output."""
+    """The one-line error of das-precompute in a folder, with nothing on standard output."""
     done = das_precompute(folder, *args)
     assert (done.returncode, done.stdout) == (2, ""), done
     assert done.stderr.count("\n") == 1, done
@@ -145,14 +145,14 @@ def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 def das_sim_json(*args: str, cwd: Path) -> Any:
-    """What das-sim prints with --json; it must succeed."""
+    """The output of das-sim with --json; it must succeed."""
     done = das_sim(*args, "--json", cwd=cwd)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
 def refusal(*args: str, cwd: Path) -> str:
-    """The one line with which das-sim refuses these arguments."""
+    """The one-line error of das-sim for these arguments."""
     done = das_sim(*args, cwd=cwd)
     assert done.returncode == 2, done.stdout + done.stderr
     (line,) = [line for line in done.stderr.splitlines() if line.strip()]
@@ -161,7 +161,7 @@ def refusal(*args: str, cwd: Path) -> str:
 
 
 def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> bool:
-    """Check every 50 ms whether something is done, for at most `for_s`; returns whether it was."""
+    """Call `done` every 50 ms for at most `for_s`; returns whether it became true."""
     deadline = time.monotonic() + for_s
     while time.monotonic() < deadline:
         if done():
@@ -186,7 +186,7 @@ def write_loss_map(path: Path, train: str) -> None:
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
     """Run a command of this checkout as a process, as users do; one test of each command uses this.
 
-    What a cold machine says before it compiles is left out: whether it is cold depends on the tests before.
+    The message before compilation is removed, because its occurrence depends on earlier tests.
     """
     paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run(

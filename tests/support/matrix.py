@@ -1,7 +1,7 @@
-"""The matrix of any train on any line: cells of line, train, driver and seed, each a whole simulated clear day.
+"""The matrix of any train on any line: cells of line, train, driver and seed, each a whole simulated run of clear-day.
 
-A cell is driven in process with the advice and, by the default human, without it as well. It is judged by the figures
-that the product makes of a run, and by a witness (`Witness`) that reads limits and brakes from the raw files.
+A cell is simulated in this process with the advice and, for the default human, also without it. It is judged by the
+product's own figures of a run, and by a witness (`Witness`) that reads limits and brakes from the raw files.
 """
 
 from __future__ import annotations
@@ -35,18 +35,17 @@ from tests.support.obedient_drivers import CARELESS, WEAKER
 from tests.support.raw_data import G, Line, Train
 
 ADVISED = Presentation(os.environ.get("DAS_MATRIX_ADVICE", DayAsked.advice))
-"""The advice that is judged: the product's default, or what the environment names."""
+"""The advice that is judged: the product's default, or the one named in the environment."""
 PERCENT: Final = replace(CARELESS, notches=0)
-"""The careless person with a percent controller: one notch of five is more than the FLIRT and the KISS of the public
-benchmark may brake, because their friction brakes are that strong.
-"""
+"""The careless driver with a percent controller: one of five notches exceeds the permitted braking of the FLIRT and the
+KISS of the public benchmark, because their friction brakes are very strong."""
 GRID_M = 1.0
 NEAR_M = 1.0
-"""The witness's grid has steps of a metre: a limit counts only where it holds on both sides of the train's head."""
+"""Step (m) of the witness's grid; a limit counts only where it applies on both sides of the train's head."""
 OVER_MPS = 0.5
-"""A train is too fast if it is faster than this above a limit or a braking curve."""
+"""Excess (m/s) over a limit or a braking curve above which a train is too fast."""
 SHORT_M = 1500.0
-"""Sections shorter than this are short."""
+"""Length (m) below which a section is short."""
 
 
 class Witness:
@@ -63,16 +62,16 @@ class Witness:
         self._curves: dict[float, Any] = {}
 
     def above(self, s_m: float, speed_mps: float, stop_m: float) -> tuple[float, float]:
-        """By how much (m/s) a speed is above the limit, and above the curve of all brakes to limits and the stop."""
+        """The excess (m/s) of a speed over the limit, and over the braking curve of all brakes (limits and stop)."""
         last = len(self.limit_mps) - 1
         near = slice(min(max(int(s_m - NEAR_M), 0), last), int(s_m + NEAR_M) + 2)
         return speed_mps - float(self.limit_mps[near].max()), speed_mps - float(self._curve(stop_m)[near].max())
 
     def _curve(self, stop_m: float) -> Any:
-        """The braking curve back from a stop: v² grows each metre by twice the deceleration, up to the limit."""
+        """The braking curve back from a stop: v² increases in each metre by twice the deceleration, up to the limit."""
         if stop_m not in self._curves:
             train, curve, v = self._train, np.zeros(len(self.limit_mps)), 0.0
-            curve[round(stop_m) :] = np.inf  # Beyond its stop a train has missed it, which is judged by itself.
+            curve[round(stop_m) :] = np.inf  # A train beyond its stop has missed it, which is judged separately.
             for i in range(min(round(stop_m), len(curve)) - 1, -1, -1):
                 slope_n = train.mass_kg * G * float(self._uphill[i])
                 held_n = train.r0_n + train.r1_n_per_mps * v + train.r2_n_per_mps2 * v * v + slope_n
@@ -83,7 +82,7 @@ class Witness:
         return self._curves[stop_m]
 
     def _brakes_n(self, i: int, v: float) -> float:
-        """All brakes (N) that the train's policy allows in a plan; electric ones not where the supply takes nothing."""
+        """All brakes (N) that the train's policy allows in a plan; no electric brake on a supply that rejects power."""
         train, zones = self._train, (*self._line.neutral, *self._line.no_regeneration)
         electric_n = 0.0 if any(a <= self._at_m[i] < b for a, b in zones) else float(train.motors_n(np.float64(v))[1])
         return electric_n + (0.0 if train.brakes == "electric" else train.friction_n)
@@ -91,12 +90,13 @@ class Witness:
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """The figures of a cell; NaN where there is none. `said` is why it was refused, or what stopped the run.
+    """The figures of a cell; NaN where there is none. `said` is the reason for a rejection or for the end of the run.
 
-    `late_s` is that at the last stop, `worst_late_s` at any, `sections_late_s` at each arrival less at the departure
-    before it, and `alone_…` are those of the same day without advice. `unkept` is the number of sections whose
-    timetable cannot be kept, as the product says. `above_own_ratio` is the energy above the optimum that brakes as the
-    advice plans. `above_limit_…` and `above_curve_…` are of the witness, the seconds those above `OVER_MPS`.
+    `late_s` is the delay at the last stop, `worst_late_s` the largest one, `sections_late_s` the delay at each arrival
+    minus that at the departure before it, and `alone_…` are the figures of the same run without advice. `unkept` is the
+    number of sections whose timetable cannot be kept according to the product. `above_own_ratio` is the energy above
+    the optimum with the braking of the plans. `above_limit_…` and `above_curve_…` are from the witness; seconds count
+    above `OVER_MPS`.
     """
 
     line: str
@@ -133,7 +133,9 @@ class Judged:
 
     @property
     def saved_ratio(self) -> float:
-        """What the advice saved at equal arrival, as a share of the energy without it; NaN where braking gives more."""
+        """The saving of the advice at equal arrival as a share of the energy without it; NaN if braking recovers
+        more.
+        """
         return self.saved_kwh / self.alone_kwh if self.alone_kwh > 0 else math.nan
 
     @classmethod
@@ -142,18 +144,18 @@ class Judged:
         return [one.name for one in fields(cls)]
 
     def as_row(self) -> list[Any]:
-        """The figures, None where there is none, several as one text."""
+        """The figures as a row: None for a missing one, several values as one text."""
         values = (" ".join(f"{s:.1f}" for s in v) if isinstance(v, tuple) else v for v in asdict(self).values())
         return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
 
 
 class Watched:
-    """A driver whose looks, five a second, the witness judges; a careless one brakes too weakly."""
+    """A driver whose state is judged by the witness at each look, five a second; a careless one brakes too weakly."""
 
     def __init__(self, driver: Driver, witness: Witness, *, weaker: float = 1.0) -> None:
         self._driver, self._witness, self._weaker = driver, witness, weaker
         self.excess_mps: list[tuple[float, float]] = []
-        """By how much the train was above limit and curve at each look."""
+        """The excess over limit and curve at each look."""
 
     def command(self, cab: CabView) -> Command:
         self.excess_mps.append(self._witness.above(cab.s_m, cab.speed_mps, cab.stop_m))
@@ -170,7 +172,7 @@ def driver_of(day: Day, cell: Cell, witness: Witness) -> Watched:
 
 
 def judged(cell: Cell, folder: Path) -> Judged:
-    """Drive a cell and judge it; raises DasError if the train cannot be driven on its line."""
+    """Simulate and judge a cell; raises DasError if the train cannot run on its line."""
     service, (route, vehicle) = service_of(cell, folder), files_of(cell, folder)
     day, found = make_day(service, cell.seed), dict[str, Any](zip(Cell._fields, cell, strict=True))
     witness = Witness(Line.read(route), Train.read(vehicle))
@@ -202,7 +204,7 @@ def judged(cell: Cell, folder: Path) -> Judged:
 
 
 def _of_run(run: Run) -> dict[str, Any]:
-    """How a run kept its times and stops, and the product's own word on limits."""
+    """Punctuality and stops of a run, and the product's own figures on limits."""
     late = [call.arrived_late_s for call in run.calls[1:]]
     sections = (after - before.departed_late_s for before, after in zip(run.calls, late, strict=False))
     return {
@@ -215,7 +217,7 @@ def _of_run(run: Run) -> dict[str, Any]:
 
 
 def _shown(run: Run) -> dict[str, Any]:
-    """How calm the advice of a run was, and how far a driver could rely on it."""
+    """Stability and reliability of the advice in a run."""
     told = run.instructions
     figures = DriveFigures(violations=run.violations, stability=run.stability, instructions=told).as_dict()
     ratios = ("announced_ratio", "brakes_led_ratio", "promises_kept_ratio")
@@ -230,7 +232,7 @@ def _shown(run: Run) -> dict[str, Any]:
 
 
 def _witnessed(driver: Watched) -> dict[str, float]:
-    """The largest excess over limit and curve, and the seconds of it."""
+    """The largest excess over limit and curve, and its duration (s)."""
     limit, curve = np.array(driver.excess_mps).T
     found = {}
     for name, one in (("limit", limit), ("curve", curve)):
@@ -240,7 +242,7 @@ def _witnessed(driver: Watched) -> dict[str, float]:
 
 
 def _saved(advised: AboveOptimum, alone: AboveOptimum) -> dict[str, float]:
-    """What advice saved at equal arrival, and the energy without it."""
+    """The saving of the advice at equal arrival, and the energy without advice."""
     if advised.why_not or alone.why_not:
         return {"alone_kwh": kwh(alone.driven_j)}
     saved_j = alone.driven_j - alone.optimum_j - (advised.driven_j - advised.optimum_j)
@@ -248,9 +250,10 @@ def _saved(advised: AboveOptimum, alone: AboveOptimum) -> dict[str, float]:
 
 
 class Bound(NamedTuple):
-    """What must hold of a figure of all cells of a driver: what the goal asks, and what holds with today's advice.
+    """The bounds of a figure over all cells of a driver: that of the goal, and that met by today's advice.
 
-    The figure is `over` of the values `of` each cell; it is at most its bounds or, with `least`, at least.
+    The figure is `over` of the values `of` each cell; it must not exceed its bounds or, with `least`, not be below
+    them.
     """
 
     what: str
@@ -262,18 +265,18 @@ class Bound(NamedTuple):
     least: bool = False
 
     def found(self, rows: Sequence[Judged]) -> float:
-        """The figure; NaN without a cell that has it."""
+        """The figure; NaN if no cell has it."""
         of_him = (self.of(row) for row in rows if row.who == self.who)
         values = [value for several in of_him for value in several if not math.isnan(value)]
         return self.over(values) if values else math.nan
 
     def breaks(self, found: float, bound: float) -> bool:
-        """Whether a figure is beyond a bound; one that nothing has is not."""
+        """Whether a figure violates a bound; a missing figure does not."""
         return found < bound if self.least else found > bound
 
 
 def _kept(of: Callable[[Judged], Sequence[float]]) -> Callable[[Judged], Sequence[float]]:
-    """The figure of the cells whose timetable can be kept, as the product says."""
+    """The figure of the cells whose timetable can be kept according to the product."""
     return lambda row: () if row.unkept else of(row)
 
 
@@ -303,11 +306,11 @@ BOUNDS: Final = (
     Bound("acts of the last word, most", _HUMAN, lambda x: (x.last_word_acts,), max, 0, 40),
     Bound("above a limit while obeying, s", _HUMAN, lambda x: (x.above_limit_obeying_s,), max, 0, 3),
 )
-"""What the goal asks, and what holds today, with room for other seeds: the next planner is judged by the same table."""
+"""Bounds of the goal and of today, with a margin for other seeds; the next planner is judged by the same table."""
 
 
 def bounds_table(rows: Sequence[Judged]) -> Iterator[str]:
-    """Every bound beside what was found, as a table of Markdown."""
+    """All bounds with the figures found, as a Markdown table."""
     yield "| driver | figure | asked | today's bound | found | verdict |"
     yield "|---|---|---:|---:|---:|---|"
     for one in BOUNDS:
@@ -318,11 +321,11 @@ def bounds_table(rows: Sequence[Judged]) -> Iterator[str]:
 
 
 MANY = 20
-"""A mean or median of fewer cells says nothing: one drive, late by chance, would break its bound."""
+"""Least number of cells for a mean or median; with fewer, one drive that is late by chance would violate the bound."""
 
 
 def breaches(rows: Sequence[Judged]) -> list[str]:
-    """The bounds of today that do not hold, one line each; those of means are judged for `MANY` cells of a driver."""
+    """The violated bounds of today, one line each; bounds of means are judged from `MANY` cells of a driver on."""
     many = {who for who in Who if sum(row.who == who for row in rows) >= MANY}
     found = ((one, one.found(rows)) for one in BOUNDS if one.who in many or one.over not in (mean, median))
     return [f"{one.who}: {one.what}: {it:.3g}, bound {one.today:g}" for one, it in found if one.breaks(it, one.today)]
@@ -335,11 +338,11 @@ COLUMNS: Final = {
     "shortest, s": "shortest_s", "last word": "last_word_acts", "s above limit": "above_limit_s",
     "above limit, m/s": "above_limit_mps", "above curve, m/s": "above_curve_mps",
 }  # fmt: skip
-"""The columns of the table of lines: means over cells and sections, of what is above limit and curve the most."""
+"""The columns of the table of lines: means over cells and sections, and the largest excess over limit and curve."""
 
 
 def lines_table(rows: Sequence[Judged]) -> Iterator[str]:
-    """The means of every line, train and driver, as a table of Markdown."""
+    """The means of every line, train and driver, as a Markdown table."""
     yield f"| line | train | driver | cells | {' | '.join(COLUMNS)} |"
     yield "|---|---|---|---:" + "|---:" * len(COLUMNS) + "|"
     for key in sorted({(row.line, row.train, row.who) for row in rows}):

@@ -1,4 +1,4 @@
-"""The cells of the matrix of any train on any line: made extremes, bundled lines, and those of public data sets."""
+"""The cells of the matrix of any train on any line: generated extremes, bundled lines, and public data sets."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from tests.support.benchmark import DATA, SHARED, track_path
 
 BUFFER_PERCENT, DWELL_S = 8, 30
 Rows = Sequence[tuple[float, float]]
-"""Rows of a table of a route file: a place (km) and a figure."""
+"""Rows of a table of a route file: a position (km) and a value."""
 
 
 class Who(StrEnum):
     """The drivers of the matrix."""
 
     OBEDIENT = "obedient"
-    """Does what the card says, and knows no limit, board or signal."""
+    """Driver who follows only the card, without regard to limits, boards or signals."""
     HUMAN = "human"
     CARELESS = "careless"
-    """Looks every 10 to 20 s, acts 3 s late, ignores a third of the advice, and brakes a fifth too weakly."""
+    """Driver who looks every 10 to 20 s, acts 3 s late, ignores a third of the advice and brakes a fifth too weakly."""
 
 
 class Cell(NamedTuple):
-    """A day of the matrix; `line` and `train` are names in `LINES`, `TRAINS`, or those of files."""
+    """A run of the matrix; `line` and `train` are names in `LINES`, `TRAINS`, or those of files."""
 
     line: str
     train: str
@@ -102,7 +102,7 @@ LINES = {
                    neutral=[(9, 400), (24, 400), (44, 800), (59.2, 300)]),
     "hill": _line((0, 8), [(0, 80)], [(0, 0), (2, 35), (6, 0)]),
 }  # fmt: skip
-"""The made lines: extremes."""
+"""The generated lines: extremes."""
 TRAINS = {
     "tram": _train((42, 32, 70), (0.6, 0.01, 0.0035), (55, 600), (50, 700), 60, (1.1, 0.8)),
     "metro": _train((220, 120, 80), (3, 0.02, 0.012), (260, 3600), (240, 3900), 260, (0.9, 1.2)),
@@ -112,7 +112,7 @@ TRAINS = {
     "high-speed": _train((420, 200, 320), (4, 0.11, 0.0068), (280, 9200), (220, 6000), 420, (0.55, 2)),
     "railcar": _train((60, 26, 100), (1, 0.015, 0.005), (60, 400), None, 60, (0.6, 2)),
 }
-"""The made trains: a light and a heavy one, one without an electric and one without a friction brake."""
+"""The generated trains: a light and a heavy one, one without an electric and one without a friction brake."""
 KISS, FLIRT, VIRM, METRO = "CH_Stadler_KISS_SBB", "CH_Stadler_FLIRT_TPF", "NL_Intercity_VIRM6", "CN_Beijing_Subway"
 IMPORTED = {"br642": (DATA / "railtoolkit" / "br642.yaml", "0.3"),
             "railtoolkit-freight": (SHARED / "lines" / "railtoolkit" / "freight.yaml", "0.85"),
@@ -135,7 +135,7 @@ PAIRS = (
     (GOERLITZ, "railtoolkit-freight"),
 )  # fmt: skip
 REFUSED = (Cell("hill", "freight1600", Who.HUMAN, 0), Cell("mountain", "freight1600", Who.HUMAN, 0))
-"""Trains that cannot be driven on their line: they stall on its hill."""
+"""Cells whose train cannot run on the line because it stalls on a hill."""
 JOURNEYS = {("zurich-luzern", "re460-ic"): "zurich-luzern"}
 """The lines and trains with a timetable; the others get a buffer."""
 
@@ -148,19 +148,19 @@ def is_here(cell: Cell) -> bool:
 
 
 def cell_of(number: int) -> Cell:
-    """The cell of a number: each round over the pairs has every one once, three rounds have each with every driver."""
+    """The cell with a number: each round contains every pair once, three rounds contain each pair with every driver."""
     turn, place = divmod(number, len(PAIRS))
     return Cell(*PAIRS[place], tuple(Who)[(turn + place) % len(Who)], turn // len(Who))
 
 
 def cells(count: int, first: int = 0) -> list[Cell]:
-    """The cells of so many numbers; those whose files do not exist are left out unless CI is set."""
+    """A number of cells; those whose files do not exist are omitted unless CI is set."""
     drawn = (cell_of(number) for number in range(first, first + count))
     return [cell for cell in drawn if os.environ.get("CI") or is_here(cell)]
 
 
 def files_of(cell: Cell, folder: Path) -> tuple[Path, Path]:
-    """The route and vehicle files of a cell; made ones are written into a folder."""
+    """The route and vehicle files of a cell; generated ones are written to a folder."""
     head = 'schema_version = 1\n[{0}]\nid = "{1}"\nname = "{1}"\n'
     route, vehicle = folder / f"line-{cell.line}.toml", folder / f"train-{cell.train}.toml"
     if cell.line in LINES:
@@ -182,7 +182,7 @@ def files_of(cell: Cell, folder: Path) -> tuple[Path, Path]:
 
 
 def service_of(cell: Cell, folder: Path) -> Service:
-    """The service of a cell; raises DasError for a train that cannot be driven on its line."""
+    """The service of a cell; raises DasError for a train that cannot run on its line."""
     route, vehicle = files_of(cell, folder)
     journey = JOURNEYS.get((cell.line, cell.train))
     main = f'id = "matrix"\ntitle = "{cell}"\nroute = "{route}"\nvehicle = "{vehicle}"\n'

@@ -1,4 +1,4 @@
-"""What some tests need and not every machine has: with CI set they fail without it, elsewhere they are skipped."""
+"""Optional requirements of tests: if one is missing, a test fails with CI set and is skipped elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A node, or another program of this project, as a real process that uses real Zenoh on the loopback interface."""
+"""A node, or another program of this project, as a real process that uses Zenoh on the loopback interface."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def refused(module: str, *arguments: str) -> str:
-    """The one line with which a program refuses these arguments before it ends."""
+    """The one-line error of a program for these arguments."""
     with process(module, *arguments) as child:
         said, _ = child.communicate(timeout=60)
         assert child.returncode == 2
@@ -68,7 +68,7 @@ def until(
     child: subprocess.Popen[str] | None = None,
     meanwhile: Callable[[], None] = lambda: None,
 ) -> Any:
-    """The first wanted message; fails after a while or if the process ends. `meanwhile` is called again and again."""
+    """The first message that meets a condition; fails after a while, or with the process. `meanwhile` is repeated."""
     deadline = time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline:
         meanwhile()
@@ -81,7 +81,7 @@ def until(
 
 
 def status(state: int) -> Callable[[Received], bool]:
-    """A test of a message: whether it says that the node is in this state."""
+    """A test of a message: whether it reports this state of the node."""
     return lambda r: r.topic is STATUS and r.message.state == state
 
 

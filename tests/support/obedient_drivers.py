@@ -1,4 +1,4 @@
-"""Drivers of the assessment: some do exactly what the advice shows and look at nothing else, and one is careless."""
+"""Drivers of the assessment: obedient ones, who follow only the advice, and a careless one."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ TRACTION = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 SIMPLER = (Presentation.TOP_SPEED, Presentation.FOUR_MODE)
 REACHED_MPS = 0.1
-"""A speed counts as reached when the train is within this of it."""
+"""Difference (m/s) within which a speed counts as reached."""
 TOO_FAST_MPS = 0.3
-"""A driver who holds the advised speed brakes fully if he would exceed it by more than this."""
+"""Excess (m/s) over the advised speed above which a driver who holds it brakes fully."""
 GAIN_PER_S = 0.5
-"""A driver who holds a speed reduces his deviation by this share in a second."""
+"""Share of the deviation that a driver who holds a speed corrects in a second."""
 CREEP_SHARE, CREEPS_MPS = 0.4, 1.0
-"""A driver who is told to depart when cleared does so with this share of the traction, up to this speed."""
+"""Share of the traction, and speed (m/s) up to which it is used, when a driver departs on clearance."""
 STOPS_MPS2, AT_STOP_M = 0.5, 3.0
-"""A driver who is shown only a top speed brakes for his stop at this rate, and has arrived this near to it."""
+"""Deceleration (m/s²) for a stop, and distance (m) at which it is reached, with only a top speed on the display."""
 WEAKER = 0.8
-"""A careless driver brakes with this share of the intended force."""
+"""Share of the intended force with which a careless driver brakes."""
 CARELESS = HumanParameters(
     notches=5,
     glance_least_s=10.0,
@@ -53,33 +53,32 @@ CARELESS = HumanParameters(
 
 
 class Scene(NamedTuple):
-    """What a driver knows when he looks: the train's state, departure (s), next stop (m), his own view, the advice."""
+    """A driver's information at a look: the train's state, departure (s), next stop (m), own view, and advice."""
 
     state: PlantState
     departure_s: float
     stop_m: float
     own_eyes: Callable[[], CabView]
-    """Returns what the driver sees when he looks out of the window."""
+    """Function that returns the driver's view out of the window."""
     advice: Advice
-    """The newest advice, not yet delayed by the driver's reaction."""
+    """The newest advice message, not yet delayed by the driver's reaction."""
     look: SimplerLook | None = None
-    """What a display of one top speed or of four modes shows of it."""
+    """The content of a display of one top speed or of four modes."""
 
 
 class AssessedDriver(Protocol):
-    """A driver on a day of the assessment."""
+    """A driver in a run of the assessment."""
 
     def command(self, scene: Scene) -> Command:
-        """How the driver sets the controller until his next look."""
+        """The driver's command until the next look."""
 
     def obeys(self, advice: Advice, look: SimplerLook | None = None) -> bool:
-        """Whether the driver follows this advice without looking out of the window."""
+        """Whether the driver follows an advice message without looking out of the window."""
 
 
 class CarelessDriver:
-    """Looks every 10 to 20 s, acts 3 s late, ignores a third of the advice, and brakes a fifth too weakly.
-
-    He watches limits and stops himself.
+    """A driver who looks every 10 to 20 s, acts 3 s late, ignores a third of the advice, and brakes a fifth too weakly,
+    but observes limits and stops.
     """
 
     def __init__(self, line: LineKnowledge, presentation: Presentation, zero_ns: int, seed: int) -> None:
@@ -96,7 +95,7 @@ class CarelessDriver:
 
 
 class ObedientDriver:
-    """Follows the advice after a short delay; without advice he drives by the timetable and looks out himself."""
+    """A driver who follows the advice after a short delay, and without advice the timetable and own observation."""
 
     def __init__(
         self, line: LineKnowledge, raw: RawLine, presentation: Presentation, style: Style, delay_s: float
@@ -109,7 +108,7 @@ class ObedientDriver:
         self._reached = False
 
     def obeys(self, advice: Advice, look: SimplerLook | None = None) -> bool:
-        """Whether an advice shows anything on this driver's display."""
+        """Whether an advice message shows anything on the driver's display."""
         if advice.mode is Regime.NONE:
             return False
         if self._presentation in SIMPLER:
@@ -120,7 +119,7 @@ class ObedientDriver:
         return is_guided or self._presentation is not Presentation.GUIDE
 
     def command(self, scene: Scene) -> Command:
-        """How the driver sets the controller, by the advice shown one reaction time ago."""
+        """The driver's command from the advice shown one reaction time ago."""
         state, now_s = scene.state, scene.state.time_s
         if not self._coming or self._coming[-1][1] is not scene.advice:
             self._coming.append((now_s, scene.advice, scene.look))
@@ -146,7 +145,7 @@ class ObedientDriver:
         return self._obeyed(scene, advice, now_s - shown_s)
 
     def _under_top(self, scene: Scene, look: SimplerLook) -> Command:
-        """Hold the top speed shown; the driver of such a display departs, and brakes for stops, by himself."""
+        """Hold the top speed shown; with such a display the driver decides on departures and on braking for stops."""
         state, way_m = scene.state, scene.stop_m - scene.state.s_m
         if state.speed_mps <= 0 and (scene.state.time_s < scene.departure_s or way_m <= AT_STOP_M):
             return COAST
@@ -164,7 +163,7 @@ class ObedientDriver:
         return force(self._raw.train.pulling_n(state.speed_mps)) if mode in TRACTION else COAST
 
     def _stop_by_eye(self, state: PlantState, way_m: float) -> Command:
-        """Brake so that the train stands at the stop that the driver sees, `way_m` ahead."""
+        """Brake to a stop at the place that the driver sees, `way_m` ahead."""
         needed_mps2 = state.speed_mps**2 / (2.0 * max(way_m, 0.5))
         return force(self._raw.held_n(state.s_m, state.speed_mps) - self._raw.train.inertial_kg * needed_mps2)
 
@@ -193,7 +192,7 @@ class ObedientDriver:
         return speed(soon, rate_mps2=later - soon)
 
     def _guided(self, scene: Scene, advice: Advice, since_s: float) -> Command:
-        """Do what the guide shows; where it shows a brake for the stop without an effort, brake by eye."""
+        """Do what the guide shows; for a brake without an effort before the stop, brake by eye."""
         state, guide = scene.state, advice.guide
         assert guide is not None
         if self._style is Style.FORCE:
@@ -208,7 +207,7 @@ class ObedientDriver:
         return self._card(state, self._due, scene.stop_m - state.s_m)
 
     def _card(self, state: PlantState, card: Instruction, way_m: float) -> Command:
-        """Do what an instruction asks for; the stop is `way_m` ahead."""
+        """Follow an instruction; the stop is `way_m` ahead."""
         v, train = state.speed_mps, self._raw.train
         gains = card.mode in TRACTION
         away_mps = card.speed_mps - v if gains else v - card.speed_mps
@@ -242,7 +241,7 @@ class ObedientDriver:
         return force(-self._brakes_n(state.speed_mps))
 
     def _brakes_n(self, speed_mps: float) -> float:
-        """The driver's largest braking force: by all brakes if he follows speeds, by those of the plan if efforts."""
+        """The driver's largest braking force: all brakes when following speeds, the plan's when following efforts."""
         train = self._raw.train
         if self._style is Style.SPEED:
             return train.electric_n(speed_mps) + train.service_friction_n

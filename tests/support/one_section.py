@@ -54,7 +54,7 @@ class OneSection:
 
 
 def advised(leg: Leg, here: Estimate, refusal: str = "") -> Advice:
-    """The advice of a leg for an estimated state, if all messages can be trusted."""
+    """The advice of a leg for an estimated state, with trusted messages only."""
     facts = leg.facts(refusal)
     leg.see(here)
     leg.refresh_goal()

@@ -1,4 +1,4 @@
-"""Plain versions of the solver's steps: references of tests."""
+"""Simple versions of the solver's steps, as references for tests."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 LADDER_TOLERANCE = 1e-4
-"""Part of a step of the ladder to which `bisected` narrows a jump."""
+"""Share of a ladder step to which `bisected` narrows a jump."""
 
 
 def plain_front(section: Section, threads: int) -> Front:
-    """The front, with transitions computed one speed after the other, by this number of threads."""
+    """The front, with transitions computed one speed at a time, by this number of threads."""
     grid, ladder = DecisionGrid.of(section), default_ladder(section)
     n, states = len(grid.node_m) - 1, grid.speed_steps + 1
     value = np.empty((n + 1, states, len(ladder)))
@@ -52,7 +52,7 @@ def plain_front(section: Section, threads: int) -> Front:
 
 
 def numpy_sweep(moves: Transitions, lambda_w: Floats) -> tuple[Floats, Floats]:
-    """Values (J) and times-to-go (s) of every state and multiplier as `Front` holds them, from the end of a section."""
+    """Values (J) and times-to-go (s) of every state and multiplier as in `Front`, from the end of a section."""
     n, states = moves.count.shape
     shape = (n + 1, states, len(lambda_w))
     value, time_to_go = np.zeros(shape), np.zeros(shape)
@@ -75,7 +75,7 @@ def numpy_sweep(moves: Transitions, lambda_w: Floats) -> tuple[Floats, Floats]:
 
 
 def bisected(front: Front, time_s: float) -> tuple[Floats, float]:
-    """Speeds and time of the run nearest to a wanted time that bisection of λ over the whole ladder finds."""
+    """Speeds and time of the run nearest to a requested time, by bisection of λ over the whole ladder."""
     state = State.at(front.section)
     search = TimeSearch(front.policies, state, time_s, least_time_s=state.fastest().time_s)
     low, high = 0.0, float(len(front.lambda_w) - 1)

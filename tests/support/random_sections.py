@@ -1,4 +1,4 @@
-"""Random trains, lines and sections for property tests, from ordinary ones to the strangest that can be driven."""
+"""Random trains, lines and sections for property tests, from ordinary ones to the most extreme possible."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def efficiencies() -> st.SearchStrategy[EfficiencyLoss]:
 
 @st.composite
 def maps(draw: st.DrawFn, force_n: float) -> LossModel:
-    """A loss map with jumps and dents in speed and force: nothing about it is convex."""
+    """A non-convex loss map with jumps and dents in speed and force."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     speed_mps, steps = np.arange(0.0, TOP_MPS + 2.1, 2.0), np.arange(-12, 13)
     forces_n = np.asarray(steps * force_n / 10.0, dtype=np.float64)
@@ -109,7 +109,7 @@ def routes(draw: st.DrawFn) -> Route:
 
 @st.composite
 def posed_sections(draw: st.DrawFn, levels: tuple[Level, ...] = LEVELS) -> Posed:
-    """A section that can be driven, with some buffers from almost none to more than any timetable has."""
+    """A feasible section, with some buffers from almost none to more than in any timetable."""
     route, train = draw(routes()), draw(trains())
     level = draw(st.sampled_from(levels))
     ends = st.sampled_from((0.0, 0.0, 1.0, 5.0))

@@ -1,4 +1,4 @@
-"""Tracks, trains and loss maps for the verifier, read from the raw files by this module's own code and units."""
+"""Tracks, trains and loss maps for the verifier, read from the raw files with separate code and units."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class Steps:
-    """A piecewise constant quantity along the line; beyond the ends it keeps its first and last value."""
+    """A piecewise constant quantity along the line, with its first and last value beyond the ends."""
 
     start_m: Floats
     value: Floats
@@ -65,7 +65,7 @@ class Steps:
 class Line:
     """A track: gradients (ratio), curve resistance (m/s²), limits (m/s), tunnels (from, to, cross section), stops.
 
-    It also holds the power supply: the share of the energy fed back that it takes, and its neutral sections and zones
+    It also contains the power supply: the accepted share of the energy fed back, the neutral sections and the zones
     without regeneration (from, to).
     """
 
@@ -121,7 +121,7 @@ def curve_resistance(curvature_per_m: float) -> float:
 
 @dataclass(frozen=True)
 class Effort:
-    """A largest force and a largest power at the wheel, or a curve of speeds and forces in their place."""
+    """A largest force and a largest power at the wheel, or a curve of speeds and forces instead."""
 
     force_n: float
     power_w: float
@@ -135,7 +135,7 @@ class Effort:
 
 @dataclass(frozen=True)
 class Train:
-    """A train's raw numbers in SI; `brakes` is which of them a plan may use: electric, blended or friction.
+    """A train's raw values in SI; `brakes` are those that a plan may use: electric, blended or friction.
 
     `adhesive_kg` is the mass on driven axles (inf: adhesion is no limit), `rail_ratio` the state of the rail.
     """
@@ -194,7 +194,9 @@ class Train:
         return self.mass_kg + self.rotating_kg
 
     def loaded(self, mass_kg: float) -> Train:
-        """The train with another mass: the rotating parts keep theirs, rolling friction grows with the weight."""
+        """The train with another mass: rotating parts keep theirs, and rolling friction is proportional to the
+        weight.
+        """
         return replace(self, mass_kg=mass_kg, r0_n=self.r0_n * mass_kg / self.mass_kg)
 
     def motors_n(self, v: Floats) -> tuple[Floats, Floats]:
@@ -203,7 +205,7 @@ class Train:
         return np.minimum(self.traction.limit_n(v), grip), np.minimum(self.electric.limit_n(v), grip)
 
     def both_brakes_n(self, v: Floats) -> Floats:
-        """Largest force of both brakes together; with adhesion, at most what all axles put on the rail."""
+        """Largest force of both brakes together, limited by the adhesion of all axles if given."""
         braked_kg = self.mass_kg if np.isfinite(self.adhesive_kg) else np.inf
         return np.minimum(self.motors_n(v)[1] + self.friction_n, self._grip(v, braked_kg))
 
@@ -237,7 +239,7 @@ def constant_efficiencies(driving: float, braking: float, idle_w: float = 0.0) -
 
 
 def read_loss_map(path: Path) -> Loss:
-    """A loss map (CSV): bilinear; beyond the last known force of a speed its line goes on, never below 0."""
+    """A loss map (CSV): bilinear, continued linearly beyond the last known force of a speed, never below 0."""
     names = path.read_text().splitlines()[0].split(",")
     scale = [_UNITS[name.strip().split("_")[1]] for name in names]
     data = np.loadtxt(path, delimiter=",", skiprows=1) * scale
@@ -282,19 +284,19 @@ def _rows(table: Mapping[str, Any]) -> list[list[float]]:
 
 
 def _columns(table: Mapping[str, Any]) -> list[list[float]]:
-    """A list of this project's TOML in SI, by the units in its columns' names."""
+    """A list of this project's TOML in SI, converted by the units in its column names."""
     scale = [_unit(name) for name in table["columns"]]
     return [[float(cell) * factor for cell, factor in zip(row, scale, strict=True)] for row in table["rows"]]
 
 
 def _unit(name: str) -> float:
-    """Factor of the longest unit a name ends in."""
+    """Factor of the longest unit at the end of a name."""
     parts = name.split("_")
     return next(_UNITS[tail] for i in range(1, len(parts)) if (tail := "_".join(parts[i:])) in _UNITS)
 
 
 def _named(table: Mapping[str, Any], quantity: str, default: float | None = None) -> float:
-    """The quantity of a TOML table, whatever unit its key ends in."""
+    """The quantity of a TOML table, with any unit at the end of its key."""
     for key, value in table.items():
         if key.startswith(quantity + "_") and key[len(quantity) + 1 :] in _UNITS:
             return float(value * _UNITS[key[len(quantity) + 1 :]])
@@ -304,7 +306,7 @@ def _named(table: Mapping[str, Any], quantity: str, default: float | None = None
 
 
 def _efficiencies(own: Mapping[str, Any] | None) -> tuple[float, float] | None:
-    """Efficiencies of traction and electric brake, where the file states them."""
+    """Efficiencies of traction and electric brake, if the file states them."""
     stated = own is not None and any(key.startswith("traction_efficiency") for key in own)
     return (_named(own, "traction_efficiency"), _named(own, "brake_efficiency")) if own and stated else None
 
@@ -317,7 +319,7 @@ def _effort(table: Mapping[str, Any]) -> Effort:
 
 
 def _bends(rows: list[list[float]]) -> Steps:
-    """Curve resistance from rows of place and radii at start and end; a clothoid counts with its mean curvature."""
+    """Curve resistance from rows of position and radii at start and end; for a clothoid from its mean curvature."""
     straight = [[0.0, np.inf, np.inf]]
     return _steps([[start, curve_resistance(abs(1 / r0 + 1 / r1) / 2)] for start, r0, r1 in rows or straight])
 

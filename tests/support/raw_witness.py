@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 GRAVITY_MPS2 = 9.80665
 Place = tuple[float, float, float]
-"""A temporary restriction: where it begins and ends (m), and its limit (m/s)."""
+"""A temporary restriction: start and end (m), and limit (m/s)."""
 REACTION_S = 3.0
-"""After a message that comes too late, the driver begins to brake only after this time."""
+"""Time (s) until the driver begins to brake after a message that comes too late."""
 ELECTRIC_BUILD_UP_S, FRICTION_BUILD_UP_S = 1.2, 4.5
 """Time (s) until a brake acts fully: the electric brake, and an air brake in position P (UIC 540: 3 to 5 s)."""
 STEP_S, HELD_STEP_S = 0.1, 0.25
@@ -33,7 +33,7 @@ def _steps(start_m: Floats, value: Floats, s_m: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class RawTrain:
-    """The figures of a train from its file, in SI units."""
+    """The values of a train from its file, in SI units."""
 
     mass_kg: float
     rotating_ratio: float
@@ -43,7 +43,7 @@ class RawTrain:
     traction_n: float
     traction_w: float
     effort: tuple[list[float], list[float]]
-    """An effort curve in their place: speeds (m/s) and forces (N), of equal length; empty if there is none."""
+    """An effort curve instead of force and power: speeds (m/s) and forces (N), of equal length; may be empty."""
     brake_n: float
     brake_w: float
     friction_n: float
@@ -102,7 +102,7 @@ class RawTrain:
     def braking_mps2(self, speed_mps: float, uphill_ratio: float, built_up: tuple[float, float] = (1.0, 1.0)) -> float:
         """The deceleration (m/s²) by all brakes, running resistance and gradient.
 
-        `built_up` holds the shares of the electric and the friction brake that act already.
+        `built_up` contains the shares of the electric and the friction brake that act already.
         """
         brakes_n = built_up[0] * self.electric_n(speed_mps) + built_up[1] * self.friction_n
         return min((brakes_n + self.held_n(speed_mps, uphill_ratio)) / self.inertial_kg, self.most_mps2)
@@ -144,10 +144,11 @@ class RawLine:
         return Allowed(limit, self._braked(limit, round(stop_m)))
 
     def unavoidable(self, s_m: float, speed_mps: float, gain_mps2: float) -> tuple[list[float], float]:
-        """The motion of a train that receives a message too late: it runs on for the reaction time, then brakes fully.
+        """The motion of a train that receives a message too late: it continues for the reaction time and then brakes
+        fully.
 
-        `gain_mps2` is its acceleration at that moment. Returns its speed at each metre of the line (0 where it never
-        comes), and where it stops (m).
+        `gain_mps2` is its acceleration at that time. Returns its speed at each metre of the line (0 beyond its stop),
+        and the position where it stops (m).
         """
         fastest, at_m, v, now_s = [0.0] * len(self._s_m), s_m, speed_mps, 0.0
         passed = min(max(int(at_m), 0), len(fastest) - 1)
@@ -169,7 +170,7 @@ class RawLine:
     def driven(
         self, s_m: float, speed_mps: float, force_n: Callable[[float, float], float], over_s: float
     ) -> list[tuple[float, float]]:
-        """Positions (m) and speeds (m/s), every `HELD_STEP_S`, of a train under a force by position and speed."""
+        """Positions (m) and speeds (m/s), every `HELD_STEP_S`, under a force that depends on position and speed."""
         train, at_m, v, found = self.train, s_m, speed_mps, []
         for _ in range(round(over_s / HELD_STEP_S)):
             asked = min(max(force_n(at_m, v), -train.brakes_n(v)), train.pulling_n(v))
@@ -205,7 +206,7 @@ class Allowed:
 
 
 def highest(values: list[float], from_m: float, to_m: float) -> float:
-    """The highest value between two positions (m), of values on a grid of 1 m."""
+    """The highest of the values on a grid of 1 m between two positions (m)."""
     last = len(values) - 1
     first, end = min(max(int(from_m), 0), last), min(max(int(to_m + 1.0), 0), last)
     return max(values[first : end + 1])

@@ -1,4 +1,4 @@
-"""Days driven in this process and recorded in memory, and drivers who each have one planted fault."""
+"""Runs simulated in this process and recorded in memory, and drivers with one planted fault each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sim.world.service import Day
 def run_and_recording(
     day: Day, driver: Driver, presentation: Presentation = Presentation.SPEED_AND_EFFORT
 ) -> tuple[Run, Recording]:
-    """Drive a day; the run, and what a recorder would have written, without files, energies, measures and decisions."""
+    """Simulate a run; returns it and its recording without files, energies, measures and decisions."""
     how = How(driver=DriverKind.HUMAN, advice=presentation, train=TRAIN, command="test")
     run, table = drive_kept(day, driver, how)
     metadata = {"run": {"kind": "run", "level": str(day.service.level)}}
@@ -32,18 +32,18 @@ def run_and_recording(
 
 
 def recorded_day(day: Day, driver: Driver, presentation: Presentation = Presentation.SPEED_AND_EFFORT) -> Recording:
-    """Drive a day and return its recording (see `run_and_recording`)."""
+    """Simulate a run and return its recording (see `run_and_recording`)."""
     return run_and_recording(day, driver, presentation)[1]
 
 
 def inputs_of_day(day: Day) -> DriveInputs:
-    """The line and the train of a day; a recording in memory does not contain them."""
+    """The line and the train of a run; a recording in memory does not contain them."""
     service = day.service
     return DriveInputs(route=service.route, vehicle=service.vehicle, level=service.level, source="the day's")
 
 
 class CoastsLate:
-    """Drives like another driver, but holds the speed for a while when coasting is first advised."""
+    """A driver like another one, except that the speed is held for a while when coasting is first advised."""
 
     def __init__(self, follower: Driver, late_s: float) -> None:
         self._follower, self._late_s = follower, late_s
@@ -64,7 +64,7 @@ class CoastsLate:
 
 
 class BrakesByFriction:
-    """Drives like another driver, but brakes only with the friction brake."""
+    """A driver like another one, but braking only with the friction brake."""
 
     def __init__(self, follower: Driver) -> None:
         self._follower = follower
@@ -74,7 +74,7 @@ class BrakesByFriction:
 
 
 class DrivesFaster:
-    """Drives like another driver, but faster than the advised speed to reach or to hold."""
+    """A driver like another one, but faster than the advised speed to reach or to hold."""
 
     def __init__(self, follower: Driver, over_mps: float, from_mps: float = 15.0) -> None:
         self._follower, self._over_mps, self._from_mps = follower, over_mps, from_mps

@@ -1,4 +1,4 @@
-"""Recordings for tests: one of a short trip, written message by message, and what one under way holds so far."""
+"""Recordings for tests: one of a short trip, written message by message, and the count in an unfinished one."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def write_messages(
 
 
 def with_run(source: Path, out: Path, *attach: tuple[str, bytes], without: bool = False, **run: str) -> Path:
-    """A recording with other entries about its run and with more attached files; `without` those that it had."""
+    """A recording with other entries about its run and more attached files; `without` the original attachments."""
     contents = read_contents(source)
     file = RecordingFile(out)
     file.add_metadata("run", {**contents.metadata["run"], **run})
@@ -114,7 +114,7 @@ def publish_head(publish: Publish, train: str) -> None:
 
 
 def publish_before(publish: Publish) -> None:
-    """What a node sends before the first position, and at its end with another clock than a replay's."""
+    """The messages of a node before the first position, and at its end with a clock other than a replay's."""
     publish(topics.DELAY, das_pb2.Delay(time_ns=at_ns(-4), delay_s=20.0), -4)
     publish(topics.ADVICE, das_pb2.Advice(time_ns=at_ns(-3), mode=8, source=2), -3)
     publish(topics.STATUS, das_pb2.Status(time_ns=at_ns(-9000), state=5), SECONDS)
@@ -163,7 +163,7 @@ def publish_second(publish: Publish, t_s: int) -> None:
 
 
 def advices_so_far(path: Path) -> int:
-    """Advices in a recording under way; 0 while there is nothing to read yet."""
+    """Number of advice messages in a recording that is being written; 0 while it is not readable yet."""
     try:
         return len(read_recording(path).of(topics.ADVICE))
     except DasError:

@@ -1,11 +1,11 @@
-"""The references of `das-sim reproduce`: a day of every scenario, and a replay of the bundled recording.
+"""The references of `das-sim reproduce`: a run of every scenario, and a replay of the bundled recording.
 
-`python -m tests.support.reference_recordings [NAME …]` drives them over the bus and writes them to
-recordings/references, which takes some minutes. Nothing else changes them. A change of the advice that is meant is
-committed together with the references that it changes.
+`python -m tests.support.reference_recordings [NAME …]` runs them over the bus and writes them to recordings/references,
+which takes some minutes. Nothing else changes them. An intended change of the advice is committed together with the
+changed references.
 
-A reference holds what the node heard, to the last bit, and what it said while its scenario's disturbance acts, rounded
-to a quarter of the tolerances: so it takes a tenth of the space.
+A reference contains the messages received by the node, to the last bit, and those sent while its scenario's disturbance
+acts, rounded to a quarter of the tolerances, which reduces its size to a tenth.
 """
 
 from __future__ import annotations
@@ -51,16 +51,17 @@ SPANS_S = {
     "train-ahead": (1440.0, 1750.0),
     REPLAY: (0.0, 600.0),
 }
-"""From when to when after the first tick (s) what the node said is kept: when a scenario's disturbance acts."""
+"""Start and end (s after the first tick) of the span in which sent messages are stored: while a scenario's disturbance
+acts."""
 GUIDED = ("clear-day", "departure-delay", "train-ahead", "restriction-ahead")
-"""Days on which the guide advises; on the others it is off."""
+"""Scenarios with the guide; in the others it is off."""
 SEED = 1
 STEPS = {unit: 2.0 ** math.floor(math.log2(amount / 4)) for unit, amount in TOLERANCES.items() if unit != "_ns"}
-"""The recorder of references rounds answers to multiples of these, by the unit at the end of a field's name."""
+"""Multiples to which the recorder of references rounds sent values, by the unit at the end of a field's name."""
 SAID_LATER_S = 15.0
-"""A plan is said up to 10 s after it was made: the node hears so much more than what it said is kept."""
+"""Additional time (s) for which received messages are stored: a plan is published up to 10 s after it was made."""
 BITS = 20
-"""Numbers of other units keep so many bits."""
+"""Number of bits stored for values with other units."""
 HEARD = {*INPUT_TOPICS.values(), CONTROL}
 
 
@@ -70,7 +71,7 @@ def names() -> list[str]:
 
 
 def make(name: str, out: Path) -> None:
-    """Drive a day, or replay the bundled recording, and write what is kept of it."""
+    """Simulate a run, or replay the bundled recording, and write the reference."""
     with tempfile.TemporaryDirectory(prefix="das-reference-") as folder:
         whole = Path(folder) / "whole.mcap"
         if name == REPLAY:
@@ -84,7 +85,7 @@ def make(name: str, out: Path) -> None:
 
 
 def shorten(whole: Path, out: Path, span_s: tuple[float, float]) -> None:
-    """Keep what a node heard up to the end of a span, and what it said in it."""
+    """Keep the messages received by a node up to the end of a span, and those sent in the span."""
     contents = read_contents(whole)
     first_ns = next(one.message.time_ns for one in contents.messages if one.topic is CONTROL)
     from_ns, to_ns = (first_ns + round(one / NS) for one in span_s)
@@ -103,9 +104,9 @@ def shorten(whole: Path, out: Path, span_s: tuple[float, float]) -> None:
 
 
 def _kept(one: RecordedMessage, from_ns: int, to_ns: int) -> bool:
-    """Whether a message was heard by the node, or said in a span of time (ns), or is the first word of a new node.
+    """Whether a message was received by the node, sent in a span of time (ns), or is the first message of a new node.
 
-    The recorder may have written what the node said some ticks later than it was said, so that its own time counts.
+    The recorder may write a sent message some ticks later, so the message's own time counts.
     """
     time_ns = message_time_ns(one.message)
     if one.topic in HEARD:
@@ -115,7 +116,7 @@ def _kept(one: RecordedMessage, from_ns: int, to_ns: int) -> bool:
 
 
 def rounded(message: Any) -> None:
-    """Round the numbers of a message in place; they are then packed better."""
+    """Round the numbers of a message in place, which improves compression."""
     for field, value in list(message.ListFields()):
         if field.message_type is not None:
             for inner in value if field.is_repeated else [value]:
@@ -138,7 +139,7 @@ def _rounded(name: str, value: float) -> float:
 
 
 def main(wanted: list[str]) -> None:
-    """Make the references that are named, or all."""
+    """Make the named references, or all."""
     FOLDER.mkdir(exist_ok=True)
     warm_up()
     for name in wanted or names():

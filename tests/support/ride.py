@@ -1,4 +1,4 @@
-"""A simple run in one process: a driver on a simulated train over one way, with or without an advisor."""
+"""A simple run in one process: a driver on a simulated train between two points, with or without an advisor."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from sim.world.simpler import SimplerDisplay
 from tests.support.one_section import OneSection
 
 LOOK_S = 0.2
-"""A driver looks and acts this often."""
+"""Interval (s) at which a driver looks and acts."""
 ADVICE_EVERY_S = 1.0
 LONGEST_RATIO, LONGEST_S = 5.0, 1800.0
-"""A run may last this many times its timetable, and this much (s) longer."""
+"""Longest run as a multiple of its timetable, plus an additional time (s)."""
 
 Advise = Callable[[PlantState], AdviceView | None]
-"""Tells what the display shows in a state of the train; called once a second."""
+"""Callback that returns the display's content in a state of the train; called once a second."""
 
 
 def shown(presentation: Presentation, mode: int, time_s: float = 0.0, **fields: Any) -> AdviceView:
@@ -35,7 +35,7 @@ def shown(presentation: Presentation, mode: int, time_s: float = 0.0, **fields: 
 
 @dataclass(frozen=True, kw_only=True)
 class Leg:
-    """A way (m) with its timetable (s on the run's clock)."""
+    """A distance (m) with its timetable (s on the run's clock)."""
 
     start_m: float
     stop_m: float
@@ -55,7 +55,7 @@ class Ride:
 
 
 def ride(plant: Plant, driver: Driver, line: LineKnowledge, leg: Leg, advise: Advise | None = None) -> Ride:
-    """Drive a way from standstill to standstill at the stop; raises DasError if the train does not get there."""
+    """Drive from standstill to standstill at the stop; raises DasError if the train does not arrive."""
     latest_s = leg.departure_s + LONGEST_S + LONGEST_RATIO * (leg.arrival_s - leg.departure_s)
     looks = round(ADVICE_EVERY_S / LOOK_S)
     state = plant.at(leg.start_m)
@@ -83,7 +83,7 @@ def ride(plant: Plant, driver: Driver, line: LineKnowledge, leg: Leg, advise: Ad
 
 
 def advised_by(advisor: OneSection, presentation: Presentation, line: LineKnowledge) -> Advise:
-    """What the display shows of an advisor that knows the train's true position; the advisor has its timetable."""
+    """The display's content with an advisor that has the train's true position and timetable."""
 
     simpler = SimplerDisplay(advisor.leg.section) if presenter_of(presentation).is_simpler else None
 

@@ -1,4 +1,4 @@
-"""The small section with its front and its table, made once: fixtures for the tests that read and write."""
+"""Fixtures of the small section with its front and its table, made once, for tests of reading and writing."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def front(section: Section) -> Front:
 
 @pytest.fixture(scope="session")
 def made(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The table, with a few references; tests leave it as it is."""
+    """The table, with a few references; tests do not change it."""
     path = tmp_path_factory.mktemp("tables") / "table.json"
     with quick_references():
         path.write_bytes(make_table(section, SETTINGS))
@@ -34,7 +34,7 @@ def made(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def whole(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The table with all its references; tests leave it as it is."""
+    """The table with all its references; tests do not change it."""
     path = tmp_path_factory.mktemp("tables") / "whole.json"
     path.write_bytes(make_table(section, SETTINGS))
     return path

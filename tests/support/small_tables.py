@@ -1,4 +1,4 @@
-"""A small section with its table: where both are read, written and damaged."""
+"""A small section with its table, for tests that read, write and damage both."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def train() -> Vehicle:
 
 @contextmanager
 def quick_references() -> Iterator[None]:
-    """Tables made here have a few references, as coarse as a cab's: for tests of what is read, written and kept."""
+    """Tables with a few references, as coarse as a cab's, for tests of reading, writing and storage."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(writing, "FINE", DEFAULT)
         patch.setattr(writing, "EVERY_RATIO", 0.05)
@@ -51,7 +51,7 @@ def quick_references() -> Iterator[None]:
 
 
 def seal_anew(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    """Change what a table holds and seal it anew, as somebody who knows the format could."""
+    """Change the content of a table and reseal it, as an attacker who knows the format could."""
     body = json.loads(path.read_text(encoding="utf-8"))
     change(body)
     body[SEAL] = seal_of(body)

@@ -1,4 +1,4 @@
-"""A journey on a small line, told what a cab is told, and a follower of its advice."""
+"""A journey on a small line with the messages of a cab, and a follower of its advice."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def ns(seconds: float) -> int:
 
 
 def planned_section(vehicle: Vehicle, end_m: float) -> Section:
-    """The section of the small line from its begin, planned with the usual service braking as on board."""
+    """The section of the small line from its start, planned with the usual service braking as on board."""
     return build_section(LINE, vehicle, end_m=end_m, options=SectionOptions(braking=USUAL.of(vehicle)))
 
 
@@ -59,7 +59,7 @@ FRONTS = Fronts(threads=1, kept_bytes=200_000_000)
 
 
 class SmallTrip:
-    """Legs and where the train is: what a cab is made of, without its guard and its reports."""
+    """The legs and the train's position: a cab without its guard and its reports."""
 
     def __init__(
         self, situation: Situation, fronts: Fronts, *, background: bool = False, settings: AdviceSettings = DEFAULT
@@ -74,7 +74,7 @@ class SmallTrip:
 
     @property
     def leg(self) -> Leg:
-        """The leg the train is on."""
+        """The train's current leg."""
         assert self.legs.current is not None
         return self.legs.current
 
@@ -87,7 +87,7 @@ class SmallTrip:
         return self.preparation.searching
 
     def begin(self, stops: Sequence[Stop], timetables: Sequence[Timetable], **others: Any) -> None:
-        """Take over a journey; another train has not been heard of yet."""
+        """Take over a journey, before any message of another train."""
         vehicle = others.get("vehicle") or TRAIN
         if vehicle is not self.legs.situation.vehicle:
             self.localisation = believing(vehicle)
@@ -98,7 +98,7 @@ class SmallTrip:
         self.legs.place(self.localisation.moment)
 
     def update(self, now_ns: int) -> Advice:
-        """The advice at a moment."""
+        """The advice at a time."""
         here = self.localisation.at(now_ns)
         self.leg.see(here)
         self.legs.prepare(now_ns)
@@ -120,7 +120,7 @@ def trip(
 
 
 SPEED_SD_MPS = 0.2
-"""The standard deviation that the sender states of its speed: a speed without one may be late."""
+"""The standard deviation (m/s) that the sender states for its speed; a speed without one may be late."""
 
 
 def at(made: SmallTrip, second: float, s_m: float, v_mps: float) -> Advice:
@@ -144,7 +144,7 @@ def follow(
 
 
 def highest(advice: Advice) -> Iterator[tuple[float, float]]:
-    """Where the train is at the advised speeds, second by second, and those speeds."""
+    """The positions of the train at the advised speeds, second by second, and these speeds."""
     s_m, before = advice.s_m, advice.advised_speed_mps
     yield s_m, before
     for after in advice.horizon_speed_mps:
@@ -153,5 +153,5 @@ def highest(advice: Advice) -> Iterator[tuple[float, float]]:
 
 
 def broken(*_: Any, **__: Any) -> Any:
-    """Stands where something goes wrong that nobody foresaw."""
+    """A function that fails with an unexpected exception."""
     raise IndexError("nobody foresaw this")

@@ -1,4 +1,4 @@
-"""Attribution with fewer moments of a drive: for tests of what is said of it, not of how it is found."""
+"""Attribution with fewer cuts of a drive, for tests of its presentation, not of its computation."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import pytest
 from sim.drive.attribution import committed
 
 CUTS = 60
-"""Moments from which the optimum is sought, where the program has one a second; each costs 5 ms."""
+"""Number of times from which the optimum is computed (the program has one a second); each costs 5 ms."""
 
 
 @contextmanager
 def sparse_cuts() -> Iterator[None]:
-    """Look for causes at few moments of a drive; their energies sum as ever."""
+    """Search for causes at few times of a drive; their energies still add up."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(committed, "MOST_CUTS", CUTS)
         yield

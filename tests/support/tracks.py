@@ -1,4 +1,4 @@
-"""Tracks of a receiver in formats of others."""
+"""Tracks of a receiver in formats of other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The transitions of a whole section, as the solver finds them."""
+"""The transitions of a whole section, computed as in the solver."""
 
 from __future__ import annotations
 

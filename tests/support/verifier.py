@@ -1,9 +1,9 @@
 """An independent verifier of trajectories: shares no code with the solver, reads raw data (raw_data.py).
 
 A trajectory is the rows of `das-precompute solve --out`: s, t, v, F_el, F_fr, gradient, limit. A row's forces are means
-over the way to the next row, which the train covers at constant acceleration: the *stated* motion. It must keep every
-bound to the last digits, everywhere. The forces are also held constant from row to row and integrated in time, by
-Runge–Kutta steps: the *driven* motion. Where the slope changes under the train the two are not quite the same.
+over the distance to the next row, with constant acceleration: the *stated* motion. It must respect every bound
+everywhere, to the last digits. The forces are also held constant from row to row and integrated in time, by Runge–Kutta
+steps: the *driven* motion. Where the slope changes under the train, the two differ slightly.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ SUBSTEPS = 8
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 """Quadrature over the time of each interval."""
 ROUNDING = 1e-6
-"""The stated motion holds bounds to this, relatively (forces) or in their unit (m/s, s)."""
+"""Tolerance of bounds for the stated motion, relative (forces) or in their unit (m/s, s)."""
 ROUNDING_N = 1.0
 ROUNDING_MPS2 = 1e-5
 END_M = 1e-3
-"""A section's ends, and the ends of a limit, are where they are to within this."""
+"""Tolerance (m) of the ends of a section and of a limit."""
 DRIVEN_MPS = 0.1
 DRIVEN_MPS2 = 0.02
 DRIVEN_POWER_RATIO = 0.01
-"""The driven motion may exceed limits, accelerations and powers by these."""
+"""Tolerances of limits, accelerations and powers for the driven motion."""
 ARRIVAL_MPS = 0.005
 ARRIVAL_M = 0.5
-"""The forces take the train to the next row's speed, and at its time to its place, to within these."""
+"""Tolerances with which the forces lead to the next row's speed, and at its time to its position."""
 BALANCE_RATIO = 1e-3
-"""The forces of an interval balance to within this part of the largest traction force (the plan takes the mean of a
-tunnel's term and of v² over an interval, not of their product; elsewhere it is 1e-8)."""
+"""Tolerance of the balance of forces in an interval, as a share of the largest traction force (the plan uses the means
+of a tunnel's term and of v² over an interval, not the mean of their product; elsewhere the error is 1e-8)."""
 ENERGY_RATIO = 2e-4
-"""The energy balance closes, and its terms are as said, to within this part of its largest term."""
+"""Tolerance of the energy balance and its claimed terms, as a share of the largest term."""
 KWH = 3.6e6
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something wrong with a trajectory: what, at how many places, where it is worst and by how much (SI)."""
+    """A defect of a trajectory: its kind, number of places, worst place and amount there (SI)."""
 
     what: str
     count: int
@@ -69,14 +69,14 @@ class Drive:
         self.tunnels = train.tunnel_profile(line)
 
     def motors_n(self, v: Floats) -> tuple[Floats, Floats]:
-        """Largest traction and electric brake at speeds v (…, intervals), as the power supply lets them."""
+        """Largest traction and electric brake at speeds v (…, intervals), as allowed by the power supply."""
         traction, brake = self.train.motors_n(v)
         neutral = self._within(self.line.neutral)
         fixed = neutral | self._within(self.line.no_regeneration)
         return np.where(neutral, 0.0, traction), np.where(fixed, 0.0, brake)
 
     def _within(self, zones: tuple[tuple[float, float], ...]) -> NDArray[np.bool_]:
-        """Which intervals the head drives in one of the zones, if only in part."""
+        """The intervals in which the head is in one of the zones, at least partly."""
         inside = np.zeros(len(self.step_m), dtype=bool)
         for start, end in zones:
             inside |= np.minimum(self.s[1:], end) - np.maximum(self.s[:-1], start) > END_M
@@ -84,7 +84,7 @@ class Drive:
 
     @cached_property
     def bounds_mps2(self) -> tuple[Floats, Floats]:
-        """Largest acceleration and deceleration; none where the train brakes or pulls as hard as it can against it."""
+        """Largest acceleration and deceleration; none where the train applies its full opposing effort."""
         total = self.electric_n + self.friction_n
         traction, brake = self.motors_n(self.faster)
         if self.train.brakes != "electric":
@@ -110,7 +110,7 @@ class Drive:
         return self.tunnels.under(s, self.train.length_m) if len(self.tunnels.value) > 1 else 0.0
 
     def acceleration(self, s: Floats, v: Floats) -> Floats:
-        """What the forces do at places and speeds (…, intervals)."""
+        """Acceleration due to the forces at places and speeds (…, intervals)."""
         slope = self.train.mass_kg * G * self.line.gradients.under(self._inside(s), self.train.length_m)
         force = self.electric_n + self.friction_n - self.resistance_n(s, v) - slope
         return force / self.train.inertia_kg
@@ -158,14 +158,14 @@ class Drive:
 
     @cached_property
     def balance_n(self) -> Floats:
-        """Mean force each interval's motion needs, beyond what the row states."""
+        """Mean force required by each interval's motion, minus the stated one."""
         kinetic_j = 0.5 * self.train.inertia_kg * np.diff(self.v**2)
         potential_j = self.train.mass_kg * G * np.diff(self.heights_m)
         return (kinetic_j + potential_j + self.resistance_j) / self.step_m - self.electric_n - self.friction_n
 
     @cached_property
     def balance_j(self) -> dict[str, float]:
-        """Every term of the energy balance, each on its own, by quadrature."""
+        """Every term of the energy balance, computed separately by quadrature."""
         _, v = self.stated
         way = self.over_time(v)
         loss_w = self.loss(np.broadcast_to(self.electric_n, v.shape), v) + self.train.auxiliary_w
@@ -194,9 +194,9 @@ def verify(
     claim: Mapping[str, Any] | None = None,
     driven: bool = True,
 ) -> list[Finding]:
-    """Everything wrong with a trajectory; `claim` is what the command's --json says of it.
+    """All defects of a trajectory; `claim` is the command's output with --json.
 
-    Without `driven` only the stated motion is checked: below a walking pace a constant force cannot follow the slope
+    Without `driven` only the stated motion is checked: below walking speed a constant force cannot follow the slope
     that changes under the train.
     """
     findings = _shape(rows)
@@ -211,7 +211,7 @@ def verify(
 
 
 def _over(what: str, at_m: Any, value: Any, most: Any = 0.0) -> list[Finding]:
-    """A finding where the value is above the most it may be, or not a number."""
+    """A finding if the value exceeds its bound or is not a number."""
     at_m, value, most = np.broadcast_arrays(at_m, value, most)
     bad = ~(value <= most)
     if not bad.any():
@@ -239,7 +239,7 @@ def _ends(drive: Drive, ends_m: tuple[float, float], speeds: tuple[float, float]
 
 
 def _limits(line: Line, train: Train) -> Iterator[tuple[float, float, float]]:
-    """From where to where the head is bound to which speed: a limit holds until the tail has left."""
+    """Limits by the position of the head: start, end and speed; a limit applies until the tail has left."""
     yield -np.inf, np.inf, train.max_speed_mps
     starts = line.limits.start_m
     for a, b, limit in zip((-np.inf, *starts[1:]), (*starts[1:], np.inf), line.limits.value, strict=True):
@@ -274,7 +274,7 @@ def _rounded(force_n: Any) -> Any:
 
 
 def _brakes(drive: Drive) -> list[Finding]:
-    """Friction only where the train's brakes and the way it uses them allow it."""
+    """Friction only where the train's brakes and its brake policy allow it."""
     train, s, electric, friction = drive.train, drive.s[:-1], drive.electric_n, -drive.friction_n
     _, motors = drive.motors_n(drive.faster)
     both = train.both_brakes_n(drive.faster)
@@ -311,7 +311,7 @@ def _motion(drive: Drive) -> list[Finding]:
 
 
 def _driven(drive: Drive) -> list[Finding]:
-    """Where constant forces take the train from row to row, and what it exceeds on the way."""
+    """The motion under constant forces from row to row, and the bounds that it exceeds."""
     train, s, v = drive.train, drive.s, drive.v
     places, speeds = drive.driven
     above = np.full(speeds.shape, -np.inf)
@@ -341,7 +341,7 @@ def _balance(drive: Drive) -> list[Finding]:
 
 
 def _claims(drive: Drive, claim: Mapping[str, Any]) -> list[Finding]:
-    """Time and energies as the command says them."""
+    """Time and energies claimed by the command."""
     end, balance = drive.s[-1], drive.balance_j
     off_s = abs(claim["time_s"] - drive.rows[-1, 1])
     findings = _over("the time said is not the trajectory's", end, off_s, ROUNDING * claim["time_s"])

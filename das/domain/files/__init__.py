@@ -1,1 +1,1 @@
-"""Reading and writing files: `load` finds the file of a name or path and picks the module that reads its format."""
+"""Reading and writing files. `load` finds a file by its name or path and selects the module that reads its format."""

@@ -1,4 +1,4 @@
-"""Reading the efforts of a train: force and power, effort curves as CSV or in the file, and the train's modes.
+"""Reader of a train's efforts: force and power, effort curves (CSV or in the file), and modes.
 
 The formats are explained in docs/reference/file-formats.md.
 """
@@ -28,7 +28,7 @@ _NO_EFFORT = EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
 
 
 class ReadEfforts(NamedTuple):
-    """What the motors of a train can do: in the mode `mode`, which the file names as its default, and in all modes."""
+    """The efforts of a train: in the default mode `mode` of its file, and in all modes."""
 
     traction: EffortEnvelope
     electric_brake: EffortEnvelope
@@ -39,8 +39,8 @@ class ReadEfforts(NamedTuple):
 def read_efforts(fields: Fields, top_mps: float) -> ReadEfforts:
     """The tables `[traction]`, `[electric_brake]` and `[modes]` of a vehicle file, for a top speed (m/s).
 
-    A mode has the efforts of the file where it gives none of its own. `[traction]` may be missing if `[vehicle]` names
-    a `default_mode`. Raises InputError for anything unusable.
+    A mode without its own efforts has those of the file. `[traction]` may be missing if `[vehicle]` names a
+    `default_mode`. Raises InputError for anything unusable.
     """
     main, table = fields.table("vehicle"), fields.optional_table("modes")
     default = main.name("default_mode", "")
@@ -57,12 +57,12 @@ def read_efforts(fields: Fields, top_mps: float) -> ReadEfforts:
 def _traction(fields: Fields, top_mps: float) -> EffortEnvelope:
     traction = _envelope(fields.table("traction"), top_mps)
     if traction.curve is not None and traction.curve.force_n[0] == 0:
-        raise fields.error("traction.curve", "0 kN at 0 km/h", "a force > 0, or the train does not set off")
+        raise fields.error("traction.curve", "0 kN at 0 km/h", "a force > 0; otherwise the train cannot start")
     return traction
 
 
 def _mode(fields: Fields, every: EffortEnvelope | None, electric: EffortEnvelope, top_mps: float) -> EffortMode:
-    """One mode of a train; what it does not give is as in the rest of the file."""
+    """One mode of a train; missing values are those of the rest of the file."""
     voltage = {"voltage": "voltage"}
     fields.check_keys(["source", "traction", "electric_brake", "weather", *fields.quantity_keys(voltage)])
     if every is None or fields.has("traction"):
@@ -103,13 +103,13 @@ def _envelope(fields: Fields, top_mps: float) -> EffortEnvelope:
 def effort_curve(source: Path | str, points: Mapping[str, Sequence[float]], top_mps: float) -> EffortCurve:
     """The curve through points of speed (m/s) and force (N), each under its place in the file.
 
-    Raises InputError unless the speeds rise from 0 to the top speed (m/s) at least, and the forces are possible.
+    Raises InputError unless the speeds rise from 0 at least to the top speed (m/s) and the forces are possible.
     """
     before_mps = -LEAST_APART_MPS
     for place, (speed_mps, force_n) in points.items():
         shown = f"{speed_mps / KMH:g} km/h"
         if before_mps < 0 and speed_mps != 0:
-            raise InputError(source, place, shown, "the first speed to be 0")
+            raise InputError(source, place, shown, "0 km/h as the first speed")
         if not before_mps + LEAST_APART_MPS <= speed_mps <= HIGHEST_MPS:
             expected = f"rising speeds of at most {HIGHEST_MPS / KMH:g} km/h, after {max(before_mps, 0) / KMH:g} km/h"
             raise InputError(source, place, shown, expected)
@@ -128,8 +128,8 @@ def effort_curve(source: Path | str, points: Mapping[str, Sequence[float]], top_
 def read_columns(path: Path, what: str, columns: Mapping[str, str], most: int) -> dict[int, list[float]]:
     """The rows (SI) of a CSV file whose header names columns with their units, each under its line number.
 
-    `what` says what the file holds; `columns` maps each name to its dimension, in the order of the file. Raises
-    DasError or InputError for anything unusable, and for more than `most` rows.
+    `what` is the kind of content, for messages; `columns` maps each name to its dimension, in the order of the file.
+    Raises DasError or InputError for anything unusable, and for more than `most` rows.
     """
     lines = list(enumerate(read_text(path, MOST_BYTES).splitlines(), 1))
     header = [name.strip() for name in lines[0][1].split(",")] if lines else []

@@ -1,4 +1,4 @@
-"""Files of other programs, recognised by what is in them, so that an error can name the command that imports them."""
+"""Detection of files of other programs by their content; errors name the command that imports such a file."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Final, NamedTuple
 from das.domain.errors import DasError
 
 MOST_BYTES: Final = 1_000_000
-"""Size (bytes) of the part of a file that is looked at."""
+"""Number of bytes of a file that are searched."""
 UNZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError)
-"""Errors that `zipfile` raises for a damaged zip, besides a `UnicodeDecodeError` for a name that is not UTF-8.
-`BadZipFile`: wrong headers or checksums; `zlib.error` and `EOFError`: damaged or missing content; `OSError`: a place
-before the begin of the file; `RuntimeError`: a zip of a later version, or one with a password."""
+"""Errors that `zipfile` raises for a damaged zip, in addition to `UnicodeDecodeError` for a name that is not UTF-8.
+`BadZipFile`: wrong headers or checksums; `zlib.error` and `EOFError`: damaged or missing content; `OSError`: an offset
+before the beginning of the file; `RuntimeError`: a zip of a later version or with a password."""
 _JOURNEYS: Final = "das-precompute journey import {path} --trip ID -o journey.toml"
 ROUTES: Final = "das-precompute route import {path} -o route.toml"
 VEHICLES: Final = "das-precompute vehicle import {path} -o vehicle.toml"
@@ -25,7 +25,7 @@ TRIPS: Final = "das-sim trip {path} --route ROUTE --vehicle VEHICLE"
 
 
 class ForeignFormat(NamedTuple):
-    """A format of another program: its name with an article, and the command that reads it (empty: none does)."""
+    """A format of another program: its name with an article, and the command that reads it (empty if there is none)."""
 
     name: str
     command: str = ""
@@ -59,8 +59,8 @@ _OURS: Final = re.compile(r"^\[(route|vehicle|journey|scenario)\]\s*(?:#.*)?$", 
 
 
 def foreign_format(path: Path) -> ForeignFormat | None:
-    """The format of a file if it is a known one, of another program or of ours; None for anything else."""
-    if not os.path.isfile(path):  # unlike Path.is_file, false for a name that no file can have; a pipe would block
+    """The format of a file if known (of another program or of this one); None for anything else."""
+    if not os.path.isfile(path):  # unlike Path.is_file, false for an invalid file name; opening a pipe would block
         return None
     try:
         with path.open("rb") as file:
@@ -88,9 +88,9 @@ def _zipped(path: Path) -> ForeignFormat:
 
 
 def refuse_foreign(path: Path, kind: str, reads: str | None = None) -> None:
-    """Raise DasError for a file of another program, or of another kind of ours, where a file of a kind is expected.
+    """Raise DasError if a file belongs to another program, or is a file of this program of another kind.
 
-    The message names the command that imports it. `reads` is the command that is running, if it imports some formats.
+    The message names the command that imports it. `reads` is the running command if it imports some formats itself.
     """
     found = foreign_format(path)
     if found is None or (reads and found.command == reads) or found.name == f"a {kind} file of this program":

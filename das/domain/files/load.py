@@ -1,4 +1,4 @@
-"""Vehicles, routes and journeys are loaded by the name of a bundled file, or by the path of any file."""
+"""Loading of vehicles, routes and journeys by the name of a bundled file or the path of any file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from das.domain.vehicle import Vehicle
 
 
 def bundled_files(package: str, folder: str) -> dict[str, Path]:
-    """The TOML files that come with the program in a folder of a package, by name."""
+    """The bundled TOML files in a folder of a package, by name."""
     return {path.stem: path for path in sorted(Path(str(files(package) / folder)).glob("*.toml"))}
 
 
@@ -29,8 +29,7 @@ def catalogue(kind: str) -> dict[str, Path]:
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
     """The train with a bundled name ("re460-ic"), or from a TOML file of this project or a JSON train of TTOBench.
 
-    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
-    in it.
+    Raises DasError for an unknown name or file, InputError (file, key, value, expectation) for anything unusable in it.
 
         >>> import das
         >>> das.load_vehicle("re460-ic").max_speed_mps * 3.6
@@ -43,8 +42,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
 def load_route(name_or_path: str | Path) -> Route:
     """The line with a bundled name ("zurich-luzern"), or from a TOML file of this project or a JSON track of TTOBench.
 
-    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
-    in it.
+    Raises DasError for an unknown name or file, InputError (file, key, value, expectation) for anything unusable in it.
 
         >>> import das
         >>> [stop.name for stop in das.load_route("zurich-luzern").stops]
@@ -55,10 +53,11 @@ def load_route(name_or_path: str | Path) -> Route:
 
 
 def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
-    """The journey on a route, with a bundled name ("zurich-luzern") or from a file (our TOML, or JSON of TTOBench).
+    """The journey on a route, with a bundled name ("zurich-luzern") or from a file (TOML of this project, or JSON of
+    TTOBench).
 
-    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
-    in it, and for a point of the journey that is not on the route. Without a route, every point must have a position.
+    Raises DasError for an unknown name or file, InputError (file, key, value, expectation) for anything unusable in it,
+    and for a point of the journey that is not on the route. Without a route, every point must have a position.
     """
     path = locate_journey(name_or_path)
     json = path.suffix.lower() == ".json"
@@ -69,7 +68,7 @@ def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
 
 
 def _ttobench() -> Any:
-    """The reader of TTOBench files, which a cab needs for none of its own."""
+    """The reader of TTOBench files, imported only if needed: a cab's own files do not use it."""
     from das.offline import ttobench
 
     return ttobench
@@ -101,7 +100,7 @@ def _locate(name_or_path: str | Path, kind: str) -> Path:
 def locate(
     name_or_path: str | Path, kind: str, bundled: Mapping[str, Path], suffixes: tuple[str, ...] = (".toml",)
 ) -> Path:
-    """The file with a bundled name, or at a path; if there is none, DasError, which names the kind of thing."""
+    """The file with a bundled name, or at a path; a DasError that names the kind of file if there is none."""
     if isinstance(name_or_path, str) and name_or_path in bundled:
         return bundled[name_or_path]
     path = Path(name_or_path)
@@ -109,7 +108,7 @@ def locate(
     if path.suffix.lower() not in suffixes:
         names, expected = ", ".join(bundled), " or ".join(suffixes)
         raise DasError(f"{name_or_path}: not a bundled {kind} ({names}) and not a {expected} file")
-    if os.path.isdir(path):  # unlike Path.is_dir, false for a name that no file can have
+    if os.path.isdir(path):  # unlike Path.is_dir, false for an invalid file name
         raise DasError(f"{name_or_path}: is a folder, expected a file")
     if not os.path.exists(path):
         raise DasError(f"{name_or_path}: no such file")

@@ -1,4 +1,4 @@
-"""Reading quantities from parsed files; every error names the file, the key and the value."""
+"""Reader of quantities in parsed files; every error names the file, the key and the value."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from das.domain.errors import MISSING, DasError, InputError, is_seen, one_of
 from das.domain.units import FACTORS, MEGABYTE, to_si
 
 MOST_BYTES = 5_000_000
-"""Largest file (bytes) of a vehicle, route, journey or loss map that is read. A route of 1000 km with a point of its
-geometry every 10 m has about 3 MB."""
+"""Largest file (bytes) of a vehicle, route, journey or loss map. A route of 1000 km with a geometry point every 10 m
+has about 3 MB."""
 MOST_BYTES_OF_TEXT = 200_000_000
-"""Largest text file (bytes) that is read at all: a recorded trip has about 5 MB a day at one row a second."""
+"""Largest text file (bytes) of any kind. A recorded trip has about 5 MB for 24 hours at one row a second."""
 MOST_ROWS = 20_000
 """Largest number of rows of a list: 1000 km of track with a gradient every 50 m."""
 MOST_OF_A_NAME = 200
 """Longest name (characters) of a vehicle, route, journey or place."""
 LARGEST = 1e12
-"""Largest number in a file, in SI units: the computations with it stay finite. The largest quantity of a railway, the
-power of a network, is below it."""
+"""Largest number in a file, in SI units; computations with it stay finite. The largest quantity of a railway, the power
+of a network, is smaller."""
 SHORTEST_TRAIN_M = 0.1
-"""Shortest length of a train (m) that is not a point: gradients are averaged over it."""
+"""Shortest length (m) of a train that is not a point; gradients are averaged over the length."""
 LARGEST_TIME_S = 1e10
 """Largest time (s) on a journey's clock, which may count from 1970."""
 LARGEST_LENGTH_M = 1e9
@@ -56,7 +56,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:
 
 
 def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Fields:
-    """Parse a JSON object; DasError if the file cannot be read, has a key twice, or holds something else."""
+    """Parse a JSON object; DasError if the file cannot be read, has a duplicate key, or is not a JSON object."""
     try:
         data = json.loads(read_text(path, most_bytes), object_pairs_hook=_each_key_once)
     except (ValueError, RecursionError) as error:
@@ -65,16 +65,16 @@ def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Fields:
 
 
 def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The object of these pairs; ValueError for a key that is there twice, of which one would silently be lost."""
+    """The object made of the pairs; ValueError for a duplicate key, whose first value would be lost silently."""
     found = dict(pairs)
     if len(found) < len(pairs):
         names = [name for name, _ in pairs]
-        raise ValueError(f"the key {next(name for name in names if names.count(name) > 1)!r} is there twice")
+        raise ValueError(f"duplicate key {next(name for name in names if names.count(name) > 1)!r}")
     return found
 
 
 def read_toml(path: Path) -> Fields:
-    """Parse a TOML document; DasError if the file cannot be read or holds something else."""
+    """Parse a TOML document; DasError if the file cannot be read or is not TOML."""
     try:
         data = tomllib.loads(read_text(path, MOST_BYTES))
     except (ValueError, RecursionError) as error:
@@ -84,7 +84,7 @@ def read_toml(path: Path) -> Fields:
 
 @dataclass(frozen=True)
 class Fields:
-    """A table of a file, its place in the file, and typed access to what is in it."""
+    """A table of a file, its place in the file, and typed access to its values."""
 
     source: Path
     prefix: str
@@ -137,24 +137,24 @@ class Fields:
         return value
 
     def whole(self, key: str, ends: tuple[int, int], default: int | None = None) -> int:
-        """The whole number under a key, from the first to the second of the ends; InputError for anything else."""
+        """The whole number under a key, between the two bounds (inclusive); InputError for anything else."""
         value = self.data.get(key, MISSING if default is None else default)
         if isinstance(value, bool) or not isinstance(value, int) or not ends[0] <= value <= ends[1]:
             raise self.error(key, value, f"a whole number from {ends[0]} to {ends[1]}")
         return value
 
     def choice(self, key: str, kind: type[Kind], default: Kind | None = None) -> Kind:
-        """The member of an enumeration that is named under a key; InputError for anything else."""
+        """The member of an enumeration named under a key; InputError for anything else."""
         value = self.text(key, default)
         if value not in list(kind):
             raise self.error(key, value, one_of(kind, value))
         return kind(value)
 
     def names(self, key: str, known: Collection[str]) -> list[str]:
-        """The list of names under a key, empty if there is none; InputError for a name that is not known."""
+        """The list of names under a key, empty if the key is missing; InputError for an unknown name."""
         names = self.data.get(key, [])
         if not isinstance(names, list) or any(name not in known for name in names):
-            raise self.error(key, names, f"a list of names out of {', '.join(known)}")
+            raise self.error(key, names, f"a list of names from {', '.join(known)}")
         return names
 
     def check_schema_version(self, supported: int) -> None:
@@ -164,7 +164,7 @@ class Fields:
             raise self.error("schema_version", value, f"{supported}")
 
     def check_keys(self, allowed: Sequence[str]) -> None:
-        """Raise InputError for a key that is not allowed; otherwise a misspelt optional key would go unnoticed."""
+        """Raise InputError for a key that is not allowed, for example a misspelt optional key."""
         for key in self.data:
             if key not in allowed:
                 raise self.error(key, self.data[key], one_of(sorted(allowed), key, "the keys "))
@@ -187,7 +187,7 @@ class Fields:
         return in_si(self.source, key, value, (unit, dimension), unbounded=unbounded)
 
     def within(self, name: str, dimension: str, default: float, ends: tuple[float, float]) -> float:
-        """A quantity that must be finite and within its ends (SI)."""
+        """A finite quantity within its bounds (SI); InputError for any other."""
         value = self.quantity(name, dimension, default, unbounded=True)
         if not ends[0] <= value <= ends[1] or math.isinf(value):
             (key,) = self.given_keys(name, dimension)
@@ -204,7 +204,7 @@ class Fields:
         ]
 
     def given_keys(self, name: str, dimension: str) -> list[str]:
-        """The keys of the table that give a quantity: one, or none; more are a mistake that `quantity` refuses."""
+        """The keys of the table that give a quantity: at most one in a valid table; `quantity` rejects more."""
         return [key for key in self.quantity_keys({name: dimension}) if key in self.data]
 
     def rows(self, key: str, what: str, most: int = MOST_ROWS) -> list[Any]:
@@ -225,7 +225,7 @@ class Fields:
     ) -> dict[str, list[float]]:
         """A list with units in its column names: {columns = ["position_km", …], rows = [[…], …]} in SI.
 
-        `wanted` maps each quantity to its dimension; those in `unbounded` may be infinite and of any size.
+        `wanted` maps each quantity to its dimension; quantities in `unbounded` may be infinite or of any size.
         """
         table = self.table(key)
         table.check_keys(["source", "columns", "rows"])
@@ -250,8 +250,8 @@ class Fields:
 def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbounded: bool = False) -> float:
     """A number of a file in SI, from its unit and dimension.
 
-    Raises InputError for a value that is no number, and for one that is infinite or larger than `LARGEST` (a position
-    or length: `LARGEST_LENGTH_M`). An `unbounded` number may be infinite and of any size: the caller checks it.
+    Raises InputError for a value that is not a number, is infinite or exceeds `LARGEST` (for a position or length
+    `LARGEST_LENGTH_M`). An `unbounded` number may be infinite or of any size; the caller checks it.
     """
     result = to_si(number(source, key, value), *unit)
     largest = LARGEST_LENGTH_M if unit[1] == "length" else LARGEST
@@ -263,7 +263,7 @@ def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbou
 
 
 def train_length_m(source: Path, value: float) -> float:
-    """A train's length (m), 0 for a point; InputError if it is so short that a mean over it is mere rounding error."""
+    """A train's length (m), 0 for a point; InputError if it is so short that a mean over it is only rounding error."""
     if 0 < value < SHORTEST_TRAIN_M:
         raise InputError(source, "vehicle.length", value, f"0 m (a point), or at least {SHORTEST_TRAIN_M:g} m")
     return value
@@ -283,14 +283,14 @@ def number(source: Path, key: str, value: object) -> float:
     try:
         result = float(value)
     except OverflowError:
-        raise InputError(source, key, _long_integer(int(value)), "a number that fits") from None
+        raise InputError(source, key, _long_integer(int(value)), "a smaller number") from None
     if math.isnan(result):
         raise InputError(source, key, value, "a number")
     return result
 
 
 def _long_integer(value: int) -> str:
-    """An integer beyond all floats, in short; Python refuses to print one of more than 4300 digits."""
+    """A short form of an integer too large for a float; Python does not print one of more than 4300 digits."""
     try:
         return f"{str(value)[:12]}… ({len(str(value))} digits)"
     except ValueError:
@@ -312,6 +312,6 @@ def _cell(table: Fields, index: int, row: object, column: int) -> object:
 
 
 def range_expected(unit: str, dimension: str, ends: tuple[float, float]) -> str:
-    """A range (SI) in words, in the unit of the file."""
+    """A range (SI) as text, in the unit of the file."""
     low, high = (end / FACTORS[dimension][unit] for end in ends)
     return f"a finite number >= {low:g}" if math.isinf(high) else f"a number from {low:g} to {high:g}"

@@ -1,4 +1,4 @@
-"""Reading routes and journeys: our own TOML files (format: docs/reference/file-formats.md)."""
+"""Reader of routes and journeys in this project's TOML format (docs/reference/file-formats.md)."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ MOST_STOPS = 1000
 MOST_POINTS = 200_000
 """Largest number of points of a route's geometry: 1000 km with a point every 5 m."""
 MOST_OF_A_SOURCE = 2000
-"""Longest source or licence (characters) of a route: they stand in its pictures and reports."""
+"""Longest source or licence (characters) of a route; both appear in its pictures and reports."""
 TOLERANCE_S = 30.0
-"""Tolerance (s) of a passing that is a wish, if the file states none: timetables are rounded to minutes."""
+"""Default tolerance (s) of a passing that is a wish: timetables are rounded to minutes."""
 _CLOCK = re.compile(r"(\d{1,3}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
 _PLACE = {"position": "length"}
 _SPEEDS = {"lowest_speed": "speed", "highest_speed": "speed"}
@@ -80,7 +80,7 @@ def read_route(path: Path) -> Route:
 
 
 def _stated(main: Fields, key: str) -> str:
-    """Source or licence as a file states it, in one line; InputError if it is longer than `MOST_OF_A_SOURCE`."""
+    """Source or licence as stated in a file, on one line; InputError if it is longer than `MOST_OF_A_SOURCE`."""
     text = " ".join(main.text(key, "").split())
     if not is_seen(text) or len(text) > MOST_OF_A_SOURCE:
         raise main.error(key, text, f"a text of at most {MOST_OF_A_SOURCE} characters without control characters")
@@ -91,7 +91,7 @@ def _time_zone(main: Fields) -> str:
     name = main.text("time_zone", "UTC")
     try:
         return ZoneInfo(name).key
-    except (KeyError, ValueError, OSError):  # unknown; no name of a zone; the name of a folder of zones
+    except (KeyError, ValueError, OSError):  # an unknown zone; not a zone name; the name of a folder of zones
         raise main.error("time_zone", name, 'a time zone like "Europe/Zurich" (IANA)') from None
 
 
@@ -173,7 +173,7 @@ def read_journey(path: Path, route: Route | None) -> Journey:
 
 
 def journey_of(fields: Fields, route: Route | None) -> Journey:
-    """The journey that the fields of a file describe; raises as `read_journey`."""
+    """The journey described by the fields of a file; errors as in `read_journey`."""
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "journey", "stops", "passings"])
     main = fields.table("journey")
@@ -219,7 +219,7 @@ def _passing(fields: Fields, route: Route | None) -> Passing:
     name, position_m = _place(fields, route)
     wish = fields.flag("wish", False)
     for key in () if wish else fields.given_keys("tolerance", "time"):
-        raise fields.error(key, fields.data[key], "none without wish = true: windows are kept exactly")
+        raise fields.error(key, fields.data[key], "no tolerance without wish = true")
     return Passing(
         name=name,
         position_m=position_m,
@@ -238,7 +238,7 @@ def _passing_window(fields: Fields) -> Window:
         return _window(fields, "earliest", "latest")
     for key in _time_keys(fields, "earliest", "latest"):
         if key in fields.data:
-            raise fields.error(key, fields.data[key], f"none beside {exact[0]}")
+            raise fields.error(key, fields.data[key], f"no window together with {exact[0]}")
     return _window(fields, "time", "time")
 
 
@@ -247,12 +247,12 @@ def _place_keys(fields: Fields) -> list[str]:
 
 
 def _place(fields: Fields, route: Route | None) -> tuple[str, float]:
-    """Name and position (m) of a point: from the stop of the route that it names, or stated by the point itself."""
+    """Name and position (m) of a point: those of the route's stop that it names, or its own."""
     if not fields.has("stop"):
         return fields.name("name"), fields.quantity("position", "length")
     for key in ("name", *fields.given_keys("position", "length")):
         if fields.has(key):
-            raise fields.error(key, fields.data[key], "none beside stop, which names a stop of the route")
+            raise fields.error(key, fields.data[key], "no name or position together with stop (a stop of the route)")
     wanted = fields.data["stop"]
     if route is None:
         raise fields.error("stop", wanted, "name and position, because no route is given; or give the route (--route)")
@@ -292,7 +292,7 @@ def _time_s(fields: Fields, name: str, default: float) -> float:
 def curvature_stretches(source: str, rows: list[list[float]]) -> Stretches:
     """Mean |curvature| of each stretch from rows of position and signed radii at its start and end (m).
 
-    A radius under 60 m is refused: no main line has it and the resistance formula has a pole at 55 m.
+    A radius below 60 m is rejected: no main line has one, and the resistance formula has a pole at 55 m.
     """
     for i, (_, start, end) in enumerate(rows):
         if min(abs(start), abs(end)) < 60:

@@ -1,4 +1,4 @@
-"""Reading vehicles: our own TOML files, their losses, and the loss maps (CSV) that they name.
+"""Reader of vehicles in this project's TOML format, with their losses and the loss maps (CSV) that they name.
 
 The formats are explained in docs/reference/file-formats.md.
 """
@@ -45,9 +45,9 @@ def read_vehicle(path: Path) -> Vehicle:
 
 
 def vehicle_of(fields: Fields, insist: str = INSIST % "vehicle") -> Vehicle:
-    """The vehicle that the fields of a file describe; raises as `read_vehicle`.
+    """The vehicle described by the fields of a file; errors as in `read_vehicle`.
 
-    `insist` ends the message for an implausible value (see `das.domain.plausibility.check_vehicle`).
+    `insist` is the end of the message for an implausible value (see `das.domain.plausibility.check_vehicle`).
     """
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(
@@ -56,7 +56,7 @@ def vehicle_of(fields: Fields, insist: str = INSIST % "vehicle") -> Vehicle:
             *("electric_brake", "friction_brake", "brakes", "service_brake", "adhesion", "losses", "loads"),
         ]
     )
-    vehicle = _lossless(fields, insist)  # checks masses, speeds and forces before a loss map is made from them
+    vehicle = _lossless(fields, insist)  # checks masses, speeds and forces before a loss map is computed from them
     losses, default = read_losses(fields.table("losses"), vehicle)
     return replace(vehicle, losses=MappingProxyType(losses), default_level=default)
 
@@ -127,7 +127,7 @@ def _friction_brake_n(fields: Fields) -> float:
 
 
 def _service_brake(fields: Fields) -> ServiceBrake:
-    """How the train is braked in service; usual figures replace those that the file does not give."""
+    """Service braking of the train; values missing in the file have the usual defaults."""
     usual, table = ServiceBrake(), fields.optional_table("service_brake")
     table.check_keys(["source", *table.quantity_keys({"deceleration": "acceleration", "build_up": "time"})])
     return ServiceBrake(
@@ -137,7 +137,7 @@ def _service_brake(fields: Fields) -> ServiceBrake:
 
 
 def _adhesive_mass(fields: Fields) -> float:
-    """Mass on the driven axles (kg); inf without a table, because adhesion is then no limit."""
+    """Mass on the driven axles (kg); inf without a table, which means that adhesion is no limit."""
     if not fields.has("adhesion"):
         return np.inf
     table = fields.table("adhesion")
@@ -179,7 +179,7 @@ def _brake_policy(fields: Fields, efforts: ReadEfforts, friction_n: float) -> Br
 
 
 def read_losses(fields: Fields, vehicle: Vehicle) -> tuple[dict[Level, LossModel], Level]:
-    """The loss models of a table `[losses]`, and its default level: as named, else the first with data, else L0 REG."""
+    """The loss models of a table `[losses]`, and its default level: the named one, the first with data, or L0 REG."""
     fields.check_keys(["source", "default", "own", "l1", "l2", "l3"])
     losses: dict[Level, LossModel] = {}
     for level in (Level.OWN, Level.L1, Level.L2):
@@ -192,7 +192,7 @@ def read_losses(fields: Fields, vehicle: Vehicle) -> tuple[dict[Level, LossModel
 
 
 def _loss_map(fields: Fields, vehicle: Vehicle) -> LossMap:
-    """The loss map of a CSV file, or one made from a chain of components."""
+    """The loss map of a CSV file, or one computed from a chain of components."""
     kind = fields.text("kind")
     if kind == "csv":
         fields.check_keys(["source", "kind", "path"])
@@ -204,7 +204,7 @@ def _loss_map(fields: Fields, vehicle: Vehicle) -> LossMap:
     traction_n, brake_n = (
         max(getattr(one, name).max_force_n for one in modes) for name in ("traction", "electric_brake")
     )
-    with np.errstate(all="ignore"):  # A map with a loss that is no finite number is refused.
+    with np.errstate(all="ignore"):  # A map with a loss that is not finite is rejected.
         return chain.to_map(f"{fields.source} [losses.l3]", traction_n, brake_n, vehicle.max_speed_mps)
 
 
@@ -325,7 +325,7 @@ def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
 
 
 def _evened(axis: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Remove the rounding of the file's decimals (under 1 % of a step) so that the axis is exactly even."""
+    """Remove the rounding of the file's decimals (under 1 % of a step), which makes the axis exactly even."""
     even = np.linspace(axis[0], axis[-1], len(axis))
     if len(axis) > 1 and np.abs(even - axis).max() < 0.01 * (axis[-1] - axis[0]) / (len(axis) - 1):
         even[np.abs(even) < 1e-9 * (axis[-1] - axis[0])] = 0.0
@@ -334,9 +334,9 @@ def _evened(axis: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tu
 
 
 def site_braking(fields: Fields) -> SiteBraking:
-    """How the drivers of a site brake, from a table of a scenario or of a plan of tables.
+    """The braking of a site's drivers, from a table of a scenario or of a plan of tables.
 
-    Raises InputError for an unknown key, and for a figure that is not plausible for a driver.
+    Raises InputError for an unknown key, and for a value that is implausible for a driver.
     """
     fields.check_keys(fields.quantity_keys(_SITE_BRAKING))
     brake_mps2 = fields.within("planning_brake", "acceleration", 0.5, (0.1, 1.5))

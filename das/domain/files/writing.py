@@ -1,4 +1,4 @@
-"""Writing files and folders whole: first under another name, then renamed, so that a reader never sees half of one."""
+"""Atomic writing of files and folders: under another name, then renamed; a reader never sees half of one."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from das.domain.trajectory import Trajectory
 
 MOST_OF_A_NAME = 1000
-"""Largest number of files whose names differ only in their number."""
+"""Largest number of files whose names differ only in the number at the end."""
 UNFINISHED = ".unfinished-"
 """Beginning of the names of folders that are being written; such a folder remains if its writer is killed."""
 
 
 def toml_string(text: str) -> str:
-    """A text as a TOML string on one line: JSON's way to write it is TOML's, but for the delete character."""
+    """A text as a TOML string on one line. JSON and TOML strings differ only in the delete character."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
-    """Raise DasError unless a file can be created at `path`: a command checks this before it starts long work.
+    """Raise DasError unless a file can be created at `path`; a command checks this before long work.
 
-    A file that is there is refused unless it is to be overwritten. A symbolic link is refused in any case.
+    An existing file is rejected unless `overwrite` is set. A symbolic link is always rejected.
     """
     refuse_link(path)
     if path.exists() and not path.is_file() and not path.is_dir():
@@ -59,34 +59,34 @@ def refuse_link(path: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents if they are missing; DasError where one cannot be made."""
+    """Create a folder and its parents if they are missing; DasError if one cannot be created."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise DasError(f"{folder}: is a file, expected a folder to write to") from None
     except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+        raise DasError(f"{folder}: cannot be created ({error.strerror})") from error
 
 
 def new_file(path: Path, content: bytes = b"") -> Path:
-    """Make a file with `content` and return its path: `path`, or the first of `-2`, `-3`, … beside it that is free.
+    """Create a file with `content` and return its path: `path`, or the first free one with the suffix `-2`, `-3`, ….
 
-    Nobody sees the file without its content. Raises DasError where none can be made.
+    The file never appears without its content. Raises DasError if none can be created.
     """
     for i in range(1, MOST_OF_A_NAME + 1):
         numbered = path if i == 1 else path.with_stem(f"{path.stem}-{i}")
         try:
-            _make_new(numbered, content)  # two processes that ask at once get two files
+            _make_new(numbered, content)  # two processes that call this at the same time get two files
         except FileExistsError:
             continue
         except OSError as error:
             raise DasError(f"{numbered}: cannot be written ({error.strerror})") from error
         return numbered
-    raise DasError(f"{path}: there are {MOST_OF_A_NAME} files of this name already")
+    raise DasError(f"{path}: {MOST_OF_A_NAME} files with this name exist already")
 
 
 def _make_new(path: Path, content: bytes) -> None:
-    """Make a file that has its content from the start; FileExistsError or OSError where it cannot be made."""
+    """Create a file that has its content from the start; FileExistsError or OSError if it cannot be created."""
     if path.exists():
         raise FileExistsError(path)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -97,7 +97,7 @@ def _make_new(path: Path, content: bytes) -> None:
         os.link(name, path)
     except FileExistsError:
         raise
-    except OSError:  # A file system without links: for a moment the file is there without its content.
+    except OSError:  # File system without links: for a moment the file exists without its content.
         with path.open("xb") as file:
             file.write(content)
     finally:
@@ -105,13 +105,13 @@ def _make_new(path: Path, content: bytes) -> None:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write `content` to a new file beside `path` and rename it to `path`; DasError as `whole_file` raises it."""
+    """Write `content` to a new file in the folder of `path` and rename it to `path`; errors as in `whole_file`."""
     with whole_file(path) as file:
         file.write(content)
 
 
 def write_trajectory(path: Path, trajectory: Trajectory) -> None:
-    """Write a trajectory as CSV: one row per node (see `Trajectory.columns`); DasError as `whole_file` raises it."""
+    """Write a trajectory as CSV: one row per node (see `Trajectory.columns`); errors as in `whole_file`."""
     columns = trajectory.columns()
     lines = [",".join(columns)]
     lines += [",".join(f"{x + 0.0:.12g}" for x in row) for row in zip(*columns.values(), strict=True)]
@@ -122,12 +122,12 @@ def write_trajectory(path: Path, trajectory: Trajectory) -> None:
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
     """A file to write to, which replaces `path` when the block ends; if the block fails, nothing changes.
 
-    A device or a pipe is written to, not replaced. Raises DasError for a symbolic link, and where writing fails.
+    A device or a pipe is written to, not replaced. Raises DasError for a symbolic link, and if writing fails.
     """
     refuse_link(path)
     try:
         if path.exists() and not path.is_file():
-            content = io.BytesIO()  # a pipe has no file position, which some writers ask for
+            content = io.BytesIO()  # a pipe has no file position, which some writers need
             yield content
             path.write_bytes(content.getvalue())
             return
@@ -147,10 +147,10 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collection[str] = ()) -> None:
-    """Write files to a new folder beside `folder` and rename it to `folder`, replacing what is there.
+    """Write files to a new folder next to `folder` and rename it to `folder`, replacing an existing one.
 
-    When this returns, everything is safely on the disk. Only the owner can read the files named in `private`. A
-    writer that is killed leaves a folder whose name begins with `UNFINISHED`. Raises DasError where writing fails.
+    All data are on the disk when the function returns. Only the owner can read the files named in `private`. A killed
+    writer leaves a folder whose name begins with `UNFINISHED`. Raises DasError if writing fails.
     """
     try:
         beside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=UNFINISHED))
@@ -176,7 +176,7 @@ def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collec
 
 
 def umask() -> int:
-    """The permission bits that new files of this process do not get."""
+    """The permission bits that are cleared for new files of this process."""
     umask = os.umask(0)
     os.umask(umask)
     return umask
@@ -192,7 +192,7 @@ def _sync_folder(folder: Path) -> None:
 
 LOCK = ".lock"
 _RECORD_BYTES = 20
-"""Longest content of a lock file: it holds the number of the process that has the lock."""
+"""Longest content (bytes) of a lock file: the id of the process that holds the lock."""
 
 
 class FolderTakenError(DasError):
@@ -203,9 +203,9 @@ class FolderTakenError(DasError):
 def folder_held(folder: Path, taken: str) -> Iterator[None]:
     """Create the folder and lock it until the block ends or the process dies.
 
-    Raises FolderTakenError, with the text `taken` and the number of the process, where another process has locked it,
-    and DasError where the folder cannot be written to. A `.lock` that is a link, a pipe or some other file is refused
-    and left as it is.
+    Raises FolderTakenError, with the text `taken` and the id of the process, if another process has locked it, and
+    DasError if the folder is not writable. A `.lock` that is a link, a pipe or another file is rejected and not
+    changed.
     """
     make_folder(folder)
     handle = _opened(folder / LOCK)
@@ -222,16 +222,16 @@ def folder_held(folder: Path, taken: str) -> Iterator[None]:
 
 
 def _opened(path: Path) -> int:
-    """Open or make a lock file; links are not followed, nothing is truncated, and a pipe does not block."""
+    """Open or create a lock file. Links are not followed, no file is truncated, and a pipe does not block."""
     flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         handle = os.open(path, flags, 0o666)
     except OSError as error:
         if path.is_symlink() or path.is_dir():
-            raise DasError(f"{path}: is not a lock file of ours; remove it") from None
+            raise DasError(f"{path}: is not a lock file of this program; remove it") from None
         raise DasError(f"{path.parent}: cannot be written to ({error.strerror})") from error
     status = os.fstat(handle)
     if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1 or status.st_size > _RECORD_BYTES:
         os.close(handle)
-        raise DasError(f"{path}: is not a lock file of ours; remove it")
+        raise DasError(f"{path}: is not a lock file of this program; remove it")
     return handle

@@ -1,7 +1,7 @@
 """Copying and adding arrays in kernels.
 
-Numba compiles `into[:] = values` and `into += share * values` as well. But both check that the shapes fit, and numba
-then compiles some 30 functions that write the message of the error, again in every kernel that Python calls.
+Numba also compiles `into[:] = values` and `into += share * values`. But both check the shapes, and numba then compiles
+about 30 functions that format the error message, again for every kernel called from Python.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from das.compiling import kernel
 
 @kernel
 def put(values, into):
-    """Write the numbers of an array to the beginning of another one."""
+    """Copy an array to the beginning of another one."""
     for i in range(values.size):
         into[i] = values[i]
 
 
 @kernel
 def add(share, values, into):
-    """Add `share` times the numbers of an array to the first ones of another array."""
+    """Add `share` times an array to the beginning of another one."""
     for i in range(values.size):
         into[i] += share * values[i]

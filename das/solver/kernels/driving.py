@@ -1,4 +1,4 @@
-"""Driving over the integration nodes within what train and envelope allow, and the bounds of the speed there."""
+"""Driving over the integration nodes within the limits of train and envelope, and the speed bounds at the nodes."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from das.solver.kernels.landings import landing_under
 from das.solver.kernels.tuples import ServiceParams
 
 SLOW_MPS = 5.0
-"""Speed (m/s) below which the brakes' delay needs no further reserve: the driver sees the mark and brakes already."""
+"""Speed (m/s) below which the delay of the brakes needs no reserve: the driver sees the mark and is already braking."""
 FULL_BRAKES = ServiceParams(1e9, 0.0, 1.0, 1e9)
-"""Full brakes as a service: no limit below the train's own, and no delay."""
+"""Parameters of full braking: no limit below the train's own, and no delay."""
 _ROUNDING_W = 1e-9
-"""Excess of a v² over the envelope's that comes from rounding in the iterations."""
+"""Excess of v² over the envelope that is attributed to rounding in the iterations."""
 _FIXED_POINT_STEPS = 60
-"""Largest number of iterations in the search for a speed that is its own image under a step."""
+"""Largest number of iterations in the search for the fixed point of a step's speed."""
 _FIXED_POINT_TOLERANCE = 1e-13
-"""Share by which an iteration changes a speed that has been found."""
+"""Relative change of the speed in an iteration below which the search ends."""
 
 
 @kernel
 def _narrowed(v, new, low, low_gap, high, high_gap):
-    """New bounds and the next guess of a speed v that is its own image; the image `new` falls as v rises.
+    """New bounds and the next estimate of the fixed point v; the image `new` falls as v rises.
 
-    The faster the step, the less force the power limit leaves: plain iteration would swing between too fast and too
-    slow. So v is bracketed and found by false position (Illinois). `high_gap` is 0 until a guess was too fast.
+    A faster step leaves less force under the power limit, so plain iteration would oscillate. Therefore v is bracketed
+    and found by false position (Illinois). `high_gap` is 0 until an estimate has been too fast.
     """
     gap = new - v
     if gap > 0.0:
@@ -51,7 +51,7 @@ def _narrowed(v, new, low, low_gap, high, high_gap):
 
 @kernel
 def full_traction_speed(v0, h, g, q, p):
-    """Speed after a step at full traction; the power limit holds over the whole step. 0 where the train stalls."""
+    """Speed after a step at full traction; the power limit holds over the whole step. 0 if the train stalls."""
     start = _full_traction_step(v0, 0.0, h, g, q, p)
     if start <= 0.0:
         return 0.0
@@ -99,11 +99,11 @@ def _attainable(a, b, h, g, q, p, friction_n):
 
 @kernel
 def drive(first, last, landing, friction_n, line, envelope, p, v):
-    """From v[first] towards the speed `landing` at integration node `last`, at constant acceleration.
+    """Drive from v[first] towards the speed `landing` at integration node `last`, at constant acceleration.
 
-    Every step keeps to what the train can do with at most `friction_n` of friction brake, and to the envelope (with all
-    brakes). So the train may end slower than `landing` (weak traction, low envelope) or faster (weak brakes).
-    Fills v[first + 1 … last]; returns False after a stall.
+    Every step stays within the train's efforts, with at most `friction_n` of friction brake, and within the envelope
+    (with all brakes). The train may therefore end slower than `landing` (weak traction, low envelope) or faster (weak
+    brakes). Fills v[first + 1 … last]; returns False after a stall.
     """
     step, g, q, u = line
     length = 0.0
@@ -136,7 +136,7 @@ def drive(first, last, landing, friction_n, line, envelope, p, v):
 
 @kernel
 def hurry(first, last, line, envelope, p, v):
-    """From v[first] to integration node `last` as fast as train and envelope allow; False after a stall."""
+    """Drive from v[first] to integration node `last` as fast as train and envelope allow; False after a stall."""
     for i in range(first, last):
         if not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
             return False
@@ -145,7 +145,7 @@ def hurry(first, last, line, envelope, p, v):
 
 @kernel
 def coast(first, last, line, envelope, p, v):
-    """From v[first] to integration node `last` without force, but never above the envelope; False after a stall."""
+    """Coast from v[first] to integration node `last`, at most at the envelope; False after a stall."""
     for i in range(first, last):
         landing = landing_under(0.0, v[i], line.step_m[i], line.constant_n[i], line.tunnel_n_per_mps2[i], p)
         if landing <= 0.0 or not drive(i, i + 1, landing, p.friction_force_n, line, envelope, p, v):
@@ -185,11 +185,11 @@ def run_energy(line, p, c, v):
 
 @kernel
 def braking_envelope(line, limit, end_speed, p, service):
-    """Fastest speed at each node from which limits and the end can be kept, integrated backwards.
+    """Highest speed at each node from which the limits and the end speed can be kept, integrated backwards.
 
-    `service` says how hard and how late the train brakes, or is `FULL_BRAKES`.
-    Returns the speeds with the index of the first interval (from the end) where braking is impossible, or -1.
-    The brake power limit is taken at the faster end of each step, so it holds over the whole step.
+    `service` is the deceleration and delay of the brakes, or `FULL_BRAKES`. Returns the speeds with the index of the
+    first interval (from the end) where braking is impossible, or -1. The brake power limit is taken at the faster end
+    of each step, so it holds over the whole step.
     """
     step, g, q, u = line
     n = step.size
@@ -223,11 +223,11 @@ def _brake_start(v0, v1, h, g, q, p, service):
 
 @kernel
 def _in_service(v, resisting, p, service):
-    """The deceleration to plan with at speed v against a resisting force (N, < 0 on a descent).
+    """The planned deceleration at speed v against a resisting force (N, < 0 on a descent), from the usable share of the
+    brake force.
 
-    It is what the share of the brakes' force leaves. A brake with a delay of t needs the distance D(v) + (v − u)·t to
-    slow down to u, where D is its distance without delay. Per unit of speed that is v/a + t, so the deceleration is
-    1/(1/a + t/v).
+    A brake with a delay of t needs the distance D(v) + (v − u)·t to slow down to u, where D is the distance without
+    delay. Per unit of speed this is v/a + t, so the deceleration is 1/(1/a + t/v).
     """
     share_n = service.force_share * brake_limit(v, p, service.friction_force_n)
     rate = min(largest_loss(v, resisting, p, p.friction_force_n), (share_n + resisting) / p.inertial_mass_kg)
@@ -237,10 +237,10 @@ def _in_service(v, resisting, p, service):
 
 @kernel
 def climbing_floor(line, envelope, least, p):
-    """Slowest speed at each node from which full traction still reaches the end speed and climbs every hill ahead.
+    """Lowest speed at each node from which full traction still reaches the end speed and climbs every hill ahead.
 
-    0 where the train can set off from a standstill; no crest is passed slower than `least`. Never above the envelope,
-    whose last value is the end speed. Integrated backwards; the power limit is taken at the faster end of each step.
+    0 where the train can start from standstill; at crests at least `least`. Never above the envelope, whose last value
+    is the end speed. Integrated backwards; the power limit is taken at the faster end of each step.
     """
     step, g, q, u = line
     n = step.size

@@ -1,4 +1,4 @@
-"""Forces and powers of a train in motion: resistance, traction, brakes, losses."""
+"""Forces and powers of a moving train: resistance, traction, brakes, losses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from das.solver.kernels.tuples import CURVE_STEPS_PER_MPS, NO_LIMIT_N, PlainTrai
 TRACTION, ELECTRIC = 0, 1
 """Rows of the effort curves in `TrainParams.curves_n`."""
 ADHESION_LEAST, ADHESION_EXTRA, ADHESION_SPEED, ADHESION_OFFSET = 0.161, 7.5, 3.6, 44.0
-"""Curtius & Kniffler: friction between wheel and rail is least + extra/(speed·v + offset)."""
+"""Coefficients of Curtius & Kniffler: friction between wheel and rail is least + extra/(speed·v + offset)."""
 
 
 @kernel
@@ -50,7 +50,7 @@ def on_supply(p, u):
 
 @kernel
 def without_curves(p):
-    """The numbers of a train without its effort curves: code for vector instructions gets no array that it ignores."""
+    """The parameters of a train without its effort curves, which vectorised code does not use."""
     return PlainTrain(*p[:-2])
 
 
@@ -62,7 +62,7 @@ def adhesion_coefficient(v):
 
 @kernel
 def curve_limit(row, v, p):
-    """The force of an effort curve at a speed: of traction in row 0, of the electric brake in row 1."""
+    """The force of an effort curve at a speed: row 0 for traction, row 1 for the electric brake."""
     x = v * CURVE_STEPS_PER_MPS
     i = min(int(x), p.curves_n.shape[1] - 2)
     low = p.curves_n[row, i]
@@ -91,7 +91,7 @@ def electric_limit(v, p):
 
 @kernel
 def brake_limit(v, p, friction_n):
-    """Electric brake and `friction_n` of friction brake together, at most what all axles can put on the rail."""
+    """Electric brake plus `friction_n` of friction brake, limited by the adhesion of all axles."""
     both = electric_limit(v, p) + friction_n
     if p.braked_adhesive_force_n < NO_LIMIT_N:
         return min(both, p.braked_adhesive_force_n * adhesion_coefficient(v))
@@ -100,8 +100,10 @@ def brake_limit(v, p, friction_n):
 
 @kernel
 def largest_gain(v, resisting, p):
-    """Acceleration at full traction against a resisting force: at most the train's largest, unless even full brakes
-    leave more."""
+    """Acceleration at full traction against a resisting force.
+
+    It is at most the train's largest, or that at full brakes if this is larger.
+    """
     rate = (traction_limit(v, p) - resisting) / p.inertial_mass_kg
     if rate <= p.max_acceleration_mps2:
         return rate
@@ -110,8 +112,10 @@ def largest_gain(v, resisting, p):
 
 @kernel
 def largest_loss(v, resisting, p, friction_n):
-    """Deceleration at full brake with a resisting force: at most the train's largest, unless even full traction
-    leaves more."""
+    """Deceleration at full brake with a resisting force.
+
+    It is at most the train's largest, or that at full traction if this is larger.
+    """
     rate = (brake_limit(v, p, friction_n) + resisting) / p.inertial_mass_kg
     if rate <= p.max_deceleration_mps2:
         return rate
@@ -139,7 +143,7 @@ def loss_power(f, v, c):
 
 @kernel
 def electric_share(f, v, p):
-    """The part of wheel force f that motors give or take: all traction; braking up to the electric limit."""
+    """The share of wheel force f provided by the motors: all traction, and braking up to the electric limit."""
     if f >= 0.0:
         return f
     if p.brakes_dissipate:

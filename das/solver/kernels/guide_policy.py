@@ -1,8 +1,8 @@
-"""Policies over instructions: where each instruction leads, and the best one of every state.
+"""Policies over instructions: the effect of each instruction, and the best one in every state.
 
-An instruction is a manner (`KINDS` and `SHARES` say what each does) and a speed X to which it leads; a train that
-reaches X holds it. As a number it is `x · 16 + manner`, where x is the place of X among the ascending speeds. The lines
-of the speed grid are multiples of `line_mps`, and the envelope of each node is a line of its own.
+An instruction consists of a manner (defined by `KINDS` and `SHARES`) and a speed X to which it leads; a train that
+reaches X holds it. Its number is `x · 16 + manner`, where x is the index of X among the ascending speeds. The lines of
+the speed grid are multiples of `line_mps`; the envelope of each node is an additional line.
 """
 
 from __future__ import annotations
@@ -21,58 +21,58 @@ from das.solver.kernels.tuples import LineArrays
 
 KINDS = (TRACTION, TRACTION, TRACTION, TRACTION, COAST, BRAKE, BRAKE, BRAKE, HOLD, CURVE, TRACTION)
 SHARES = (1.0, 0.8, 0.6, 0.4, 0.0, 1.0, 0.7, 0.4, 0.0, 0.0, 0.0)
-"""Kind and share of the largest effort of each manner; brakes before the braking curve are the electric ones."""
+"""Kind and share of the largest effort for each manner; braking before the braking curve uses the electric brake."""
 MANNERS, CODE = 11, 16
 BACK, ROLLS, HOLDS, ON_CURVE, ROLLS_UP = 2, 4, 8, 9, 10
-"""Numbers of manners: the traction that leads back to a speed, coasting, holding, braking curve, and coasting until a
-hill has accelerated the train to a speed. The manners before `HOLDS` move the train in the same way whatever their X
-is, until X is reached; `ROLLS_UP` moves it as `ROLLS` does."""
+"""Numbers of manners: traction back to a speed, coasting, holding, braking curve, and coasting until a hill has
+accelerated the train to a speed. With a manner before `HOLDS` the motion until X is reached does not depend on X;
+`ROLLS_UP` moves the train like `ROLLS`."""
 FROM_ABOVE, COLUMNS, LANDED = 10, 11, 11
-"""Holding has two moves: column `HOLDS` gets up to a far higher X, column `FROM_ABOVE` comes down to a lower one.
-Row `LANDED` of the costs is that of all manners for the speeds X that are reached within the step."""
+"""Columns of holding: `HOLDS` accelerates to a far higher X, `FROM_ABOVE` slows down to a lower one. Row `LANDED`
+contains the costs of all manners for the speeds X that are reached within the step."""
 NEAR_MPS = 2.5 * KMH
-"""Distance from the train's own speed (m/s), half a step of what is told, below which a speed is held and not gone
-to."""
+"""Difference from the train's own speed (m/s), half a step of the advised speeds, below which a speed counts as reached
+and is held."""
 BAND_MPS = 10.0 * KMH
-"""Excess over the speed to hold (m/s) up to which a train comes down to it by coasting; a faster one is told
-otherwise."""
+"""Excess over the speed to hold (m/s) up to which a train slows down to it by coasting; a faster train gets another
+instruction."""
 STANDS_S = 8.0
-"""Time (s) for which an instruction is to stand: about what a driver needs to read it, act and check."""
+"""Minimum duration (s) of an instruction: about the time a driver needs to read it, act and check."""
 SAME_MPS = 1e-5
-"""Speeds that differ by less are equal; moves are kept in single precision."""
+"""Speed difference (m/s) below which speeds are equal; moves are stored in single precision."""
 CONTACT_MPS = 1e-3
-"""Distance from the braking curve (m/s) below which a train is on it."""
+"""Difference from the braking curve (m/s) below which a train is on it."""
 NO_INSTRUCTION = 65535
 WORD = 32
-"""Speeds X for which a word of `GuidePolicy.stay` has bits."""
+"""Number of speeds X whose bits fit in a word of `GuidePolicy.stay`."""
 _BIG, _REACHED = 1e30, 1e16
 PART = {"fastmath": True, "forceinline": True}
-"""Options of a kernel that becomes part of those that call it. LLVM by itself would call it with all its arrays, 60
-numbers and more, and the sweep would take twice as long."""
+"""Options of a kernel that is inlined into its callers. Without them LLVM would pass all its arrays, 60 numbers and
+more, in each call, and the sweep would take twice as long."""
 
 
 class GuideGrid(NamedTuple):
-    """The decision nodes of a section, and its speeds: resistances, envelope, limits, and what the curve falls to."""
+    """The decision nodes of a section and its speeds: resistances, envelope, limits, final speeds of braking curves."""
 
     line: LineArrays
     envelope_mps: NDArray[np.float64]
     limit_mps: NDArray[np.float64]
     """The lowest limit of each decision step."""
     goal_mps: NDArray[np.float64]
-    """At each decision node the speed to which the braking curve that it lies on falls."""
+    """For each decision node, the speed to which its braking curve falls."""
     goal_x: NDArray[np.int64]
-    """Number of that speed among the speeds X; -1 for standstill."""
+    """Number of `goal_mps` among the speeds X; -1 for standstill."""
     speeds_mps: NDArray[np.float64]
-    """The speeds X that may be told, ascending."""
+    """The speeds X that may be advised, ascending."""
     line_mps: float
     """The distance between two lines of the speed grid."""
 
 
 class GuideMoves(NamedTuple):
-    """Where the manners lead in a decision step (nodes, lines, columns): speed, energy, line below it, weight of the
-    line above.
+    """Results of the manners in a decision step (nodes, lines, columns): speed, energy, line below the speed, weight of
+    the line above.
 
-    The line is -1 if a manner cannot be kept to the end of the step. The speed is -1 if the train stops.
+    The line is -1 if a manner cannot be continued to the end of the step. The speed is -1 if the train stops.
     """
 
     landing_mps: NDArray[np.float32]
@@ -82,7 +82,7 @@ class GuideMoves(NamedTuple):
 
 
 class GuidePrices(NamedTuple):
-    """Prices of time (W), of a change (J), of one before the present instruction has stood, of an unneeded brake."""
+    """Prices of time (W), of a change (J), of a change before the instruction has stood, of an unnecessary brake."""
 
     time_w: float
     change_j: float
@@ -91,7 +91,7 @@ class GuidePrices(NamedTuple):
 
 
 class GuidePolicy(NamedTuple):
-    """The best new instruction of each state (nodes, lines), and the instructions in which a train stays.
+    """The best new instruction in each state (nodes, lines), and the instructions in which a train stays.
 
     `stay` has a bit for each X (nodes, lines, manners, ages, words): age 0 has stood for `STANDS_S`, age 1 has not.
     """
@@ -111,14 +111,14 @@ def between(v, line_mps, top):
     """The line below a speed up to the envelope `top`, and the weight of the line above it, linear in v²."""
     j = max(min(int(v / line_mps + 1e-9), top_line(top, line_mps) - 1), 0)
     if j == 0:
-        return 0, 1.0  # No train stands on the way.
+        return 0, 1.0  # No train stands between the ends.
     a, b = j * line_mps, min((j + 1) * line_mps, top)
     return j, min(max((v * v - a * a) / (b * b - a * a), 0.0), 1.0)
 
 
 @compiled(**PART)
 def first_above(speeds, v):
-    """The number of the first of the ascending speeds that is above a speed."""
+    """The index of the lowest of the ascending speeds above a given speed."""
     low, high = 0, speeds.size
     while low < high:
         middle = (low + high) // 2
@@ -138,7 +138,7 @@ def column_landing(m, v0, top, step, p):
         return landing_speed(v0, h, SHARES[m], g, q, p) if powered else 0.0
     if ROLLS < m < HOLDS:
         slower = landing_speed(v0, h, -SHARES[m], g, q, p)
-        return slower if slower < v0 else 0.0  # On a steep descent an effort may be too weak to brake with.
+        return slower if slower < v0 else 0.0  # On a steep descent an effort may be too weak for braking.
     if m == HOLDS and powered:
         full = landing_speed(v0, h, 1.0, g, q, p)
         return max(landing_speed(v0, h, SHARES[BACK], g, q, p), min(v0, full))
@@ -157,7 +157,7 @@ def kept_landing(m, v0, v1, envelope, top, last):
         if m < ROLLS:
             v1 = top if v0 <= top + SAME_MPS else -1.0
         elif m < HOLDS:
-            # A train that rolls up to a level limit is told to hold it.
+            # A train that coasts up to a constant limit gets the instruction to hold it.
             v1 = top if v0 <= envelope - CONTACT_MPS and top < envelope - SAME_MPS else -1.0
         else:
             v1 = -1.0
@@ -190,11 +190,11 @@ def guide_moves(first, last, grid, p, c, row, moves):
 
 @compiled(**PART)
 def put_ahead(begin, end, cost, young, w, ahead, lower, manner, here, j, row):
-    """Fill the costs of the speeds X from begin to end that a step of this cost does not reach.
+    """Fill in the costs for the speeds X from begin to end that a step of this cost does not reach.
 
     The step leads to `manner` between line `lower` and the next one, whose weight is `w`. The costs `ahead` and `here`
-    (lines, rows, ages, X) are those of an instruction that has stood, and what it costs more if it has not. Of that,
-    the share `young` remains, because an instruction gets older in a step.
+    (lines, rows, ages, X) are the cost of an instruction that has stood and the additional cost if it has not. The
+    share `young` of the latter remains, because an instruction gets older in a step.
     """
     a, b = 1.0 - w, w
     for x in range(np.uint64(begin), np.uint64(max(begin, end))):
@@ -211,14 +211,14 @@ def put_same(begin, end, given, here, j, row):
 
 @compiled(**PART)
 def put_none(begin, end, here, j, row):
-    """Fill the costs of what cannot be done: a row for the speeds X from begin to end."""
+    """Fill a row with the costs of infeasible moves, for the speeds X from begin to end."""
     for x in range(np.uint64(begin), np.uint64(max(begin, end))):
         here[j, row, 0, x], here[j, row, 1, x] = _BIG, 0.0
 
 
 @compiled(**PART)
 def put_landed(begin, end, v0, ends, step, ahead, grid, price_w, p, c, here, j):
-    """Fill the costs of reaching the speeds X from begin to end at the end of a decision step, to hold them then.
+    """Fill in the costs of reaching the speeds X from begin to end at the end of a decision step and then holding them.
 
     `ends` are the lowest and the highest speed there.
     """
@@ -236,7 +236,7 @@ def put_landed(begin, end, v0, ends, step, ahead, grid, price_w, p, c, here, j):
 
 @compiled(**PART)
 def put_move(begin, end, manner, column, v0, h, i, moves, ahead, price_w, here, j):
-    """Fill the costs of a manner for the speeds X from begin to end that its move in row i does not reach."""
+    """Fill in the costs of a manner for the speeds X from begin to end that its move in row i does not reach."""
     lower = np.int64(moves.target[i, j, column])
     if lower < 0:
         put_none(begin, end, here, j, manner)
@@ -249,7 +249,7 @@ def put_move(begin, end, manner, column, v0, h, i, moves, ahead, price_w, here, 
 
 @compiled(**PART)
 def put_held(begin, end, span, here, j, row):
-    """Copy the costs of holding the speeds X from begin to end, as far as holding is defined."""
+    """Copy the costs of holding the speeds X from begin to end for which holding is defined."""
     first, last = min(max(begin, span[0]), end), max(min(end, span[1]), begin)
     put_none(begin, first, here, j, row)
     put_same(first, last, HOLDS, here, j, row)
@@ -258,7 +258,7 @@ def put_held(begin, end, span, here, j, row):
 
 @compiled(**PART)
 def put_holding(v0, equal, up_to, h, i, moves, ahead, grid, price_w, here, j):
-    """Fill the costs of holding: come down to X, be at X after this step, get up to X. Returns for which X."""
+    """Fill in the costs of holding: slow down to X, reach X in this step, accelerate to X. Returns the range of X."""
     speeds, up, down = grid.speeds_mps, moves.landing_mps[i, j, HOLDS], moves.landing_mps[i, j, FROM_ABOVE]
     if up <= 0.0 or down <= 0.0:
         return up_to, up_to
@@ -273,7 +273,7 @@ def put_holding(v0, equal, up_to, h, i, moves, ahead, grid, price_w, here, j):
 
 @compiled(**PART)
 def put_costs(k, i, j, v0, grid, p, c, moves, price_w, ahead, here, spans):
-    """Fill the costs of all manners on line j of node k, and for which X (begin, end) each of them is defined.
+    """Fill in the costs of all manners on line j of node k, and the range of X (begin, end) for which each is defined.
 
     `ahead` are the costs at the next node; row i of the moves is that of node k.
     """
@@ -293,7 +293,7 @@ def put_costs(k, i, j, v0, grid, p, c, moves, price_w, ahead, here, spans):
     )  # fmt: skip
     spans[HOLDS] = put_holding(v0, equal, up_to, h, i, moves, ahead, grid, price_w, here, j)
     up_to = max(up_to, above)
-    for column in range(ROLLS + 1):  # X is below the train, and held; or reached in this step; or not reached.
+    for column in range(ROLLS + 1):  # X is below the speed and held, or reached in this step, or not reached.
         m, v1 = ROLLS_UP if column == ROLLS else column, moves.landing_mps[i, j, column]
         reached = min(max(first_above(speeds, v1 - SAME_MPS), above), up_to)
         put_held(lower, above, spans[HOLDS], here, j, m)
@@ -324,7 +324,7 @@ def least(begin, end, here, j, m):
 
 @compiled(**PART)
 def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
-    """The least cost of a new instruction on a line, and which one it is."""
+    """The least cost of a new instruction on a line, and that instruction."""
     down, up = first_above(speeds, v0 - NEAR_MPS), first_above(speeds, v0 + NEAR_MPS)
     near = first_above(speeds, v0 - NEAR_MPS - SAME_MPS), first_above(speeds, v0 + NEAR_MPS + SAME_MPS)
     best, which = _BIG, NO_INSTRUCTION
@@ -349,7 +349,7 @@ def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
 
 @compiled(**PART)
 def keep(span, leave, leave_young, here, j, m, stay, i):
-    """Limit the costs of being in the instructions of a manner to those of leaving them; set the bits of `stay`."""
+    """Limit the costs of staying in the instructions of a manner to those of leaving them; set the bits of `stay`."""
     begin, end = np.uint64(span[0]), np.uint64(span[1])
     for w in range(stay.shape[4]):
         kept, kept_young, first = np.uint32(0), np.uint32(0), np.uint64(w * WORD)
@@ -394,7 +394,7 @@ def guide_sweep(first, last, ahead, grid, p, c, moves, prices, policy):
                 continue
             choice[i, j] = which
             if k < n - 1 and abs(v0 - grid.goal_mps[k]) < CONTACT_MPS:
-                x = grid.goal_x[k]  # The curve ends: its speed is held if possible.
+                x = grid.goal_x[k]  # The curve ends; its speed is held if possible.
                 here[j, ON_CURVE, 0, 0], here[j, ON_CURVE, 1, 0] = best, 0.0
                 if spans[HOLDS, 0] <= x < spans[HOLDS, 1] and here[j, HOLDS, 0, x] < _REACHED:
                     here[j, ON_CURVE, :, 0] = here[j, HOLDS, :, x]

@@ -1,4 +1,4 @@
-"""The run that follows a policy over instructions."""
+"""Simulation of the run that follows a policy over instructions."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from das.solver.kernels.guide_policy import (
 from das.solver.kernels.schedule import BRAKE, followed_speed, followed_step
 
 STALLED = -1
-"""The instruction of a train that has stopped on the way."""
+"""The value for a train that has stopped before the end."""
 
 
 class FineCurve(NamedTuple):
-    """At each integration node: the speed to which the braking curve falls, its number X, and the way to it (m)."""
+    """For each integration node: the final speed of the braking curve, its number X and the distance to it (m)."""
 
     goal_mps: NDArray[np.float64]
     goal_x: NDArray[np.int64]
@@ -40,7 +40,7 @@ class FineCurve(NamedTuple):
 
 @kernel
 def nearest_line(v, line_mps, top):
-    """The line of a node that a speed is nearest to; a train that moves is never on the line of standstill."""
+    """The line of a node nearest to a speed; a moving train is never on the line of standstill."""
     if v >= top - 0.25 * line_mps:
         return top_line(top, line_mps)
     return min(max(int(v / line_mps + 0.5), 1 if v > 0.0 else 0), top_line(top, line_mps))
@@ -48,7 +48,7 @@ def nearest_line(v, line_mps, top):
 
 @kernel
 def now_held(now, v, goal_mps, goal_x, speeds):
-    """An instruction at a speed: to hold the speed to which it leads if that is reached, else itself."""
+    """The instruction at a speed: hold, once the speed to which it leads is reached, else unchanged."""
     m, x = now % CODE, now // CODE
     if now == NO_INSTRUCTION or m == HOLDS:
         return now
@@ -60,13 +60,13 @@ def now_held(now, v, goal_mps, goal_x, speeds):
 
 @kernel
 def chosen_anew(now, chosen, stays, anew, last):
-    """The instruction from a decision node on, of a train in instruction `now` whose best new one is `chosen`.
+    """The instruction from a decision node on, for a train in instruction `now` whose best new one is `chosen`.
 
-    `stays` says whether the policy stays in `now`, and `anew` that it is to choose all the same.
+    `stays`: the policy stays in `now`; `anew`: it chooses a new instruction even so.
     """
     if now == NO_INSTRUCTION:
         return chosen
-    # The braking curve may be ahead by less than a line: the train goes on until it meets it.
+    # The braking curve may be ahead by less than a line; the train continues until it meets the curve.
     waits = chosen % CODE == ON_CURVE and KINDS[now % CODE] != BRAKE and not last
     return now if (stays and not anew) or waits or chosen == NO_INSTRUCTION else chosen
 
@@ -75,9 +75,9 @@ def chosen_anew(now, chosen, stays, anew, last):
 def guide_roll_out(nodes, k0, decision, line, envelope, curve, grid, p, row0, policy, back_share, told, anew, v, said):
     """Follow a policy from node nodes[0] to nodes[1] of `decision`; `said` receives the instruction of every interval.
 
-    `decision` are the integration nodes of the decision nodes k0, k0 + 1, …; row 0 of the policy is decision node
-    `row0`. `told` is the instruction that the train is in, and for how long (s); `anew`: the policy chooses at once.
-    Returns the last instruction, `STALLED` after a stall, and for how long it has stood (s).
+    `decision` contains the integration nodes of the decision nodes k0, k0 + 1, …; row 0 of the policy is decision node
+    `row0`. `told` is the current instruction and its age (s); `anew`: the policy chooses now. Returns the last
+    instruction (`STALLED` after a stall) and its age (s).
     """
     speeds, line_mps = grid.speeds_mps, grid.line_mps
     now, age_s = told
@@ -97,13 +97,13 @@ def guide_roll_out(nodes, k0, decision, line, envelope, curve, grid, p, row0, po
         chosen = np.int64(policy.choice[k - row0, j])
         new = chosen_anew(now, chosen, stays, anew and d == nodes[0], k == grid.line.step_m.size - 1)
         if new == NO_INSTRUCTION:
-            new = (speeds.size - 1) * CODE  # The policy knows no way: as fast as the train can.
+            new = (speeds.size - 1) * CODE  # The policy has no feasible instruction: drive as fast as possible.
         now, age_s = new, age_s if new == now else 0.0
         for i in range(i0, decision[d + 1]):
             now = now_held(now, v[i], curve.goal_mps[i], curve.goal_x[i], speeds)
             m, way, ends = now % CODE, curve.way_m[i], (envelope[i], envelope[i + 1])
             if m != ON_CURVE and envelope[i + 1] < v[i] - SAME_MPS:
-                # A limit ahead that the instruction would not keep is braked for.
+                # Brake for a limit ahead that the instruction would exceed.
                 phase = KINDS[m], SHARES[m], speeds[now // CODE]
                 here = step, g, q, on_supply(p, u[i])
                 if followed_speed(i, phase, back_share, way, here, ends, v[i]) > envelope[i + 1] + CONTACT_MPS:

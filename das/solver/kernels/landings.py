@@ -1,4 +1,4 @@
-"""Landings: the speeds after a decision step that are worth trying, and the cost of a step."""
+"""Landings: the candidate speeds after a decision step, and the cost of a step."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from das.solver.kernels.forces import (
 from das.solver.tolerances import LANDINGS_BRAKE, LANDINGS_EFFORT
 
 SPECIAL_LANDINGS = 2
-"""Coasting, and holding the speed."""
+"""Number of special landings: coasting, and holding the speed."""
 LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
 """Largest number of landings of a step."""
 
 LANDING_STEPS = 4
-"""Iterations to find a landing: the forces depend on the mean speed of the step."""
+"""Number of iterations for a landing; they are needed because the forces depend on the mean speed of the step."""
 
 
 @kernel
@@ -73,7 +73,7 @@ def step_cost(v0, v1, h, g, q, p, c):
 
 @kernel
 def landings(v0, h, g, q, top, last, p, out):
-    """Fill `out` with the landing speeds worth trying from v0; returns how many, hardest brake first.
+    """Fill `out` with the candidate landing speeds from v0, hardest brake first, and return their number.
 
     `top` is the envelope at the landing node; at the end of a section with one end speed it is the only landing.
     """
@@ -92,7 +92,7 @@ def landings(v0, h, g, q, top, last, p, out):
         electric = landing_speed(v0, h, -1.0, g, q, p)
     low = electric
     if p.friction_force_n > 0.0 or p.brakes_dissipate:
-        # Both brakes together; the electric part is taken at its limit at v0, which is exact if that is a force limit.
+        # Both brakes together, with the electric brake at its limit at v0, which is exact for a force limit.
         low = min(landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p), electric)
     low, electric, coast = min(low, high), min(electric, high), min(coast, high)
     n = 0

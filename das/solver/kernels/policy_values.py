@@ -1,7 +1,7 @@
-"""Values of a policy: the speed grid that they are kept on, and interpolation between its lines.
+"""Values of a policy: their speed grid, and interpolation between its lines.
 
 Values are interpolated in λ by the cubic through the values and slopes at both neighbouring λ (the slope dV/dλ is the
-time-to-go) and in speed by a cubic, so that decisions are smooth where the optimum is.
+time-to-go) and in speed by a cubic; decisions are then smooth where the optimum is smooth.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ def grid_speed(floor, top, j, steps):
 def locate(v, floor, top, steps):
     """Grid line below speed v and the weight of the line above it, linear in v²; (-1, 0.0) outside the table.
 
-    A standing train (line 0 of a floor of 0) is not in the table. A speed below the floor
-    by less than half a grid step counts as the floor: the difference is rounding of the integration.
+    A standing train (line 0 of a floor of 0) is not in the table. A speed less than half a grid step below the floor
+    counts as the floor: the difference is a rounding error of the integration.
     """
     span = top - floor
     if span <= 0.0:
@@ -74,9 +74,10 @@ def blended_values(policies, policy, k, first, last, row):
 
 @kernel
 def value_at(row, v, floor, top):
-    """Value (J) at speed v of a decision node whose grid lines hold `row`; floor and top bound the speed grid there.
+    """Value (J) at speed v of a decision node whose grid lines have the values `row`; floor and top bound the speed
+    grid there.
 
-    Only the lines that `needed_lines` names for v are read.
+    Only the lines given by `needed_lines` for v are read.
     """
     steps = row.size - 1
     i, s = locate(v, floor, top, steps)

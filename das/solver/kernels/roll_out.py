@@ -1,4 +1,4 @@
-"""Trajectories rolled out over the integration nodes: under a policy, between two others, or as fast as possible."""
+"""Roll-out of trajectories over the integration nodes: under a policy, between two others, or as fast as possible."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from das.solver.kernels.tuples import DecisionStep, LineArrays, Policy
 from das.solver.tolerances import CREEP_MPS, INFEASIBLE, UNREACHABLE
 
 _FIRST = np.int64(0)
-"""The first node or grid line. With a literal 0 numba would compile the called kernel a second time."""
+"""Index of the first node or grid line. With a literal 0 numba would compile the called kernel a second time."""
 
 _GOLDEN = 0.3819660112501051
 _POLISH_STEPS = 10
@@ -31,11 +31,11 @@ def _total_cost(v0, v1, step, price, c, row):
 
 @kernel
 def best_landing(v0, step, policy, policies, c, out, row):
-    """The landing speed from v0 for which the step's cost plus the landing's value is least, and that sum (J).
+    """The landing speed from v0 with the least sum of step cost and landing value, and that sum (J).
 
-    Tries all landings of the step, then narrows between the best one's neighbours by golden section.
-    Returns (-1, INFEASIBLE) where no landing is feasible. `out` (length LANDINGS) and `row` (one value per
-    grid line) are working space.
+    All landings of the step are tried; the best one is then refined between its neighbours by golden section. Returns
+    (-1, INFEASIBLE) if no landing is feasible. `out` (length LANDINGS) and `row` (one value per grid line) are working
+    memory.
     """
     price = policy.price_w
     h, g, q, p = step.length_m, step.constant_n, step.tunnel_n_per_mps2, step.train
@@ -93,7 +93,7 @@ def best_landing(v0, step, policy, policies, c, out, row):
 
 @kernel
 def one_step_totals(v0, step, policies, c, total, time_s):
-    """For every λ of the ladder: least total cost (J) and time (s) from speed v0 at the beginning of a step."""
+    """Least total cost (J) and time (s) for every λ of the ladder, from speed v0 at the beginning of a step."""
     out = np.empty(LANDINGS)
     time_to_go, speeds = policies.time_to_go_s, policies.value_j.shape[1]
     row = np.empty(speeds)
@@ -135,13 +135,13 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
         ahead = DecisionStep(k0 + m + 1, h, gh / h, qh / h, floor[i1], envelope[i1], final, on_supply(p, u[i0]))
         landing, _ = best_landing(v[i0], ahead, policy, policies, c, out, row)
         if landing < 0.0:
-            # The table knows no feasible landing from here: drive as fast as the envelope allows, or brake to it.
+            # The table has no feasible landing from here: drive as fast as the envelope allows, or brake to it.
             landing = envelope[i1]
         landing = max(landing, floor[i1])
         full = landing_speed(v[i0], h, 1.0, gh / h, qh / h, ahead.train)
         creeping = final and v[i0] < CREEP_MPS
         if landing >= full or creeping:
-            # The decision step's full traction is a little rough: integrate it finely.
+            # Full traction over one decision step is inaccurate: integrate it over the fine nodes.
             moving = hurry(i0, i1, line, envelope, p, v)
         elif landing == landing_under(0.0, v[i0], h, gh / h, qh / h, ahead.train):
             # At constant acceleration the train would draw and feed back energy where the slope changes in the step.
@@ -154,7 +154,7 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
             friction_n = p.friction_force_n if p.brakes_dissipate or landing < 0.999 * electric else 0.0
             moving = drive(i0, i1, landing, friction_n, line, envelope, p, v)
             if not moving or v[i1] < floor[i1]:
-                # A hill or the end speed can no longer be reached: this step needs full traction from the start.
+                # A hill or the end speed is out of reach: this step needs full traction from the start.
                 moving = hurry(i0, i1, line, envelope, p, v)
         if not moving:
             return -1.0
@@ -163,9 +163,9 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
 
 @kernel
 def blend_runs(share, quick, slow, line, envelope, p, v):
-    """Drive between two runs from the same state: v² = share · (v² of the quick run) + (1 − share) · (v² of the slow).
+    """Drive between two runs from the same state: v² = share · v² (quick run) + (1 − share) · v² (slow run).
 
-    Every step is cut to what the train can do. Fills v, returns the trip time (s), or -1 after a stall.
+    Every step is limited to the train's efforts. Fills v, returns the trip time (s), or -1 after a stall.
     """
     v[0] = slow[0]
     for i in range(line.step_m.size):
@@ -177,7 +177,7 @@ def blend_runs(share, quick, slow, line, envelope, p, v):
 
 @kernel
 def fastest_run(line, envelope, start_speed, p):
-    """Speeds of the fastest run under the envelope, with the index of the interval where it stalls, or -1."""
+    """Speeds of the fastest run under the envelope, and the index of the interval where it stalls, or -1."""
     step, g, q, u = line
     n = step.size
     v = np.empty(n + 1)
@@ -202,7 +202,7 @@ def fastest_roll_out(line, envelope, p, v):
 def least_time(first, way, speed, line, envelope, p, known):
     """Time (s) of the fastest run from a speed with `way` (m) left of interval `first`, or -1 after a stall.
 
-    `known` is a fastest run (`KnownRun`): from where the two meet, its time to go is used.
+    `known` is a fastest run (`KnownRun`); where the two meet, its time to go is used for the rest.
     """
     steps = line.step_m.copy()
     steps[first] = way

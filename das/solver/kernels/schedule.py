@@ -1,4 +1,4 @@
-"""Schedules of phases: what a train that keeps to one does in a step, and in a whole run."""
+"""Schedules of phases: the motion of a train that follows one, over a step and over a whole run."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from das.solver.kernels.forces import electric_limit, on_supply, traction_limit
 from das.solver.kernels.landings import speed_under_force
 
 TRACTION, HOLD, COAST, BRAKE, CURVE = 0, 1, 2, 3, 4
-"""The numbers of `das.solver.guide.phases.PhaseKind`."""
+"""The values of `das.solver.guide.phases.PhaseKind`."""
 CREEP_MPS, CREEP_M = 0.5, 1.0
-"""Speed (m/s) below which, and distance to go (m) above which, a train that brakes to a stop creeps on."""
+"""Speed (m/s) below which, and remaining distance (m) above which, a train that brakes to a stop creeps to its mark."""
 BELOW_MPS = 0.5
-"""Shortfall of the speed to hold (m/s) above which a train accelerates first."""
+"""Difference (m/s) below the speed to hold above which a train accelerates first."""
 _STEPS = 6
-"""Steps in which `speed_under` finds a speed; more find the same."""
+"""Number of iterations in `speed_under`; further ones do not change the speed."""
 
 
 @kernel
@@ -36,15 +36,15 @@ def speed_under(kind, share, v0, h, g, q, p):
         if v1 <= 0.0:
             return 0.0
         if v1 == before:
-            break  # Further steps find the same speed.
+            break  # Further iterations do not change the speed.
     return v1
 
 
 @kernel
 def followed_speed(i, phase, back_share, way, line, curve, v):
-    """The speed at the end of interval i that a train in a phase (kind, share, target) aims at.
+    """The speed for the end of interval i in a phase (kind, share, target).
 
-    `way` is the rest of the phase (m), and `curve` are the highest speeds allowed at both ends of the interval.
+    `way` is the remaining distance of the phase (m); `curve` contains the highest speeds at the ends of the interval.
     """
     kind, share, target = phase
     step, g, q, here = line
@@ -61,19 +61,19 @@ def followed_speed(i, phase, back_share, way, line, curve, v):
         return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
     if v <= target:
         return min(target, max(_coasting(i, line, v), v))
-    if kind == BRAKE and share > 0.0:  # Brake with one effort to the target, then hold it.
+    if kind == BRAKE and share > 0.0:  # Brake with constant effort to the target, then hold it.
         return min(max(speed_under(BRAKE, share, v, step[i], g[i], q[i], here), target), v)
-    w, left = target * target, max(1.0 - step[i] / way, 0.0)  # Brake with one deceleration to the end of the phase.
+    w, left = target * target, max(1.0 - step[i] / way, 0.0)  # Constant deceleration to the end of the phase.
     if kind == CURVE and curve[1] >= curve[0] >= v:
         return v  # The braking curve is still ahead.
-    if kind == CURVE and curve[0] > target:  # Brake with one share of the braking curve.
+    if kind == CURVE and curve[0] > target:  # Brake with a constant share of the braking curve.
         left = min(max(curve[1] * curve[1] - w, 0.0) / (curve[0] * curve[0] - w), 1.0)
     return min(_coasting(i, line, v), math.sqrt(w + (v * v - w) * left))
 
 
 @kernel
 def _coasting(i, line, v):
-    """The speed at the end of interval i of a train that coasts."""
+    """The speed of a coasting train at the end of interval i."""
     step, g, q, here = line
     return speed_under(COAST, 0.0, v, step[i], g[i], q[i], here)
 
@@ -85,7 +85,7 @@ def followed_step(i, phase, back_share, way, line, envelope, p, v):
     here = (step, g, q, on_supply(p, u[i]))
     landing = followed_speed(i, phase, back_share, way, here, (envelope[i], envelope[i + 1]), v[i])
     moving = drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v)
-    # On a hill that the schedule cannot climb the train uses all its traction.
+    # On a hill that the schedule cannot climb, the train uses full traction.
     if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
         return -1.0
     return 2.0 * step[i] / (v[i] + v[i + 1])
@@ -98,8 +98,8 @@ def follow(first, at, ends, phases, back_share, known, met_mps, line, envelope, 
     Returns the trip time (s) and the energy at the current collector (J); (-1, 0) after a stall.
 
     `at[i]` is the number of the phase in interval i, and that phase ends `ends[i]` (m) beyond the interval; `phases`
-    are the phases' kinds, shares and target speeds. `known` is a trajectory that keeps to the schedule (speeds and time
-    to go at every node). Its rest is used from the node where the two speeds are within `met_mps` of each other
+    are the phases' kinds, shares and target speeds. `known` is a trajectory that follows the schedule (speeds and time
+    to go at every node). Its remainder is used from the node where the two speeds are within `met_mps` of each other
     (negative: never).
     """
     kinds, shares, targets = phases

@@ -1,7 +1,7 @@
 """The backward sweep: least cost and time-to-go of every state under every multiplier.
 
-The innermost loop runs over the multipliers, so that the compiler tries a landing under several of them at once. It
-takes two landings at a time: the best cost so far is then read and written half as often.
+The innermost loop runs over the multipliers, which lets the compiler evaluate a landing for several of them in one
+instruction. It evaluates two landings at a time, which halves the reads and writes of the best cost so far.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ from das.compiling import compiled
 from das.solver.tolerances import INFEASIBLE, UNREACHABLE
 
 LANES = 8
-"""Multipliers in the widest vectors of a processor; threads share the multipliers in multiples of them."""
+"""Number of multipliers in the widest vector of a processor; each thread gets a multiple of it."""
 
 
 @compiled(fastmath={"contract", "nnan", "ninf", "nsz"})
 def backward_sweep(first, last, lam, moves, value, time_to_go):
-    """Bellman sweep of the multipliers lam[first … last − 1] at once: value (J) and time-to-go (s) of every state.
+    """Bellman sweep of the multipliers lam[first … last − 1] together: value (J) and time-to-go (s) of every state.
 
     value[k, j, l] = min over landings of energy + lam·dt + value at the landing (linear in v²). Row k = n of both
-    outputs must hold the end values; the other rows are filled. A product and a sum may be fused, but their order is
-    kept, so that every part of the ladder gets the same bits.
+    outputs must contain the end values; the other rows are filled. A product and a sum may be fused, but their order is
+    fixed: results are identical, bit for bit, however the ladder is divided.
     """
     dt, energy, target, weight, filled = moves
     n, states = filled.shape
     size = last - first
     price = lam[first:last].copy()
     best, choice = np.empty(size), np.empty(size, np.int64)
-    ahead = np.empty((states + 1, size))  # the last row twice: the line above the uppermost has no share
+    ahead = np.empty((states + 1, size))  # the last row twice: the line above the uppermost has weight 0
     for k in range(n - 1, -1, -1):
         for j in range(states + 1):
             for l in range(size):
@@ -50,7 +50,7 @@ def backward_sweep(first, last, lam, moves, value, time_to_go):
                     best[l] = cost if cost < best[l] else best[l]
             for l in range(size):
                 i = choice[l]
-                # Between a feasible and an infeasible neighbour the interpolated cost is neither.
+                # Between a feasible and an infeasible neighbour, the interpolated cost is meaningless.
                 if i < 0 or best[l] > UNREACHABLE:
                     value[k, j, first + l] = time_to_go[k, j, first + l] = INFEASIBLE
                     continue

@@ -24,7 +24,7 @@ from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT, S
 
 _ELECTRIC_BRAKE = -1
 _ROUNDING = 1e-9
-"""Distance below a line at which a place on the grid counts as on the line."""
+"""Distance below a line within which a point counts as on the line."""
 
 
 @compiled(fastmath=True)
@@ -94,7 +94,7 @@ def full_brake_forces(speeds, p, out):
 
 @compiled(fastmath=True)
 def places_on_map(speeds, landings, forces, c, place, across, along):
-    """Where on a loss map the mean speeds and forces lie: the first point of their cell, and the shares within it."""
+    """Places of the mean speeds and forces on a loss map: the first point of their cell, and the shares within it."""
     rows, columns = float(c.table_w.shape[0]), float(c.table_w.shape[1])
     for j in range(speeds.size):
         x = 0.5 * (speeds[j] + landings[j]) * c.steps_per_mps
@@ -121,7 +121,7 @@ def losses_of_map(table, place, across, along, loss_w):
 
 @compiled(fastmath=True)
 def _electric_force(v0, v1, inverse, step, g, q, p):
-    """The force (N) that motors give or take between two speeds; `inverse` is 1/(v0 + v1)."""
+    """The force (N) of the motors between two speeds; `inverse` is 1/(v0 + v1)."""
     squares = v0 * v0 + v1 * v1
     mean_v = (2.0 / 3.0) * (squares + v0 * v1) * inverse
     resistance = p.c0_n + p.c1_n_per_mps * mean_v + (p.c2_n_per_mps2 + q) * 0.5 * squares
@@ -161,9 +161,9 @@ def costs(speeds, landings, step, g, q, p, c, time_s, energy_j):
 
 @compiled(fastmath=True)
 def locations(landings, floor, top, steps, line, share, energy_j):
-    """Grid line below each landing and the share of the line above, as in `locate`; INFEASIBLE energy off the grid.
+    """Grid line below each landing and the share of the line above, as in `locate`; energy INFEASIBLE off the grid.
 
-    `line` holds whole numbers as floats.
+    `line` contains whole numbers as floats.
     """
     span = top - floor
     scale, spacing = steps / span, span / steps
@@ -186,15 +186,15 @@ def locations(landings, floor, top, steps, line, share, energy_j):
 _COAST = LANDINGS_BRAKE + LANDINGS_EFFORT
 _HOLD = _COAST + 1
 _STANDING_MPS = 1e-3
-"""Speed (m/s) with which a train that stands is calculated; its moves are left out afterwards."""
+"""Speed (m/s) used in the computation for a standing train; its moves are removed afterwards."""
 
 
 @kernel
 def transitions(first, last, line, bounds, steps, p, c, moves):
-    """All transitions of the decision nodes first … last − 1.
+    """Compute all transitions of the decision nodes first … last − 1.
 
-    `line` and `bounds` hold all decision nodes, `steps` is the number of steps of the speed grid. Row k of `moves` is
-    filled for node first + k. `filled` becomes the number of landings of each state.
+    `line` and `bounds` contain all decision nodes; `steps` is the number of steps of the speed grid. Row k of `moves`
+    is filled for node first + k. `filled` receives the number of landings of each state.
     """
     floor, envelope = bounds
     n = line.step_m.size
@@ -259,7 +259,7 @@ def _extremes(speeds, h, g, q, p, space):
 
 @kernel
 def _extremes_on_curves(speeds, h, g, q, p, space):
-    """As `_extremes`, one speed after the other: each looks up its forces on the effort curves."""
+    """As `_extremes`, but one speed at a time, with forces from the effort curves."""
     for j in range(speeds.size):
         v0 = speeds[j]
         high, coast = landing_speed(v0, h, 1.0, g, q, p), landing_under(0.0, v0, h, g, q, p)
@@ -274,7 +274,7 @@ def _extremes_on_curves(speeds, h, g, q, p, space):
 
 @kernel
 def _costs_on_curves(speeds, landings, h, g, q, p, c, time_s, energy_j):
-    """As `costs`, one landing after the other."""
+    """As `costs`, but one landing at a time."""
     for i in range(landings.shape[0]):
         for j in range(speeds.size):
             time_s[i, j], energy_j[i, j] = step_cost(speeds[j], landings[i, j], h, g, q, p, c)
@@ -282,10 +282,11 @@ def _costs_on_curves(speeds, landings, h, g, q, p, c, time_s, energy_j):
 
 @kernel
 def _spread(speeds, top, landing, space):
-    """The landings worth trying from each speed (see `das.solver.kernels.landings.landings`): rows of `landing`.
+    """Write the candidate landings from each speed (see `das.solver.kernels.landings`) to the rows of `landing`:
+    `LANDINGS_BRAKE` from the hardest brake on, `LANDINGS_EFFORT` from full electric brake to full traction, coasting,
+    holding.
 
-    First `LANDINGS_BRAKE` from the hardest brake on, then `LANDINGS_EFFORT` from full electric brake to full traction,
-    then coasting and holding the speed. `space` holds what `_extremes` found.
+    `space` contains the result of `_extremes`.
     """
     high, coast, electric, low = space[0], space[1], space[2], space[3]
     for j in range(speeds.size):
@@ -305,7 +306,7 @@ def _spread(speeds, top, landing, space):
 
 @kernel
 def _pack(row, slowest, speeds, landing, found, moves):
-    """The landings that a train can make, one after the other for each speed; none from a standstill."""
+    """Keep only the feasible landings, packed without gaps for each speed; none from standstill."""
     dt, energy, target, weight, filled = moves
     for j in range(speeds.size):
         used = 0
@@ -325,7 +326,7 @@ def _pack(row, slowest, speeds, landing, found, moves):
 
 @kernel
 def _pack_last(row, slowest, high, top, time_s, energy_j, moves):
-    """The one landing at the end of a section, from each speed from which full traction reaches it."""
+    """Keep the single landing at the end of a section, for each speed from which full traction reaches it."""
     dt, energy, target, weight, filled = moves
     for j in range(high.size):
         reached = high[j] >= top and (j > 0 or slowest > 0.0)

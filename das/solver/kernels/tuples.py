@@ -1,4 +1,4 @@
-"""Arguments of the kernels: named tuples of arrays and numbers, which numba passes on without copying."""
+"""Arguments of the kernels: named tuples of arrays and numbers, which numba passes without copying."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from das.domain.losses import EfficiencyLoss, LossModel
 from das.domain.vehicle import BrakePolicy, Vehicle
 
 NO_LIMIT_N = 1e30
-"""A force (N) that no train reaches; it is finite, so that products stay defined."""
+"""A force (N) above that of any train; finite, which keeps products defined."""
 
 
 class TrainParams(NamedTuple):
-    """The numbers of a train as the kernels take them (SI).
+    """The parameters of a train in the form required by the kernels (SI).
 
-    `adhesive_force_n` and `braked_adhesive_force_n` are the weights on the driven and on all axles times the state of
-    the rail; times the adhesion coefficient they limit the forces of the motors and of all brakes. `receptivity_ratio`
-    is the share of the power fed back that the line takes. `brakes_dissipate` says that no brake feeds back.
-    `has_curves`: the motors also keep to `curves_n` (2, n), the samples of the effort curves of traction and of the
-    electric brake.
+    `adhesive_force_n` and `braked_adhesive_force_n` are the weights on the driven and on all axles multiplied by the
+    adhesion ratio of the rail; multiplied by the adhesion coefficient, they limit the forces of the motors and of all
+    brakes. `receptivity_ratio` is the share of the power fed back that the line accepts. `brakes_dissipate`: no brake
+    feeds energy back. `has_curves`: the motors are also limited by `curves_n` (2, n), the samples of the effort curves
+    of traction and of the electric brake.
     """
 
     inertial_mass_kg: float
@@ -46,10 +46,10 @@ class TrainParams(NamedTuple):
 
 
 class ServiceParams(NamedTuple):
-    """A service braking as the kernels take it.
+    """A service braking in the form required by the kernels: at most `deceleration_mps2`, with at most the share
+    `force_share` of the force of all brakes (the electric brake and `friction_force_n`, even if plans use no friction).
 
-    It decelerates by at most `deceleration_mps2`, with at most the share `force_share` of the force of all brakes: the
-    electric brake and `friction_force_n`, whether or not plans use friction. Its brakes act `delay_s` late.
+    The brakes act with a delay of `delay_s`.
     """
 
     deceleration_mps2: float
@@ -59,11 +59,11 @@ class ServiceParams(NamedTuple):
 
 
 PlainTrain: Any = namedtuple("PlainTrain", TrainParams._fields[:-2])  # type: ignore[misc]
-"""The numbers of a train without effort curves, for the kernels that are compiled into vector instructions."""
+"""The parameters of a train without effort curves, for the kernels that are compiled into vector instructions."""
 
 
 class LossParams(NamedTuple):
-    """A loss model as the kernels take it.
+    """A loss model in the form required by the kernels.
 
     `table_w[i, j]` is the loss of a map at the speed i/steps_per_mps and the force force0_n + j/steps_per_n.
     """
@@ -79,7 +79,7 @@ class LossParams(NamedTuple):
 
 
 def train_params(vehicle: Vehicle, brakes: BrakePolicy) -> TrainParams:
-    """The numbers of a train that brakes by a policy."""
+    """The parameters of a train for a brake policy."""
     electric = vehicle.electric_brake
     has_friction = BrakePolicy.ELECTRIC not in (vehicle.brake_policy, brakes)
     return TrainParams(
@@ -104,18 +104,18 @@ def train_params(vehicle: Vehicle, brakes: BrakePolicy) -> TrainParams:
 
 
 CURVE_STEPS_PER_MPS = 1.0 / SAMPLE_STEP_MPS
-"""Samples of an effort curve per speed (s/m)."""
+"""Number of samples of an effort curve per speed (s/m)."""
 
 
 def _samples_n(*envelopes: EffortEnvelope) -> NDArray[np.float64]:
-    """The samples (envelopes, n) of the effort curves, with the last one repeated; `NO_LIMIT_N` where there is none."""
+    """The samples (envelopes, n) of the effort curves, with the last one repeated; `NO_LIMIT_N` without a curve."""
     samples = [np.full(2, NO_LIMIT_N) if one.curve is None else one.curve.samples_n for one in envelopes]
     longest = max(len(one) for one in samples)
     return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in samples])
 
 
 def loss_params(loss: LossModel) -> LossParams:
-    """The numbers of a loss model."""
+    """The parameters of a loss model."""
     if isinstance(loss, EfficiencyLoss):
         empty = np.zeros((2, 2))
         return LossParams(False, loss.traction_ratio, loss.brake_ratio, loss.idle_w, 1.0, 0.0, 1.0, empty)
@@ -127,7 +127,7 @@ def loss_params(loss: LossModel) -> LossParams:
         1.0 / loss.speed_step_mps,
         float(loss.force_n[0]),
         1.0 / loss.force_step_n,
-        np.array(loss.filled_w),  # a writable copy: numba compiles again for read-only arrays
+        np.array(loss.filled_w),  # a writable copy: numba would compile again for a read-only array
     )
 
 
@@ -148,7 +148,7 @@ class LineArrays(NamedTuple):
 
 
 class SpeedBounds(NamedTuple):
-    """The slowest and the fastest speed at each node (n + 1,), between which the speed grid of a node lies."""
+    """The lowest and the highest speed at each node (n + 1,): the bounds of its speed grid."""
 
     floor_mps: Floats
     envelope_mps: Floats
@@ -158,7 +158,7 @@ class Moves(NamedTuple):
     """Landings from each speed of some decision nodes (nodes, speeds, landings); none depends on λ.
 
     `time_s` and `energy_j` are the cost of a landing. `target` is the speed index below the landing at the next node,
-    and `weight` the share of the index above (linear in v²). Of each state only the first `filled` (nodes, speeds)
+    and `weight` the share of the index above (linear in v²). In each state only the first `filled` (nodes, speeds)
     landings are used.
     """
 
@@ -178,7 +178,7 @@ class Policies(NamedTuple):
 
 
 class Policy(NamedTuple):
-    """A multiplier λ between two neighbours of the ladder: λ itself, the lower one's index, λ − λ_a, λ_{a+1} − λ_a.
+    """A multiplier λ between two neighbours of the ladder: λ, index a of the lower one, λ − λ_a, λ_{a+1} − λ_a.
 
     The gap is 0 for a multiplier of the ladder itself.
     """
@@ -192,8 +192,7 @@ class Policy(NamedTuple):
 class DecisionStep(NamedTuple):
     """The step to the decision node `node`: its length, mean forces, and the bounds of the speed at its end.
 
-    `final` says that the node is the end of the section and has one end speed. `train` is the train on the supply of
-    this step.
+    `final`: the node is the end of the section and has one end speed. `train` is the train on the supply of this step.
     """
 
     node: int

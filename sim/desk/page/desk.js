@@ -1,15 +1,15 @@
-// The cab desk: shows the last Cab, and sends where the lever is set. It keeps nothing that the server lacks, but zoom,
-// sound and language.
+// The cab desk: shows the last Cab and sends the setting of the lever. Its only own state is zoom, sound and
+// language.
 import * as draw from "./draw.js";
 import { Lever } from "./lever.js";
 import { Replay } from "./replay.js";
 import { $, distance, fill, kmh, Shown, SILENCE } from "./show.js";
 import { LANGUAGES, WORDS } from "./words.js";
 
-const STALE_MS = 1500; // a link that has been silent for this long is lost, and so is advice
-const DRAWN_MS = 400; // the desk hears that the page draws at least this often
-const RESTARTS = 1012; // code with which a server that is told to stop closes its sockets
-const AHEAD_M = { least: 1000, usual: 4000, most: 8000 }; // how much of the way ahead the keys + and - show
+const STALE_MS = 1500; // a link silent for this long counts as lost, and its advice with it
+const DRAWN_MS = 400; // the page reports its frames to the desk at least this often
+const RESTARTS = 1012; // close code of a server that is asked to stop
+const AHEAD_M = { least: 1000, usual: 4000, most: 8000 }; // the length of line ahead that the keys + and - select
 const CHANGED = [660, 880], BRAKED = [440, 330]; // tones (Hz)
 
 const body = document.body;
@@ -23,7 +23,7 @@ let sound = false, tone = null;
 
 let socket = null, tries = 0, heard = -Infinity;
 let phase = "connecting", hello = null, show = null, replay = null, ready = false;
-let cab = null, before = null, why = {}, got = 0; // the last Cab, the one before it, its reasons, and when it came
+let cab = null, before = null, why = {}, got = 0; // the last Cab, the one before it, its reasons, and its time
 let card = null, wasBraked = false, seq = 0;
 let frameAt = 0, drawn = -1, said = 0, named = 0;
 
@@ -44,7 +44,7 @@ function send(message) {
   if (socket?.readyState === WebSocket.OPEN && phase !== "taken") socket.send(JSON.stringify(message));
 }
 
-// Lets a part of the page light up for a moment.
+// Highlights a part of the page for a moment.
 function flash(id) {
   $(id).classList.add("fresh");
   requestAnimationFrame(() => setTimeout(() => $(id).classList.remove("fresh"), 300));
@@ -69,7 +69,7 @@ function speak() {
   show.speak(words, lang);
   replay?.speak(words);
   veil();
-  card = null; // other words are no other advice
+  card = null; // a change of language is not a change of advice
   if (cab) write();
 }
 
@@ -128,7 +128,7 @@ function arrived() {
   return `${where.replace("{m}", Math.round(Math.abs(by)))}\n${words.over_why}`;
 }
 
-// ---- the line to the server
+// ---- the connection to the server
 function connect() {
   const mine = socket = new WebSocket(`ws://${location.host}/desk`);
   mine.onmessage = (e) => {
@@ -164,7 +164,7 @@ function enter(to) {
   markSize();
 }
 
-// What the server says, by the kind of message.
+// The handlers of the server's messages, by kind.
 const take = {
   hello(m) {
     tries = 0;
@@ -174,7 +174,7 @@ const take = {
     lever.notches = m.notches;
     lever.place(m.lever);
     seq = m.seq;
-    const again = m.phase === "welcome" && ready; // a new server has taken the place of one that was killed
+    const again = m.phase === "welcome" && ready; // a new server has replaced a killed one
     if (again) send({ t: "ready" });
     show.speak(WORDS[lang], lang);
     enter(again ? "preparing" : m.phase);
@@ -213,7 +213,7 @@ function receive(m) {
   write();
 }
 
-// ---- what is written: exactly what the Cab says
+// ---- texts: exactly the content of the Cab
 function advised() {
   const fresh = phase === "replay" || (link() === "up" && performance.now() - got < STALE_MS);
   return cab && fresh ? show.advice(cab, why) : null;
@@ -244,7 +244,7 @@ function beep(pitches) {
   });
 }
 
-// ---- frames: between two Cabs only needle and strip move on, at the last rate
+// ---- frames: between two Cabs only needle and strip move, at the last rate
 function frame(now) {
   requestAnimationFrame(frame);
   const passed = frameAt ? now - frameAt : 0;
@@ -257,7 +257,7 @@ function frame(now) {
   if (phase !== "replay") tellDrawn(now);
 }
 
-// Tells the desk, once a frame is on the screen, that somebody can see it.
+// Reports to the desk, once a frame is on the screen, that the page is visible.
 function tellDrawn(now) {
   const look = cab?.look ?? 0, fresh = look !== drawn, sent_ns = cab?.wall_ns;
   if (!fresh && now - said < DRAWN_MS) return;
@@ -271,7 +271,7 @@ function tellDrawn(now) {
   port2.postMessage(0);
 }
 
-// Where the train is now: since the last Cab it has gone on at its speed, and the needle at the last rate.
+// The train's position now, extrapolated from the last Cab at its speed, and the needle at the last rate.
 function moved() {
   const gap = before && before !== cab ? cab.clock_s - before.clock_s : 0, steady = gap > 0 && gap < 2;
   const since = (performance.now() - got) / 1000 * (replay?.pace ?? 1);
@@ -281,7 +281,7 @@ function moved() {
   return { v, rolled: cab.speed_mps * age };
 }
 
-// The speeds that the presentation speed-and-effort shows ahead, by the place where they are reached: [m, m/s], a second apart.
+// The speeds that the presentation speed-and-effort shows ahead and their places: [m, m/s], a second apart.
 function horizon(advice) {
   if (!advice || show.presentation(cab).name !== "speed-and-effort") return [];
   const path = [[cab.s_m, cab.speed_mps]];
@@ -292,7 +292,7 @@ function horizon(advice) {
   return path;
 }
 
-// How much of the way ahead is seen (m): less of it near the stop.
+// The length of line ahead that is shown (m): less near the stop.
 function view(left) {
   const near = left > -50 && (left < 190 ? 200 : left < 760 && 800);
   return Math.min(ahead, near || ahead);
@@ -350,7 +350,7 @@ function zoom(factor) {
   mark(performance.now(), `way ahead ${ahead} m`);
 }
 
-// Tells the desk how large the page is drawn: the browser's zoom changes both figures.
+// Reports the size of the page to the desk; the browser's zoom changes both figures.
 function markSize() {
   mark(performance.now(), `size ${innerWidth} × ${innerHeight}, ${devicePixelRatio.toFixed(2)} px`);
 }
@@ -369,7 +369,7 @@ function switchSound() {
   speak();
 }
 
-// Takes a key; returns whether it was one of the page's.
+// Handles a key; returns whether the page uses it.
 function key(e) {
   const pressed = document.activeElement?.tagName === "BUTTON" && (e.code === "Enter" || e.code === "Space");
   if (!pressed && phase === "driving" && lever.key(e)) return true;
@@ -392,7 +392,7 @@ addEventListener("keydown", (e) => {
 let resized = 0;
 addEventListener("resize", () => {
   clearTimeout(resized);
-  resized = setTimeout(markSize, 300); // a window that is dragged says its last size only
+  resized = setTimeout(markSize, 300); // only the last size of a dragged window is reported
 });
 $("language").onclick = nextLanguage;
 $("sound").onclick = switchSound;

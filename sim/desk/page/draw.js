@@ -1,4 +1,4 @@
-// Draws on canvases. Every function takes plain numbers (m, m/s, s) and draws; none keeps anything.
+// Drawing on canvases. Every function takes plain numbers (m, m/s, s) and has no state.
 export const KMH = 3.6;
 export const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 // The colours of the style sheet by their names: C.advice is --advice.
@@ -125,7 +125,7 @@ function needle(g, x, y, r, angle, color) {
   disc(g, x, y, hub, color);
 }
 
-// In the gap of the dial: the last metres to the stop, alike under every presentation.
+// In the gap of the dial: the last metres to the stop, the same for every presentation.
 function lastMetres(g, x, y, r, { left, missed, words }) {
   const wide = r * 0.92, under = y + r * 0.235;
   text(g, `${Math.abs(Math.round(left))} m`, x, y, r * 0.17, missed ? C.over : C.text, "center", 700);
@@ -134,8 +134,8 @@ function lastMetres(g, x, y, r, { left, missed, words }) {
   box(g, x - wide / 2, under, wide * clamp(left / 300, 0, 1), 6, 3, C.text);
 }
 
-// The lever: power up, brake down. A white handle is where it is set, a violet triangle the advised effort; red is the
-// dead-man brake. The groove is orange where the motors cannot brake enough. At the left, what the train gives.
+// The lever: power up, brake down. The white handle is its setting, the violet triangle the advised effort; red is the
+// dead-man brake. The groove is orange where the electric brake is not sufficient. At the left, the train's efforts.
 export function lever(canvas, { ratio, advised, notches, most, given, braked, words }) {
   const [g, w, h] = surface(canvas);
   const x = w / 2 + 14, top = 56, end = h - 56, mid = (top + end) / 2;
@@ -173,7 +173,7 @@ function scale(g, x, y, notches, height) {
   text(g, "0", x - 30, y(0), 16, C.text, "right", 700);
 }
 
-// What the train gives, as shares of the most that it can: traction grey, electric brake blue, friction brake orange.
+// The train's efforts as shares of the largest ones: traction grey, electric brake blue, friction brake orange.
 function efforts(g, y, [motors, friction], [traction, , brakes]) {
   const bar = (from, to, color) => line(g, [[9, y(from)], [9, y(to)]], color, 6);
   bar(1, -1, C.faint);
@@ -185,7 +185,7 @@ function efforts(g, y, [motors, friction], [traction, , brakes]) {
   bar(electric, Math.max(electric + friction / brakes, -1), C.air);
 }
 
-// The way ahead: the train at the left, limits in white, gradients below; restrictions, stops, signals, and the next
+// The line ahead: the train at the left, limits in white, gradients below; restrictions, stops, signals, and the next
 // changes of the advice.
 export function way(canvas, o) {
   const [g, w, h] = surface(canvas);
@@ -341,7 +341,7 @@ const SIGNS = {
 SIGNS.braked = SIGNS.brake;
 SIGNS.top = SIGNS.hold;
 
-// The sign of a kind of instruction, in a square of this size around a point; an unknown kind has that of none.
+// The sign of a kind of instruction, in a square of this size around a point; an unknown kind has that of no advice.
 function glyph(g, kind, x, y, size, color) {
   g.save();
   g.translate(x, y);

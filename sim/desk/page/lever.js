@@ -1,10 +1,10 @@
-// The person's hand: keyboard, mouse, touch, wheel and gamepad move one lever, and `give(ratio, stamp, device)` hears
-// where to.
+// The person's hand: keyboard, mouse, touch, wheel and gamepad move one lever; `give(ratio, stamp, device)` is
+// called with its setting.
 import { clamp } from "./draw.js";
 
 const UP = { ArrowUp: 1, KeyW: 1, ArrowDown: -1, KeyS: -1 };
 const FIRST_MS = 380, AGAIN_MS = 120; // a key that is held down repeats
-const TREMBLE = 0.06, MOVED = 0.03; // of a gamepad's stick, as shares of its way
+const TREMBLE = 0.06, MOVED = 0.03; // of a gamepad's stick, as shares of its range
 const MARGIN_PX = 56; // above and below the lever's groove
 
 export class Lever {
@@ -49,14 +49,14 @@ export class Lever {
     this.set(Math.round(clamp(ratio, -1, 1) * notches) / notches, stamp, device);
   }
 
-  // Moves by a notch, or by a twentieth without notches. A step rests at 0: to pass it takes another press.
+  // Moves by a notch, or by a twentieth without notches. A step stops at 0; another press passes it.
   step(way, stamp, device) {
     const notches = this.notches || 20, from = this.ratio * notches;
     const to = way > 0 ? Math.floor(from + 1e-6) + 1 : Math.ceil(from - 1e-6) - 1;
     this.set(to / notches, stamp, device);
   }
 
-  // Takes a key; returns whether it was one of the lever's.
+  // Handles a key; returns whether the lever uses it.
   key(e) {
     if (UP[e.code]) this.press(e, UP[e.code]);
     else if (e.code === "Digit0" || e.code === "Numpad0" || e.key === "0") this.set(0, e.timeStamp, "key");
@@ -86,7 +86,7 @@ export class Lever {
     this.near(1 - 2 * share, e.timeStamp, e.pointerType);
   }
 
-  // A gamepad's stick moves the lever only while it moves by more than a tremble: at rest, the keys are in charge.
+  // A gamepad's stick moves the lever only while it moves by more than a tremble; at rest, the keys control it.
   pad(now) {
     const pad = navigator.getGamepads?.().find((one) => one?.connected);
     const raw = pad ? -pad.axes[1] : null, axis = Math.abs(raw) < TREMBLE ? 0 : raw;

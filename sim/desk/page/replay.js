@@ -4,7 +4,7 @@ import { $, fill, minutes } from "./show.js";
 
 const PACES = [1, 2, 5, 10, 20, 60];
 const STEP_S = { ArrowLeft: -10, ArrowRight: 10 };
-const SAID_S = 20; // a bookmark is said for this long at real time
+const SAID_S = 20; // a bookmark is shown for this long at real time
 
 export class Replay {
   constructor(drive, show) {
@@ -66,7 +66,7 @@ export class Replay {
     this.tick(0);
   }
 
-  // Lets time pass (ms of the wall clock).
+  // Advances the time (ms of the wall clock).
   tick(ms) {
     if (this.playing) {
       this.now = Math.min(this.now + Math.min(ms, 500) / 1000 * this.pace, this.long);
@@ -83,14 +83,14 @@ export class Replay {
     ticks($("marks"), this.marks.map((x) => x.at_s / this.long));
   }
 
-  // The bookmark that was passed last, for a while.
+  // The last bookmark passed, for a while.
   event() {
     const last = this.marks.findLast((x) => x.at_s <= this.now + 0.5);
     if (!last || this.now - last.at_s >= SAID_S * this.pace) return "";
     return last.text.startsWith(last.mark) ? last.text : `${last.mark}: ${last.text}`;
   }
 
-  // Takes a key; returns whether it was one of the replay's.
+  // Handles a key; returns whether the replay uses it.
   key(e) {
     if (e.code === "Space") this.toggle();
     else if (e.code in STEP_S) this.go(this.now + STEP_S[e.code]);

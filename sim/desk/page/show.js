@@ -1,9 +1,9 @@
-// What a Cab says, in words and numbers. Every figure is the Cab's own, rounded for reading; nothing is guessed.
+// The content of a Cab as words and numbers. Every figure is from the Cab, rounded for reading.
 import { KMH } from "./draw.js";
 
 export const SILENCE = 1; // Cab.INTERLOCK_SILENCE: the dead-man brake
 const TOO_FAST = 2; // ReasonCode.TOO_FAST
-const SAME_PLACE_M = 30; // a change so near to a limit or a stop is said to be there
+const SAME_PLACE_M = 30; // a change this close to a limit or a stop is shown at it
 export const $ = (id) => document.getElementById(id);
 export const fill = (node, words) => {
   if (node.textContent !== words) node.textContent = words;
@@ -26,7 +26,7 @@ export function span(s) {
 }
 
 export class Shown {
-  // `hello` is what never changes while the page is open.
+  // `hello` is the constant data of the page.
   constructor(hello) {
     this.hello = hello;
   }
@@ -38,7 +38,7 @@ export class Shown {
     this.advised = this.hello.words[lang];
   }
 
-  // The time of day on the line's clock, of a moment on the cab's clock (s).
+  // The time of day on the line's clock for a time on the cab's clock (s).
   clock(cab, at_s) {
     const utc_ms = cab.time_ns / 1e6 + (at_s - cab.clock_s) * 1000;
     return new Date(utc_ms + this.hello.utc_offset_min * 60000).toISOString().slice(11, 19);
@@ -52,13 +52,13 @@ export class Shown {
     return this.hello.presentations[cab.presentation];
   }
 
-  // The words for a mode; `speed` (m/s): the one that follows them, if any.
+  // The words for a mode; `speed` (m/s): the speed that follows them, if any.
   modeWords(cab, mode, speed) {
     const { modes, before_speed } = this.presentation(cab);
     return big((speed > 0.5 ? before_speed : modes)[this.lang][mode] ?? "");
   }
 
-  // How late (> 0) or early a train is, as a text.
+  // The delay of a train (early < 0) as text.
   lateness(s) {
     return (s > 0 ? this.advised.late : this.advised.early).replace("{seconds} s", span(s));
   }
@@ -94,7 +94,7 @@ export class Shown {
     return `${Math.round(Math.abs(ratio) * 100)} % ${ratio < 0 ? this.words.brake : this.words.power}`;
   }
 
-  // The next changes of the advice: way (m; null: not said), time (s), mode and words.
+  // The next changes of the advice: distance (m; null: not shown), time (s), mode and words.
   changes(cab, advice) {
     if (!advice || advice.stands) return [];
     const since_s = cab.clock_s - cab.advice_s, rolled_m = cab.speed_mps * since_s;
@@ -103,7 +103,7 @@ export class Shown {
       const way = cab[`${which}_change_m`], time = cab[`${which}_change_s`];
       if (kind === "none" || time == null || time <= since_s) return [];
       const reached = speed > 0.5 && kind !== "coast" ? ` ${kmh(speed)}` : "";
-      // An acceleration that only changes its effort says the new one.
+      // An acceleration that only changes its effort shows the new one.
       const effort = cab[`${which}_effort_ratio`], eases = kind === "traction" && kind === advice.mode;
       const share = eases && effort != null && kmh(speed) === kmh(advice.speed)
         ? ` · ${Math.round(100 * effort)} %`
@@ -118,7 +118,7 @@ export class Shown {
     });
   }
 
-  // The lowest of the line's limits and the temporary ones, place by place.
+  // The lowest of the line's limits and the temporary ones at each place.
   allowed(cab) {
     const told = cab.limits_ahead.map((x) => [x.s_m, x.limit_mps]);
     const known = this.hello.line.limits.filter(([s]) => s > cab.s_m && s < cab.stop_m);
@@ -133,19 +133,19 @@ export class Shown {
     });
   }
 
-  // The restrictions: where they begin and end (m), and their speed.
+  // The restrictions: start and end (m), and speed.
   slow(cab) {
     return cab.restrictions.map((x) => [x.start_m, x.end_m, x.limit_mps]);
   }
 
-  // The limit for the whole train where it is.
+  // The limit for the whole train at its position.
   limit(cab) {
     const rear_m = cab.s_m - this.hello.train.length_m;
     const under = this.slow(cab).filter(([from, to]) => from < cab.s_m && rear_m < to);
     return Math.min(cab.limit_mps, ...under.map(([, , v]) => v));
   }
 
-  // Whether the train is too fast for the limit; asked of each Cab once, because it depends on the one before.
+  // Whether the train is too fast for the limit; called once for each Cab, because it depends on the one before.
   tooFast(cab) {
     const [begins_mps, ends_mps] = this.hello.too_fast_mps;
     this.over = cab.speed_mps - this.limit(cab) > (this.over ? ends_mps : begins_mps);
@@ -157,7 +157,7 @@ export class Shown {
     return rows[Math.min(Math.round(v / step), rows.length - 1)];
   }
 
-  // Writes the header, the card, what comes up, and the order to drive; returns what is on the card.
+  // Writes the header, the card, the list of what comes next, and the order to drive; returns the content of the card.
   write(cab, advice, wasBraked) {
     const braked = cab.interlock === SILENCE, card = this.card(advice, braked), over = this.tooFast(cab);
     this.header(cab);
@@ -195,7 +195,7 @@ export class Shown {
     return advice ?? { ...bare, mode: "none", do: big(this.advised.no_advice), why: words.no_advice_why };
   }
 
-  // Whether the train stands before its stop, and whether it may not leave yet.
+  // Whether the train stands before its stop, and whether it must wait before leaving.
   standing(cab) {
     const stands = cab.speed_mps < 0.05;
     return { stands, before: cab.stop_m - cab.s_m > this.hello.at_stop_m, waits: stands && !cab.may_depart };
@@ -227,7 +227,7 @@ export class Shown {
     return stands && called ? [words.depart, words.depart_why] : [words.clear, ""];
   }
 
-  // What comes up, the nearest first: its distance (m), its words, whether the distance is said, and for advice the
+  // The coming items, nearest first: distance (m), words, whether the distance is shown, and for advice the
   // time until then (s).
   coming(cab, advice) {
     const rows = this.changes(cab, advice).map(({ way, time, words }) => {

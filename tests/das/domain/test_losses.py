@@ -155,7 +155,7 @@ BAD_MAPS = {
         map_of(speeds=(18, 36, 54)),
         r"first speed \(km/h\) = 18.0: expected a map that begins at 0 km/h",
     ),
-    "no zero force": (map_of(forces=(-5000, 500, 6000)), r"force = .*: expected 0 N to be a point of the grid"),
+    "no zero force": (map_of(forces=(-5000, 500, 6000)), r"force = .*: expected 0 N among the points of the grid"),
     "only traction": (map_of(forces=(5000, 10000, 15000)), r"forces \(N\) = .*: expected a range that contains 0 N"),
     "one speed": (MAP_HEADER + "0,0,1\n0,1,1\n", r"speed = 1: expected at least two different values"),
     "endless quote": (MAP + '"' + "9" * 200_000, r"line 11"),

@@ -92,11 +92,11 @@ WRONG_LINES = {
     ),
     "geometry_jump": (
         course("[0.0, 48.0, 8.0], [3.0, 48.0, 8.0], [6.0, 48.05396, 8.0]"),
-        "geometry: further to the next point than by the positions (m) = 3000.0: expected at most 2000 m",
+        "geometry: map distance to the next point beyond that of the positions (m) = 3000.0: expected at most 2000 m",
     ),
     "geometry_missing": (
         course("[4.0, 48.0, 8.0], [6.0, 48.01799, 8.0]"),
-        "geometry: share of the line without it = 0.6667: expected at most 0.5",
+        "share of the line without geometry = 0.6667: expected at most 0.5",
     ),
 }
 
@@ -136,7 +136,7 @@ def test_what_cannot_be_is_refused_unless_its_file_insists(
 @pytest.mark.parametrize("accepted", ['"brakes"', '"max_deceleration", 3', '""'])
 def test_a_check_that_there_is_not_cannot_be_accepted(accepted: str, tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=rf"vehicle\.{ACCEPTED} = .*: expected a list of names out of max_deceleration, "
+        InputError, match=rf"vehicle\.{ACCEPTED} = .*: expected a list of names from max_deceleration, "
     ):
         load_vehicle(file_of(tmp_path, TRAIN, accepted=accepted))
     path = file_of(tmp_path, TRAIN)
@@ -263,8 +263,14 @@ def line_with(folder: Path, *changes: tuple[str, str]) -> Route:
     [
         ("[0.0, 91.0, 8.0], [6.0, 91.054, 8.0]", "geometry latitude_deg[0] = 91.0: expected -90 to 90"),
         ("[0.0, 48.0, 200.0], [6.0, 48.054, 200.0]", "geometry longitude_deg[0] = 200.0: expected -180 to 180"),
-        ("[0.0, 48.0, 8.0], [3.0, 48.027, 8.0], [6.0, 57.0, 8.0]", "further to the next point than by the positions"),
-        ("[0.0, 48.0, 8.0], [3.0, 0.0, 0.0], [6.0, 48.054, 8.0]", "further to the next point than by the positions"),
+        (
+            "[0.0, 48.0, 8.0], [3.0, 48.027, 8.0], [6.0, 57.0, 8.0]",
+            "map distance to the next point beyond that of the positions",
+        ),
+        (
+            "[0.0, 48.0, 8.0], [3.0, 0.0, 0.0], [6.0, 48.054, 8.0]",
+            "map distance to the next point beyond that of the positions",
+        ),
         ("[0.0, 48.0, 8.0], [6.0, 48.027, 8.0]", "length on the map over that of the positions = 0.5"),
     ],
 )
@@ -277,7 +283,7 @@ def test_a_geometry_that_is_not_of_the_line_is_refused(rows: str, message: str, 
 def test_a_geometry_that_begins_late_is_a_warning(tmp_path: Path) -> None:
     route = line_with(tmp_path, course("[0.6, 48.0, 8.0], [6.0, 48.04856, 8.0]"))
     (warned,) = warnings_of(route)
-    assert warned.endswith("geometry: share of the line without it = 0.1: at most 0.02 is usual")
+    assert warned.endswith("share of the line without geometry = 0.1: at most 0.02 is usual")
 
 
 @pytest.mark.parametrize(

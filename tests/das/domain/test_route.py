@@ -188,7 +188,7 @@ def test_a_section_leads_forwards() -> None:
 def test_a_one_way_line_cannot_be_reversed_and_says_why() -> None:
     line = replace(load_route("zurich-luzern"), one_way=True)
     with pytest.raises(
-        DasError, match=r"one_way = true: its limits hold from .* to .* alone, so it cannot be reversed"
+        DasError, match=r"one_way = true: its limits are those from .* to .*, and it cannot be reversed"
     ):
         line.reversed()
     first, last = line.stops[0].name, line.stops[-1].name

@@ -115,7 +115,7 @@ def test_what_train_and_line_add_to_the_resistance_along_the_line() -> None:
         ),
         ({"max_acceleration_mps2": 0.0}, "max_acceleration_mps2 = 0.0: expected a number > 0"),
         ({"max_deceleration_mps2": np.nan}, "max_deceleration_mps2 = nan"),
-        ({"default_level": Level.L3}, "default_level = 'l3': expected a level this vehicle has"),
+        ({"default_level": Level.L3}, "default_level = 'l3': expected a level of the vehicle"),
     ],
 )
 def test_a_bad_train_is_refused(changes: dict[str, object], expected: str) -> None:

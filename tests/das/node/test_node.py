@@ -299,7 +299,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "it is for route 'elsewhere', this node has 'flat-6km'": {"route_id": "elsewhere"},
     "it drives the route in reverse, this node has it forwards": {"reversed": True},
     "it is for train 'T2', this node is for 'T1'": {"train": "T2"},
-    "expected one that leads forwards on the route": stops((0.0, None, 0.0), (1e10, 300.0, None)),
+    "expected one in the direction of the route": stops((0.0, None, 0.0), (1e10, 300.0, None)),
     "it has 1 stops, expected at least 2": stops((0.0, None, None)),
     "it is for vehicle '../x', this node knows CH_Stadler_FLIRT_TPF, CH_Stadler_KISS_SBB": {"vehicle_id": "../x"},
     "no load 'full'": {"load": "full"},

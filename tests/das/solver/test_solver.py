@@ -213,7 +213,7 @@ def test_from_standstill_just_before_the_stop(hilly: Front, before_m: float) -> 
     [(-1.0, 500.0), (0.0, 1e10), (500.0, 400.0), (0.0, math.nan), (12_000.0 - 1e-6, 12_000.0)],
 )
 def test_a_section_off_the_route_or_without_length_is_refused(hilly: Front, start_m: float, end_m: float) -> None:
-    with pytest.raises(DasError, match="expected one that leads forwards on the route"):
+    with pytest.raises(DasError, match="expected one in the direction of the route"):
         build_section(hilly.section.route, hilly.section.vehicle, start_m=start_m, end_m=end_m)
 
 

@@ -130,7 +130,7 @@ def test_what_is_no_map_is_refused_in_one_line(tmp_path: Path, content: Any, mes
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('{"type": "FeatureCollection", "features": [], "features": []}', "the key 'features' is there twice"),
+        ('{"type": "FeatureCollection", "features": [], "features": []}', "duplicate key 'features'"),
         ('{"elements": [{"type": "node", "id": 1, "lat": NaN, "lon": 1}]}', "latitude = nan"),
         ('{"elements": [{"type": "node", "id": 1, "lat": 1e999, "lon": 1}]}', "latitude = inf"),
         ('{"elements": ' + "[" * 100_000, "not valid JSON"),

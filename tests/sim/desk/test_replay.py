@@ -66,7 +66,7 @@ def test_every_cab_is_played_as_it_was_recorded_with_the_bookmarks_of_the_review
 
 
 def test_a_recording_without_a_cab_is_refused() -> None:
-    with pytest.raises(DasError, match="shows no cab"):
+    with pytest.raises(DasError, match="contains no cab"):
         Replay(Drive(recording=in_memory(truth(0.0, 0.0, 0.0))), "en")
 
 

@@ -162,7 +162,7 @@ def test_a_trip_against_a_one_way_line_is_refused_with_the_reason(tmp_path: Path
     there = dirt.write(tmp_path, clean())
     assert not load_trip(there, read_trip(there), line, TripOptions()).reversed
     back = dirt.write(tmp_path, [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()])
-    with pytest.raises(DasError, match="one_way = true: its limits hold from A to B alone"):
+    with pytest.raises(DasError, match="one_way = true: its limits are those from A to B"):
         load_trip(back, read_trip(back), line, TripOptions())
 
 

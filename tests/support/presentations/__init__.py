@@ -1,1 +1,1 @@
-"""A presentation that the program does not have, in the one file that it takes."""
+"""A presentation from outside the program, in a single file."""

@@ -15,7 +15,7 @@ LIGHTS: Final = {Regime.COAST: "amber", Regime.FULL_BRAKE: "red"}
 
 
 class TrafficLightPresenter(Presenter):
-    """Shows one of three lights."""
+    """The presenter of one of three lights."""
 
     number = 17
     phrase = "a traffic light"

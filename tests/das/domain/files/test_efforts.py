@@ -106,7 +106,7 @@ def test_a_load_state_and_a_mode_are_picked_by_one_name(name: str, tmp_path: Pat
 @pytest.mark.parametrize("name", ["15kv+leaves", "empty+empty", "leaves+empty+leaves"])
 def test_two_modes_or_two_load_states_are_refused(name: str, tmp_path: Path) -> None:
     """The last one would silently replace the others."""
-    with pytest.raises(DasError, match=r"load '.*': expected one load state and one mode at most"):
+    with pytest.raises(DasError, match=r"load '.*': expected at most one load state and one mode"):
         read_vehicle(written(tmp_path, MODES)).loaded(name)
 
 
@@ -119,7 +119,7 @@ BAD = {
     "begins late": (
         INLINE.replace("[0, 100]", "[5, 100]"),
         EFFORT,
-        r"rows\[0\] = '5 km/h': expected the first speed to be 0",
+        r"rows\[0\] = '5 km/h': expected 0 km/h as the first speed",
     ),
     "ends early": (
         INLINE.replace("[120, 30]", "[110, 30]"),
@@ -135,7 +135,7 @@ BAD = {
     "stands": (
         INLINE.replace("[0, 100]", "[0, 0]"),
         EFFORT,
-        "'0 kN at 0 km/h': expected a force > 0, or the train does",
+        "'0 kN at 0 km/h': expected a force > 0; otherwise the train",
     ),
     "unit": (INLINE.replace("force_kn", "force_lbf"), EFFORT, r"columns = 'force_lbf': expected force_N or force_n"),
     "both": (

@@ -181,8 +181,8 @@ BAD_NATIVE = [
     ("dwell_s = 45", "dwel_s = 45", r"stops\[1\]\.dwel_s = 45: expected one of the keys arrival,"),
     ("dwell_s = 45", "dwell_s = -1", r"dwell of Halt = -1\.0: expected a finite number >= 0"),
     ('stop = "a"', 'stop = "Bern"', r"stops\[0\]\.stop = 'Bern': expected a stop of the route \(test: no stop 'Bern';"),
-    ('stop = "a"', 'stop = "a"\nname = "A"', r"stops\[0\]\.name = 'A': expected none beside stop"),
-    ('stop = "a"', 'stop = "a"\nposition_m = 0', r"stops\[0\]\.position_m = 0: expected none beside stop"),
+    ('stop = "a"', 'stop = "a"\nname = "A"', r"stops\[0\]\.name = 'A': expected no name or position"),
+    ('stop = "a"', 'stop = "a"\nposition_m = 0', r"stops\[0\]\.position_m = 0: expected no name or position"),
     ('stop = "a"', "stop = true", r"stops\[0\]\.stop = True: expected name or number of a stop of the route"),
     ('stop = "a"', "stop = 9", r"stops\[0\]\.stop = 9: expected a stop of the route \(test: no stop '9';"),
     ('name = "Halt"', "", r"stops\[1\]\.name is missing: expected a string"),
@@ -521,9 +521,9 @@ def test_a_wish_may_contradict_what_is_enforced(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("time_s = 1\nlatest_s = 2", r"latest_s = 2: expected none beside time_s"),
-        ("tolerance_s = 10", r"tolerance_s = 10: expected none without wish = true"),
-        ("wish = true", r"times of P is missing: expected a time: it is a wish"),
+        ("time_s = 1\nlatest_s = 2", r"latest_s = 2: expected no window together with time_s"),
+        ("tolerance_s = 10", r"tolerance_s = 10: expected no tolerance without wish = true"),
+        ("wish = true", r"times of P is missing: expected a time, because the passing is a wish"),
         ("wish = 1", r"wish = 1: expected true or false"),
         ("time_s = 1\nwish = true\ntolerance_s = -1", r"tolerance_s = -1: expected a number from 0 to 3600"),
         ('time = "noon"', r"time = 'noon': expected a time in quotes"),

@@ -126,7 +126,7 @@ BAD_VEHICLES = [
     ('policy = "blended"', 'policy = "magnetic"', r"brakes\.policy = 'magnetic': expected one of electric, blended, f"),
     ('policy = "blended"', "", r"brakes\.policy is missing: expected a string"),
     ('default = "l2"', 'default = "l9"', r"losses\.default = 'l9': expected one of l0-noreg, l0-reg, l1, l2, l3, own"),
-    ('default = "l2"', 'default = "l1"', r"default.* = 'l1': expected a level this vehicle has"),
+    ('default = "l2"', 'default = "l1"', r"default.* = 'l1': expected a level of the vehicle"),
     ("mean_efficiency_ratio = 0.85", "mean_efficiency_ratio = 85", r"losses\.l2\.mean_efficiency_ratio = 85\.0: expec"),
     ("brake_efficiency_ratio = 0.8", "brake_efficiency_ratio = 0", r"losses\.own\.brake_efficiency_ratio = 0\.0: expe"),
     ('kind = "components"', 'kind = "magic"', r"losses\.l3\.kind = 'magic': expected components or csv"),

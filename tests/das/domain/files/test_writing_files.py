@@ -159,7 +159,7 @@ def test_what_is_no_lock_of_ours_is_left_alone(tmp_path: Path, stranger: Callabl
     stranger(place / LOCK, victim)
     before = os.lstat(place / LOCK)
     with (
-        pytest.raises(DasError, match=r"tables/\.lock: is not a lock file of ours; remove it"),
+        pytest.raises(DasError, match=r"tables/\.lock: is not a lock file of this program; remove it"),
         folder_held(place, "x"),
     ):
         pass
@@ -186,7 +186,7 @@ def test_the_build_refuses_a_link_as_a_lock(tmp_path: Path) -> None:
     )
     done = das_precompute(tmp_path, "build", "plan.toml", "--out", "tables")
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1] == "error: tables/.lock: is not a lock file of ours; remove it"
+    assert done.stderr.splitlines()[-1] == "error: tables/.lock: is not a lock file of this program; remove it"
     assert (tmp_path / "victim").read_text() == VICTIM
 
 
