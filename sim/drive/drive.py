@@ -18,7 +18,7 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.plotted import PlottedRun
 from das.domain.summary import Summary
-from das.domain.units import KM, NS, kwh
+from das.domain.units import KM, NS, kwh_words
 from sim.drive.calls import KeptCall, Travelled, calls, travelled
 from sim.drive.events import DriveEvent, Span, events, silences
 from sim.drive.figures import DriveFigures, figures
@@ -147,7 +147,7 @@ class Drive(Summary):
         told |= {"distance": f"{way.way_m / KM:.1f} km", "time": f"{way.time_s:.0f} s"}
         told |= {"late": f"{self.late_s:+.0f} s"} if self.calls and math.isfinite(self.late_s) else {}
         said = self.table.said.saving
-        return told if said is None else {**told, "energy": f"{kwh(said.driven_j):.1f} kWh"}
+        return told if said is None else {**told, "energy": kwh_words(said.driven_j)}
 
     def plotted(self) -> PlottedRun:
         """The drive between its first departure and its last arrival, for a picture; DasError if it has no positions.

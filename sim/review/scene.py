@@ -14,7 +14,7 @@ import numpy as np
 
 from das.bus.recording import Recording
 from das.domain.errors import DasError
-from das.domain.units import KM, KMH, NS, kwh
+from das.domain.units import KM, KMH, NS, kwh, kwh_words
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.comparison import AlignedDrives, drives_on_track
@@ -289,7 +289,7 @@ def partings(drive: Drive, other: Drive | None) -> Iterator[tuple[int, str]]:
     for one in parted:
         if abs(kwh(one.lost_j)) >= LEAST_PARTED_KWH:
             reached = int(np.argmax(drive.table.course.s_m >= one.start_m))
-            more = f"{abs(kwh(one.lost_j)):.1f} kWh {'less' if one.lost_j < 0 else 'more'} lost"
+            more = f"{kwh_words(abs(one.lost_j))} {'less' if one.lost_j < 0 else 'more'} lost"
             where = f"km {one.start_m / KM:.1f}–{one.end_m / KM:.1f}"
             yield int(drive.table.course.time_ns[reached]), f"{where}  {more} than the other drive"
 
@@ -395,7 +395,7 @@ class AttributionView:
         changes: list[Change] = []
         colors: dict[str, str | Meaning] = {}
         for span in self.spans:
-            text = f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" if span.worth else ""
+            text = f"{kwh_words(span.energy_j, signed=True)} {span.cause.label}" if span.worth else ""
             if text:
                 colors[text] = meaning_of(span.cause)
             while changes and changes[-1].time_ns >= span.start_ns:

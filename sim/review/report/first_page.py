@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from das.domain.errors import DasError
-from das.domain.units import kmh, kwh
+from das.domain.units import kmh, kwh, kwh_figure, kwh_words
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words, percent_of_optimum
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
@@ -90,7 +90,7 @@ def _price(drive: Drive, call: KeptCall) -> str:
     if early_j is None or abs(kwh(early_j)) < NAMED_KWH:
         return ""
     word = "took" if early_j > 0.0 else "saved"
-    being = f"being {lateness_text(call.arrived_late_s)} {word} {abs(kwh(early_j)):.1f} kWh"
+    being = f"being {lateness_text(call.arrived_late_s)} {word} {kwh_words(abs(early_j))}"
     return f"; {being}, not counted above the optimum"
 
 
@@ -106,7 +106,7 @@ def _driven(drive: Drive) -> PageFigure:
         return PageFigure(name, NOT_KNOWN, beside, told)
     how = "as simulated" if drive.energy.measured else "computed from positions"
     doubt = ", if it was this train" if _right_train(drive) else ""
-    return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}{doubt}", told)
+    return PageFigure(name, kwh_words(driven_j), f"at the current collector, {how}{doubt}", told)
 
 
 def _above(drive: Drive) -> PageFigure:
@@ -128,12 +128,11 @@ def _likely(drive: Drive) -> list[str]:
     """The likely range of an estimate, and what it is if the friction brake did all braking."""
     if drive.energy.likely is None:
         return []
-    band = f"likely {kwh(drive.energy.likely.low_j):z.1f} to {kwh(drive.energy.likely.high_j):z.1f} kWh"
+    band = f"likely {kwh_figure(drive.energy.likely.low_j)} to {kwh_words(drive.energy.likely.high_j)}"
     if math.isnan(drive.energy.likely.by_friction_j):
         return [band]
-    return [
-        f"{band} if the motors braked first, {kwh(drive.energy.likely.by_friction_j):.0f} kWh if friction alone did"
-    ]
+    by_friction = kwh_words(drive.energy.likely.by_friction_j, finer=-1)
+    return [f"{band} if the motors braked first, {by_friction} if friction alone did"]
 
 
 def _right_train(drive: Drive) -> str:
@@ -266,7 +265,7 @@ def _row(one: DriveFinding, drive: Drive) -> dict[str, Any]:
         "text": one.text,
         "next_time": one.next_time,
         "where": one.where(drive.table.clock),
-        "energy": "safety" if one.energy_j is None else f"{kwh(one.energy_j):.1f} kWh",
+        "energy": "safety" if one.energy_j is None else kwh_words(one.energy_j),
     }
 
 
@@ -275,8 +274,9 @@ def _rest(drive: Drive, found: Sequence[DriveFinding]) -> str:
     told_j = [one.energy_j for one in found if one.energy_j is not None]
     if not told_j or drive.energy.above is None or drive.energy.not_comparable:
         return ""
-    rest_kwh = kwh((drive.energy.above.above_j or 0.0) - sum(told_j))
-    return "" if abs(rest_kwh) < NAMED_KWH else f"All other causes, and energy not attributed: {rest_kwh:+.1f} kWh."
+    rest_j = (drive.energy.above.above_j or 0.0) - sum(told_j)
+    few = abs(kwh(rest_j)) < NAMED_KWH
+    return "" if few else f"All other causes, and energy not attributed: {kwh_words(rest_j, signed=True)}."
 
 
 def _why_none(drive: Drive, found: Sequence[DriveFinding]) -> str:

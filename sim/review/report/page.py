@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from das import __version__
 from das.bus.recording import recording_of
 from das.domain.errors import DasError
-from das.domain.units import kwh
+from das.domain.units import kwh, kwh_figure
 from sim.drive.attribution.attribution import as_dict as energy_dict
 from sim.drive.attribution.worst import elsewhere, worst_places
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
@@ -91,7 +91,7 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
         "times": [] if attribution is None else tables.time_rows(attribution),
         "legs": [] if attribution is None else tables.leg_rows(attribution),
         "worst": [
-            (one.where, f"{kwh(one.more_j):.1f}", " and ".join(cause.label for cause in one.causes)) for one in worst
+            (one.where, kwh_figure(one.more_j), " and ".join(cause.label for cause in one.causes)) for one in worst
         ],
         "elsewhere": "" if attribution is None else elsewhere(worst, attribution.above.difference_j),
         "why_not": drive.energy.why_no_attribution,
@@ -136,8 +136,8 @@ def _comparison(aligned: AlignedDrives) -> dict[str, Any]:
                         "start": place_text(one.start_m),
                         "end": place_text(one.end_m),
                         "time": f"{one.time_s:+.1f}",
-                        "drawn": f"{kwh(one.energy_j):+.2f}",
-                        "lost": f"{kwh(one.lost_j):+.2f}",
+                        "drawn": kwh_figure(one.energy_j, signed=True, finer=1),
+                        "lost": kwh_figure(one.lost_j, signed=True, finer=1),
                     }
                     for one in aligned.pairs[index].stretches(1)
                 ],

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from das.domain.units import KM, NS, kmh, kwh
+from das.domain.units import KM, NS, kmh, kwh, kwh_words
 from sim.drive.above_optimum import EnergyBand, percent_of_optimum
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import APART_MPS, EnergyCause
@@ -150,18 +150,17 @@ def _took(drive: Drive) -> list[str]:
         unknown = "mass, resistance, wind and the motion between positions"
         told.append(f"It is likely {band}, as {unknown} are not known exactly.")
         if not math.isnan(drive.energy.likely.by_friction_j):
-            told.append(
-                f"If the train braked by friction alone, it is {kwh(drive.energy.likely.by_friction_j):.0f} kWh."
-            )
+            by_friction = kwh_words(drive.energy.likely.by_friction_j, finer=-1)
+            told.append(f"If the train braked by friction alone, it is {by_friction}.")
     named = told_causes(attribution)[:MAIN_CAUSES]
-    words = [f"{cause.label} {kwh(energy_j):.1f} kWh" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
+    words = [f"{cause.label} {kwh_words(energy_j)}" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
     if words:
         told.append(f"Most of that is: {', '.join(words)}.")
     worst = worst_places(attribution, 1)
     if worst and kwh(worst[0].more_j) >= NAMED_KWH:
         causes = " and ".join(cause.label for cause in worst[0].causes)
         beyond = elsewhere(worst, attribution.above.difference_j)
-        told.append(f"The most was lost from {worst[0].where}: {kwh(worst[0].more_j):.1f} kWh ({causes}){beyond}.")
+        told.append(f"The most was lost from {worst[0].where}: {kwh_words(worst[0].more_j)} ({causes}){beyond}.")
     return told
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from das.advice.regimes import mode_name
 from das.domain.levels import Level
-from das.domain.units import NS, kmh, kwh
+from das.domain.units import NS, kmh, kwh, kwh_figure, kwh_words
 from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
 from sim.drive.attribution.causes import APART_MPS, EnergyCause
 from sim.drive.drive import Drive
@@ -51,7 +51,7 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     if attribution is not None:
         rows += _energy_rows(attribution)
     for one in () if drive.energy.likely is None else drive.energy.likely.unknowns:
-        spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
+        spread = f"{kwh_figure(one.low_j, signed=True)} to {kwh_words(one.high_j, signed=True)}"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
     told = restrictions_told(drive)
     rows += [("temporary restrictions received", told)] if told else []
@@ -73,18 +73,18 @@ def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
     rows = []
     against = attribution.against_timetable
     if against is not None and attribution.timetable_j is not None:
-        rows.append(("optimum for the timetable", f"{kwh(attribution.timetable_j):.1f} kWh"))
+        rows.append(("optimum for the timetable", kwh_words(attribution.timetable_j)))
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
-            rows.append((cause.label, f"{kwh(against[cause]):+.1f} kWh"))
+            rows.append((cause.label, kwh_words(against[cause], signed=True)))
         if attribution.other_train_j:
-            rows.append((OTHER_TRAIN, f"{kwh(attribution.other_train_j):+.1f} kWh"))
+            rows.append((OTHER_TRAIN, kwh_words(attribution.other_train_j, signed=True)))
     return [
         *rows,
-        ("optimum for the same times", f"{kwh(attribution.above.optimum_j):.1f} kWh"),
+        ("optimum for the same times", kwh_words(attribution.above.optimum_j)),
         ("above that optimum", attribution.above.words),
         (
             "energy as driven",
-            f"{kwh(attribution.above.driven_j):.1f} kWh{'' if attribution.above.measured else ' (estimated)'}",
+            f"{kwh_words(attribution.above.driven_j)}{'' if attribution.above.measured else ' (estimated)'}",
         ),
     ]
 
@@ -207,7 +207,7 @@ def cause_rows(attribution: Attribution) -> list[Row]:
     return [
         {
             "label": cause.label,
-            "kwh": f"{kwh(energy_j):+.1f}",
+            "kwh": kwh_figure(energy_j, signed=True),
             "share": f"{energy_j / whole_j:.0%}" if kwh(abs(whole_j)) >= 1.0 else "",
             "time": "" if cause in always else minutes(lasted.get(cause, 0.0)),
             "meaning": cause.meaning,
@@ -220,7 +220,7 @@ def time_rows(attribution: Attribution) -> list[Row]:
     """The energy cost of departures and arrivals off the timetable; empty without a timetable."""
     against = attribution.against_timetable
     return [
-        {"label": cause.label, "kwh": f"{kwh(against[cause]):+.1f}", "meaning": cause.meaning}
+        {"label": cause.label, "kwh": kwh_figure(against[cause], signed=True), "meaning": cause.meaning}
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL)
         if against is not None
     ]
@@ -233,11 +233,11 @@ def leg_rows(attribution: Attribution) -> list[Row]:
             "name": f"{leg.leg.start.name} – {leg.leg.end.name}",
             "time": minutes(leg.leg.trip_s),
             "timetable": "" if leg.leg.timetable_s is None else minutes(leg.leg.timetable_s),
-            "driven": f"{kwh(leg.driven_j):.1f}",
-            "optimum": f"{kwh(leg.optimum_j):.1f}",
-            "more": f"{kwh(leg.driven_j - leg.optimum_j):+.1f}",
-            "late": "" if leg.recovered_j is None else f"{kwh(leg.recovered_j):+.1f}",
-            "early": "" if leg.early_j is None else f"{kwh(leg.early_j):+.1f}",
+            "driven": kwh_figure(leg.driven_j),
+            "optimum": kwh_figure(leg.optimum_j),
+            "more": kwh_figure(leg.driven_j - leg.optimum_j, signed=True),
+            "late": "" if leg.recovered_j is None else kwh_figure(leg.recovered_j, signed=True),
+            "early": "" if leg.early_j is None else kwh_figure(leg.early_j, signed=True),
         }
         for leg in attribution.legs
     ]
