@@ -117,14 +117,6 @@ class Trace(NamedTuple):
         return quantity_of(self.name)
 
 
-class MotorPoints(NamedTuple):
-    """The forces of the motors over a drive: the name of their style, speeds (m/s), and forces at the wheels (N)."""
-
-    name: str
-    speed_mps: Floats
-    force_n: Floats
-
-
 class RestrictedTime(NamedTuple):
     """From when to when (ns since 1970) the train's head was on a temporary restriction, and its limit (m/s)."""
 
@@ -367,16 +359,12 @@ class CostSpan(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class AttributionView:
-    """Where the energy went, as it is shown: a text (Markdown), series over time and over distance, and spans of cost.
-
-    `motors` are the forces of the optimum and of the drive, leg by leg.
-    """
+    """Where the energy went, as it is shown: a text (Markdown), series over time and distance, and spans of cost."""
 
     text: str
     series: Found
     placed: tuple[Trace, ...]
     spans: tuple[CostSpan, ...]
-    motors: tuple[MotorPoints, ...]
 
     @classmethod
     def of(cls, attribution: Attribution) -> AttributionView:
@@ -386,7 +374,6 @@ class AttributionView:
             series=_attribution_series(attribution),
             placed=tuple(_attribution_by_place(attribution)),
             spans=tuple(span for leg in attribution.legs for span in spans_of(leg)),
-            motors=tuple(points for leg in attribution.legs for points in _motors(leg)),
         )
 
     @property
@@ -459,9 +446,3 @@ def _attribution_by_place(attribution: Attribution) -> Iterator[Trace]:
         pieces["sum/lost"].append((edges_m, kwh(upto_j)))
     for name, parts in pieces.items():
         yield Trace(name, *(np.concatenate(values) for values in zip(*parts, strict=True)))
-
-
-def _motors(leg: LegAttribution) -> Iterator[MotorPoints]:
-    """The forces of the motors in the optimum of a leg, and as driven."""
-    for name, run in (("motors/optimum", leg.optimum.trajectory), ("motors/driven", leg.energies.trajectory)):
-        yield MotorPoints(name, run.mean_speed_mps(), run.force_el_n)

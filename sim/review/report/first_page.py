@@ -31,6 +31,7 @@ from sim.trips.settings import ESTIMATE_FOREIGN_RATIO
 NOT_KNOWN: Final = "not known"
 NUMBERS: Final = "The numbers mark the findings: the place of each, or the place where its cause lost most."
 LOST: Final = "Below: the places where more was lost than by the optimum; the cause may lie before."
+SIGNALS_UNKNOWN: Final = "The advice knew of no signal at danger: the driver had to follow the signal alone."
 OPTIMUM: Final = "The optimum has the same times, without signals and temporary restrictions."
 MOST_CHANGES: Final = 2
 """Most changes of the lateness on the page, the largest."""
@@ -56,7 +57,7 @@ def last_arrival(drive: Drive) -> KeptCall | None:
 
 def what_happened(drive: Drive) -> str:
     """When the train ran, who drove and what he was shown, what was to happen, and where most time went."""
-    return " ".join([*ran(drive), *came_about(drive, short=True), *where_time_went(drive, MOST_CHANGES)])
+    return " ".join([*ran(drive), *came_about(drive), *where_time_went(drive, MOST_CHANGES)])
 
 
 def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
@@ -180,6 +181,8 @@ def how_sure(drive: Drive) -> list[str]:
         told.append("The time above the limit is read from the samples of position and speed, mostly one a second.")
     if not drive.limit_known:
         told.append(LIMIT_UNKNOWN)
+    if drive.signals and drive.energy.shown.any_shown:
+        told.append(SIGNALS_UNKNOWN)
     return told
 
 
@@ -251,6 +254,18 @@ def page_dict(drive: Drive) -> dict[str, Any]:
         "caption": _caption(drive, found),
         "how_sure": how_sure(drive),
     }
+
+
+def paragraph(drive: Drive) -> str:
+    """The first page in sentences, for the terminal and for programs."""
+    told = page_dict(drive)
+    figures = [f"{one.name}: {one.value} ({one.beside})." for one in told["figures"]]
+    found = [
+        f"{number}. {one['cause']}, {one['energy']}: {one['text']} {one['next_time']} {'; '.join(one['where'])}."
+        for number, one in enumerate(told["findings"], start=1)
+    ]
+    parts = (told["happened"], told["right_train"], *figures, *found, told["rest"], told["why_none"], *told["how_sure"])
+    return " ".join(filter(None, parts))
 
 
 def _caption(drive: Drive, found: Sequence[DriveFinding]) -> str:
