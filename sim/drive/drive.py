@@ -132,8 +132,8 @@ class Drive(Summary):
 
     @cached_property
     def figures(self) -> DriveFigures:
-        """How signals, limits and advice were kept, and how stable the advice was."""
-        return figures(self.table, self.violations)
+        """How signals, limits, stops and advice were kept, and how stable the advice was."""
+        return figures(self.table, self.violations, self.calls)
 
     def facts(self) -> dict[str, str]:
         """The file, between which stops, how long, how late, and the energy if the recording states it."""
