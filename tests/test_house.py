@@ -30,9 +30,9 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(29_250, 172),
+    "das": Budget(29_270, 172),
     "precompute": Budget(11_910, 65),
-    "sim": Budget(34_700, 170),
+    "sim": Budget(34_100, 169),
     "docs/studies": Budget(5_480, 35),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
