@@ -193,9 +193,11 @@ def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents)
 def _print_parts(drive: Drive, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
     for part in parts:
         if part is ReportPart.WORDS:
-            from sim.review.report.first_page import paragraph as in_words
+            from sim.review.report.first_page import in_lines
 
-            paragraph(f"{drive.name}: {in_words(drive)}")
+            happened, *others = in_lines(drive)
+            for line in (f"{drive.name}: {happened}", *others):
+                paragraph(line)
         elif part is ReportPart.ENERGY:
             _print_energy(drive)
         else:

@@ -256,16 +256,16 @@ def page_dict(drive: Drive) -> dict[str, Any]:
     }
 
 
-def paragraph(drive: Drive) -> str:
-    """The first page in sentences, for the terminal and for programs."""
+def in_lines(drive: Drive) -> list[str]:
+    """The first page for the terminal and for programs: what happened, each figure and finding, and how sure."""
     told = page_dict(drive)
     figures = [f"{one.name}: {one.value} ({one.beside})." for one in told["figures"]]
     found = [
         f"{number}. {one['cause']}, {one['energy']}: {one['text']} {one['next_time']} {'; '.join(one['where'])}."
         for number, one in enumerate(told["findings"], start=1)
     ]
-    parts = (told["happened"], told["right_train"], *figures, *found, told["rest"], told["why_none"], *told["how_sure"])
-    return " ".join(filter(None, parts))
+    parts = (told["happened"], told["right_train"], *figures, *found, told["rest"], told["why_none"])
+    return [one for one in (*parts, " ".join(told["how_sure"])) if one]
 
 
 def _caption(drive: Drive, found: Sequence[DriveFinding]) -> str:

@@ -24,7 +24,7 @@ from sim.recording.opening import open_contents
 from sim.review.canvas import as_image, comparison_figure
 from sim.review.report import figures, tables
 from sim.review.report.findings import findings
-from sim.review.report.first_page import first_page_dict, page_dict, paragraph
+from sim.review.report.first_page import first_page_dict, in_lines, page_dict
 from sim.review.report.sentences import compliance, title, where_time_went
 from sim.review.scene import ReviewScene
 
@@ -149,7 +149,7 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
     return {
         "recording": str(drive.recording.path),
         "complete": drive.recording.complete,
-        "in_words": paragraph(drive),
+        "in_words": " ".join(in_lines(drive)),
         "zero_ns": drive.table.clock.zero_ns,
         "first_page": first_page_dict(drive),
         "within_shown_speed_ratio": compliance(drive),

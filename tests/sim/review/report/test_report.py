@@ -34,7 +34,7 @@ from sim.recording.check import check_contents, check_file
 from sim.review.report import page as page_module
 from sim.review.report import tables
 from sim.review.report.figures import SPEEDS, drive_figure
-from sim.review.report.first_page import paragraph
+from sim.review.report.first_page import in_lines
 from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of
 from sim.review.report.sentences import title, where_time_went
 from sim.review.scene import ReviewScene
@@ -71,6 +71,11 @@ def fast() -> ReviewedDrive:
 @cache
 def fast_page() -> str:
     return page([fast()], None, "")
+
+
+def paragraph(drive: Drive) -> str:
+    """The first page as the JSON has it."""
+    return " ".join(in_lines(drive))
 
 
 def page_of_words(one: ReviewedDrive, **pictures: str) -> str:
