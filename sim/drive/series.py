@@ -1,4 +1,4 @@
-"""What is plotted of a drive: its quantities with their units and colours, and the values over time.
+"""What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's track.
 
 If only the node was recorded, some series are missing. They are derived from the attached files and the positions: the
 gradient from the line, forces and energy by inverse dynamics (docs/explanation/trip-energy.md).
@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from das.advice.advice import Source
+from das.domain.earth import MEAN_RADIUS_M
 from das.domain.errors import DasError
+from das.domain.route import Route
 from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
 from sim.drive.table import DriveTable, PlanMade
 from sim.meanings import Meaning
@@ -151,6 +153,30 @@ class FirstPlans:
         )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MapTrack:
+    """The positions of the trip in a plane (m east and m south of their middle)."""
+
+    time_ns: Times
+    plane_m: Floats
+
+    @classmethod
+    def of(cls, table: DriveTable) -> MapTrack | None:
+        """The track of a drive on the map; None if no locations were recorded."""
+        time_ns, degrees = table.said.places
+        return cls.through(time_ns, degrees) if len(time_ns) else None
+
+    @classmethod
+    def through(cls, time_ns: Times, degrees: Floats) -> MapTrack:
+        """The track through these places (latitude, longitude; WGS 84)."""
+        middle = degrees.mean(axis=0)
+        north, east = (np.radians(degrees - middle) * MEAN_RADIUS_M).T
+        return cls(
+            time_ns=time_ns,
+            plane_m=np.column_stack((east * np.cos(np.radians(middle[0])), -north)),
+        )
+
+
 Found = dict[str, tuple[Times, Floats]]
 """Times and values of each series, by its name."""
 
@@ -259,19 +285,31 @@ def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -
     return time_ns[keep], values[keep]
 
 
-def filled_in(energy: DriveEnergy) -> Found:
-    """The series that a recording without a simulator lacks; none if a simulator was recorded, or line or train are not
-    known."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FilledIn:
+    """Series by the names of `STYLES`, the train's track on the map, and the source.
+
+    `source` says in a sentence what is estimated, or why nothing could be; it is empty if nothing was missing.
+    """
+
+    series: Found
+    source: str
+    way: MapTrack | None = None
+
+
+def filled_in(energy: DriveEnergy) -> FilledIn:
+    """The series that a recording without a simulator lacks; none if a simulator was recorded."""
     table = energy.table
     if table.has("truth") or table.journey is None:
-        return {}
+        return FilledIn(series={}, source="")
     try:
         return _estimate(table, energy.motion)
-    except DasError:
-        return {}
+    except DasError as error:
+        why = str(error).removeprefix(f"{table.recording.path}: ")
+        return FilledIn(series={}, source=f"force, energy and gradient are not known: {why}")
 
 
-def _estimate(table: DriveTable, motion: DrivenMotion) -> Found:
+def _estimate(table: DriveTable, motion: DrivenMotion) -> FilledIn:
     from das.solver.section import build_section
     from sim.trips.estimate import estimate_run
 
@@ -295,4 +333,17 @@ def _estimate(table: DriveTable, motion: DrivenMotion) -> Found:
     if not table.has("effort"):
         force_n = (run.force_el_n + run.force_friction_n)[within[:-1]]
         found["force/driven"] = (at[:-1][within[:-1]], force_n / KN)
-    return found
+    return FilledIn(
+        series=found,
+        source=f"force and energy are estimated from positions, not measured ({inputs.source})",
+        way=_way(inputs.route, trip),
+    )
+
+
+def _way(route: Route, trip: DrivenCourse) -> MapTrack | None:
+    """Where the train was on the map by the line's geometry; None for a line without one."""
+    if not len(route.geometry_position_m):
+        return None
+    places = (route.geometry_latitude_deg, route.geometry_longitude_deg)
+    degrees = np.column_stack([np.interp(trip.s_m, route.geometry_position_m, one) for one in places])
+    return MapTrack.through(trip.time_ns, degrees)

@@ -12,9 +12,10 @@ from typing import Any, Final, Literal, NamedTuple
 import rerun.blueprint as rrb
 
 from das.domain.units import NS
-from sim.drive.series import BUFFER_PERCENT, QUANTITIES
+from sim.drive.series import BUFFER_PERCENT, QUANTITIES, MapTrack
+from sim.review.cab_display import CAB_CARD, DIAL, EXTENT
 from sim.review.lanes import COST, WAY, lane_entity
-from sim.review.rerun_drawing import BOOKMARKS, BOTTOM, CAB_CARD, ENERGY, FURNITURE, MARGIN, WIDTH, Timelines
+from sim.review.rerun_drawing import BOOKMARKS, BOTTOM, ENERGY, FURNITURE, MARGIN, WIDTH, Timelines
 from sim.review.scene import ReviewScene
 
 MARGIN_RATIO: Final = 0.02
@@ -70,7 +71,7 @@ def blueprint(scene: ReviewScene) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(_over_distance(), _over_time(scene), row_shares=[0.9, 1.0]),
-            rrb.Vertical(_cab(), rrb.Tabs(_bookmarks(scene), _energy()), row_shares=[0.8, 2.1]),
+            rrb.Vertical(*_cab(scene), rrb.Tabs(*_tabs(scene)), row_shares=[1.0, 0.8, 1.1]),
             column_shares=[2.05, 1.0],
         ),
         rrb.TimePanel(timeline=Timelines.of_scene(scene).line_clock, state="collapsed", play_state="Paused"),
@@ -92,20 +93,30 @@ def _over_time(scene: ReviewScene) -> rrb.Container:
     return rrb.Tabs(*(tab for tab in tabs if tab is not None))
 
 
-def _cab() -> rrb.View:
-    """The words of the display at the moment of the cursor; without a recorded display, what the node advised."""
-    return rrb.TextDocumentView(origin=CAB_CARD, name="Text of the display at the cursor")
+def _cab(scene: ReviewScene) -> list[rrb.View]:
+    """What the driver saw at the moment of the cursor; of a recording without a display, what the node advised."""
+    name = (
+        "In the cab, as the driver saw it" if scene.drive.table.has("cab") else "Driven (the display was not recorded)"
+    )
+    bounds = rrb.VisualBounds2D(x_range=(-EXTENT, EXTENT), y_range=(-EXTENT, 0.8 * EXTENT))
+    quiet: dict[Any, Any] = {f"{DIAL}/{part}": rrb.EntityBehavior(interactive=False) for part in ("scale", "figures")}
+    words = rrb.TextDocumentView(origin=CAB_CARD, name="Text of the display at the cursor")
+    return [rrb.Spatial2DView(origin=DIAL, name=name, visual_bounds=bounds, overrides=quiet), words]
 
 
-def _bookmarks(scene: ReviewScene) -> rrb.View:
-    """The list of bookmarks, in which a click on a time moves the cursor to it."""
+def _tabs(scene: ReviewScene) -> list[rrb.View]:
+    """The lists, in which a click on a time moves the cursor to it, and the views about the whole drive."""
     clock = Timelines.of_scene(scene).line_clock
     columns = rrb.TextLogColumns(timeline_columns=[clock], text_log_columns=["body"])
-    return rrb.TextLogView(origin=BOOKMARKS, name="Bookmarks", columns=columns)
-
-
-def _energy() -> rrb.View:
-    return rrb.TextDocumentView(origin=ENERGY, name="Energy")
+    found: list[rrb.View] = [rrb.TextLogView(origin=BOOKMARKS, name="Bookmarks", columns=columns)]
+    found.append(rrb.TextDocumentView(origin=ENERGY, name="Energy"))
+    found.append(rrb.TextDocumentView(origin="summary", name="Summary"))
+    way = scene.way
+    if way is not None:
+        found.append(_track(way))
+    if scene.drive.table.said.node or scene.drive.table.said.simulator:
+        found.append(rrb.TextLogView(origin="events", name="Log", columns=columns))
+    return found
 
 
 def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical | None:
@@ -140,3 +151,11 @@ def _whole_trip(scene: ReviewScene) -> rrb.TimeAxis:
     margin_ns = max(round(MARGIN_RATIO * (end_ns - start_ns)), round(1.0 / NS))
     ends = [rrb.TimeRangeBoundary.absolute(nanos=at_ns) for at_ns in (start_ns - margin_ns, end_ns + margin_ns)]
     return rrb.TimeAxis(view_range=rrb.TimeRange(*ends))
+
+
+def _track(way: MapTrack) -> rrb.View:
+    low, high = way.plane_m.min(axis=0), way.plane_m.max(axis=0)
+    margin = 2.0 * MARGIN_RATIO * max(float((high - low).max()), 100.0)
+    (left, top), (right, bottom) = low - margin, high + margin
+    bounds = rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom))
+    return rrb.Spatial2DView(origin="track", name="Track", visual_bounds=bounds)

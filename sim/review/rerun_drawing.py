@@ -1,4 +1,4 @@
-"""The scene as rerun entities: over time, and over distance in a plane that can be zoomed.
+"""The scene as rerun entities: over time, over distance in a plane that can be zoomed, and on the track.
 
 Rerun's own plots always follow its active timeline. So curves over distance lie in a plane, in which 1 unit is 1/1600
 of the trip in both directions. Speed, force and gradient are scaled into strips one below the other, and a cursor
@@ -8,33 +8,46 @@ follows the time.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 import rerun as rr
+from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.advice.wording import Language
 from das.domain.units import KM, KMH, NS
-from sim.drive.series import QUANTITIES, STYLES, quantity_of
-from sim.meanings import VIEWER, Meaning, rgba
+from sim.drive.series import QUANTITIES, STYLES, MapTrack, quantity_of
+from sim.meanings import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, Times, stretches_of
+from sim.review.cab_display import send_cab
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
-from sim.review.words import Card, DisplayWords, cards
+from sim.review.words import DisplayWords, summary
 
 DRIVE_CLOCK, POSITION = "drive_clock", "position_m"
 """Names of two timelines: time on the drive's clock, and position on the route (m). The third is the line's clock."""
-ENERGY, BOOKMARKS, CAB_CARD = "account", "bookmarks", "cab"
-"""Entities of the energy attribution, of the bookmarks, and of the words of the display."""
+ENERGY, BOOKMARKS = "account", "bookmarks"
+"""Entities of the energy attribution and of the bookmarks."""
 MARKDOWN: Final = rr.MediaType.MARKDOWN
+LEVELS: Final[Mapping[int, str]] = {
+    Log.DEBUG: "DEBUG",
+    Log.INFO: "INFO",
+    Log.WARNING: "WARN",
+    Log.ERROR: "ERROR",
+    Log.FATAL: "CRITICAL",
+}
 
 INK: Final = rgba(VIEWER.ink)
 GRID: Final = INK & ~0xFF | 0x40
 """The grid is a faint ink."""
 TRAIN: Final = rgba(VIEWER.of[Meaning.DRIVEN])
+SLOW, FAST = (np.array(list(bytes.fromhex(one[1:]))) for one in (STANDING_GREY, VIEWER.of[Meaning.DRIVEN]))
+"""Colours of the track at standstill and at the highest speed: grey, and the blue of what was driven."""
+TRACK_PIECES: Final = 300
 REACHED_M: Final = 200.0
 """Distance (m) beyond the ends of the train's course within which a stop is drawn as well."""
 
@@ -128,8 +141,12 @@ def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> Non
     for lane in scene.lanes_in_words:
         _lane(out, lines, lane)
     _bookmarks(out, lines, scene)
-    _cards(out, lines, cards(scene.drive.table, DisplayWords(language, scene.drive.table.zone)))
+    _events(out, lines, scene)
+    send_cab(out, lines.of, scene, DisplayWords(language, scene.drive.table.zone))
+    if scene.way is not None:
+        _location(out, lines, scene.way, scene)
     _over_distance(out, lines, scene)
+    out.log("summary", rr.TextDocument(summary(scene.drive, scene.filled_from), media_type=MARKDOWN), static=True)
 
 
 def send_attribution(out: rr.RecordingStream, scene: ReviewScene) -> None:
@@ -182,13 +199,6 @@ def fitting(state: str, letters: float) -> str:
     return ""
 
 
-def _cards(out: rr.RecordingStream, lines: Timelines, found: Sequence[Card]) -> None:
-    """Send what the driver saw, in the words of the display."""
-    if found:
-        columns = rr.TextDocument.columns(text=[card.text for card in found], media_type=[MARKDOWN] * len(found))
-        out.send_columns(CAB_CARD, lines.of(np.array([card.time_ns for card in found])), columns)
-
-
 def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
     """Send the bookmarks as points on the driven speed, and as a list in which a click leads to their time."""
     if not scene.bookmarks:
@@ -205,6 +215,51 @@ def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) ->
         color=np.array([rgba(one.color(VIEWER)) for one in scene.bookmarks], dtype=np.uint32),
     )
     out.send_columns(BOOKMARKS, lines.in_seconds(time_ns), columns)
+
+
+def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
+    """Send the events of the node and the log of the simulator."""
+    said = sorted((*scene.drive.table.said.node, *scene.drive.table.said.simulator), key=lambda one: one.time_ns)
+    if said:
+        time_ns = np.array([one.time_ns for one in said])
+        early_s = ((lines.opening_ns - time_ns) * NS).tolist()
+        columns = rr.TextLog.columns(
+            text=[
+                f"({s:.0f} s before) {one.words}" if s > 0 else one.words for one, s in zip(said, early_s, strict=True)
+            ],
+            level=[LEVELS.get(one.level, "TRACE") for one in said],
+        )
+        out.send_columns("events", lines.in_seconds(time_ns), columns)
+
+
+def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: ReviewScene) -> None:
+    """Send the track in a plane, coloured by speed, with the stops."""
+    index, trip = lines.of(way.time_ns), lines.trip
+    radius, dot = rr.Radius.ui_points(2.5), rr.Radius.ui_points(7.0)
+    ends = np.unique(np.linspace(0, len(way.time_ns) - 1, TRACK_PIECES + 1).astype(int))
+    speed = trip.at(way.time_ns[ends[:-1]], trip.speed_mps)
+    share = speed / max(float(speed.max(initial=0.0)), 1.0)
+    shades = np.rint(SLOW + share[:, None] * (FAST - SLOW)).astype(np.uint8)
+    pieces = [way.plane_m[a : b + 1] for a, b in pairwise(ends)]
+    out.log("track/way", rr.LineStrips2D(pieces, colors=shades, radii=radius), static=True)
+    _track_stops(out, way, scene)
+    out.log("track/train", rr.Points2D.from_fields(colors=TRAIN, radii=dot), static=True)
+    out.send_columns("track/train", index, rr.Points2D.columns(positions=way.plane_m))
+
+
+def _track_stops(out: rr.RecordingStream, way: MapTrack, scene: ReviewScene) -> None:
+    """Send the names of the stops that the train reached, each at the train's location when it did."""
+    at_m = scene.trip.at(way.time_ns, scene.trip.s_m)
+    rising = np.maximum.accumulate(at_m)
+    reached = [
+        (name, way.plane_m[min(int(np.searchsorted(rising, s_m)), len(rising) - 1)])
+        for name, s_m in scene.stops
+        if at_m.min() - REACHED_M <= s_m <= at_m.max() + REACHED_M
+    ]
+    if reached:
+        names, places = [name for name, _ in reached], [place for _, place in reached]
+        radius = rr.Radius.ui_points(4.0)
+        out.log("track/stops", rr.Points2D(places, labels=names, colors=INK, radii=radius), static=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,15 +13,18 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from das.bus.recording import Recording
+from das.domain.errors import DasError
 from das.domain.units import KM, KMH, NS, kwh, kwh_words
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
+from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.drive import Drive
 from sim.drive.events import NOT_HEARD, EventKind, Span, place_text, points
 from sim.drive.series import (
     STYLES,
     FirstPlans,
     Found,
+    MapTrack,
     driven,
     filled_in,
     on_trip,
@@ -136,6 +139,10 @@ class ReviewScene:
     places: tuple[LinePlace, ...]
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
+    way: MapTrack | None = None
+    """The track on the map; None if neither locations nor the line's geometry are known."""
+    filled_from: str = ""
+    """A sentence about what is estimated because it was not recorded; empty if nothing is."""
     attribution: AttributionView | None = None
     """Energy by cause and place; None until `with_attribution` has found it, or if it is not known."""
 
@@ -146,20 +153,22 @@ class ReviewScene:
         Raises DasError if the drive has no position at all.
         """
         table = drive.table
-        trip = table.course
+        trip, filled = table.course, filled_in(drive.energy)
         return cls(
             drive=drive,
             series={
                 "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
                 **_without_silence(drive.series, drive.silences),
-                **filled_in(drive.energy),
+                **filled.series,
                 **series_beside(drive, beside),
             },
             placed=tuple(_placed(drive, beside)),
             lanes=lanes(drive),
             stops=() if table.journey is None else tuple((stop.name, stop.s_m) for stop in table.journey.stops),
             places=tuple(_places(drive)),
-            bookmarks=_bookmarks(drive),
+            bookmarks=_bookmarks(drive, beside),
+            way=MapTrack.of(table) or filled.way,
+            filled_from=filled.source,
         )
 
     def with_attribution(self) -> ReviewScene:
@@ -243,16 +252,38 @@ class ReviewScene:
                 yield RestrictedTime(start_ns, end_ns, one.limit_mps)
 
 
+MOST_PARTED: Final = 3
+"""Most stretches that are bookmarks."""
+LEAST_PARTED_KWH: Final = 0.5
+"""Least difference (kWh) of the drives on a stretch that is a bookmark."""
+
+
 def series_beside(drive: Drive, other: Drive | None) -> Found:
     """Speed and energy of another drive, at the times of this drive at which the clocks of both show the same."""
     if other is None:
         return {}
-    found = {**driven(other.table), **filled_in(other.energy)}
+    found = {**driven(other.table), **filled_in(other.energy).series}
     later_ns = drive.table.clock.zero_ns - other.table.clock.zero_ns
     moved = {f"{name}/other": found[f"{name}/driven"] for name in ("speed", "energy")}
     return {
         name: on_trip(drive.table.course, time_ns + later_ns, one, held=False) for name, (time_ns, one) in moved.items()
     }
+
+
+def partings(drive: Drive, other: Drive | None) -> Iterator[tuple[int, str]]:
+    """When this drive came to the stretches on which its losses differ most from those of the other one, and by how
+    much; nothing if the energy of either is not known."""
+    try:
+        aligned = None if other is None else AlignedDrives.of(drives_on_track([other, drive]))
+    except DasError:
+        return
+    parted = [] if aligned is None else sorted(aligned.stretches(1), key=lambda one: -abs(one.lost_j))[:MOST_PARTED]
+    for one in parted:
+        if abs(kwh(one.lost_j)) >= LEAST_PARTED_KWH:
+            reached = int(np.argmax(drive.table.course.s_m >= one.start_m))
+            more = f"{kwh_words(abs(one.lost_j))} {'less' if one.lost_j < 0 else 'more'} lost"
+            where = f"km {one.start_m / KM:.1f}–{one.end_m / KM:.1f}"
+            yield int(drive.table.course.time_ns[reached]), f"{where}  {more} than the other drive"
 
 
 def _placed(drive: Drive, beside: Drive | None) -> Iterator[Trace]:
@@ -295,14 +326,16 @@ def _places(drive: Drive) -> Iterator[LinePlace]:
         yield LinePlace(Meaning.OPERATOR, point.s_m, point.s_m, point.text)
 
 
-def _bookmarks(drive: Drive) -> tuple[Mark, ...]:
+def _bookmarks(drive: Drive, beside: Drive | None) -> tuple[Mark, ...]:
     """The bookmarks; the list of the viewer shows their times beside the texts."""
     noted = {EventKind.NOTE: "note: "}
-    return tuple(
+    found = [
         Mark(one.time_ns, f"{place_text(one.s_m)}  {noted.get(one.kind, '')}{one.text}", MEANINGS.get(one.kind))
         for one in drive.events
         if one.kind not in ROUTINE
-    )
+    ]
+    found += [Mark(time_ns, text, Meaning.OTHER_DRIVE) for time_ns, text in partings(drive, beside)]
+    return tuple(sorted(found, key=lambda one: one.time_ns))
 
 
 def meaning_of(cause: EnergyCause) -> Meaning:

@@ -1,18 +1,21 @@
-"""What a review says in words beside its plots: where the energy went, and what the driver saw at each moment."""
+"""What a review says in words beside its plots: what the recording is, and what the driver saw at each moment."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from datetime import UTC, tzinfo
+from datetime import UTC, datetime, tzinfo
 from typing import Final, NamedTuple
 
 from das.advice import wording
 from das.advice.reason import Reason
 from das.advice.regimes import Regime
 from das.advice.wording import Language
-from das.domain.units import KM, PERCENT, kwh_figure
+from das.domain.errors import DasError
+from das.domain.plausibility import energy_range
+from das.domain.units import KM, NS, PERCENT, kwh_figure, kwh_words
 from sim.drive.attribution.attribution import Attribution
+from sim.drive.drive import Drive
 from sim.drive.events import withdrawal_words
 from sim.drive.table import DriveTable
 from sim.drivers.cab import AdviceView
@@ -21,6 +24,25 @@ from sim.recording.course import DrivenCourse
 
 NO_ADVICE: Final = "# No advice is shown"
 NODE_ALONE: Final = "*The display was not recorded: this is what the node advised.*"
+
+
+def summary(drive: Drive, filled_from: str = "") -> str:
+    """A short Markdown text: train, route, trip, inputs and whatever metadata the recorder wrote.
+
+    `filled_from` says what is estimated because it was not recorded.
+    """
+    recording = drive.recording
+    lines = [f"### Train {recording.train}", ""]
+    if not recording.complete:
+        lines += ["**This recording was cut off; its end is missing.**", ""]
+    lines += [f"**Damaged: {one}.**\n" for one in recording.health.damage]
+    lines += [f"**{filled_from[0].upper()}{filled_from[1:]}.**\n"] if filled_from else []
+    if len(recording.trains) > 1:
+        lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}", ""]
+    lines += _table("Trip", _trip(drive))
+    for name, entries in recording.metadata.items():
+        lines += _table(name.capitalize(), [readable(key, value) for key, value in entries.items()])
+    return "\n".join(lines)
 
 
 def attribution_text(attribution: Attribution) -> str:
@@ -45,6 +67,57 @@ def attribution_text(attribution: Attribution) -> str:
             *meanings,
         ]
     )
+
+
+def line_rows(drive: Drive) -> list[tuple[str, str]]:
+    """Origin of the line's data as its file states it, and how wrong energies may be because of its altitudes."""
+    try:
+        route = drive.table.inputs.route
+    except DasError:
+        return []
+    rows = (("data of the line", route.credit), ("altitudes of the line", energy_range(route)))
+    return [(name, text) for name, text in rows if text]
+
+
+def _trip(drive: Drive) -> list[tuple[str, str]]:
+    recording, rows = drive.recording, list[tuple[str, str]]()
+    journey = drive.table.journey
+    if journey is not None:
+        rows += [
+            ("route", journey.route_id + (" (reversed)" if journey.reversed else "")),
+            ("vehicle", journey.vehicle_id),
+            ("stops", " – ".join(stop.name for stop in journey.stops)),
+        ]
+    went, driven_j = drive.travelled, drive.energy.driven_j
+    rows += [
+        (
+            f"start ({drive.table.zone})",
+            f"{datetime.fromtimestamp(went.start_ns * NS, drive.table.zone):%Y-%m-%d %H:%M:%S}",
+        ),
+        ("driven", f"{went.way_m / KM:.2f} km"),
+        ("time", f"{went.time_s:.0f} s"),
+    ]
+    if driven_j is not None:
+        estimated = "" if drive.energy.measured else " (estimated)"
+        rows.append(("energy at the collector", f"{kwh_words(driven_j)}{estimated}"))
+    rows += line_rows(drive)
+    rows += [] if drive.table.said.saving is None else drive.table.said.saving.rows()
+    rows += [(name.strip(), value) for name, value in drive.figures.rows()]
+    warning = drive.figures.stability.warning
+    rows += [] if warning is None else [("warning", warning)]
+    rows += [("node", drive.table.said.status)] if drive.table.said.status else []
+    rows += [("messages", str(sum(len(entries) for entries in recording.messages.values())))]
+    return [*rows, ("attachments", ", ".join(recording.attachments) or "none")]
+
+
+def readable(key: str, value: str) -> tuple[str, str]:
+    """An entry of the metadata for people: energies in kWh, hashes shortened."""
+    if key.endswith("_j"):
+        try:
+            return key[:-2].replace("_", " "), kwh_words(float(value))
+        except ValueError:
+            return key, value
+    return key.replace("_", " "), value[:12] + "…" if "sha256" in key and len(value) > 12 else value
 
 
 def _table(title: str, rows: list[tuple[str, str]]) -> list[str]:

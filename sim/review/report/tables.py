@@ -9,9 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from das.advice.regimes import mode_name
-from das.domain.errors import DasError
 from das.domain.levels import Level
-from das.domain.plausibility import energy_range
 from das.domain.units import kmh, kwh, kwh_figure, kwh_words
 from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
 from sim.drive.attribution.causes import APART_MPS, EnergyCause
@@ -20,6 +18,7 @@ from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_tex
 from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
 from sim.recording.course import known, minutes, spell
 from sim.review.report.sentences import compliance, friction_chosen_by, shown_s, told_causes
+from sim.review.words import line_rows, readable
 
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
@@ -289,26 +288,6 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
     said = [] if drive.table.said.saving is None else drive.table.said.saving.rows()
     rows += [(f"stated in the recording: {name}", text) for name, text in said]
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]
-
-
-def line_rows(drive: Drive) -> list[tuple[str, str]]:
-    """Origin of the line's data as its file states it, and how wrong energies may be because of its altitudes."""
-    try:
-        route = drive.table.inputs.route
-    except DasError:
-        return []
-    rows = (("data of the line", route.credit), ("altitudes of the line", energy_range(route)))
-    return [(name, text) for name, text in rows if text]
-
-
-def readable(key: str, value: str) -> tuple[str, str]:
-    """An entry of the metadata for people: energies in kWh, hashes shortened."""
-    if key.endswith("_j"):
-        try:
-            return key[:-2].replace("_", " "), kwh_words(float(value))
-        except ValueError:
-            return key, value
-    return key.replace("_", " "), value[:12] + "…" if "sha256" in key and len(value) > 12 else value
 
 
 def input_dict(drive: Drive) -> Row:

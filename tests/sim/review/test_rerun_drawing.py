@@ -23,6 +23,7 @@ from tests.support.hand_recorded import day, in_memory, logged, truth
 from tests.support.recordings import SECONDS, at_ns, publish_before, write_recording
 
 chunk = pytest.importorskip("rerun.chunk")
+from sim.review.cab_display import on_dial  # noqa: E402 - it needs rerun
 from sim.review.rerun_drawing import WIDTH, Plane, Timelines, fitting, stepped, unbroken  # noqa: E402 - it needs rerun
 
 
@@ -68,7 +69,7 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     found = rows_by_entity(rrd)
     every_second = (
         "speed/limit", "speed/advised", "speed/driven", "force/advised", "force/driven", "gradient/permille",
-        "energy/driven", "deviation/predicted", "buffer/percent", "distance/train", "distance/here",
+        "energy/driven", "deviation/predicted", "buffer/percent", "track/train", "distance/train", "distance/here",
     )  # fmt: skip
     for name in every_second:
         assert found[f"/{name}"] == SECONDS, name
@@ -81,7 +82,10 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     chronicle = Drive(recording=open_recording(whole))
     worth = [one for one in chronicle.events if one.kind not in ROUTINE]
     assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
-    assert {"/account", "/cab", "/distance/speed/driven", "/distance/names"} <= found.keys()
+    assert found["/events"] == 3  # the node's and the simulator's
+    assert {"/summary", "/account", "/distance/speed/driven", "/distance/names", "/track/stops"} <= found.keys()
+    assert labels(rrd, "/track/stops") == ["A", "B"]  # it ends 0.1 m before B
+    assert "/map/way" not in found  # no tiles are asked for without being told
     assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
 
 
@@ -141,3 +145,11 @@ def test_the_timeline_shows_the_clock_of_the_line() -> None:
 )
 def test_words_that_would_be_cut_are_left_out(state: str, letters: float, said: str) -> None:
     assert fitting(state, letters) == said
+
+
+def test_the_hands_of_the_speedometer() -> None:
+    """From the lower left over the top to the lower right; y grows downwards."""
+    (low_x, low_y), (top_x, top_y), (high_x, high_y) = on_dial(np.array([0.0, 0.5, 1.0]), 100.0).tolist()
+    assert (low_x, low_y) == pytest.approx((-high_x, high_y))
+    assert low_x < 0 < low_y
+    assert (top_x, top_y) == pytest.approx((0.0, -100.0))

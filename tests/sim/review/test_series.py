@@ -52,6 +52,7 @@ def alone() -> Recording:
 
 def test_line_and_forces_are_filled_in(alone: Recording) -> None:
     scene, inputs = ReviewScene.of(Drive(recording=alone)), inputs_of(alone)
+    assert "estimated from positions" in scene.filled_from
     at, gradient = scene.series["gradient/permille"]
     here_m = scene.trip.at(at, scene.trip.s_m)
     risen_m = float(np.sum(gradient[:-1] * PERMILLE * np.diff(here_m)))
@@ -66,6 +67,9 @@ def test_line_and_forces_are_filled_in(alone: Recording) -> None:
     drawn_kwh = float(scene.series["energy/driven"][1].max())
     assert 0.9 * kwh(pulled_j) < drawn_kwh < 1.4 * kwh(pulled_j)  # what is drawn is the work of pulling and its losses
     assert np.ptp(scene.trip.s_m) > 5 * KM
+    assert scene.way is not None
+    steps_m = np.hypot(*np.diff(scene.way.plane_m, axis=0).T)
+    assert steps_m.sum() == pytest.approx(np.ptp(scene.trip.s_m), rel=0.1)
 
 
 @pytest.mark.slow
@@ -77,13 +81,14 @@ def test_a_part_is_filled_in_for_itself(alone: Recording) -> None:
         assert scene.trip.time_ns[0] <= at[0] <= at[-1] <= scene.trip.time_ns[-1]
 
 
-def test_without_line_and_train_nothing_is_filled_in(alone: Recording) -> None:
+def test_without_line_and_train_the_reason_is_told(alone: Recording) -> None:
     journey = alone.of(topics.JOURNEY)[0]
     other = type(journey.message)()
     other.CopyFrom(journey.message)
     other.route_id = "nowhere"
     messages = {**alone.messages, "journey": (journey._replace(message=other),)}
     scene = ReviewScene.of(Drive(recording=replace(alone, messages=messages)))
+    assert "not known" in scene.filled_from
     assert not len(scene.series["force/driven"][0])
 
 
