@@ -6,7 +6,7 @@ import html
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
-from das.domain.units import kwh
+from das.domain.units import kwh_words
 
 
 class Summary(ABC):
@@ -34,4 +34,4 @@ class Summary(ABC):
 
 def needs(time_s: float, energy_j: float) -> str:
     """Time and energy of a run as text, "571 s, 117.3 kWh"."""
-    return f"{time_s:.0f} s, {kwh(energy_j):.1f} kWh"
+    return f"{time_s:.0f} s, {kwh_words(energy_j)}"

@@ -14,7 +14,7 @@ from das.domain.losses import LossModel
 from das.domain.plotted import PlottedRun
 from das.domain.route import Route
 from das.domain.summary import Summary
-from das.domain.units import KM, STANDARD_GRAVITY_MPS2, kmh, kwh
+from das.domain.units import KM, STANDARD_GRAVITY_MPS2, kmh, kwh, kwh_words
 from das.domain.vehicle import Resistance, Vehicle
 
 Floats = NDArray[np.float64]
@@ -51,7 +51,7 @@ class EnergyBalance(Summary):
     def facts(self) -> dict[str, str]:
         """The input and its parts, in kWh."""
         told = {"input": self.input, **{PART_WORDS[name]: energy_j for name, energy_j in self.parts.items()}}
-        return {name: f"{kwh(energy_j):.1f} kWh" for name, energy_j in told.items()}
+        return {name: kwh_words(energy_j) for name, energy_j in told.items()}
 
     @property
     def parts(self) -> dict[str, float]:

@@ -99,3 +99,20 @@ def kmh(speed_mps: _Number) -> _Number:
 def kwh(energy_j: _Number) -> _Number:
     """Energy in kWh."""
     return energy_j / KWH
+
+
+KWH_DIGITS: Final = 1
+"""Decimals of an energy in kWh, in all outputs for people; `finer` adds to them."""
+
+
+def kwh_figure(energy_j: float, *, signed: bool = False, finer: int = 0) -> str:
+    """Energy in kWh as it is printed, without its unit; never as -0.0.
+
+    `finer` is 1 for the parts of a whole, −1 for a range, which is less certain than a figure.
+    """
+    return f"{kwh(energy_j):{'+' if signed else ''}z.{KWH_DIGITS + finer}f}"
+
+
+def kwh_words(energy_j: float, *, signed: bool = False, finer: int = 0) -> str:
+    """Energy in kWh as it is printed, with its unit."""
+    return f"{kwh_figure(energy_j, signed=signed, finer=finer)} kWh"

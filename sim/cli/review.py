@@ -193,9 +193,11 @@ def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents)
 def _print_parts(drive: Drive, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
     for part in parts:
         if part is ReportPart.WORDS:
-            from sim.review.report.sentences import paragraph as in_words
+            from sim.review.report.first_page import in_lines
 
-            paragraph(f"{drive.name}: {in_words(drive)}")
+            happened, *others = in_lines(drive)
+            for line in (f"{drive.name}: {happened}", *others):
+                paragraph(line)
         elif part is ReportPart.ENERGY:
             _print_energy(drive)
         else:
@@ -233,7 +235,6 @@ def _print_events(drive: Drive, wanted: Filter) -> None:
 def _print_energy(drive: Drive) -> None:
     attribution = drive.energy.known_attribution
     _print_causes(attribution)
-    _print_places(attribution)
     if not attribution.above.measured:
         tell("The energies are estimates by inverse dynamics from positions, not measured.")
     tell_energy_range(drive.table.inputs.route)
@@ -272,19 +273,6 @@ def _print_causes(attribution: Attribution) -> None:
         part(cause.label, [leg.by_cause.get(cause, 0.0) for leg in legs], energy_j)
     total("as driven", driven := [leg.driven_j for leg in legs], sum(driven))
     print_table(table, {cause.label: cause.meaning.rstrip(".") for cause in told})
-
-
-def _print_places(attribution: Attribution) -> None:
-    from das.domain.units import kwh
-    from sim.drive.attribution.worst import elsewhere, worst_places
-
-    worst = worst_places(attribution)
-    if worst:
-        told = "; ".join(
-            f"{one.where}: {kwh(one.more_j):.1f} kWh, {' and '.join(cause.label for cause in one.causes)}"
-            for one in worst
-        )
-        tell(f"most lost above the optimum: {told}{elsewhere(worst, attribution.above.difference_j)}")
 
 
 def _print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
-from das.domain.units import KM, KMH, kwh
+from das.domain.units import KM, KMH, kwh, kwh_figure, kwh_words
 
 if TYPE_CHECKING:
     from das.solver.solution import Solution
@@ -55,7 +55,7 @@ class EnergyBand(NamedTuple):
     @property
     def words(self) -> str:
         """The band in kWh, for tables."""
-        return f"{kwh(self.low_j):z.0f} to {kwh(self.high_j):z.0f} kWh"
+        return f"{kwh_figure(self.low_j, finer=-1)} to {kwh_words(self.high_j, finer=-1)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,7 +205,7 @@ class AboveOptimum:
                 for which, band in (("likely", self.likely), ("every unknown at its worst", self.worst))
             ]
         for one in self.sections if len(self.sections) > 1 else ():
-            words = f"{kwh(one.driven_j - one.optimum_j):+.1f} of {kwh(one.driven_j):.1f} kWh"
+            words = f"{kwh_figure(one.driven_j - one.optimum_j, signed=True)} of {kwh_words(one.driven_j)}"
             rows.append((f"{name}, {one.start} – {one.end}", words))
         return rows
 
@@ -236,7 +236,7 @@ class AboveOptimum:
 
 def energy_words(energy_j: float, ratio: float | None) -> str:
     """An energy above the optimum, or one that advice saved, in kWh and in % of the optimum (None: not known)."""
-    return f"{kwh(energy_j):+.1f} kWh" + ("" if ratio is None else f" ({percent_of_optimum(ratio)})")
+    return kwh_words(energy_j, signed=True) + ("" if ratio is None else f" ({percent_of_optimum(ratio)})")
 
 
 def percent_of_optimum(ratio: float) -> str:

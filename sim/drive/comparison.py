@@ -21,7 +21,7 @@ from das.advice.advice import Source
 from das.advice.regimes import Regime, mode_name
 from das.domain.errors import DasError
 from das.domain.summary import Summary
-from das.domain.units import NS, kmh, kwh
+from das.domain.units import NS, kmh, kwh, kwh_words
 from sim.drive.attribution.driven_legs import DrivenLeg, since_departure_j
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival, SavedByAdvice, same_brakes
@@ -398,15 +398,19 @@ def as_csv(aligned: AlignedDrives) -> bytes:
     return text.getvalue().encode()
 
 
-def _more(value: float, unit: str, digits: int) -> str:
-    return f"{abs(value):.{digits}f} {unit} {'more' if value >= 0 else 'less'}"
+def _more_s(time_s: float) -> str:
+    return f"{abs(time_s):.0f} s {'more' if time_s >= 0 else 'less'}"
+
+
+def _more_energy(energy_j: float) -> str:
+    return f"{kwh_words(abs(energy_j))} {'more' if energy_j >= 0 else 'less'}"
 
 
 def result(aligned: AlignedDrives, index: int) -> str:
     """The time that a drive took against the first, and its energy at equal arrival if that is known, in few words."""
     more_j = aligned.equal_arrival(index).more_j
-    energy = "" if more_j is None else f", {_more(kwh(more_j), 'kWh', 1)} at equal arrival"
-    return _more(float(aligned.time_s[index, -1] - aligned.time_s[0, -1]), "s", 0) + energy
+    energy = "" if more_j is None else f", {_more_energy(more_j)} at equal arrival"
+    return _more_s(float(aligned.time_s[index, -1] - aligned.time_s[0, -1])) + energy
 
 
 def sentences(aligned: AlignedDrives, index: int) -> list[str]:
@@ -416,9 +420,9 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
     if aligned.is_same(index):
         return [f"{other.label} does not differ from {first.label}: times, speeds, energies and advice are the same."]
     more_s = float(aligned.time_s[index, -1] - aligned.time_s[0, -1])
-    more_kwh = kwh(float(aligned.energy_j[index, -1] - aligned.energy_j[0, -1]))
-    told = [f"{other.label} took {_more(more_s, 's', 0)} and {_more(more_kwh, 'kWh', 1)} than {first.label}."]
-    if abs(more_s) < TOLD_S and abs(more_kwh) < TOLD_KWH:
+    more_j = float(aligned.energy_j[index, -1] - aligned.energy_j[0, -1])
+    told = [f"{other.label} took {_more_s(more_s)} and {_more_energy(more_j)} than {first.label}."]
+    if abs(more_s) < TOLD_S and abs(kwh(more_j)) < TOLD_KWH:
         told = [f"{other.label} took the same time and energy as {first.label}."]
     if other.train != first.train:
         told.append(f"They are different trains: {first.train} and {other.train}.")

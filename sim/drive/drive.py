@@ -18,7 +18,7 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.plotted import PlottedRun
 from das.domain.summary import Summary
-from das.domain.units import KM, NS, kwh
+from das.domain.units import KM, NS, kwh_words
 from sim.drive.calls import KeptCall, Travelled, calls, travelled
 from sim.drive.events import DriveEvent, Span, events, silences
 from sim.drive.figures import DriveFigures, figures
@@ -132,8 +132,8 @@ class Drive(Summary):
 
     @cached_property
     def figures(self) -> DriveFigures:
-        """How signals, limits and advice were kept, and how stable the advice was."""
-        return figures(self.table, self.violations)
+        """How signals, limits, stops and advice were kept, and how stable the advice was."""
+        return figures(self.table, self.violations, self.calls)
 
     def facts(self) -> dict[str, str]:
         """The file, between which stops, how long, how late, and the energy if the recording states it."""
@@ -147,7 +147,7 @@ class Drive(Summary):
         told |= {"distance": f"{way.way_m / KM:.1f} km", "time": f"{way.time_s:.0f} s"}
         told |= {"late": f"{self.late_s:+.0f} s"} if self.calls and math.isfinite(self.late_s) else {}
         said = self.table.said.saving
-        return told if said is None else {**told, "energy": f"{kwh(said.driven_j):.1f} kWh"}
+        return told if said is None else {**told, "energy": kwh_words(said.driven_j)}
 
     def plotted(self) -> PlottedRun:
         """The drive between its first departure and its last arrival, for a picture; DasError if it has no positions.

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from das.domain.units import kwh
+from das.domain.units import kwh, kwh_words
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, energy_words
 from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
@@ -112,7 +112,7 @@ class EqualArrival:
             return f"At equal arrival: {NOT_COMPARABLE}: {self.why_not}."
         return (
             f"At equal arrival, against {first}: {energy_words(self.more_j, self.ratio)}; the time difference is worth "
-            f"{kwh(self.times_j):+.1f} kWh at the optimum's price of time."
+            f"{kwh_words(self.times_j, signed=True)} at the optimum's price of time."
         )
 
 

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from das.domain.units import kmh
+from sim.drive.calls import KeptCall
 from sim.drive.events import times_text
 from sim.drive.instructions import InstructionFigures, instructions
 from sim.drive.limits import Violations
 from sim.drive.stability import AdviceStability, stability
 from sim.drive.table import DriveTable
+from sim.drivers.cab import AT_STOP_M
 from sim.recording.course import known
 
 
@@ -34,16 +36,22 @@ class DriveFigure(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class DriveFigures:
-    """Compliance with signals and limits, stability of the advice shown, and adherence of the guide to its grammar."""
+    """Compliance with signals, limits and stops, stability of the advice, and adherence of the guide to its grammar."""
 
     violations: Violations
     stability: AdviceStability
     instructions: InstructionFigures
+    calls: tuple[KeptCall, ...] = ()
 
     @property
     def listed(self) -> tuple[DriveFigure, ...]:
         """All figures, in the order of tables and JSON."""
-        return (*_of_display(self.stability), *_of_guide(self.instructions), *_of_limits(self.violations))
+        return (
+            *_of_display(self.stability),
+            *_of_guide(self.instructions),
+            *_of_limits(self.violations),
+            *_of_stops(self.calls),
+        )
 
     def as_dict(self) -> dict[str, float | bool | None]:
         """The figures for programs, by their names."""
@@ -54,9 +62,9 @@ class DriveFigures:
         return [(one.label, one.words) for one in self.listed if one.label]
 
 
-def figures(table: DriveTable, violations: Violations) -> DriveFigures:
-    """The figures of a recorded drive with these violations."""
-    return DriveFigures(violations=violations, stability=stability(table), instructions=instructions(table))
+def figures(table: DriveTable, violations: Violations, made: tuple[KeptCall, ...]) -> DriveFigures:
+    """The figures of a recorded drive with these violations, which kept its stops so."""
+    return DriveFigures(violations=violations, stability=stability(table), instructions=instructions(table), calls=made)
 
 
 def _of_display(found: AdviceStability) -> Iterator[DriveFigure]:
@@ -100,6 +108,11 @@ def _of_limits(found: Violations) -> Iterator[DriveFigure]:
     yield DriveFigure("beyond_signal_m", found.beyond_signal_m, "m")
     yield DriveFigure("over_limit_s", found.over_limit_s, "s")
     yield DriveFigure("over_limit_kmh", kmh(found.over_limit_mps), "km/h")
+
+
+def _of_stops(made: tuple[KeptCall, ...]) -> Iterator[DriveFigure]:
+    missed = sum(one.reached and not abs(one.stopping_error_m) <= AT_STOP_M for one in made[1:])
+    yield DriveFigure("stops_missed", missed, "", "stops missed or overrun" if missed else "", str(missed))
 
 
 def _ratio(part: int, whole: int) -> float | None:

@@ -65,8 +65,6 @@ QUANTITIES: Final = {
     "apart": Quantity("Driven minus\nshown", "km/h", "Driven speed less the speed shown to keep"),
     "place": Quantity("Lost above the\noptimum", "kWh/km", "Energy lost above the optimum, by place"),
     "sum": Quantity("Sum from the\nstart", "kWh", "Energy lost above the optimum, summed over the places"),
-    "cause": Quantity("Energy above the optimum for the same times", "kWh", "Energy above the optimum, by cause"),
-    "motors": Quantity("Force of the motors at the wheels", "kN", "Force of the motors at the wheels, by speed"),
 }
 """The quantities; the name of a series begins with that of its quantity."""
 
@@ -120,8 +118,6 @@ STYLES: Final = {
     "apart/shown": Style("driven less shown", Meaning.DRIVEN, width=1.2),
     "place/lost": Style("lost there", Meaning.LOST, held=True),
     "sum/lost": Style("lost by the driving up to there", Meaning.LOST),
-    "motors/optimum": Style(SAME_TIMES, Meaning.OPTIMUM),
-    "motors/driven": Style("driven", Meaning.DRIVEN),
 }
 """The style of each series, in drawing order. An advised curve is wider and lies under the driven one, so that both are
 visible where they agree."""

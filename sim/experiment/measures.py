@@ -18,7 +18,7 @@ from sim.drive.drive import Drive
 from sim.drive.figures import NAMES as FIGURES
 from sim.drive.stability import REVERSAL_S
 from sim.drive.table import DriveTable
-from sim.drivers.cab import AdviceView, DriverEvent
+from sim.drivers.cab import AT_STOP_M, AdviceView, DriverEvent
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.experiment.driving import Driven
 from sim.world.loop import TICK_S
@@ -294,6 +294,7 @@ _LISTED: Final = (
         ("simulated_s", "Length of the run", "s", "from 10 s before the first departure to 10 s after the last "
          "arrival"),
         ("beyond_signal_m", "Greatest overrun of a signal", "m", "distance of the head beyond a signal at danger"),
+        ("stops_missed", "Stops missed", "1", f"stops passed, or missed by more than {AT_STOP_M:g} m"),
     ),
     *_figures(
         BALANCE,

@@ -14,7 +14,7 @@ import numpy as np
 
 from das.bus.recording import Recording
 from das.domain.errors import DasError
-from das.domain.units import KM, KMH, NS, kwh
+from das.domain.units import KM, KMH, NS, kwh, kwh_words
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.comparison import AlignedDrives, drives_on_track
@@ -115,14 +115,6 @@ class Trace(NamedTuple):
     def quantity(self) -> str:
         """The name of the quantity of the series."""
         return quantity_of(self.name)
-
-
-class MotorPoints(NamedTuple):
-    """The forces of the motors over a drive: the name of their style, speeds (m/s), and forces at the wheels (N)."""
-
-    name: str
-    speed_mps: Floats
-    force_n: Floats
 
 
 class RestrictedTime(NamedTuple):
@@ -289,7 +281,7 @@ def partings(drive: Drive, other: Drive | None) -> Iterator[tuple[int, str]]:
     for one in parted:
         if abs(kwh(one.lost_j)) >= LEAST_PARTED_KWH:
             reached = int(np.argmax(drive.table.course.s_m >= one.start_m))
-            more = f"{abs(kwh(one.lost_j)):.1f} kWh {'less' if one.lost_j < 0 else 'more'} lost"
+            more = f"{kwh_words(abs(one.lost_j))} {'less' if one.lost_j < 0 else 'more'} lost"
             where = f"km {one.start_m / KM:.1f}–{one.end_m / KM:.1f}"
             yield int(drive.table.course.time_ns[reached]), f"{where}  {more} than the other drive"
 
@@ -367,16 +359,12 @@ class CostSpan(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class AttributionView:
-    """Where the energy went, as it is shown: a text (Markdown), series over time and over distance, and spans of cost.
-
-    `motors` are the forces of the optimum and of the drive, leg by leg.
-    """
+    """Where the energy went, as it is shown: a text (Markdown), series over time and distance, and spans of cost."""
 
     text: str
     series: Found
     placed: tuple[Trace, ...]
     spans: tuple[CostSpan, ...]
-    motors: tuple[MotorPoints, ...]
 
     @classmethod
     def of(cls, attribution: Attribution) -> AttributionView:
@@ -386,7 +374,6 @@ class AttributionView:
             series=_attribution_series(attribution),
             placed=tuple(_attribution_by_place(attribution)),
             spans=tuple(span for leg in attribution.legs for span in spans_of(leg)),
-            motors=tuple(points for leg in attribution.legs for points in _motors(leg)),
         )
 
     @property
@@ -395,7 +382,7 @@ class AttributionView:
         changes: list[Change] = []
         colors: dict[str, str | Meaning] = {}
         for span in self.spans:
-            text = f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" if span.worth else ""
+            text = f"{kwh_words(span.energy_j, signed=True)} {span.cause.label}" if span.worth else ""
             if text:
                 colors[text] = meaning_of(span.cause)
             while changes and changes[-1].time_ns >= span.start_ns:
@@ -459,9 +446,3 @@ def _attribution_by_place(attribution: Attribution) -> Iterator[Trace]:
         pieces["sum/lost"].append((edges_m, kwh(upto_j)))
     for name, parts in pieces.items():
         yield Trace(name, *(np.concatenate(values) for values in zip(*parts, strict=True)))
-
-
-def _motors(leg: LegAttribution) -> Iterator[MotorPoints]:
-    """The forces of the motors in the optimum of a leg, and as driven."""
-    for name, run in (("motors/optimum", leg.optimum.trajectory), ("motors/driven", leg.energies.trajectory)):
-        yield MotorPoints(name, run.mean_speed_mps(), run.force_el_n)

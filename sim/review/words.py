@@ -13,7 +13,7 @@ from das.advice.regimes import Regime
 from das.advice.wording import Language
 from das.domain.errors import DasError
 from das.domain.plausibility import energy_range
-from das.domain.units import KM, NS, PERCENT, kwh
+from das.domain.units import KM, NS, PERCENT, kwh_figure, kwh_words
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.drive import Drive
 from sim.drive.events import withdrawal_words
@@ -47,7 +47,9 @@ def summary(drive: Drive, filled_from: str = "") -> str:
 
 def attribution_text(attribution: Attribution) -> str:
     """The energy attribution as a table (Markdown)."""
-    rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in attribution.by_cause.items()]
+    rows = [
+        f"| {cause.label} | {kwh_figure(energy_j, signed=True)} |" for cause, energy_j in attribution.by_cause.items()
+    ]
     meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
     source = "of the simulated train" if attribution.above.measured else "estimated from positions; not measured"
     return "\n".join(
@@ -56,9 +58,9 @@ def attribution_text(attribution: Attribution) -> str:
             "",
             "| | kWh |",
             "|---|---:|",
-            f"| optimum for the same times | {kwh(attribution.above.optimum_j):.1f} |",
+            f"| optimum for the same times | {kwh_figure(attribution.above.optimum_j)} |",
             *rows,
-            f"| **as driven** | **{kwh(attribution.above.driven_j):.1f}** |",
+            f"| **as driven** | **{kwh_figure(attribution.above.driven_j)}** |",
             "",
             f"Energy at the current collector, {source}.",
             "",
@@ -97,7 +99,7 @@ def _trip(drive: Drive) -> list[tuple[str, str]]:
     ]
     if driven_j is not None:
         estimated = "" if drive.energy.measured else " (estimated)"
-        rows.append(("energy at the collector", f"{kwh(driven_j):.1f} kWh{estimated}"))
+        rows.append(("energy at the collector", f"{kwh_words(driven_j)}{estimated}"))
     rows += line_rows(drive)
     rows += [] if drive.table.said.saving is None else drive.table.said.saving.rows()
     rows += [(name.strip(), value) for name, value in drive.figures.rows()]
@@ -112,7 +114,7 @@ def readable(key: str, value: str) -> tuple[str, str]:
     """An entry of the metadata for people: energies in kWh, hashes shortened."""
     if key.endswith("_j"):
         try:
-            return key[:-2].replace("_", " "), f"{kwh(float(value)):.1f} kWh"
+            return key[:-2].replace("_", " "), kwh_words(float(value))
         except ValueError:
             return key, value
     return key.replace("_", " "), value[:12] + "…" if "sha256" in key and len(value) > 12 else value

@@ -207,7 +207,9 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
         seed=day.seed,
         level=str(service.level),
         calls=run.calls,
-        figures=DriveFigures(violations=run.violations, stability=run.stability, instructions=run.instructions),
+        figures=DriveFigures(
+            violations=run.violations, stability=run.stability, instructions=run.instructions, calls=run.calls
+        ),
         running_time_s=sum(arrived.time_s - departed.time_s for departed, arrived in run.legs),
         energies=RunEnergies(
             above=above,

@@ -153,21 +153,6 @@ class LegAttribution(ComparedLeg):
             parts[cause] = parts.get(cause, 0.0) + energy_j
         return parts
 
-    def causes_between(self, start_m: float, end_m: float) -> dict[EnergyCause, float]:
-        """The energy above the optimum (J) of each cause that belongs to the driving between two places (m)."""
-        motion, energies, known = self.leg.motion, self.energies, self.committed
-        ends = np.searchsorted(motion.s_m, (start_m, end_m))
-        first, last = (int(one) for one in np.minimum(ends, len(motion.s_m) - 1))
-        parts = {
-            EnergyCause.FRICTION: _between(energies.blended_j - energies.motors_j, first, last),
-            EnergyCause.TRAIN: _between(energies.balance_j - energies.blended_j, first, last),
-        }
-        rises_j = np.nan_to_num(np.diff(known.energy_j))
-        for sample, cause, rise_j in zip(known.sample[:-1], known.causes, rises_j, strict=True):
-            if first <= sample < last:
-                parts[cause] = parts.get(cause, 0.0) + float(rise_j)
-        return parts
-
     def by_place(self, cause: EnergyCause) -> Floats:
         """The energy above the optimum (J) that belongs to a cause and to the driving, at each place of `even`."""
         edges_m, motion, energies = np.append(self.even.start_m, self.even.end_m[-1:]), self.leg.motion, self.energies
@@ -200,10 +185,6 @@ class LegAttribution(ComparedLeg):
         parts = self.by_cause
         parts[EnergyCause.TRAIN] += self.other_train_j
         return {**parts, EnergyCause.RECOVERED: self.recovered_j, EnergyCause.ARRIVAL: self.early_j}
-
-
-def _between(sum_j: Floats, first: int, last: int) -> float:
-    return float(sum_j[last] - sum_j[first])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

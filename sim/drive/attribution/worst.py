@@ -1,8 +1,7 @@
-"""Where a drive lost most energy above the optimum: the worst stretches, of all causes together and of one of them."""
+"""Where a drive lost most energy above the optimum by a cause, and most time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -11,26 +10,12 @@ from numpy.typing import NDArray
 
 from das.advice.regimes import InstructionKind
 from das.domain.trajectory import Trajectory
-from das.domain.units import KM
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.driven_legs import DrivenLeg
 
-
-class WorstPlace(NamedTuple):
-    """A stretch that lost energy above the optimum: where in words, how much (J), and its causes, the largest first."""
-
-    where: str
-    more_j: float
-    causes: tuple[EnergyCause, ...]
-
-
-DENSE = 2.0
-"""Multiple of the drive's average loss from which a place is among the worst."""
 DENSE_CAUSE = 3.0
 """Multiple of its average on the drive from which a cause makes a place one of its own."""
-LARGE_SHARE = 0.2
-"""Share of the energy that all causes took on a stretch from which a cause is named."""
 LEAST_PART = 0.2
 """Part of the loss on its worst stretch from which a cause has a stretch named."""
 IDLE_RATIO, HELD_MPS2 = 0.02, 0.05
@@ -47,27 +32,6 @@ class ActionSpan(NamedTuple):
     action: InstructionKind
     start_m: float
     end_m: float
-
-
-def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
-    """The stretches that lost most above the optimum, the worst first.
-
-    A stretch consists of the neighbouring places whose losses beyond `DENSE` times the drive's average sum to the most.
-    """
-    found = []
-    losses = [leg.even.lost_more_j for leg in attribution.legs]
-    usual_j = DENSE * max(float(np.concatenate(losses).mean()), 0.0) if losses else 0.0
-    for leg, more_j in zip(attribution.legs, losses, strict=True):
-        for first, last in _worst_runs(more_j - usual_j, most):
-            start_m, end_m = float(leg.even.start_m[first]), float(leg.even.end_m[last])
-            where = f"km {start_m / KM:.1f} to {end_m / KM:.1f}"
-            found.append(WorstPlace(where, float(more_j[first : last + 1].sum()), _causes(leg, start_m, end_m)))
-    return sorted(found, key=lambda one: -one.more_j)[:most]
-
-
-def elsewhere(named: Iterable[WorstPlace], above_j: float) -> str:
-    """What follows a list of places that lost more than the whole drive did (J); empty if they lost no more."""
-    return "; elsewhere it lost less than the best run" if sum(one.more_j for one in named) > above_j else ""
 
 
 class CauseStretch(NamedTuple):
@@ -89,7 +53,7 @@ class CauseStretch(NamedTuple):
 def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> list[CauseStretch]:
     """The stretches, at most so many, on which a cause took most energy above the optimum, the worst first.
 
-    They consist of the neighbouring places beyond `DENSE_CAUSE` times the drive's average. A stretch that took less
+    A stretch consists of the neighbouring places beyond `DENSE_CAUSE` times the drive's average. One that took less
     than `LEAST_PART` of what the worst took is left out.
     """
     taken = [leg.by_place(cause) for leg in attribution.legs]
@@ -158,13 +122,6 @@ def _actions(run: Trajectory) -> NDArray[np.intp]:
     most_mps = HELD_MPS2 * run.interval_s()
     gains, loses = (force_n > 0) & (gained_mps > most_mps), (force_n < 0) & (gained_mps < -most_mps)
     return np.select([idle, gains, loses], [1, 2, 3], 0)
-
-
-def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:
-    parts = {cause: energy_j for cause, energy_j in leg.causes_between(start_m, end_m).items() if energy_j > 0}
-    whole_j = sum(parts.values())
-    named = [cause for cause in sorted(parts, key=lambda one: -parts[one]) if parts[cause] >= LARGE_SHARE * whole_j]
-    return tuple(named) or (EnergyCause.REST,)
 
 
 def _worst_runs(scores: NDArray[np.float64], most: int) -> list[tuple[int, int]]:

@@ -31,7 +31,7 @@ from sim.drive.export.tables import (
     require_parquet,
     tables_of,
 )
-from sim.drive.table import HOLDS_S
+from sim.drive.table import HOLDS_S, DriveTable
 from sim.recording.course import DriveClock
 from sim.recording.opening import open_recording
 
@@ -195,10 +195,10 @@ def export(path: Path, folder: Path, settings: ExportSettings, train: str | None
     check_folder(folder)
     if settings.format is not FileFormat.CSV:
         require_parquet()
-    recording = open_recording(path, train)
-    clock, zero_m = DriveClock.of_recording(recording), first_m(recording)
-    zero_ns, span = clock.zero_ns, _span(recording, settings, clock)
-    tables = _tables(recording, zero_ns, span)
+    drive = DriveTable.of(open_recording(path, train))
+    clock, zero_m = DriveClock.of_recording(drive.recording), first_m(drive)
+    zero_ns, span = clock.zero_ns, _span(drive, settings, clock)
+    tables = _as_recorded(drive.recording, zero_ns, span)
     if not any(len(one) for one in tables):
         raise DasError(f"{path}: there is nothing between --from and --to")
     if settings.anonymous:
@@ -206,7 +206,7 @@ def export(path: Path, folder: Path, settings: ExportSettings, train: str | None
     named = {one.name: one for one in tables}
     joined = [one(named, 0 if settings.anonymous else zero_ns) for one in (by_time, by_position)]
     tables += [one for one in joined if one is not None]
-    about = _about(recording, settings, zero_ns, span)
+    about = _about(drive.recording, settings, zero_ns, span)
     write_folder_whole(folder, _files(tables, about, settings.format))
     return Exported(folder=folder, rows={one.name: len(one) for one in tables}, files=len(list(folder.iterdir())))
 
@@ -219,17 +219,17 @@ def check_folder(folder: Path) -> None:
         raise DasError(f"{folder}: no such folder {folder.parent}")
 
 
-def first_m(recording: Recording) -> float:
+def first_m(drive: DriveTable) -> float:
     """The position (m) of the journey's first stop, else the first position recorded; 0 without any."""
-    for entry in recording.of(topics.JOURNEY)[:1]:
-        if len(entry.message.stops):
-            return float(entry.message.stops[0].s_m)
-    positions = recording.columns(topics.POSITION, "s_m")["s_m"]
+    for journey in drive.said.journeys[:1]:
+        if journey.stops:
+            return journey.stops[0].s_m
+    _, positions = drive.of_topic("position", "s_m")
     known = positions[np.isfinite(positions)]
     return float(known[0]) if len(known) else 0.0
 
 
-def _span(recording: Recording, settings: ExportSettings, clock: DriveClock) -> tuple[int, int]:
+def _span(drive: DriveTable, settings: ExportSettings, clock: DriveClock) -> tuple[int, int]:
     """The first and the last moment (ns) to export."""
     start_ns = clock.moment_ns(settings.start) if settings.start is not None else 0
     end_ns = clock.moment_ns(settings.end) if settings.end is not None else LAST_NS
@@ -237,20 +237,23 @@ def _span(recording: Recording, settings: ExportSettings, clock: DriveClock) -> 
         raise DasError(f"--to {settings.end}: expected a time after --from")
     if not settings.trim_ends:
         return start_ns, end_ns
-    moving = _moving_ns(recording)
+    moving = _moving_ns(drive)
     if not len(moving):
-        raise DasError(f"{recording.path}: --trim-ends: the train does not move in this recording")
+        raise DasError(f"{drive.recording.path}: --trim-ends: the train does not move in this recording")
     return max(start_ns, int(moving[0])), min(end_ns, int(moving[-1]))
 
 
-def _moving_ns(recording: Recording) -> Any:
+def _moving_ns(drive: DriveTable) -> NDArray[np.int64]:
     """The times (ns) at which the train moves, in order."""
-    topic = topics.TRUTH if recording.of(topics.TRUTH) else topics.POSITION
-    data = recording.columns(topic, "time_ns", "speed_mps")
-    return np.sort(data["time_ns"][data["speed_mps"] > STANDING_MPS])
+    time_ns, speed_mps = drive.of_topic("truth" if drive.has("truth") else "position", "speed_mps")
+    return np.asarray(time_ns[speed_mps > STANDING_MPS])
 
 
-def _tables(recording: Recording, zero_ns: int, span: tuple[int, int]) -> list[DataTable]:
+def _as_recorded(recording: Recording, zero_ns: int, span: tuple[int, int]) -> list[DataTable]:
+    """A table for each topic: every message with all its fields, texts, lists and times of recording.
+
+    A `DriveTable` has what is evaluated of a drive, one message of a topic at a moment: not these.
+    """
     found = []
     for topic in topics.TOPICS:
         entries = recording.of(topic)

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from das.domain.units import KM, KMH, KN, kmh, kwh
+from das.domain.units import KM, KMH, kmh
 from sim.drive.attribution.causes import APART_MPS
 from sim.drive.events import bookmarks
 from sim.drive.series import QUANTITIES, STYLES
-from sim.meanings import EFFICIENCY_GREYS, LIGHT, Meaning
+from sim.meanings import LIGHT, Meaning
 from sim.review.canvas import INK, TEXT_POINTS, curve, lane_rows, light_figure, named, page_legend, stops
 from sim.review.lanes import MODE_LANES
 from sim.review.report.findings import DriveFinding
-from sim.review.report.sentences import told_causes
-from sim.review.scene import ReviewScene, Trace, meaning_of
+from sim.review.scene import ReviewScene, Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,17 +32,8 @@ LEAST_SHARE: Final = 0.004
 """Least width of a drawn finding, as a share of the axis."""
 OTHERS: Final = ("speed/same_times", "speed/optimum", "speed/shown", "speed/advised")
 """Curves set beside the drive in the picture on the first page: the first of them that there is."""
-DRIVEN: Final = LIGHT.of[Meaning.DRIVEN]
-EFFICIENCIES: Final = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
-"""Levels of the efficiency map."""
-GRID_POINTS: Final = 90
-LEAST_LATE_S: Final = 5.0
-"""Least range (s) of the axis of punctuality, so that fractions of a second do not look large."""
-BAR_IN: Final = 0.28
 MOST_APART_KMH: Final = 15.0
 """Largest difference (km/h) of driven minus shown speed that is drawn; larger ones lie at the edge of the axis."""
-FAINT: Final = 0.45
-"""Opacity of the bar of a departure; the bar of an arrival is opaque."""
 
 
 def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
@@ -155,23 +145,6 @@ def _below(axis: Any, trace: Trace) -> None:
     axis.set_ylim(-reach, reach)
 
 
-def cause_figure(scene: ReviewScene) -> Figure:
-    """The energy above the optimum by cause, as bars in the colours of the causes."""
-    assert scene.drive.energy.attribution is not None
-    parts = told_causes(scene.drive.energy.attribution)[::-1]
-    figure, (axis,) = light_figure((max(BAR_IN * len(parts), 0.8),))
-    values = np.array([kwh(energy_j) for _, energy_j in parts])
-    colors = [LIGHT.of[meaning_of(cause)] for cause, _ in parts]
-    axis.barh([cause.label for cause, _ in parts], values, color=colors, height=0.7)
-    reach = max(float(np.abs(values).max(initial=0.0)), 0.1)
-    for row, value in enumerate(values):
-        axis.text(max(value, 0.0) + 0.01 * reach, row, f"{value:+.1f}", va="center", color=INK, fontsize=8.0)
-    axis.set_xlim(min(1.15 * float(values.min(initial=0.0)), 0.0), 1.12 * reach)
-    axis.grid(visible=False, axis="y")
-    named(axis, x=QUANTITIES["cause"].title)
-    return figure
-
-
 def place_figure(scene: ReviewScene) -> Figure:
     """The energy above the optimum by place: per 100 m, and summed from the start."""
     figure, (bars, total) = light_figure((1.5, 1.4))
@@ -182,85 +155,6 @@ def place_figure(scene: ReviewScene) -> Figure:
     for axis in (bars, total):
         stops(axis, _stops(scene), written=axis is bars)
     named(total, x="position, km")
-    return figure
-
-
-def efficiency_figure(scene: ReviewScene) -> Figure:
-    """Wheel force of the motors over speed, on the efficiency of the train's traction chain."""
-    attribution = scene.drive.energy.attribution
-    assert attribution is not None
-    assert scene.attribution is not None
-    section, vehicle = attribution.legs[0].optimum.section, attribution.inputs.vehicle
-    figure, (axis,) = light_figure((3.4,))
-    top_mps = min(vehicle.max_speed_mps, 1.1 * max(float(one.leg.motion.speed_mps.max()) for one in attribution.legs))
-    speeds = np.linspace(0.5, top_mps, GRID_POINTS)
-    pulls, brakes = vehicle.traction_effort_n(speeds), -vehicle.electric_brake_effort_n(speeds)
-    shares = np.linspace(0.02, 1.0, GRID_POINTS // 2)
-    for envelope in (pulls, brakes):
-        force_n, speed_mps = shares[:, None] * envelope[None, :], np.broadcast_to(speeds, (len(shares), len(speeds)))
-        if np.abs(envelope).max() > 0:
-            _shade(axis, section, force_n, speed_mps)
-        axis.plot(kmh(speeds), envelope / KN, color=INK, linewidth=1.0)
-    for points in scene.attribution.motors:
-        style = STYLES[points.name]
-        known = style.label in axis.get_legend_handles_labels()[1]
-        axis.plot(
-            kmh(points.speed_mps), points.force_n / KN, ".", color=LIGHT.of[style.meaning], markersize=3.0, alpha=0.7,
-            label=None if known else style.label, rasterized=True,
-        )  # fmt: skip
-    axis.axhline(0.0, color=INK, linewidth=0.7)
-    axis.set_ylim(1.08 * float(brakes.min()) / KN, 1.08 * float(pulls.max()) / KN)
-    named(axis, x=QUANTITIES["speed"].title, y=QUANTITIES["motors"].title)
-    page_legend(axis)
-    for handle in axis.get_legend().legend_handles:
-        handle.set_markersize(8.0)
-    return figure
-
-
-def _shade(axis: Any, section: Any, force_n: Any, speed_mps: Any) -> None:
-    """Shade the efficiency of the chain: the share of power that reaches wheels (traction) or collector (braking)."""
-    mechanical_w = np.abs(force_n) * speed_mps
-    loss_w = section.loss.loss_w(force_n, np.ascontiguousarray(speed_mps))
-    pulling = force_n[0, 0] > 0
-    efficiency = mechanical_w / (mechanical_w + loss_w) if pulling else (mechanical_w - loss_w) / mechanical_w
-    filled = axis.contourf(
-        kmh(speed_mps),
-        force_n / KN,
-        np.clip(efficiency, 0.0, 1.0),
-        levels=(0.0, *EFFICIENCIES, 1.0),
-        colors=EFFICIENCY_GREYS,
-    )
-    if pulling:
-        bar = axis.figure.colorbar(filled, ax=axis, pad=0.01, fraction=0.04)
-        bar.set_label("Efficiency", color=INK, fontsize=8.5)
-        bar.ax.tick_params(labelsize=8.0)
-
-
-def punctuality_figure(scene: ReviewScene) -> Figure:
-    """How late the train arrived at and left each stop."""
-    made = [call for call in scene.drive.calls if call.reached]
-    figure, (axis,) = light_figure((1.6,))
-    rows = np.arange(len(made))
-    arrived, left = (
-        np.array([getattr(call, name) for call in made], dtype=float) for name in ("arrived_late_s", "departed_late_s")
-    )
-    both = np.isfinite(arrived) & np.isfinite(left)
-    for side, name, late, share in ((-1, "arrival", arrived, 1.0), (1, "departure", left, FAINT)):
-        shifts = np.where(both, 0.18 * side, 0.0)
-        axis.bar(rows + shifts, late, width=0.34, color=DRIVEN, alpha=share, label=name)
-        for row, (shift, value) in enumerate(zip(shifts, late, strict=True)):
-            if np.isfinite(value):
-                axis.text(
-                    row + shift, value, f"{value:+.0f}", ha="center", va="bottom" if value >= 0 else "top",
-                    color=INK, fontsize=8.0,
-                )  # fmt: skip
-    axis.axhline(0.0, color=INK, linewidth=0.8)
-    axis.set_xticks(rows, [call.name for call in made])
-    axis.grid(visible=False, axis="x")
-    low, high = axis.get_ylim()
-    axis.set_ylim(min(1.25 * low, -LEAST_LATE_S), max(1.25 * high, LEAST_LATE_S))
-    named(axis, y=QUANTITIES["deviation"].title)
-    page_legend(axis)
     return figure
 
 

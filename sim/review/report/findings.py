@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from das.advice.regimes import InstructionKind
-from das.domain.units import KM, kmh, kwh
+from das.domain.units import KM, kmh, kwh, kwh_words
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
 from sim.drive.attribution.worst import ActionSpan, CauseStretch, slowest_stretch, worst_stretches
@@ -63,7 +63,7 @@ class FoundPlace(NamedTuple):
         """Where and when in words; the picture beside them has the stops."""
         start, end = f"{self.start_m / KM:.1f}", f"{self.end_m / KM:.1f}"
         at = f"Km\u00a0{start}" if start == end else f"Km\u00a0{start} to {end}"
-        energy = "" if self.energy_j is None else f", {kwh(self.energy_j):.1f} kWh"
+        energy = "" if self.energy_j is None else f", {kwh_words(self.energy_j)}"
         return f"{at}, {clock.of_day(self.start_ns)}{energy}{best_words(self.best, self.mean_mps)}"
 
     def as_dict(self, clock: DriveClock) -> dict[str, Any]:

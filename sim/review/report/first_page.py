@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from das.domain.errors import DasError
-from das.domain.units import kmh, kwh
+from das.domain.units import kmh, kwh, kwh_figure, kwh_words
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words, percent_of_optimum
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
@@ -31,6 +31,7 @@ from sim.trips.settings import ESTIMATE_FOREIGN_RATIO
 NOT_KNOWN: Final = "not known"
 NUMBERS: Final = "The numbers mark the findings: the place of each, or the place where its cause lost most."
 LOST: Final = "Below: the places where more was lost than by the optimum; the cause may lie before."
+SIGNALS_UNKNOWN: Final = "The advice knew of no signal at danger: the driver had to follow the signal alone."
 OPTIMUM: Final = "The optimum has the same times, without signals and temporary restrictions."
 MOST_CHANGES: Final = 2
 """Most changes of the lateness on the page, the largest."""
@@ -56,7 +57,7 @@ def last_arrival(drive: Drive) -> KeptCall | None:
 
 def what_happened(drive: Drive) -> str:
     """When the train ran, who drove and what he was shown, what was to happen, and where most time went."""
-    return " ".join([*ran(drive), *came_about(drive, short=True), *where_time_went(drive, MOST_CHANGES)])
+    return " ".join([*ran(drive), *came_about(drive), *where_time_went(drive, MOST_CHANGES)])
 
 
 def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
@@ -90,7 +91,7 @@ def _price(drive: Drive, call: KeptCall) -> str:
     if early_j is None or abs(kwh(early_j)) < NAMED_KWH:
         return ""
     word = "took" if early_j > 0.0 else "saved"
-    being = f"being {lateness_text(call.arrived_late_s)} {word} {abs(kwh(early_j)):.1f} kWh"
+    being = f"being {lateness_text(call.arrived_late_s)} {word} {kwh_words(abs(early_j))}"
     return f"; {being}, not counted above the optimum"
 
 
@@ -106,7 +107,7 @@ def _driven(drive: Drive) -> PageFigure:
         return PageFigure(name, NOT_KNOWN, beside, told)
     how = "as simulated" if drive.energy.measured else "computed from positions"
     doubt = ", if it was this train" if _right_train(drive) else ""
-    return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}{doubt}", told)
+    return PageFigure(name, kwh_words(driven_j), f"at the current collector, {how}{doubt}", told)
 
 
 def _above(drive: Drive) -> PageFigure:
@@ -128,12 +129,11 @@ def _likely(drive: Drive) -> list[str]:
     """The likely range of an estimate, and what it is if the friction brake did all braking."""
     if drive.energy.likely is None:
         return []
-    band = f"likely {kwh(drive.energy.likely.low_j):z.1f} to {kwh(drive.energy.likely.high_j):z.1f} kWh"
+    band = f"likely {kwh_figure(drive.energy.likely.low_j)} to {kwh_words(drive.energy.likely.high_j)}"
     if math.isnan(drive.energy.likely.by_friction_j):
         return [band]
-    return [
-        f"{band} if the motors braked first, {kwh(drive.energy.likely.by_friction_j):.0f} kWh if friction alone did"
-    ]
+    by_friction = kwh_words(drive.energy.likely.by_friction_j, finer=-1)
+    return [f"{band} if the motors braked first, {by_friction} if friction alone did"]
 
 
 def _right_train(drive: Drive) -> str:
@@ -181,6 +181,8 @@ def how_sure(drive: Drive) -> list[str]:
         told.append("The time above the limit is read from the samples of position and speed, mostly one a second.")
     if not drive.limit_known:
         told.append(LIMIT_UNKNOWN)
+    if drive.signals and drive.energy.shown.any_shown:
+        told.append(SIGNALS_UNKNOWN)
     return told
 
 
@@ -254,6 +256,18 @@ def page_dict(drive: Drive) -> dict[str, Any]:
     }
 
 
+def in_lines(drive: Drive) -> list[str]:
+    """The first page for the terminal and for programs: what happened, each figure and finding, and how sure."""
+    told = page_dict(drive)
+    figures = [f"{one.name}: {one.value} ({one.beside})." for one in told["figures"]]
+    found = [
+        f"{number}. {one['cause']}, {one['energy']}: {one['text']} {one['next_time']} {'; '.join(one['where'])}."
+        for number, one in enumerate(told["findings"], start=1)
+    ]
+    parts = (told["happened"], told["right_train"], *figures, *found, told["rest"], told["why_none"])
+    return [one for one in (*parts, " ".join(told["how_sure"])) if one]
+
+
 def _caption(drive: Drive, found: Sequence[DriveFinding]) -> str:
     """What the picture shows."""
     compared = [] if drive.energy.attribution is None else [LOST, OPTIMUM]
@@ -266,7 +280,7 @@ def _row(one: DriveFinding, drive: Drive) -> dict[str, Any]:
         "text": one.text,
         "next_time": one.next_time,
         "where": one.where(drive.table.clock),
-        "energy": "safety" if one.energy_j is None else f"{kwh(one.energy_j):.1f} kWh",
+        "energy": "safety" if one.energy_j is None else kwh_words(one.energy_j),
     }
 
 
@@ -275,8 +289,9 @@ def _rest(drive: Drive, found: Sequence[DriveFinding]) -> str:
     told_j = [one.energy_j for one in found if one.energy_j is not None]
     if not told_j or drive.energy.above is None or drive.energy.not_comparable:
         return ""
-    rest_kwh = kwh((drive.energy.above.above_j or 0.0) - sum(told_j))
-    return "" if abs(rest_kwh) < NAMED_KWH else f"All other causes, and energy not attributed: {rest_kwh:+.1f} kWh."
+    rest_j = (drive.energy.above.above_j or 0.0) - sum(told_j)
+    few = abs(kwh(rest_j)) < NAMED_KWH
+    return "" if few else f"All other causes, and energy not attributed: {kwh_words(rest_j, signed=True)}."
 
 
 def _why_none(drive: Drive, found: Sequence[DriveFinding]) -> str:

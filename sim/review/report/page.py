@@ -12,9 +12,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from das import __version__
 from das.bus.recording import recording_of
 from das.domain.errors import DasError
-from das.domain.units import kwh
+from das.domain.units import kwh, kwh_figure
 from sim.drive.attribution.attribution import as_dict as energy_dict
-from sim.drive.attribution.worst import elsewhere, worst_places
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
@@ -25,8 +24,8 @@ from sim.recording.opening import open_contents
 from sim.review.canvas import as_image, comparison_figure
 from sim.review.report import figures, tables
 from sim.review.report.findings import findings
-from sim.review.report.first_page import first_page_dict, page_dict
-from sim.review.report.sentences import compliance, paragraph, title, where_time_went
+from sim.review.report.first_page import first_page_dict, in_lines, page_dict
+from sim.review.report.sentences import compliance, title, where_time_went
 from sim.review.scene import ReviewScene
 
 TEMPLATE: Final = "page.html.j2"
@@ -76,27 +75,18 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
 
 def _drive(subject: ReviewedDrive) -> dict[str, Any]:
     drive, attribution = subject.drive, subject.drive.energy.attribution
-    worst = [] if attribution is None else worst_places(attribution)
     return {
         "name": drive.name,
         "title": title(drive),
         "first": page_dict(drive),
-        "paragraph": paragraph(drive),
         "lateness": " ".join(where_time_went(drive)),
-        "rests_on": tables.rests_on(drive),
         "figures": tables.figures(drive),
         "stops": tables.stop_rows(drive),
         "passings": tables.passing_rows(drive),
         "causes": [] if attribution is None else tables.cause_rows(attribution),
-        "times": [] if attribution is None else tables.time_rows(attribution),
         "legs": [] if attribution is None else tables.leg_rows(attribution),
-        "worst": [
-            (one.where, f"{kwh(one.more_j):.1f}", " and ".join(cause.label for cause in one.causes)) for one in worst
-        ],
-        "elsewhere": "" if attribution is None else elsewhere(worst, attribution.above.difference_j),
         "why_not": drive.energy.why_no_attribution,
         "events": tables.event_rows(drive),
-        "left_out": tables.left_out(drive),
         "advice": tables.advice_rows(drive),
         "bookmarks": tables.bookmark_rows(drive),
         "timed": any(one.timed for one in drive.calls),
@@ -115,10 +105,7 @@ def _images(drive: Drive) -> dict[str, str]:
     made = {
         "first": figures.first_figure(scene, findings(drive)),
         "speed": figures.drive_figure(scene),
-        "punctuality": figures.punctuality_figure(scene) if any(one.timed for one in drive.calls) else None,
-        "causes": figures.cause_figure(scene) if known else None,
         "places": figures.place_figure(scene) if known else None,
-        "efficiency": figures.efficiency_figure(scene) if known else None,
     }
     return {name: "" if figure is None else as_image(figure) for name, figure in made.items()}
 
@@ -136,8 +123,8 @@ def _comparison(aligned: AlignedDrives) -> dict[str, Any]:
                         "start": place_text(one.start_m),
                         "end": place_text(one.end_m),
                         "time": f"{one.time_s:+.1f}",
-                        "drawn": f"{kwh(one.energy_j):+.2f}",
-                        "lost": f"{kwh(one.lost_j):+.2f}",
+                        "drawn": kwh_figure(one.energy_j, signed=True, finer=1),
+                        "lost": kwh_figure(one.lost_j, signed=True, finer=1),
                     }
                     for one in aligned.pairs[index].stretches(1)
                 ],
@@ -162,7 +149,7 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
     return {
         "recording": str(drive.recording.path),
         "complete": drive.recording.complete,
-        "in_words": paragraph(drive),
+        "in_words": " ".join(in_lines(drive)),
         "zero_ns": drive.table.clock.zero_ns,
         "first_page": first_page_dict(drive),
         "within_shown_speed_ratio": compliance(drive),

@@ -1,33 +1,29 @@
-"""The drive in plain sentences: how it came about, when it ran, what it took and why, and where it lost time."""
+"""Sentences about a drive: how it came about, when it ran, and where it lost time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import datetime
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
-from das.domain.units import KM, NS, kmh, kwh
-from sim.drive.above_optimum import EnergyBand, percent_of_optimum
+from das.domain.units import KM, NS
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import APART_MPS, EnergyCause
-from sim.drive.attribution.worst import elsewhere, worst_places
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
-from sim.drive.events import DriveEvent, EventKind, lateness_text, place_text, times_text
+from sim.drive.events import DriveEvent, EventKind, lateness_text, place_text
 from sim.drive.table import HOLDS_S
 from sim.drivers.kinds import DriverKind, External, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
 from sim.recording.opening import CHANGED, NOTHING, OF, WHAT_IF
 
-MAIN_CAUSES: Final = 3
-"""Most causes that the paragraph names."""
 NAMED_KWH: Final = 0.1
-"""Least energy (kWh) of a cause that the paragraph names."""
+"""Least energy (kWh) of a cause that the page names."""
 RIGHT_TRAIN: Final = "Is it the right train?"
 LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not contain its line."
 DRIVERS: Final[Mapping[str, str]] = {
@@ -65,12 +61,6 @@ def _day(drive: Drive) -> str:
     return f"{datetime.fromtimestamp(drive.table.clock.zero_ns * NS, drive.table.zone):%d %B %Y}".lstrip("0")
 
 
-def paragraph(drive: Drive) -> str:
-    """The figures of a drive in a few sentences."""
-    cut = [] if drive.recording.complete else ["The recording was cut off; the report covers the drive until then."]
-    return " ".join([*cut, *ran(drive), *came_about(drive), *_took(drive), *_kept(drive)])
-
-
 def ran(drive: Drive) -> list[str]:
     """When the train ran from where to where, and how late it was."""
     clock, served, day, went = drive.table.clock, drive.served, _day(drive), drive.travelled
@@ -91,8 +81,8 @@ def _late(late_s: float) -> str:
     return "" if math.isnan(late_s) else f" ({lateness_text(late_s)})"
 
 
-def came_about(drive: Drive, *, short: bool = False) -> list[str]:
-    """Sentences about how the drive came about, in full or short; none if the recording does not say."""
+def came_about(drive: Drive) -> list[str]:
+    """Sentences about how the drive came about; none if the recording does not say."""
     run = drive.table.run
     told = []
     if run.get("kind") == "run":
@@ -100,12 +90,7 @@ def came_about(drive: Drive, *, short: bool = False) -> list[str]:
         day = (
             f"The day was simulated (scenario {run.get('scenario', '?')}, seed {run.get('seed', '?')}): {driver} drove"
         )
-        with_advice = "without advice" if shown == Presentation.NONE else f"with the advice “{shown}”"
-        told.append(
-            f"{driver[0].upper()}{driver[1:]} drove {with_advice}."
-            if short and driver
-            else f"{day} and was shown {_presentation(shown)}."
-        )
+        told.append(f"{day} and was shown {_presentation(shown)}.")
         happens = run.get("happens", NOTHING)
         told.append("The run had no disturbances." if happens == NOTHING else f"Disturbances: {happens}.")
     elif run.get("kind") == "replay":
@@ -124,47 +109,6 @@ def _presentation(name: str) -> str:
         return name
 
 
-def _took(drive: Drive) -> list[str]:
-    """How much energy the drive took, how much more than the optimum, and why."""
-    attribution = drive.energy.attribution
-    if attribution is None:
-        return [f"Its energy cannot be attributed: {drive.energy.why_no_attribution}."]
-    driven, more, best = (
-        kwh(attribution.above.driven_j),
-        kwh(attribution.above.difference_j),
-        kwh(attribution.above.optimum_j),
-    )
-    ratio = attribution.above.ratio
-    word = "above" if more >= 0 else "below"
-    how = "It drew" if attribution.above.measured else "By its positions it drew about"
-    share = "" if ratio is None else f" ({percent_of_optimum(abs(ratio))})"
-    told = [
-        f"{how} {driven:.1f} kWh at the current collector: {abs(more):.1f} kWh{share} {word} "
-        f"the {best:.1f} kWh of the best possible drive with the same departures and arrivals, without "
-        "signals and temporary restrictions."
-    ]
-    if more < 0 and not attribution.above.measured:
-        told.append("Less than the best possible energy is due to errors of positions and assumptions, not a saving.")
-    if drive.energy.likely is not None:
-        band = EnergyBand(drive.energy.likely.low_j, drive.energy.likely.high_j).words
-        unknown = "mass, resistance, wind and the motion between positions"
-        told.append(f"It is likely {band}, as {unknown} are not known exactly.")
-        if not math.isnan(drive.energy.likely.by_friction_j):
-            told.append(
-                f"If the train braked by friction alone, it is {kwh(drive.energy.likely.by_friction_j):.0f} kWh."
-            )
-    named = told_causes(attribution)[:MAIN_CAUSES]
-    words = [f"{cause.label} {kwh(energy_j):.1f} kWh" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
-    if words:
-        told.append(f"Most of that is: {', '.join(words)}.")
-    worst = worst_places(attribution, 1)
-    if worst and kwh(worst[0].more_j) >= NAMED_KWH:
-        causes = " and ".join(cause.label for cause in worst[0].causes)
-        beyond = elsewhere(worst, attribution.above.difference_j)
-        told.append(f"The most was lost from {worst[0].where}: {kwh(worst[0].more_j):.1f} kWh ({causes}){beyond}.")
-    return told
-
-
 def friction_chosen_by(drive: Drive) -> str:
     """What the choice of the friction brake goes back to on a simulated drive; empty for any other drive."""
     run = drive.table.run
@@ -175,48 +119,6 @@ def told_causes(attribution: Attribution) -> list[tuple[EnergyCause, float]]:
     """The causes with their energies (J), the largest first; for an estimated drive, only those that are not 0."""
     parts = [one for one in attribution.by_cause.items() if one[1] or attribution.above.measured]
     return sorted(parts, key=lambda one: -one[1])
-
-
-def _kept(drive: Drive) -> list[str]:
-    """How limits and advice were kept."""
-    events = drive.events
-    told = _fast(events, EventKind.OVERSPEED, "above the limit")
-    told = told or (["It kept all limits."] if drive.limit_known else [LIMIT_UNKNOWN])
-    told += _fast(events, EventKind.BEYOND_TRAIN, "above the top speed in the vehicle file")
-    told += [RIGHT_TRAIN] if any(one.kind is EventKind.BEYOND_TRAIN for one in events) else []
-    followed = compliance(drive)
-    if followed is not None:
-        lasted = spell(shown_s(drive))
-        told.append(
-            f"While a speed to keep was shown (for {lasted}), it drove within {kmh(APART_MPS):.0f} km/h of it "
-            f"{followed:.0%} of the time."
-        )
-    gone = [one for one in events if one.kind is EventKind.WITHDRAWAL]
-    if gone:
-        lasted = sum(one.facts["lasted_s"] for one in gone)
-        told.append(f"Advice was withdrawn {times_text(len(gone))}, for {lasted:.0f} s in all.")
-    elif drive.table.has("advice"):
-        told.append("Advice was never withdrawn.")
-    told += at_signals(drive)
-    return told
-
-
-def _fast(events: Sequence[DriveEvent], kind: EventKind, words: str) -> list[str]:
-    """How often, how long and by how much the train was faster than allowed or possible; nothing if it was not."""
-    over = [one.facts for one in events if one.kind is kind]
-    if not over:
-        return []
-    worst_kmh = max(one["over_kmh"] for one in over)
-    lasted_s, often = sum(one["lasted_s"] for one in over), sum(one.get("times", 1) for one in over)
-    return [f"The train was {words} {times_text(often)}, for {lasted_s:.0f} s in all, by up to {worst_kmh:.0f} km/h."]
-
-
-def at_signals(drive: Drive) -> list[str]:
-    """What to expect of advice at a signal at danger; nothing if the driver saw no such signal, or no advice."""
-    seen = [one for one in drive.events if one.kind is EventKind.SIGNAL]
-    if not seen or not drive.energy.shown.any_shown:
-        return []
-    return ["Signals are unknown to the advice: while one was at danger, the driver had to follow the signal alone."]
 
 
 def compliance(drive: Drive) -> float | None:

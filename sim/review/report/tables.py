@@ -10,24 +10,20 @@ import numpy as np
 
 from das.advice.regimes import mode_name
 from das.domain.levels import Level
-from das.domain.units import NS, kmh, kwh
+from das.domain.units import kmh, kwh, kwh_figure, kwh_words
 from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
 from sim.drive.attribution.causes import APART_MPS, EnergyCause
 from sim.drive.drive import Drive
-from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_text
+from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_text, times_text
 from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
 from sim.recording.course import known, minutes, spell
 from sim.review.report.sentences import compliance, friction_chosen_by, shown_s, told_causes
 from sim.review.words import line_rows, readable
 
-BEFORE_S: Final = 10.0
-"""Time (s) before a bookmark from which the page lists changes of the advice."""
-AFTER_S: Final = 5.0
-"""Time (s) after the end of a bookmark up to which the page lists changes of the advice."""
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
 )
-"""The kinds of events that the page lists; it counts the others."""
+"""The kinds of events that the page lists; the changes of the advice are a list of their own."""
 TOLD_ELSEWHERE: Final = ("drawn", PASSINGS)
 """Keys of the metadata that the page shows in other tables, or not at all."""
 NONE_TOLD: Final = "none (an empty list was received)"
@@ -51,10 +47,12 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     if attribution is not None:
         rows += _energy_rows(attribution)
     for one in () if drive.energy.likely is None else drive.energy.likely.unknowns:
-        spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
+        spread = f"{kwh_figure(one.low_j, signed=True)} to {kwh_words(one.high_j, signed=True)}"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
     told = restrictions_told(drive)
     rows += [("temporary restrictions received", told)] if told else []
+    if drive.table.has("advice"):
+        rows.append(("advice withdrawn", _withdrawn(drive)))
     followed = compliance(drive)
     if followed is not None:
         share = f"{followed:.0%} of {spell(shown_s(drive))}"
@@ -68,23 +66,29 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     return rows + [(name.strip(), value) for name, value in drive.figures.rows()]
 
 
+def _withdrawn(drive: Drive) -> str:
+    """How often and how long advice was withdrawn, in words."""
+    lasted_s = [one.facts["lasted_s"] for one in drive.events if one.kind is EventKind.WITHDRAWAL]
+    return f"{times_text(len(lasted_s))}, for {sum(lasted_s):.0f} s in all" if lasted_s else "never"
+
+
 def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
     """From the optimum for the timetable to the energy as driven, in steps that sum."""
     rows = []
     against = attribution.against_timetable
     if against is not None and attribution.timetable_j is not None:
-        rows.append(("optimum for the timetable", f"{kwh(attribution.timetable_j):.1f} kWh"))
+        rows.append(("optimum for the timetable", kwh_words(attribution.timetable_j)))
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
-            rows.append((cause.label, f"{kwh(against[cause]):+.1f} kWh"))
+            rows.append((cause.label, kwh_words(against[cause], signed=True)))
         if attribution.other_train_j:
-            rows.append((OTHER_TRAIN, f"{kwh(attribution.other_train_j):+.1f} kWh"))
+            rows.append((OTHER_TRAIN, kwh_words(attribution.other_train_j, signed=True)))
     return [
         *rows,
-        ("optimum for the same times", f"{kwh(attribution.above.optimum_j):.1f} kWh"),
+        ("optimum for the same times", kwh_words(attribution.above.optimum_j)),
         ("above that optimum", attribution.above.words),
         (
             "energy as driven",
-            f"{kwh(attribution.above.driven_j):.1f} kWh{'' if attribution.above.measured else ' (estimated)'}",
+            f"{kwh_words(attribution.above.driven_j)}{'' if attribution.above.measured else ' (estimated)'}",
         ),
     ]
 
@@ -97,29 +101,6 @@ def restrictions_told(drive: Drive) -> str:
     told = dict.fromkeys(one for entry in lists for one in entry.valid)
     nothing = "none that is valid" if any(one.all for one in lists) else NONE_TOLD
     return "; ".join(one.words_in(drive.table.zone) for one in told) or nothing
-
-
-def rests_on(drive: Drive) -> list[tuple[str, str]]:
-    """The basis of the page's figures: names and texts."""
-    run, attribution = drive.table.run, drive.energy.attribution
-    simulated = run.get("kind") == "run"
-    rows = [("the day", "simulated: train, driver, sensors and disturbances")] if simulated else []
-    rows += [(name, run[key]) for name, key in (("line", "route"), ("train", "vehicle")) if key in run]
-    rows += line_rows(drive)
-    if attribution is not None:
-        vehicle = attribution.inputs.vehicle
-        measured = (
-            "those of the simulated train" if attribution.above.measured else "estimated from positions; not measured"
-        )
-        rows += [
-            ("planned mass", f"{vehicle.mass_kg / 1000:.0f} t, train length {vehicle.train_length_m:.0f} m"),
-            ("energies", measured),
-            ("losses of the optimum", LOSSES.get(attribution.inputs.level, str(attribution.inputs.level))),
-        ]
-    chosen = friction_chosen_by(drive)
-    rows += [("choice of the friction brake", chosen)] if chosen else []
-    known = "as set in the scenario" if simulated else "not known"
-    return [*rows, ("wind, adhesion, passengers", known), ("times of day", str(drive.table.zone))]
 
 
 def stop_rows(drive: Drive) -> list[Row]:
@@ -207,22 +188,12 @@ def cause_rows(attribution: Attribution) -> list[Row]:
     return [
         {
             "label": cause.label,
-            "kwh": f"{kwh(energy_j):+.1f}",
+            "kwh": kwh_figure(energy_j, signed=True),
             "share": f"{energy_j / whole_j:.0%}" if kwh(abs(whole_j)) >= 1.0 else "",
             "time": "" if cause in always else minutes(lasted.get(cause, 0.0)),
             "meaning": cause.meaning,
         }
         for cause, energy_j in told_causes(attribution)
-    ]
-
-
-def time_rows(attribution: Attribution) -> list[Row]:
-    """The energy cost of departures and arrivals off the timetable; empty without a timetable."""
-    against = attribution.against_timetable
-    return [
-        {"label": cause.label, "kwh": f"{kwh(against[cause]):+.1f}", "meaning": cause.meaning}
-        for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL)
-        if against is not None
     ]
 
 
@@ -233,25 +204,25 @@ def leg_rows(attribution: Attribution) -> list[Row]:
             "name": f"{leg.leg.start.name} – {leg.leg.end.name}",
             "time": minutes(leg.leg.trip_s),
             "timetable": "" if leg.leg.timetable_s is None else minutes(leg.leg.timetable_s),
-            "driven": f"{kwh(leg.driven_j):.1f}",
-            "optimum": f"{kwh(leg.optimum_j):.1f}",
-            "more": f"{kwh(leg.driven_j - leg.optimum_j):+.1f}",
-            "late": "" if leg.recovered_j is None else f"{kwh(leg.recovered_j):+.1f}",
-            "early": "" if leg.early_j is None else f"{kwh(leg.early_j):+.1f}",
+            "driven": kwh_figure(leg.driven_j),
+            "optimum": kwh_figure(leg.optimum_j),
+            "more": kwh_figure(leg.driven_j - leg.optimum_j, signed=True),
+            "late": "" if leg.recovered_j is None else kwh_figure(leg.recovered_j, signed=True),
+            "early": "" if leg.early_j is None else kwh_figure(leg.early_j, signed=True),
         }
         for leg in attribution.legs
     ]
 
 
 def event_rows(drive: Drive) -> list[Row]:
-    """The events, without most changes of the advice and without the responses of a driver who followed it."""
+    """The events, without changes of the advice and without the responses of a driver who followed it."""
     told = Filter(kinds=TOLD).choose(drive.events)
     unanswered = [
         one
         for one in drive.events
         if one.kind is EventKind.DRIVER and not one.facts.get("followed")  # refused, or inattentive
     ]
-    return _rows(drive, sorted([*told, *unanswered, *_advice_at_marks(drive)], key=lambda one: one.time_ns))
+    return _rows(drive, sorted([*told, *unanswered], key=lambda one: one.time_ns))
 
 
 def advice_rows(drive: Drive) -> list[Row]:
@@ -283,25 +254,6 @@ def _rows(drive: Drive, events: Iterable[DriveEvent]) -> list[Row]:
     ]
 
 
-def _advice_at_marks(drive: Drive) -> list[DriveEvent]:
-    """The changes of the advice around the bookmarks that are about the train or the line."""
-    marks = [one for one in drive.events if one.mark and one.kind is not EventKind.DRIVER]
-    before_ns, after_ns = round(BEFORE_S / NS), round(AFTER_S / NS)
-    return [
-        one
-        for one in drive.events
-        if one.kind is EventKind.ADVICE
-        and any(mark.time_ns - before_ns <= one.time_ns <= mark.last_ns + after_ns for mark in marks)
-    ]
-
-
-def left_out(drive: Drive) -> str:
-    """The number of events that the page does not list, in words."""
-    counts = {kind: sum(one.kind is kind for one in drive.events) for kind in (EventKind.ADVICE, EventKind.REPLAN)}
-    counts[EventKind.ADVICE] -= len(_advice_at_marks(drive))
-    return f"{counts[EventKind.ADVICE]} changes of the advice elsewhere and {counts[EventKind.REPLAN]} new plans"
-
-
 def _moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
     """The train's speed at a moment, and the display at that time."""
     trip = drive.table.course
@@ -316,7 +268,7 @@ def _moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
 
 
 def input_rows(drive: Drive) -> list[tuple[str, str]]:
-    """The sources of the drive: metadata, hashes and files."""
+    """The sources of the drive and of its figures: metadata, hashes, files, and what is known of line and train."""
     rows = [
         readable(key, value)
         for entries in drive.recording.metadata.values()
@@ -325,9 +277,14 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
     ]
     if drive.energy.attribution is not None:
         rows.append(("line and train of this page", drive.energy.attribution.inputs.source))
-        rows.append(
-            ("energies", "simulated" if drive.energy.attribution.above.measured else "estimated from positions")
-        )
+        vehicle, level = drive.energy.attribution.inputs.vehicle, drive.energy.attribution.inputs.level
+        rows += [
+            ("energies", "simulated" if drive.energy.attribution.above.measured else "estimated from positions"),
+            ("planned mass", f"{vehicle.mass_kg / 1000:.0f} t, train length {vehicle.train_length_m:.0f} m"),
+            ("losses of the optimum", LOSSES.get(level, str(level))),
+        ]
+    chosen = friction_chosen_by(drive)
+    rows += line_rows(drive) + ([("choice of the friction brake", chosen)] if chosen else [])
     said = [] if drive.table.said.saving is None else drive.table.said.saving.rows()
     rows += [(f"stated in the recording: {name}", text) for name, text in said]
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from das.domain.units import FACTORS, kmh, kwh, to_si
+from das.domain.units import FACTORS, kmh, kwh, kwh_figure, kwh_words, to_si
 
 HAND_FIGURES = {
     "length": {"m": (12.5, 12.5), "km": (1.5, 1500.0)},
@@ -55,3 +57,13 @@ def test_an_unknown_unit_is_refused(dimension: str, unit: str) -> None:
 def test_outputs_go_back_to_customary_units() -> None:
     assert kmh(25.0) == pytest.approx(90.0)
     assert kwh(7.2e6) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("energy_kwh", "rounding", "printed"),
+    [(12.34, {}, "12.3"), (12.34, {"signed": True}, "+12.3"), (-0.04, {"signed": True}, "+0.0"), (-0.04, {}, "0.0"),
+     (0.012, {"finer": 1}, "0.01"), (29.6, {"finer": -1}, "30")],
+)  # fmt: skip
+def test_an_energy_is_rounded_in_one_way(energy_kwh: float, rounding: Any, printed: str) -> None:
+    assert kwh_figure(energy_kwh * 3.6e6, **rounding) == printed
+    assert kwh_words(energy_kwh * 3.6e6, **rounding) == f"{printed} kWh"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from das.bus.recording import Stamped
+from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.limits import Signal, Violations, violations_of
 from sim.drivers.kinds import DriverKind
@@ -97,6 +98,19 @@ def test_speeds_above_the_limit_and_signals_passed_are_found_in_positions() -> N
     found = violations_of(trip, limit_mps, [kept, passed])
     assert found == Violations(signals_passed=1, beyond_signal_m=40.0, over_limit_s=3.0, over_limit_mps=5.0)
     assert violations_of(trip, np.full(10, 20.0), []) == Violations()
+
+
+def test_stops_that_were_missed_or_overrun_are_a_figure() -> None:
+    def call(stood_m: float, *, reached: bool = True) -> KeptCall:
+        return KeptCall(name="X", s_m=1000.0, due_arrival_ns=0, due_departure_ns=0, arrived_ns=1, departed_ns=1,
+                        stood_m=stood_m, reached=reached)  # fmt: skip
+
+    _, drive = driven()
+    assert drive.figures.as_dict()["stops_missed"] == 0
+    kept, overrun, passed, ahead = call(1001.0), call(1050.0), call(np.nan), call(np.nan, reached=False)
+    found = replace(drive.figures, calls=(passed, kept, overrun, passed, ahead))
+    assert found.as_dict()["stops_missed"] == 2
+    assert ("stops missed or overrun", "2") in found.rows()
 
 
 def test_events_and_notes_do_without_the_solver() -> None:

@@ -19,7 +19,7 @@ from tests.support.making import REPOSITORY
 UNITS = {"kwh": "kWh", "s": "s", "m": "m", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "per_min": "1/min"}
 COUNTS = {
     *("power_brake_reversals", "signals_passed", "lapses", "reversals", "instructions", "effort_changes_per_brake"),
-    *("missed_coasts", "vain_accelerations", "odd_speeds", "hidden_limits", "advice_restless"),
+    *("missed_coasts", "vain_accelerations", "odd_speeds", "hidden_limits", "advice_restless", "stops_missed"),
     *("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit", "last_word_acts"),
 }
 OF_THE_GUIDE = {

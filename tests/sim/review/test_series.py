@@ -108,6 +108,6 @@ def test_values_of_the_view(whole: Path) -> None:
 
 
 def test_no_quantity_is_left_out_of_the_viewer_unseen() -> None:
-    of_reports = {"apart", "place", "sum", "cause", "motors"}
+    of_reports = {"apart", "place", "sum"}
     in_viewer = {row.origin for rows in TABS.values() for row in rows}
     assert QUANTITIES.keys() - in_viewer == of_reports

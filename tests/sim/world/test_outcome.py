@@ -35,7 +35,7 @@ KEYS = [
     *("instructions", "shortest_instruction_s", "announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),
     *("missed_coasts", "vain_accelerations", "odd_speeds", "standing_acceleration_s"),
     *("promises_kept_ratio", "above_limit_obeying_s", "hidden_limits", "last_word_acts", "availability_ratio"),
-    *("signals_passed", "beyond_signal_m", "over_limit_s", "over_limit_kmh", "simulated_s"),
+    *("signals_passed", "beyond_signal_m", "over_limit_s", "over_limit_kmh", "stops_missed", "simulated_s"),
 ]
 """The names that `das-sim run --json` promises, in their order."""
 HOW = ["driver", "friction_policy", "advice", "happens", "drawn", "wall_s", "real_time_factor", "warnings"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
 from sim.drive.attribution.attribution import Attribution, as_dict
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
-from sim.drive.attribution.worst import WorstPlace, doing, elsewhere, worst_places
+from sim.drive.attribution.worst import doing
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
@@ -194,12 +193,6 @@ def test_the_rows_for_programs_have_every_place_and_cause() -> None:
     )
     assert len(leg["per_100_m"]) == 60
     assert sum(row["lost_more_kwh"] for row in leg["per_100_m"]) == pytest.approx(rows["above_optimum_kwh"], abs=1e-6)
-    worst = worst_places(found)[0]
-    assert worst.more_j > 0
-    assert worst.causes[0] is EnergyCause.AGAINST_ADVICE
-    found_m = [tuple(float(x) for x in one.where[3:].split(" to ")) for one in worst_places(found)]
-    assert all(a < b for a, b in found_m)
-    assert all(b[1] <= a[0] or a[1] <= b[0] for a, b in combinations(found_m, 2))  # none overlaps another
 
 
 def test_what_the_best_run_does_is_what_it_does_for_most_of_the_time() -> None:
@@ -238,10 +231,3 @@ def test_every_cause_has_its_words() -> None:
 def test_a_recording_without_a_journey_is_refused() -> None:
     with pytest.raises(DasError, match="holds no journey"):
         _ = Drive(recording=in_memory()).energy.known_attribution
-
-
-def test_places_that_lost_more_than_the_whole_drive_are_said_to_be_made_up_elsewhere() -> None:
-    """13.5 kWh "most lost" of 9.9 kWh in all, without a word of the rest."""
-    places = [WorstPlace("km 1.0 to 2.0", 8.0, ()), WorstPlace("km 3.0 to 4.0", 5.5, ())]
-    assert elsewhere(places, 9.9) == "; elsewhere it lost less than the best run"
-    assert elsewhere(places[:1], 9.9) == elsewhere([], 9.9) == ""
