@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.guide.planning import Wanted, elapsed_s, planned
+from das.advice.guide.planning import Wanted, planned
 from das.advice.guide.timeline import timeline
 from das.advice.regimes import InstructionKind
 from das.domain.journey import Window
 from das.solver.guide.policies import GuideFront, PolicySettings
-from das.solver.guide.schedule import Schedule
+from das.solver.guide.schedule import Prospect, Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -89,18 +89,17 @@ def section_sheet(
         ends = [bound_s if np.isfinite(bound_s) else None for bound_s in (window.earliest_s, window.latest_s)]
         wanted = replace(wanted, point_m=point_m, earliest_s=ends[0], latest_s=ends[1])
     found = planned(GuideFront(section, SETTINGS), wanted)
-    times_s, at_m = elapsed_s(found.schedule, found.forecast, start_m)
     return SectionSheet(
         section=section,
-        lines=_lines(found.schedule, at_m, times_s, found.forecast.speeds_mps),
-        s_m=at_m,
-        t_s=times_s,
+        lines=_lines(found.schedule, found.forecast),
+        s_m=found.forecast.at_m,
+        t_s=found.forecast.times_s,
         v_mps=found.forecast.speeds_mps,
         energy_j=found.forecast.energy_j,
     )
 
 
-def _lines(schedule: Schedule, at_m: Floats, times_s: Floats, speeds_mps: Floats) -> tuple[SheetLine, ...]:
+def _lines(schedule: Schedule, forecast: Prospect) -> tuple[SheetLine, ...]:
     """The steps of a schedule as lines. What only coasts or brakes further has no line of its own."""
     found: list[SheetLine] = []
     for step in timeline(schedule):
@@ -108,8 +107,8 @@ def _lines(schedule: Schedule, at_m: Floats, times_s: Floats, speeds_mps: Floats
         line = SheetLine(
             kind=step.kind,
             s_m=step.from_m,
-            speed_mps=float(np.interp(step.by_m, at_m, speeds_mps)) if slows else step.speed_mps,
-            after_s=float(np.interp(step.from_m, at_m, times_s)),
+            speed_mps=forecast.passes_mps(step.by_m) if slows else step.speed_mps,
+            after_s=forecast.passes_s(step.from_m),
             effort_ratio=step.effort if step.kind is InstructionKind.TRACTION else 0.0,
         )
         if slows and found and line.kind is found[-1].kind:
@@ -117,6 +116,6 @@ def _lines(schedule: Schedule, at_m: Floats, times_s: Floats, speeds_mps: Floats
         else:
             found.append(line)
         if slows and step.by_m < step.to_m:
-            after_s = float(np.interp(step.by_m, at_m, times_s))
+            after_s = forecast.passes_s(step.by_m)
             found.append(SheetLine(kind=InstructionKind.HOLD, s_m=step.by_m, speed_mps=step.speed_mps, after_s=after_s))
     return tuple(found)

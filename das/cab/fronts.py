@@ -14,7 +14,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.guide.settings import GuideSettings
+from das.advice.settings import GuideSettings
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
 from das.solver.front import Front

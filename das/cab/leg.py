@@ -12,7 +12,7 @@ from das.advice.braking import AT_MARK_M
 from das.advice.display import Display, Scene
 from das.advice.goal import AT_END_M, AT_STOP_M, Goal, PassingTarget, TrainState, is_too_fast
 from das.advice.guide.drift import Drift
-from das.advice.guide.effort import STEP_RATIO
+from das.advice.guide.guard import STEP_RATIO
 from das.advice.guide.guide import Guide
 from das.advice.guide.keeping import Kept
 from das.advice.guide.scene import SpeedsAllowed
@@ -174,7 +174,8 @@ class Leg:
                 late_s = self._arrival_late_s(state.now_ns)
                 return self.display.standing(scene, Reason(code=ReasonCode.ARRIVED, late_s=late_s))
             if state.s_m <= self.section.start_m + AT_STOP_M and state.now_ns < self.goal.departure_ns:
-                return self.display.waiting(scene._replace(guide=self._standing(state)))
+                reason = Reason(code=ReasonCode.DEPARTURE, time_ns=self.goal.departure_ns)
+                return self.display.standing(scene._replace(guide=self._standing(state)), reason)
         if beyond_m >= -AT_END_M:
             needed = planner.ahead.effort_to(state.s_m, state.v_mps, self.section.end_m, 0.0)
             reason = Reason(code=ReasonCode.STOP, stop=self.section.end_stop_name)
@@ -205,13 +206,13 @@ class Leg:
         if not why.cause.is_quiet:
             self._forget()
         elif self.guide is not None:
-            self.guide.hush()
+            self.guide.showing.forget()
         return self.display.withdrawn(here, why)
 
     def _braking(self, scene: Scene, reason: Reason, needed: float = math.inf) -> Advice:
         """Advise full brakes without a plan; the guide shows the `needed` effort, but no less than it shows already."""
-        shown = 0.0 if self.guide is None else self.guide.shown_effort
-        if self.guide is not None and math.isfinite(needed) and self.guide.stands_at_mark(scene.state):
+        shown = 0.0 if self.guide is None else self.guide.showing.shown_effort
+        if self.guide is not None and math.isfinite(needed) and self.guide.showing.stands_at_mark(scene.state):
             needed = shown
         self._forget()
         advice = self.display.braking(scene, reason)

@@ -82,7 +82,7 @@ class Legs:
         situation = self.situation.at(self._now_ns)
         judged = self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
         if leg.guide is not None and judged.guide is not None and judged.replaced_parts:
-            leg.guide.has_shown(judged.guide.now, judged.time_ns)
+            leg.guide.showing.has_shown(judged.guide.now, judged.time_ns)
         return judged
 
     def check(self, stops_m: Sequence[float]) -> None:

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 from das.advice.advice import Source
 from das.advice.goal import AT_STOP_M, PassingTarget
-from das.advice.guide.settings import DEFAULT, GuideSettings
 from das.advice.planner import PlanBasis
+from das.advice.settings import DEFAULT, GuideSettings
 from das.advice.worker import Worker
 from das.cab.fronts import FoundGuide, Fronts
 from das.cab.leg import LEAST_WAY_M, Leg
@@ -93,7 +93,7 @@ class Preparation:
     """
 
     def __init__(
-        self, fronts: Fronts, stopwatch: Callable[[], float], guide: GuideSettings = DEFAULT, *, background: bool
+        self, fronts: Fronts, stopwatch: Callable[[], float], guide: GuideSettings = DEFAULT.guide, *, background: bool
     ) -> None:
         self._fronts, self._stopwatch, self._guide = fronts, stopwatch, guide
         self._solver = Worker("solve", background=background)

@@ -11,8 +11,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from das.advice.guide.settings import GuideSettings
-from das.advice.settings import AdviceSettings
+from das.advice.settings import AdviceSettings, GuideSettings
 from das.bus.access import Refusals
 from das.bus.config import bus_options
 from das.bus.session import Bus, check_endpoint

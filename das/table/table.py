@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError
 from das.domain.files.reading import Fields, read_json
-from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.policies import PolicySettings
 from das.solver.guide.references import Finished, References
+from das.solver.guide.schedule import Phase, PhaseKind
 from das.solver.section import Section
 from das.solver.solution import Fit
 from das.table.key import METHOD, key_of, section_facts

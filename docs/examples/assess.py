@@ -1,6 +1,5 @@
 import das
-from das.advice.guide.settings import GuideSettings
-from das.advice.settings import AdviceSettings
+from das.advice.settings import AdviceSettings, GuideSettings
 from das.cab import heard, outputs
 from das.cab.cab import Cab, CabSettings
 from das.cab.fronts import Fronts

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from das.advice.advice import Timetable
 from das.advice.braking_model import BrakingBasis
-from das.advice.guide.settings import GuideSettings
 from das.advice.last_word import LastWord
-from das.advice.settings import AdviceSettings
+from das.advice.settings import AdviceSettings, GuideSettings
 from das.cab.leg import Leg
 from das.domain.conditions import Conditions
 from das.domain.units import NS

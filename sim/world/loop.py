@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from das.advice.advice import Advice
-from das.advice.guide.settings import GuideSettings
 from das.advice.regimes import Regime
-from das.advice.settings import AdviceSettings
+from das.advice.settings import AdviceSettings, GuideSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.heard import STATES, Heard, Kind
 from das.cab.orders import Post, Trains

@@ -15,10 +15,9 @@ from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
 from das.advice.goal import AT_END_M, OVERSPEED_MPS, PassingTarget
 from das.advice.guide.follow import CREEP_MPS
 from das.advice.guide.guard import BRAKED_MPS
-from das.advice.guide.settings import GuideSettings
 from das.advice.planner import PlanBasis
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
-from das.advice.settings import AdviceSettings
+from das.advice.settings import AdviceSettings, GuideSettings
 from das.cab.fronts import onboard_ladder
 from das.cab.leg import Leg
 from das.cab.situation import Situation

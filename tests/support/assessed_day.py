@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from das.advice.advice import Advice
-from das.advice.guide.settings import GuideSettings
 from das.advice.regimes import Regime
-from das.advice.settings import AdviceSettings
+from das.advice.settings import AdviceSettings, GuideSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.fronts import Fronts
 from das.cab.heard import (

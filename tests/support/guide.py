@@ -10,12 +10,11 @@ from das.advice.advice import Replan, ReplanCause
 from das.advice.braking import BrakingAhead
 from das.advice.goal import TrainState
 from das.advice.guide.keeping import Kept, StandingReference
-from das.advice.guide.scene import Sight, SpeedsAllowed, TrainForecast
+from das.advice.guide.scene import Sight, SpeedsAllowed
 from das.advice.guide.timeline import timeline
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
-from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.guide.schedule import Schedule, known_run
+from das.solver.guide.schedule import Phase, PhaseKind, Schedule, known_run
 from das.solver.section import Section, build_section
 from tests.support.bundled_sections import BUNDLED, section_of
 from tests.support.keeping import ns
@@ -59,5 +58,5 @@ def kept(schedule: Schedule, state: TrainState, replan: Replan | None = None) ->
 def scene(schedule: Schedule, s_m: float, kmh: float, place: SpeedsAllowed = FREE, second: float = 100.0) -> Sight:
     """What the guide sees of a train at a place, at a speed."""
     state = TrainState(ns(second), s_m, kmh * KMH)
-    foreseen = TrainForecast.of(kept(schedule, state), state)
+    foreseen = schedule.forecast(state.s_m, state.v_mps)
     return Sight(schedule, timeline(schedule), foreseen, state, place, BrakingAhead(schedule.section))

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from das.advice.advice import Instruction
-from das.advice.guide.effort import STEP_RATIO
 from das.advice.guide.follow import BRIEF_S, coasting, is_vain, reachable_mps
-from das.advice.guide.guard import SOONER_S, foreseen_brake, lasts_s
+from das.advice.guide.guard import SOONER_S, STEP_RATIO, foreseen_brake, lasts_s
 from das.advice.guide.memory import NOTHING, Memory, brake, coast, hold, is_own_end, repeats, traction
 from das.advice.guide.scene import Sight
 from das.advice.guide.timeline import REACHED_MPS, SAME_MPS, STANDS_S, GuideStep
@@ -47,7 +46,7 @@ def said(scene: Sight, number: int, now: Instruction = NOTHING) -> Instruction |
 
     A train that holds a speed `now`, and is no faster than a brake asks for, holds that.
     """
-    step, passes_mps = scene.steps[number], scene.foreseen.speed_mps(scene.steps[number].from_m)
+    step, passes_mps = scene.steps[number], scene.foreseen.passes_mps(scene.steps[number].from_m)
     if step.kind is InstructionKind.BRAKE and passes_mps < step.speed_mps + SAME_MPS:
         return None
     if step.kind is InstructionKind.TRACTION:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from das.advice.advice import Instruction
 from das.advice.braking import LEAST_MPS2, NeededBrake
 from das.advice.goal import OVERSPEED_MPS
-from das.advice.guide.effort import rate_mps2, slows, stepped
-from das.advice.guide.guard import LEAST_LEAD_S, SHORT_M, Proposal, begins_s, braked
+from das.advice.guide.guard import LEAST_LEAD_S, SHORT_M, Proposal, begins_s, braked, rate_mps2, slows, stepped
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
 from das.advice.guide.scene import Sight
 from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, told_mps
@@ -126,7 +125,7 @@ def reachable_mps(scene: Sight, number: int) -> float:
     if number + 1 < len(scene.steps):
         after = scene.steps[number + 1]
         if after.kind in (InstructionKind.BRAKE, InstructionKind.HOLD) and after.speed_mps < to_mps:
-            reached_mps = scene.foreseen.speed_mps(after.from_m)
+            reached_mps = scene.foreseen.passes_mps(after.from_m)
             to_mps = after.speed_mps if reached_mps < after.speed_mps + SAME_MPS else to_mps
     return to_mps
 
@@ -145,8 +144,8 @@ def _accelerating(scene: Sight, memory: Memory, step: GuideStep, to_mps: float) 
 def is_vain(scene: Sight, number: int) -> bool:
     """Whether the acceleration of a step gains this train too little time before a brake that follows soon."""
     begin_m = max(scene.steps[number].from_m, scene.state.s_m)
-    end_m, v_mps = _brakes_m(scene, number), max(scene.foreseen.speed_mps(begin_m), 1.0)
-    left_s = scene.foreseen.time_s(end_m) - scene.foreseen.time_s(begin_m)
+    end_m, v_mps = _brakes_m(scene, number), max(scene.foreseen.passes_mps(begin_m), 1.0)
+    left_s = scene.foreseen.passes_s(end_m) - scene.foreseen.passes_s(begin_m)
     return left_s < BRIEF_S and (end_m - begin_m) / v_mps - left_s < GAINS_S
 
 
@@ -154,7 +153,7 @@ def _brakes_m(scene: Sight, number: int) -> float:
     """Where a train that accelerates as forecast must brake (m): for the step after it, or for a limit before that."""
     after = scene.steps[number + 1] if number + 1 < len(scene.steps) else None
     next_m = after.from_m if after is not None else math.inf
-    speeds_mps, at_m = scene.foreseen.speeds_mps[1:-1], scene.foreseen.at_m[1:-1]
+    speeds_mps, at_m = scene.foreseen.ahead_mps[1:-1], scene.foreseen.at_m[1:-1]
     curve_mps = scene.schedule.section.envelope_mps[-len(at_m) - 1 :]
     slowed = (curve_mps[:-1] < speeds_mps + SAME_MPS) & (np.diff(curve_mps) < 0.0) & (at_m < next_m)
     slowed &= at_m > scene.steps[number].from_m
@@ -185,7 +184,7 @@ def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
     """To coast to where that leads; a hold where it does as well, or where the train would be there in a moment."""
     step, after = scene.steps[number], scene.steps[number + 1] if number + 1 < len(scene.steps) else None
     from_m = max(scene.state.s_m, step.from_m)
-    v_mps = scene.foreseen.speed_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
+    v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
     leads, to_mps = _leads(scene, step, from_m, v_mps), step.speed_mps
     goes_on = after is not None and after.kind in (InstructionKind.HOLD, InstructionKind.TRACTION)
     is_next = step.to_m > step.by_m or (after is not None and goes_on and after.speed_mps > to_mps - SAME_MPS)

@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 from das.advice.advice import Replan, ReplanCause
 from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.guide.drift import Drift, UsualLoss
-from das.advice.guide.planning import Wanted, departing, passes_s, planned
-from das.advice.guide.settings import GuideSettings
+from das.advice.guide.planning import Wanted, departing, planned
 from das.advice.guide.timeline import COAST_LEAD_S
+from das.advice.settings import GuideSettings
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
@@ -55,14 +55,10 @@ LEARNED_TO_M = 50.0
 
 
 class Changes(NamedTuple):
-    """When the instruction shown last changed, and when its next change is due (ns since 1970).
-
-    `imposed`: since the last change, news from outside have made a new reference.
-    """
+    """When the instruction shown last changed, and when its next change is due (ns since 1970)."""
 
     last_ns: int = 0
     next_ns: int = 0
-    imposed: bool = False
 
     def are_near(self, now_ns: int) -> bool:
         """Whether now is so near to one of them that a new reference waits if it can."""
@@ -324,7 +320,7 @@ class Keeper:
         point = goal.passing
         if point is None or point.s_m <= state.s_m:
             return False
-        at_s = passes_s(kept.reference.schedule, kept.forecast, state.s_m, point.s_m)
+        at_s = kept.forecast.passes_s(point.s_m)
         early = point.earliest_ns is not None and at_s < (point.earliest_ns - state.now_ns) * NS
         late = point.latest_ns is not None and at_s > (point.latest_ns - state.now_ns) * NS
         return early or late

@@ -11,9 +11,8 @@ from das.domain.errors import DasError
 from das.domain.journey import Window
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, through
-from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.policies import BACK_SHARE, HIGH_RATIO, GuideFront, PolicyFrom
-from das.solver.guide.schedule import Prospect, Schedule, Scheduled
+from das.solver.guide.schedule import Phase, PhaseKind, Prospect, Schedule, Scheduled
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
@@ -82,7 +81,7 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
         return None  # Somebody has changed the table, or the train stands outside its section.
     if found is None or point_m is None or point_m <= s_m:
         return found
-    at_s = passes_s(found.schedule, found.forecast, s_m, point_m)
+    at_s = found.forecast.passes_s(point_m)
     latest_s = math.inf if wanted.latest_s is None else wanted.latest_s
     return found if (wanted.earliest_s or 0.0) <= at_s <= latest_s else None
 
@@ -107,28 +106,28 @@ def _dearest_w(front: GuideFront, wanted: Wanted) -> float:
 
 def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect) -> Scheduled:
     """The schedule for what is wanted that keeps another one for the next `KEPT_S`."""
-    times_s, at_m = elapsed_s(kept, forecast, wanted.s_m)
-    number = _kept_until(kept, at_m, times_s, wanted.shown_s)
+    times_s, at_m = forecast.times_s, forecast.at_m
+    number = _kept_until(kept, forecast, wanted.shown_s)
     if number >= len(times_s) - 1:
         return planned(front, replace(wanted, kept=None))
     node, after_s = number + len(kept.section.node_m) - len(times_s), float(times_s[number])
     earliest_s, latest_s = (None if one is None else one - after_s for one in (wanted.earliest_s, wanted.latest_s))
     later = replace(
-        wanted, s_m=float(at_m[number]), v_mps=float(forecast.speeds_mps[node]), left_s=wanted.left_s - after_s,
+        wanted, s_m=float(at_m[number]), v_mps=float(forecast.ahead_mps[number]), left_s=wanted.left_s - after_s,
         earliest_s=earliest_s, latest_s=latest_s, kept=None, told=kept.phases[int(kept.at[max(node - 1, 0)])],
     )  # fmt: skip
     rest = planned(front, later)
     return Scheduled(*_joined(kept, rest.schedule, node, wanted), rest.lambda_w)
 
 
-def _kept_until(kept: Schedule, at_m: np.ndarray, times_s: np.ndarray, shown_s: float) -> int:
+def _kept_until(kept: Schedule, forecast: Prospect, shown_s: float) -> int:
     """The number of the node up to which a schedule is kept: `KEPT_S` from now, or where a phase begins before that.
 
     A phase that begins within `shown_s` is shown already, and is kept as well.
     """
-    begins_s = [float(np.interp(kept.begin_m(k), at_m, times_s)) for k in range(1, len(kept.phases))]
+    begins_s = [forecast.passes_s(kept.begin_m(k)) for k in range(1, len(kept.phases))]
     until_s = min((one for one in begins_s if shown_s < one < KEPT_S), default=KEPT_S)
-    return int(np.searchsorted(times_s, until_s))
+    return int(np.searchsorted(forecast.times_s, until_s))
 
 
 def _joined(before: Schedule, rest: Schedule, node: int, wanted: Wanted) -> tuple[Schedule, Prospect]:
@@ -142,19 +141,3 @@ def _joined(before: Schedule, rest: Schedule, node: int, wanted: Wanted) -> tupl
     speeds = np.concatenate((before.known.speed_mps[:node], rest.known.speed_mps[node:]))
     both = replace(before, phases=(*first, *after), known=before.known._replace(speed_mps=speeds))
     return both.settled(wanted.s_m, wanted.v_mps)
-
-
-def passes_s(schedule: Schedule, forecast: Prospect, s_m: float, point_m: float) -> float:
-    """The time (s) that a train takes from a position to a point if it keeps to a schedule."""
-    times, node_m = elapsed_s(schedule, forecast, s_m)
-    return float(np.interp(point_m, node_m, times))
-
-
-def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """The times (s, from 0) and positions (m) of a forecast at `s_m` and at all nodes ahead."""
-    first = int(np.argmax(np.isfinite(forecast.speeds_mps)))
-    node_m = schedule.section.node_m[first:].copy()
-    node_m[0] = s_m
-    speeds = forecast.speeds_mps[first:]
-    steps_s = 2.0 * np.diff(node_m) / np.maximum(speeds[:-1] + speeds[1:], 1e-3)
-    return np.concatenate(([0.0], steps_s.cumsum())), node_m

@@ -9,8 +9,7 @@ import numpy as np
 
 from das.advice.regimes import InstructionKind
 from das.advice.shown import TARGET_STEP_MPS, target_below
-from das.solver.guide.phases import BRAKES, Phase, PhaseKind
-from das.solver.guide.schedule import Schedule
+from das.solver.guide.schedule import BRAKES, Phase, PhaseKind, Schedule
 from das.solver.section import Section
 
 SAME_MPS = 0.3

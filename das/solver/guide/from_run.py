@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.policies import BACK_SHARE, SAME_MPS, GuideFront, GuideRun
-from das.solver.guide.schedule import Schedule, Scheduled
+from das.solver.guide.schedule import Phase, PhaseKind, Schedule, Scheduled
 from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, ROLLS_UP, SHARES
 from das.solver.kernels.tuples import KnownRun
 

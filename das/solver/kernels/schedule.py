@@ -10,7 +10,7 @@ from das.solver.kernels.forces import electric_limit, on_supply, traction_limit
 from das.solver.kernels.landings import speed_under_force
 
 TRACTION, HOLD, COAST, BRAKE, CURVE = 0, 1, 2, 3, 4
-"""The numbers of `das.solver.guide.phases.PhaseKind`."""
+"""The numbers of `das.solver.guide.schedule.PhaseKind`."""
 CREEP_MPS, CREEP_M = 0.5, 1.0
 """Speed (m/s) below which, and distance to go (m) above which, a train that brakes to a stop creeps on."""
 BELOW_MPS = 0.5

@@ -13,10 +13,9 @@ import pytest
 from das.advice.advice import Timetable
 from das.advice.goal import LONGEST_RATIO
 from das.advice.guide.guide import SAID_ANEW_S
-from das.advice.guide.settings import GuideSettings
 from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
-from das.advice.settings import DEFAULT
+from das.advice.settings import DEFAULT, GuideSettings
 from das.advice.wording import words
 from das.cab.fronts import Fronts
 from das.cab.heard import Target

@@ -12,9 +12,8 @@ import pytest
 
 from das.advice.advice import Source, Timetable
 from das.advice.guide.keeping import StandingReference
-from das.advice.guide.settings import GuideSettings
 from das.advice.regimes import Regime
-from das.advice.settings import AdviceSettings
+from das.advice.settings import AdviceSettings, GuideSettings
 from das.cab.fronts import Fronts
 from das.domain.braking import SiteBraking
 from das.domain.errors import DasError

@@ -19,7 +19,7 @@ print(*(name for name in ("numba.np.linalg", "numba.np.arraymath", "scipy.linalg
 DRIVEN = """
 import gc
 from numba.core.dispatcher import Dispatcher
-from das.advice.guide.settings import GuideSettings
+from das.advice.settings import GuideSettings
 from das.advice.settings import AdviceSettings
 from das.bus import das_pb2
 from das.bus.topics import RESTRICTION, TARGET

@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from das.advice.guide.planning import Wanted, departing, passes_s, planned
-from das.solver.guide.lateness import lateness_s
-from das.solver.guide.phases import Phase, PhaseKind
+from das.advice.guide.planning import Wanted, departing, planned
 from das.solver.guide.policies import DEFAULT, GuideFront
-from das.solver.guide.references import Finished, References
-from das.solver.guide.schedule import Scheduled
+from das.solver.guide.references import Finished, References, lateness_s
+from das.solver.guide.schedule import Phase, PhaseKind, Scheduled
 from das.solver.section import Section
 from das.solver.state import least_time_s
 from das.table.key import METHOD, key_of, section_facts
@@ -130,7 +128,7 @@ def test_a_point_with_a_window_is_served_if_the_reference_keeps_it(made: Path, s
     front, asked = served(made, section), wanted(section, 0.08)
     found = departing(front, asked)
     assert found is not None
-    at_s = passes_s(found.schedule, found.forecast, 0.0, 2500.0)
+    at_s = found.forecast.passes_s(2500.0)
     kept = replace(asked, point_m=2500.0, earliest_s=at_s - 1.0, latest_s=at_s + 1.0)
     again = departing(front, kept)
     assert again is not None

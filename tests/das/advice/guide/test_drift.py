@@ -11,8 +11,7 @@ from das.advice.goal import UNHURRIED_S, Goal, TrainState
 from das.advice.guide import keeping
 from das.advice.guide.drift import BRAKING_RATIO, MARGIN_LEAST_S, MARGIN_MOST_S, RUNNING_S_PER_MIN, Drift, UsualLoss
 from das.advice.guide.keeping import ELSEWHERE_RATIO, ON_TIME_RATIO
-from das.advice.guide.settings import DEFAULT
-from das.advice.settings import AdviceSettings
+from das.advice.settings import DEFAULT, AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.legs import Legs
 from das.cab.preparation import Preparation
@@ -151,7 +150,7 @@ def test_who_keeps_exactly_to_his_references_loses_his_reserve_on_the_way() -> N
         assert found is not None
         if found.reference is not before:
             causes.append(found.reference.replan.cause)
-            train = Keeping(found.reference.schedule, found.forecast, second, state.s_m)
+            train = Keeping(found.forecast, second)
     assert first_s < 0.0
     assert set(causes) <= {ReplanCause.EARLY, ReplanCause.ENERGY}
     assert len(causes) <= 4
@@ -162,7 +161,7 @@ def test_what_is_known_of_a_driver_goes_with_him_to_the_next_section_and_ends_wi
     stops, times = load_route("zurich-luzern").stops, [(0.0, 600.0), (660.0, 1300.0), (1360.0, 2500.0)]
     timetables = [Timetable(departure_ns=ns(a), arrival_ns=ns(b)) for a, b in times]
     vehicle = load_vehicle("re460-ic")
-    settings = AdviceSettings(guide=replace(DEFAULT, enabled=True))
+    settings = AdviceSettings(guide=replace(DEFAULT.guide, enabled=True))
     situation = Situation(route=load_route("zurich-luzern"), vehicle=vehicle, level=vehicle.default_level)
     legs = Legs(situation, Preparation(Fronts(), lambda: 0.0, background=False), settings)
     legs.begin(stops, timetables)

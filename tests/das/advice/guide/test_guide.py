@@ -11,10 +11,9 @@ from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
 from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.guide.guide import Guide, falling_limits
 from das.advice.guide.scene import SpeedsAllowed
-from das.advice.guide.settings import DEFAULT, GuideSettings
 from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
-from das.advice.settings import AdviceSettings
+from das.advice.settings import DEFAULT, AdviceSettings, GuideSettings
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.preparation import Preparation
@@ -30,7 +29,7 @@ FREE = SpeedsAllowed(60.0, 60.0)
 
 
 def new_guide() -> Guide:
-    return Guide(section_of(LINE), guide_of(LINE), DEFAULT)
+    return Guide(section_of(LINE), guide_of(LINE), DEFAULT.guide)
 
 
 def train_of() -> Keeping:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from das.advice.guide.planning import Wanted, elapsed_s, passes_s, planned
+from das.advice.guide.planning import Wanted, planned
 from das.solver.guide.schedule import Scheduled
 from das.solver.solution import trajectory_on
 from das.solver.state import State, fastest
@@ -30,7 +30,7 @@ def plan(which: Which, wanted: Wanted) -> Scheduled:
 
 def passed_s(found: Scheduled, wanted: Wanted) -> float:
     assert wanted.point_m is not None
-    return passes_s(found.schedule, found.forecast, wanted.s_m, wanted.point_m)
+    return found.forecast.passes_s(wanted.point_m)
 
 
 def place_m(which: Which, share: float) -> float:
@@ -131,10 +131,9 @@ def test_elapsed_times_are_those_of_the_trajectory() -> None:
     i = len(section.step_m) // 3
     s_m, v_mps = float(section.node_m[i]) + 1.0, 25.0
     forecast = found.schedule.forecast(s_m, v_mps)
-    times, node_m = elapsed_s(found.schedule, forecast, s_m)
     run = trajectory_on(section, State.at(section, s_m, v_mps), forecast.speeds_mps[i:])
-    assert times == pytest.approx(run.t_s, abs=1e-6)
-    assert node_m == pytest.approx(run.s_m)
+    assert forecast.times_s == pytest.approx(run.t_s, abs=1e-6)
+    assert forecast.at_m == pytest.approx(run.s_m)
 
 
 @pytest.mark.parametrize("later_s", few([-15.0, 25.0], (25.0,), pytest.mark.slow))
