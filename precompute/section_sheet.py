@@ -86,8 +86,7 @@ def section_sheet(
     start_m = float(section.node_m[0])
     wanted = Wanted(s_m=start_m, v_mps=section.start_speed_mps, left_s=time_s)
     if point_m is not None and window is not None:
-        ends = [bound_s if np.isfinite(bound_s) else None for bound_s in (window.earliest_s, window.latest_s)]
-        wanted = replace(wanted, point_m=point_m, earliest_s=ends[0], latest_s=ends[1])
+        wanted = replace(wanted, point_m=point_m, window=window)
     found = planned(GuideFront(section, SETTINGS), wanted)
     return SectionSheet(
         section=section,

@@ -11,7 +11,7 @@ import numpy as np
 from das.advice import wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
 from das.advice.braking import ABOVE_MPS, BRAKED_MORE, braking_mode
-from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
+from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, SpeedsAllowed, TrainState
 from das.advice.plan import HOLD_S, Floats, Place, Plan
 from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
@@ -29,6 +29,14 @@ MISSED_NAMED_S: Final = 1.0
 """Delay after a point's window (s) from which the reason mentions it."""
 LEAST_FOR_BUFFER_S: Final = 10.0
 """Driving time left (s) below which no buffer ratio is given: it would mean nothing."""
+LATE_S = 2.0
+"""Longest time (s) that a driver may take to do what is shown."""
+NEXT_S = 1.0
+"""Time (s) until the next advice; a brake that is due by then is shown now."""
+GAINS_MPS2 = 0.1
+"""Acceleration (m/s²) below which the speed gained until the driver acts is negligible."""
+AT_FOOT_MPS = 0.5
+"""Excess over the allowed speed (m/s), just before a lower limit, above which a train must use all of its brakes."""
 STANDING: Final[dict[str, Any]] = {
     **dict.fromkeys(("display_speed_mps", "advised_speed_mps", "advised_force_n", "advised_force_ratio"), 0.0),
     **dict.fromkeys(("horizon_speed_mps", "horizon_force_n"), (0.0,) * HORIZON_S),
@@ -37,32 +45,18 @@ STANDING: Final[dict[str, Any]] = {
 
 
 class Scene(NamedTuple):
-    """What advice is built from: state, estimated position and speed, planner, goal, and the guide's advice.
+    """What advice is built from: state, estimated position and speed, planner, goal, bounds, and the guide's advice.
 
-    `late_s` is how late the train will be with the guide (s; NaN: as planned). `too_fast`: the driver is told that the
-    train is too fast.
+    `late_s` is how late the train will be with the guide (s; NaN: as planned).
     """
 
     state: TrainState
     here: Estimate
     planner: Planner
     goal: Goal
+    allowed: SpeedsAllowed
     guide: Guidance | None = None
     late_s: float = math.nan
-    too_fast: bool = False
-
-
-class _Change(NamedTuple):
-    """The next mode, and the distance (m) and time (s) until it begins."""
-
-    mode: Regime
-    way_m: float
-    time_s: float
-
-    @classmethod
-    def to(cls, one: Instruction) -> _Change:
-        """The change that an announced instruction of the guide makes."""
-        return cls(one.mode, one.way_m, one.in_s)
 
 
 class Display:
@@ -150,14 +144,14 @@ class Display:
     def following(self, scene: Scene, plan: Plan) -> Advice:
         """The advice for a moving train, from its plan and the guide's advice."""
         state, planner, goal, late_s = scene.state, scene.planner, scene.goal, scene.late_s
-        place, allowed = plan.at(state.s_m), planner.allowed_for(state)
+        place, allowed = plan.at(state.s_m), scene.allowed.allowed_mps
         excess_mps = state.v_mps - allowed
         too_fast = excess_mps > OVERSPEED_MPS
         mode, following = self._instructed(plan, place, scene, too_fast=too_fast)
         advised = min(place.speed_mps, allowed)
         shown_mps = self.displayed(advised, allowed)
         speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
-        arrival_ns = plan.arrival_ns(state.now_ns, place)
+        arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
         if math.isfinite(late_s):
             arrival_ns = goal.arrival_ns + round(late_s / NS)
         deviation_s = goal.late_s(arrival_ns)
@@ -174,7 +168,7 @@ class Display:
             horizon_force_n=tuple(forces.tolist()),
             next_mode=following.mode,
             next_change_m=following.way_m,
-            next_change_s=following.time_s,
+            next_change_s=following.in_s,
             predicted_arrival_ns=arrival_ns,
             predicted_deviation_s=deviation_s,
             buffer_ratio=_buffer_ratio(scene),
@@ -182,22 +176,20 @@ class Display:
             reason=self._reason(scene, plan, deviation_s, excess_mps),
         )
 
-    def _advice(self, scene: Scene, **fields: Any) -> Advice:
+    def _advice(self, scene: Scene, source: Source | None = None, **fields: Any) -> Advice:
         """The advice of a scene: where the train is, for how long it is valid, and these fields."""
-        state, here = scene.state, scene.here
+        state, here, planner = scene.state, scene.here, scene.planner
         return Advice(
-            **{
-                "time_ns": state.now_ns,
-                "position_time_ns": here.fix_time_ns,
-                "s_m": state.s_m,
-                "speed_mps": state.v_mps,
-                "source": scene.planner.source,
-                "valid_until_ns": state.now_ns + round(self._valid_for_s / NS),
-                "limit_mps": scene.planner.limit_mps(state.s_m),
-                "position_sd_m": here.position_sd_m,
-                "guide": scene.guide,
-                **fields,
-            }
+            time_ns=state.now_ns,
+            position_time_ns=here.fix_time_ns,
+            s_m=state.s_m,
+            speed_mps=state.v_mps,
+            source=source or planner.source,
+            valid_until_ns=state.now_ns + round(self._valid_for_s / NS),
+            limit_mps=planner.limit_mps(state.s_m),
+            position_sd_m=here.position_sd_m,
+            guide=scene.guide,
+            **fields,
         )
 
     def _horizon(self, plan: Plan, scene: Scene, advised_mps: float, *, too_fast: bool) -> tuple[Floats, Floats]:
@@ -230,7 +222,7 @@ class Display:
             self._force_n = shown_n
         return mode
 
-    def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, _Change]:
+    def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, Instruction]:
         """The mode to show and the next change: those of the guide once its instruction is due, else of the plan."""
         guide = scene.guide
         waits = guide is None or guide.now.mode is Regime.DEPART or guide.now.in_s > 0.0
@@ -238,12 +230,12 @@ class Display:
             return self._as_guided(guide, plan, scene, place, too_fast=too_fast)
         mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
         if guide is not None and guide.now.in_s > 0.0:
-            return mode, _Change.to(guide.now)
+            return mode, guide.now
         return mode, self._next_change(plan, mode, scene.state, place)
 
     def _as_guided(
         self, guide: Guidance, plan: Plan, scene: Scene, place: Place, *, too_fast: bool
-    ) -> tuple[Regime, _Change]:
+    ) -> tuple[Regime, Instruction]:
         """The mode and the next change of the guide's instruction, with the force that keeps to its reference.
 
         A braking effort is a share of the motors' brake, whose force grows as the train slows down. The advised force
@@ -257,9 +249,10 @@ class Display:
         if mode is not self._mode:
             self._show(mode, state.now_ns)
         if guide.following:
-            return self._mode, _Change.to(guide.following[0])
+            return self._mode, guide.following[0]
         end_m = float(plan.solution.trajectory.s_m[-1])
-        return self._mode, _Change(Regime.STOP, end_m - state.s_m, plan.solution.time_s - place.time_s)
+        left_s = plan.solution.time_s - place.time_s
+        return self._mode, Instruction(mode=Regime.STOP, way_m=end_m - state.s_m, in_s=left_s)
 
     def held_mode(self, wanted: Regime, now_ns: int) -> Regime:
         """The mode to show, given the wanted one.
@@ -273,16 +266,16 @@ class Display:
             self._show(wanted, now_ns)
         return self._mode
 
-    def _next_change(self, plan: Plan, shown: Regime, state: TrainState, place: Place) -> _Change:
+    def _next_change(self, plan: Plan, shown: Regime, state: TrainState, place: Place) -> Instruction:
         """The change to the mode after the one shown."""
         run, planned = plan.solution.trajectory, int(plan.modes[place.interval])
         change = int(plan.next_change[place.interval])
         mode = Regime(int(plan.modes[change])) if change < len(plan.modes) else Regime.STOP
-        found = _Change(mode, float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s)
+        way_m, in_s = float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s
         wait_s = max(HOLD_S - (state.now_ns - self._mode_since_ns) * NS, 0.0)
-        if shown != planned and wait_s < found.time_s:  # The planned mode has to wait until the shown one may change.
-            return _Change(Regime(planned), wait_s * place.speed_mps, wait_s)
-        return found
+        if shown != planned and wait_s < in_s:  # The planned mode has to wait until the shown one may change.
+            return Instruction(mode=Regime(planned), way_m=wait_s * place.speed_mps, in_s=wait_s)
+        return Instruction(mode=mode, way_m=way_m, in_s=in_s)
 
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The speed to display (m/s): the advised one in whole steps, steady within a band, never above the allowed."""
@@ -294,7 +287,7 @@ class Display:
         """The reason of the advice."""
         planner, goal = scene.planner, scene.goal
         basis, fit = planner.basis, plan.solution.fit
-        if scene.too_fast:
+        if scene.allowed.too_fast:
             return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps)
         if basis.front is None:
             return Reason(code=ReasonCode.FASTEST_SAFE if basis.before is None else ReasonCode.AS_BEFORE)
@@ -320,7 +313,7 @@ class Display:
             return NO_REASON
         code, time_ns = ReasonCode.POINT_EARLIEST, point.earliest_ns or 0
         if time_ns <= state.now_ns:
-            if _missed_s(point, plan) < MISSED_NAMED_S:
+            if passed_s(plan.solution, point) - point.window(plan.made_ns).latest_s < MISSED_NAMED_S:
                 return NO_REASON
             code, time_ns = ReasonCode.POINT_MISSED, point.latest_ns or 0
         return Reason(code=code, at_m=point.s_m, time_ns=time_ns, late_s=deviation_s, text=point.reason)
@@ -331,23 +324,6 @@ def _buffer_ratio(scene: Scene) -> float:
     state, planner, goal = scene.state, scene.planner, scene.goal
     least_s = planner.least_time_s(state.s_m, state.v_mps)
     return goal.left_s(state.now_ns) / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan
-
-
-def _missed_s(point: PassingTarget, plan: Plan) -> float:
-    """How long (s) after the end of its window a plan passes a point; minus infinity if the window has no end."""
-    if point.latest_ns is None:
-        return -math.inf
-    return (plan.made_ns - point.latest_ns) * NS + passed_s(plan.solution, point)
-
-
-LATE_S = 2.0
-"""Longest time (s) that a driver may take to do what is shown."""
-NEXT_S = 1.0
-"""Time (s) until the next advice; a brake that is due by then is shown now."""
-GAINS_MPS2 = 0.1
-"""Acceleration (m/s²) below which the speed gained until the driver acts is negligible."""
-AT_FOOT_MPS = 0.5
-"""Excess over the allowed speed (m/s), just before a lower limit, above which a train must use all of its brakes."""
 
 
 def braked_enough(

@@ -10,12 +10,10 @@ from typing import Final
 from das.advice.advice import Advice, Guidance, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
 from das.advice.display import Display, Scene
-from das.advice.goal import AT_END_M, AT_STOP_M, Goal, PassingTarget, TrainState, is_too_fast
+from das.advice.goal import AT_END_M, AT_STOP_M, Goal, PassingTarget, SpeedsAllowed, TrainState, is_too_fast
 from das.advice.guide.drift import Drift
 from das.advice.guide.guard import STEP_RATIO
 from das.advice.guide.guide import Guide
-from das.advice.guide.keeping import Kept
-from das.advice.guide.scene import SpeedsAllowed
 from das.advice.planner import PlanBasis, Planner
 from das.advice.reason import Reason, ReasonCode
 from das.advice.settings import DEFAULT, AdviceSettings
@@ -163,8 +161,11 @@ class Leg:
         """The advice for a usable state, at its time; raises NoPlanError if no plan finishes the section from it."""
         planner = self.planner
         state = self._state(here)
-        self.progress.too_fast = is_too_fast(state.v_mps - planner.allowed_for(state), told=self.progress.too_fast)
-        scene = Scene(state, here, planner, self.goal, too_fast=self.progress.too_fast)
+        allowed_mps = planner.allowed_for(state)
+        self.progress.too_fast = is_too_fast(state.v_mps - allowed_mps, told=self.progress.too_fast)
+        limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
+        place = SpeedsAllowed(allowed_mps, limit_mps, self.progress.too_fast)
+        scene = Scene(state, here, planner, self.goal, place)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -AT_STOP_M:
             self._arrived_ns = None
@@ -183,9 +184,11 @@ class Leg:
         try:
             kept = None if self.guide is None else self.guide.plan(state, self.goal)
             plan = planner.plan_for(state, self.goal, None if kept is None else kept.scheduled)
-            scene = scene._replace(guide=self._guidance(kept, state, stands=stands))
-            if self.guide is not None and kept is not None:
-                scene = scene._replace(late_s=self.guide.arrival_late_s(kept, state, self.goal))
+            if self.guide is not None:
+                show = self.guide.departs if stands else self.guide.show
+                scene = scene._replace(guide=show(kept, state, self.goal, place))
+                if kept is not None:
+                    scene = scene._replace(late_s=self.guide.keeper.arrival_late_s(kept, state, self.goal))
             return self.display.departing(scene, plan) if stands else self.display.following(scene, plan)
         except DasError as error:
             if state.v_mps > planner.allowed_mps(state.s_m):
@@ -229,16 +232,6 @@ class Leg:
         self.planner.forget()
         if self.guide is not None:
             self.guide.forget()
-
-    def _guidance(self, kept: Kept | None, state: TrainState, *, stands: bool) -> Guidance | None:
-        """The guide's instruction to a train that runs, or that stands and has to go on; None without a guide."""
-        if self.guide is None:
-            return None
-        planner = self.planner
-        limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
-        place = SpeedsAllowed(planner.allowed_for(state), limit_mps, self.progress.too_fast)
-        show = self.guide.departs if stands else self.guide.show
-        return show(kept, state, self.goal, place)
 
     def _standing(self, state: TrainState) -> Guidance | None:
         """The guide's instruction to a train that has to stand; None without a guide."""

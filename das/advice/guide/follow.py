@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from das.advice.advice import Instruction
 from das.advice.braking import LEAST_MPS2, NeededBrake
 from das.advice.goal import OVERSPEED_MPS
-from das.advice.guide.guard import LEAST_LEAD_S, SHORT_M, Proposal, begins_s, braked, rate_mps2, slows, stepped
+from das.advice.guide.guard import LEAST_LEAD_S, SHORT_M, Proposal, Sight, begins_s, braked, rate_mps2, slows, stepped
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
-from das.advice.guide.scene import Sight
 from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, told_mps
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
@@ -93,7 +92,7 @@ def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
     assert memory.back is not None
     v_mps, to_mps = scene.state.v_mps, memory.back.speed_mps
     if memory.mode is Lead.CREEP:
-        return _need(scene, step) > _planned(scene, step)
+        return _need(scene, step) > planned_effort(scene, step)
     if memory.mode is Lead.BACK_UP:
         return v_mps >= to_mps - REACHED_MPS
     return v_mps <= to_mps + SAME_MPS
@@ -246,7 +245,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     need, in_s = _need(scene, step), scene.due_s(memory.step)
     if in_s > 0.0 and step.effort == 0.0:
         in_s = min(in_s, max(begins_s(scene, state.v_mps), LEAST_LEAD_S))
-    if in_s <= 0.0 and need < EARLY_RATIO * _planned(scene, step):
+    if in_s <= 0.0 and need < EARLY_RATIO * planned_effort(scene, step):
         back = _eased(scene, memory, step)
         if back is not None:
             mode = Lead.BACK_DOWN if slows else Lead.CREEP
@@ -264,7 +263,7 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep) -> Instruction | None:
     if to_mps > SAME_MPS:
         rolled_w = v_mps**2 + 2.0 * scene.rolls_mps2 * left_m
         return coast(to_mps) if v_mps > to_mps + OFF_MPS and rolled_w <= to_mps**2 else None
-    shown = memory.shown if memory.shown.mode in BRAKES else brake(_planned(scene, step), 0.0)
+    shown = memory.shown if memory.shown.mode in BRAKES else brake(planned_effort(scene, step), 0.0)
     soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
     low_mps = max(target_below(soon_mps), CREEP_MPS)
     if scene.ahead.is_due(state.braked_m, low_mps, BRAKES_BACK_S):
@@ -285,7 +284,7 @@ def _need(scene: Sight, step: GuideStep) -> float:
     return scene.ahead.effort_to(from_m, scene.state.v_mps, _by_m(scene, step), step.speed_mps)
 
 
-def _planned(scene: Sight, step: GuideStep) -> float:
+def planned_effort(scene: Sight, step: GuideStep) -> float:
     """The effort that the reference needs for the brake of a step."""
     if step.effort > 0.0:
         return step.effort

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Guidance, Instruction, Replan, ReplanCause
 from das.advice.braking import BrakingAhead
-from das.advice.goal import Goal, TrainState
+from das.advice.goal import Goal, SpeedsAllowed, TrainState
 from das.advice.guide.drift import Drift
 from das.advice.guide.follow import CREEP_MPS
 from das.advice.guide.keeping import Keeper, Kept
-from das.advice.guide.scene import SpeedsAllowed
 from das.advice.guide.showing import Showing
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
@@ -72,7 +71,8 @@ class Guide:
         self._ahead_of_train = BrakingAhead(section)
         self.drift = drift or Drift()
         """The driver's drift, as far as it is known."""
-        self._keeper = Keeper(section, front, settings, worker, self.drift)
+        self.keeper = Keeper(section, front, settings, worker, self.drift)
+        """Keeps the reference."""
         self.showing = Showing()
         """What is shown, second by second."""
         self._news: tuple[Restriction, ...] = ()
@@ -83,7 +83,7 @@ class Guide:
     def successor(self, section: Section, front: GuideFront | None) -> Guide:
         """The guide that takes over from this one, with another front or under other limits."""
         found = Guide(section, front, self._settings, self._worker, self.drift)
-        found._keeper.take_over(self._keeper)
+        found.keeper.take_over(self.keeper)
         found.showing = self.showing
         found._said_late_s, found._reasoned = self._said_late_s, self._reasoned
         known = self._section.route.restrictions
@@ -92,7 +92,7 @@ class Guide:
 
     def forget(self) -> None:
         """Drop the reference and all that was shown."""
-        self._keeper.forget()
+        self.keeper.forget()
         self.showing.forget()
         self._said_late_s = 0.0
 
@@ -100,7 +100,7 @@ class Guide:
         """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
         self._lost = False
         try:
-            return self._keeper.keep(state, goal, changes=self.showing.changes)
+            return self.keeper.keep(state, goal, changes=self.showing.changes)
         except DasError:
             self._lost = True
             return None
@@ -137,8 +137,7 @@ class Guide:
         At the stop the driver brakes by eye, also behind the mark.
         """
         self.forget()
-        now = self.showing.braking(effort)
-        found = Guidance(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
+        found = Guidance(now=self.showing.braking(effort), force_n=force_n, reference_force_n=force_n, reason=reason)
         return self._as_read(found, state)
 
     def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Guidance | None:
@@ -187,10 +186,6 @@ class Guide:
             self._reasoned = now, ahead
         return self._reasoned[1]
 
-    def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
-        """How late the train is likely to arrive (s; early < 0)."""
-        return self._keeper.arrival_late_s(kept, state, goal)
-
     def _said_arrival_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
         """The lateness at arrival as shown (s): the last value until it is off by `SAID_ANEW_S`.
 
@@ -199,7 +194,7 @@ class Guide:
         """
         if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
             return 0.0
-        late_s = self.arrival_late_s(kept, state, goal)
+        late_s = self.keeper.arrival_late_s(kept, state, goal)
         if abs(late_s - self._said_late_s) >= SAID_ANEW_S:
             self._said_late_s = late_s
         return self._said_late_s
@@ -230,9 +225,9 @@ class Guide:
 def _is_slowed_for_point(kept: Kept, state: TrainState, goal: Goal) -> bool:
     """Whether the train would pass the point ahead too early if the reference did not slow it down."""
     point = goal.passing
-    if point is None or point.earliest_ns is None or not goal.waits(state):
+    if point is None or not goal.waits(state):
         return False
-    return kept.forecast.passes_s(point.s_m) - (point.earliest_ns - state.now_ns) * NS < SLOWED_S
+    return kept.forecast.passes_s(point.s_m) - point.window(state.now_ns).earliest_s < SLOWED_S
 
 
 def _ends_m(schedule: Schedule, number: int, kinds: tuple[PhaseKind, ...]) -> float:

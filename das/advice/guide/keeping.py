@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Final, NamedTuple
 
 from das.advice.advice import Replan, ReplanCause
@@ -14,6 +14,7 @@ from das.advice.guide.timeline import COAST_LEAD_S
 from das.advice.settings import GuideSettings
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
+from das.domain.journey import ANY_TIME, Window
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.guide.policies import GuideFront
@@ -320,10 +321,8 @@ class Keeper:
         point = goal.passing
         if point is None or point.s_m <= state.s_m:
             return False
-        at_s = kept.forecast.passes_s(point.s_m)
-        early = point.earliest_ns is not None and at_s < (point.earliest_ns - state.now_ns) * NS
-        late = point.latest_ns is not None and at_s > (point.latest_ns - state.now_ns) * NS
-        return early or late
+        window = point.window(state.now_ns)
+        return not window.earliest_s <= kept.forecast.passes_s(point.s_m) <= window.latest_s
 
     def _gain(self, kept: Kept | None, found: Scheduled, state: TrainState, goal: Goal) -> _Gain:
         """What a new reference gains over the present one (all 0 if there is none)."""
@@ -356,15 +355,11 @@ class Keeper:
 
     def _wanted(self, state: TrainState, goal: Goal) -> Wanted:
         """What the worker makes a new reference for."""
-        point, earliest_s, latest_s = goal.passing, None, None
-        if point is not None and point.earliest_ns is not None:
-            ahead_s = (point.earliest_ns - state.now_ns) * NS
-            earliest_s = ahead_s + self._drift.margin_s(ahead_s)
-        if point is not None and point.latest_ns is not None:
-            ahead_s = (point.latest_ns - state.now_ns) * NS
-            latest_s = ahead_s - self._drift.margin_s(ahead_s)
-            if earliest_s is not None:
-                latest_s = max(latest_s, earliest_s)
+        point, window = goal.passing, ANY_TIME
+        if point is not None:
+            earliest_s, latest_s = astuple(point.window(state.now_ns))
+            earliest_s += self._drift.margin_s(earliest_s)
+            window = Window(earliest_s=earliest_s, latest_s=max(latest_s - self._drift.margin_s(latest_s), earliest_s))
         left_s = goal.aimed_s(state.now_ns)
         return Wanted(
             s_m=state.s_m,
@@ -373,6 +368,5 @@ class Keeper:
             reserve_s=left_s - self._aimed_s(state, goal),
             reserve_ratio=DEAREST_RATIO,
             point_m=None if point is None else point.s_m,
-            earliest_s=earliest_s,
-            latest_s=latest_s,
+            window=window,
         )

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from das.domain.errors import DasError
-from das.domain.journey import Window
+from das.domain.journey import ANY_TIME, Window
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, through
 from das.solver.guide.policies import BACK_SHARE, HIGH_RATIO, GuideFront, PolicyFrom
-from das.solver.guide.schedule import Phase, PhaseKind, Prospect, Schedule, Scheduled
+from das.solver.guide.schedule import Phase, PhaseKind, Prospect, Schedule, Scheduled, settled
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
@@ -28,9 +27,9 @@ class Wanted:
     """What a reference is made for: the train's state, the time left to the end (s), and a point with its window.
 
     It arrives earlier by as much of `reserve_s` as costs, in a second, no more than `reserve_ratio` of full power.
-    `point_m` is None without such a point. `earliest_s` and `latest_s` count from now; None means that this end of the
-    window is open. `kept` is a reference, with its forecast, that is to be kept for the next `KEPT_S`; a phase that
-    begins within `shown_s` is shown already. `told` is the phase that the train is in.
+    `point_m` is None without such a point; its `window` counts from now. `kept` is a reference, with its forecast, that
+    is to be kept for the next `KEPT_S`; a phase that begins within `shown_s` is shown already. `told` is the phase that
+    the train is in.
     """
 
     s_m: float
@@ -39,8 +38,7 @@ class Wanted:
     reserve_s: float = 0.0
     reserve_ratio: float = 0.0
     point_m: float | None = None
-    earliest_s: float | None = None
-    latest_s: float | None = None
+    window: Window = ANY_TIME
     kept: tuple[Schedule, Prospect] | None = None
     shown_s: float = 0.0
     told: Phase | None = None
@@ -57,9 +55,7 @@ def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
     told = NO_INSTRUCTION if wanted.told is None else said_of(front, wanted.told)
     left_s = max(_aimed_s(front, wanted, state, told), 1.0)
     if wanted.point_m is not None and wanted.point_m > wanted.s_m:
-        latest_s = math.inf if wanted.latest_s is None else wanted.latest_s
-        window = Window(earliest_s=wanted.earliest_s or 0.0, latest_s=latest_s)
-        run = through(front, state, left_s, wanted.point_m, window, told)
+        run = through(front, state, left_s, wanted.point_m, wanted.window, told)
     else:
         run, _ = in_time(front, state, left_s, told)
     return scheduled_run(front, run)
@@ -81,9 +77,7 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
         return None  # Somebody has changed the table, or the train stands outside its section.
     if found is None or point_m is None or point_m <= s_m:
         return found
-    at_s = found.forecast.passes_s(point_m)
-    latest_s = math.inf if wanted.latest_s is None else wanted.latest_s
-    return found if (wanted.earliest_s or 0.0) <= at_s <= latest_s else None
+    return found if wanted.window.earliest_s <= found.forecast.passes_s(point_m) <= wanted.window.latest_s else None
 
 
 def _aimed_s(front: GuideFront, wanted: Wanted, state: State, told: int) -> float:
@@ -111,10 +105,10 @@ def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect
     if number >= len(times_s) - 1:
         return planned(front, replace(wanted, kept=None))
     node, after_s = number + len(kept.section.node_m) - len(times_s), float(times_s[number])
-    earliest_s, latest_s = (None if one is None else one - after_s for one in (wanted.earliest_s, wanted.latest_s))
+    window = Window(earliest_s=wanted.window.earliest_s - after_s, latest_s=wanted.window.latest_s - after_s)
     later = replace(
         wanted, s_m=float(at_m[number]), v_mps=float(forecast.ahead_mps[number]), left_s=wanted.left_s - after_s,
-        earliest_s=earliest_s, latest_s=latest_s, kept=None, told=kept.phases[int(kept.at[max(node - 1, 0)])],
+        window=window, kept=None, told=kept.phases[int(kept.at[max(node - 1, 0)])],
     )  # fmt: skip
     rest = planned(front, later)
     return Scheduled(*_joined(kept, rest.schedule, node, wanted), rest.lambda_w)
@@ -138,6 +132,4 @@ def _joined(before: Schedule, rest: Schedule, node: int, wanted: Wanted) -> tupl
         goes_on = after[0].kind is PhaseKind.COAST or first[-1].target_mps == after[0].target_mps
         if goes_on and after[0].kind is not PhaseKind.BRAKE:
             after[0] = after[0]._replace(begin=first.pop().begin)
-    speeds = np.concatenate((before.known.speed_mps[:node], rest.known.speed_mps[node:]))
-    both = replace(before, phases=(*first, *after), known=before.known._replace(speed_mps=speeds))
-    return both.settled(wanted.s_m, wanted.v_mps)
+    return settled(before.section, (*first, *after), before.back_share, wanted.s_m, wanted.v_mps)

@@ -10,7 +10,7 @@ import numpy as np
 
 from das.advice.advice import Guidance, Instruction, ReplanCause
 from das.advice.braking import BrakingAhead
-from das.advice.goal import TrainState
+from das.advice.goal import SpeedsAllowed, TrainState
 from das.advice.guide.announce import following
 from das.advice.guide.follow import CREEP_MPS, advanced, at_step, wanted
 from das.advice.guide.guard import (
@@ -19,6 +19,7 @@ from das.advice.guide.guard import (
     SOONER_S,
     STEP_RATIO,
     Proposal,
+    Sight,
     begins_s,
     brake_lead_s,
     braked,
@@ -31,7 +32,6 @@ from das.advice.guide.guard import (
 )
 from das.advice.guide.keeping import Changes, Kept
 from das.advice.guide.memory import Lead, Memory, alike, brake, hold, is_own_end, repeats
-from das.advice.guide.scene import Sight, SpeedsAllowed
 from das.advice.guide.timeline import COAST_LEAD_S, SAME_MPS, STANDS_S, GuideStep, timeline
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS
@@ -48,66 +48,6 @@ LEADS_S = {
 }
 """The time (s) before it is due at which each kind is shown: an acceleration early enough to be seen by a driver who
 looks when it is due."""
-
-
-class Opening(NamedTuple):
-    """Whether a wanted instruction is shown now, and in what time (s) it is due."""
-
-    now: bool
-    due_s: float
-
-
-def opening(
-    memory: Memory, wanted: Proposal, state: TrainState, *, is_safe: bool, next_s: float, lead_s: float | None = None
-) -> Opening:
-    """When a wanted instruction takes the place of the one shown.
-
-    It must have been announced for `STANDS_S` when it is due, and the one shown must have stood as long. Exceptions:
-    the one shown is not safe any more (`is_safe`); a brake has reached its speed; the speed that the one shown leads to
-    is reached; a brake that limits ask for does not wait. A hold or coasting that would stand for less than `STANDS_S`
-    before the change after it, in `next_s`, is not shown.
-    """
-    one, shown, now_ns, v_mps = wanted.one, memory.shown, state.now_ns, state.v_mps
-    if shown.mode not in KIND_OF or not is_safe:
-        return Opening(True, wanted.in_s)
-    stands_s = max(STANDS_S - (now_ns - memory.since_ns) * NS, 0.0)
-    if repeats(one, shown):
-        return Opening(stands_s <= 0.0 or one.effort_ratio < shown.effort_ratio, wanted.in_s)
-    brakes, brakes_on = one.mode in BRAKES, one.mode in BRAKES and shown.mode in BRAKES
-    if brakes_on and (
-        one.effort_ratio < shown.effort_ratio or one.speed_mps < shown.speed_mps + SAME_MPS or reached(shown, v_mps)
-    ):
-        return Opening(True, 0.0)  # Nobody releases in between.
-    if reached(shown, v_mps):
-        due_s = 0.0 if is_own_end(one, shown) else memory.lacks_s(one, now_ns, 0.0)
-        is_now = due_s <= 0.0
-    elif is_own_end(one, shown) or KIND_OF[one.mode] is KIND_OF[shown.mode]:
-        due_s, is_now = max(wanted.in_s, stands_s), stands_s <= 0.0
-    else:
-        stands_s = 0.0 if brakes else stands_s
-        lacks_s = memory.lacks_s(one, now_ns, wanted.in_s) if wanted.waits else 0.0
-        due_s = max(wanted.in_s + lacks_s, stands_s)
-        lead_s = LEADS_S[KIND_OF[one.mode]] if lead_s is None else lead_s
-        if wanted.mode is Lead.BACK_DOWN and brakes:
-            due_s = max(due_s, lead_s)
-        is_now = stands_s <= 0.0 and due_s <= lead_s
-    if one.mode in (Regime.COAST, Regime.CRUISE) and next_s - due_s < STANDS_S:
-        return Opening(False, math.inf)
-    return Opening(is_now, due_s)
-
-
-def has_led(memory: Memory, one: Instruction, state: TrainState) -> bool:
-    """Whether a brake, or coasting that is to end, has led to its speed, and something else than its hold is wanted."""
-    shown, v_mps = memory.shown, state.v_mps
-    ended = reached(shown, v_mps) and one.mode not in BRAKES
-    if shown.mode is Regime.COAST and one.mode is Regime.CRUISE:
-        ended = v_mps <= shown.speed_mps + SAME_MPS and (state.now_ns - memory.since_ns) * NS >= STANDS_S
-    return ended and not is_own_end(one, shown)
-
-
-def reached(shown: Instruction, v_mps: float) -> bool:
-    """Whether a brake has reached its speed."""
-    return shown.mode in BRAKES and shown.speed_mps > SAME_MPS and v_mps <= shown.speed_mps + SAME_MPS
 
 
 FORGOTTEN_S = 15.0
@@ -127,8 +67,7 @@ class Showing:
         self._schedule: Schedule | None = None
         self._steps: tuple[GuideStep, ...] = ()
         self._ahead: BrakingAhead | None = None
-        self.changes = Changes()
-        """The moments of the last change of the instruction shown, and of the next one."""
+        self._next_ns = 0
         self.phase = 0
         """The number of the phase of the schedule in which the train is."""
 
@@ -140,7 +79,11 @@ class Showing:
         """Take note of a brake that was shown at a moment (ns) though none was chosen; other acts do not last."""
         if now.mode in BRAKES and self._memory.shown.mode not in BRAKES:
             self._memory = replace(self._memory, shown=now, since_ns=now_ns, due_ns=now_ns)
-            self.changes = self.changes._replace(last_ns=now_ns)
+
+    @property
+    def changes(self) -> Changes:
+        """The moments of the last change of the instruction shown, and of the next one."""
+        return Changes(self._memory.since_ns, self._next_ns)
 
     @property
     def shown_effort(self) -> float:
@@ -185,31 +128,27 @@ class Showing:
         """
         scene, memory = self._begin(kept, state, place), self._memory
         replan, now_ns = kept.reference.replan, state.now_ns
-        imposed = replan.cause in IMPOSED and replan.time_ns > self.changes.last_ns
+        imposed = replan.cause in IMPOSED and replan.time_ns > memory.since_ns
         chosen, due_s, memory, put_off = self._chosen(scene, memory, imposed=imposed)
-        one = chosen.one
-        changed = not repeats(one, memory.shown) or (
-            one.mode in BRAKES and one.effort_ratio != memory.shown.effort_ratio
-        )
-        if not alike(one, memory.shown):
-            memory = replace(memory, due_ns=now_ns + round(due_s / NS))
+        one, before, mode, back, efforts = chosen.one, memory.shown, memory.mode, memory.back, memory.efforts
+        changed = not repeats(one, before) or (one.mode in BRAKES and one.effort_ratio != before.effort_ratio)
         if chosen.brakes and math.isfinite(chosen.at_m):
-            memory = replace(memory, efforts={**memory.efforts, chosen.at_m: -one.effort_ratio})
-        if changed:
-            memory = replace(memory, since_ns=now_ns)
-            self.changes = self.changes._replace(last_ns=now_ns)
-        memory = replace(memory, shown=one)
+            efforts = {**efforts, chosen.at_m: -one.effort_ratio}
         if chosen.guarded:
-            memory = replace(memory, mode=Lead.GUARD, back=None)
-        elif memory.mode is Lead.SILENT or (memory.mode is Lead.GUARD and not chosen.brakes):
-            memory = replace(memory, mode=Lead.FOLLOW)
+            mode, back = Lead.GUARD, None
+        elif mode is Lead.SILENT or (mode is Lead.GUARD and not chosen.brakes):
+            mode = Lead.FOLLOW
+        memory = replace(
+            memory, shown=one, mode=mode, back=back, efforts=efforts, since_ns=now_ns if changed else memory.since_ns,
+            due_ns=memory.due_ns if alike(one, before) else now_ns + round(due_s / NS),
+        )  # fmt: skip
         in_s = max((memory.due_ns - now_ns) * NS, 0.0)
         now = replace(one, way_m=in_s * state.v_mps, in_s=in_s)
         after = following(scene, memory, now, put_off)
         memory = replace(memory, announced=memory.noted(after, now_ns), noted_ns=now_ns)
         self._memory = memory
         next_s = in_s if in_s > 0.0 or not after else after[0].in_s
-        self.changes = self.changes._replace(next_ns=now_ns + round(next_s / NS))
+        self._next_ns = now_ns + round(next_s / NS)
         goal_m = self._goal_m(scene, memory, chosen)
         exact = replace(now, effort_ratio=-chosen.exact) if 0.0 < chosen.exact < -now.effort_ratio else now
         self.phase = scene.steps[memory.step].number
@@ -365,3 +304,66 @@ def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:
     most_n = float(traction_limit(v_mps, train)) * (now.effort_ratio if now.mode in TRACTION else 1.0)
     least_n = 0.0 if now.mode in TRACTION else ahead.force_n(1.0, s_m, v_mps)
     return min(max(wanted_n, least_n), most_n)
+
+
+# --- the gate: the only hysteresis. When a wanted instruction may take the place of the one shown ---------------------
+
+
+class Opening(NamedTuple):
+    """Whether a wanted instruction is shown now, and in what time (s) it is due."""
+
+    now: bool
+    due_s: float
+
+
+def opening(
+    memory: Memory, wanted: Proposal, state: TrainState, *, is_safe: bool, next_s: float, lead_s: float | None = None
+) -> Opening:
+    """When a wanted instruction takes the place of the one shown.
+
+    It must have been announced for `STANDS_S` when it is due, and the one shown must have stood as long. Exceptions:
+    the one shown is not safe any more (`is_safe`); a brake has reached its speed; the speed that the one shown leads to
+    is reached; a brake that limits ask for does not wait. A hold or coasting that would stand for less than `STANDS_S`
+    before the change after it, in `next_s`, is not shown.
+    """
+    one, shown, now_ns, v_mps = wanted.one, memory.shown, state.now_ns, state.v_mps
+    if shown.mode not in KIND_OF or not is_safe:
+        return Opening(True, wanted.in_s)
+    stands_s = max(STANDS_S - (now_ns - memory.since_ns) * NS, 0.0)
+    if repeats(one, shown):
+        return Opening(stands_s <= 0.0 or one.effort_ratio < shown.effort_ratio, wanted.in_s)
+    brakes, brakes_on = one.mode in BRAKES, one.mode in BRAKES and shown.mode in BRAKES
+    if brakes_on and (
+        one.effort_ratio < shown.effort_ratio or one.speed_mps < shown.speed_mps + SAME_MPS or reached(shown, v_mps)
+    ):
+        return Opening(True, 0.0)  # Nobody releases in between.
+    if reached(shown, v_mps):
+        due_s = 0.0 if is_own_end(one, shown) else memory.lacks_s(one, now_ns, 0.0)
+        is_now = due_s <= 0.0
+    elif is_own_end(one, shown) or KIND_OF[one.mode] is KIND_OF[shown.mode]:
+        due_s, is_now = max(wanted.in_s, stands_s), stands_s <= 0.0
+    else:
+        stands_s = 0.0 if brakes else stands_s
+        lacks_s = memory.lacks_s(one, now_ns, wanted.in_s) if wanted.waits else 0.0
+        due_s = max(wanted.in_s + lacks_s, stands_s)
+        lead_s = LEADS_S[KIND_OF[one.mode]] if lead_s is None else lead_s
+        if wanted.mode is Lead.BACK_DOWN and brakes:
+            due_s = max(due_s, lead_s)
+        is_now = stands_s <= 0.0 and due_s <= lead_s
+    if one.mode in (Regime.COAST, Regime.CRUISE) and next_s - due_s < STANDS_S:
+        return Opening(False, math.inf)
+    return Opening(is_now, due_s)
+
+
+def has_led(memory: Memory, one: Instruction, state: TrainState) -> bool:
+    """Whether a brake, or coasting that is to end, has led to its speed, and something else than its hold is wanted."""
+    shown, v_mps = memory.shown, state.v_mps
+    ended = reached(shown, v_mps) and one.mode not in BRAKES
+    if shown.mode is Regime.COAST and one.mode is Regime.CRUISE:
+        ended = v_mps <= shown.speed_mps + SAME_MPS and (state.now_ns - memory.since_ns) * NS >= STANDS_S
+    return ended and not is_own_end(one, shown)
+
+
+def reached(shown: Instruction, v_mps: float) -> bool:
+    """Whether a brake has reached its speed."""
+    return shown.mode in BRAKES and shown.speed_mps > SAME_MPS and v_mps <= shown.speed_mps + SAME_MPS

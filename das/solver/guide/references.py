@@ -11,8 +11,7 @@ from typing import NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.guide.schedule import Phase, Schedule, Scheduled
-from das.solver.kernels.tuples import KnownRun
+from das.solver.guide.schedule import Phase, Scheduled, settled
 from das.solver.section import Section
 from das.solver.state import least_time_s
 
@@ -71,12 +70,8 @@ class References:
         section.
         """
         ahead_s = float(section.fastest_run.time_to_go_s[0]) - least_time_s(section, s_m, v_mps)
-        number, nodes = self.best(time_s + ahead_s), len(section.node_m)
+        number = self.best(time_s + ahead_s)
         if number is None:
             return None
         found = self.finished[number]
-        raw = Schedule(
-            section=section, phases=found.phases, known=KnownRun(np.zeros(nodes), np.zeros(nodes)),
-            back_share=back_share,
-        )  # fmt: skip
-        return Scheduled(*raw.settled(s_m, v_mps), found.lambda_w, finished=True)
+        return Scheduled(*settled(section, found.phases, back_share, s_m, v_mps), found.lambda_w, finished=True)

@@ -16,11 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.solver.kernels import schedule as kernels
-from das.solver.kernels.schedule import follow
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from das.solver.state import RollOut, State, following_node, least_time_s
+
+Floats = NDArray[np.float64]
+MET_MPS = 1e-3
+"""The distance from the schedule's trajectory (m/s) within which a train counts as on it from there on."""
+NOWHERE = -1.0
+"""The `met_mps` of a train that is followed to the end and never counts as on the schedule's trajectory."""
+ON_CURVE_MPS = 0.05
+"""The distance of the target from the braking curve (m/s) at the end of a phase within which the phase follows the
+curve."""
 
 
 class PhaseKind(IntEnum):
@@ -54,16 +62,6 @@ class Phase(NamedTuple):
     def rolls_up(self) -> bool:
         """Whether the train coasts up to the speed."""
         return self.kind is PhaseKind.TRACTION and self.share == 0.0
-
-
-Floats = NDArray[np.float64]
-MET_MPS = 1e-3
-"""The distance from the schedule's trajectory (m/s) within which a train counts as on it from there on."""
-NOWHERE = -1.0
-"""The `met_mps` of a train that is followed to the end and never counts as on the schedule's trajectory."""
-ON_CURVE_MPS = 0.05
-"""The distance of the target from the braking curve (m/s) at the end of a phase within which the phase follows the
-curve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +137,12 @@ class Schedule:
 
     def speed_at(self, s_m: float) -> float:
         """The scheduled speed (m/s) at a position; v² is linear between the nodes."""
-        return math.sqrt(float(np.interp(s_m, self.section.node_m, self.known.speed_mps**2)))
+        return math.sqrt(float(np.interp(s_m, self.section.node_m, self._speed_w)))
+
+    @cached_property
+    def _speed_w(self) -> Floats:
+        """The scheduled v² at the nodes (m²/s²)."""
+        return np.asarray(self.known.speed_mps**2)
 
     def brakes_by_effort(self, number: int) -> bool:
         """Whether a phase brakes with one effort to its speed and then holds it: a brake that is not for a limit."""
@@ -171,7 +174,7 @@ class Schedule:
         first, line, envelope = self.ahead(s_m, v_mps)
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
-        time_s, energy_j = follow(
+        time_s, energy_j = kernels.follow(
             first, self.at, self.ends_m, self.columns, self.back_share, self.known, met_mps, line, envelope,
             section.train, section.loss_params, speeds,
         )  # fmt: skip
@@ -190,16 +193,6 @@ class Schedule:
             envelope = envelope.copy()
             envelope[first] = v_mps
         return first, section.for_kernels._replace(step_m=step), envelope
-
-    def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
-        """The same phases with the trajectory that keeps to them from a state, and the forecast of that trajectory."""
-        forecast = self.forecast(s_m, v_mps, met_mps=NOWHERE)
-        speeds = forecast.speeds_mps
-        known = np.isfinite(speeds)
-        first = int(np.argmax(known))
-        run = known_run(self.section, np.where(known, speeds, v_mps))
-        run.time_to_go_s[:first] = run.time_to_go_s[first]
-        return replace(self, known=run), forecast
 
 
 class Scheduled(NamedTuple):
@@ -228,6 +221,22 @@ class Scheduled(NamedTuple):
             fit=Fit.LATE if requested_s < least_s else Fit.ON_TIME,
             lambda_w=self.lambda_w,
         )
+
+
+def settled(
+    section: Section, phases: tuple[Phase, ...], back_share: float, s_m: float, v_mps: float
+) -> tuple[Schedule, Prospect]:
+    """The schedule of phases with the trajectory that keeps to them from a state, and the forecast of that trajectory.
+
+    Raises InfeasibleError if the train stalls.
+    """
+    nowhere = KnownRun(*np.zeros((2, len(section.node_m))))
+    raw = Schedule(section=section, phases=phases, known=nowhere, back_share=back_share)
+    forecast = raw.forecast(s_m, v_mps, met_mps=NOWHERE)
+    first = len(section.node_m) - len(forecast.at_m)
+    run = known_run(section, np.append(np.full(first, v_mps), forecast.ahead_mps))
+    run.time_to_go_s[:first] = run.time_to_go_s[first]
+    return replace(raw, known=run), forecast
 
 
 def on_section(schedule: Schedule, section: Section) -> Schedule:

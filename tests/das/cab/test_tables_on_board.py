@@ -56,7 +56,7 @@ def led(tables: Path | None, **more: Any) -> SmallTrip:
 def reference(made: SmallTrip) -> StandingReference | None:
     """What the guide leads by."""
     assert made.leg.guide is not None
-    return made.leg.guide._keeper.reference
+    return made.leg.guide.keeper.reference
 
 
 def test_a_departure_is_led_by_its_table_and_the_rest_of_the_way_is_solved(tables: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from das.advice.guide.planning import Wanted, departing, planned
+from das.domain.journey import Window
 from das.solver.guide.policies import DEFAULT, GuideFront
 from das.solver.guide.references import Finished, References, lateness_s
 from das.solver.guide.schedule import Phase, PhaseKind, Scheduled
@@ -129,12 +130,12 @@ def test_a_point_with_a_window_is_served_if_the_reference_keeps_it(made: Path, s
     found = departing(front, asked)
     assert found is not None
     at_s = found.forecast.passes_s(2500.0)
-    kept = replace(asked, point_m=2500.0, earliest_s=at_s - 1.0, latest_s=at_s + 1.0)
+    kept = replace(asked, point_m=2500.0, window=Window(earliest_s=at_s - 1.0, latest_s=at_s + 1.0))
     again = departing(front, kept)
     assert again is not None
     assert again.schedule.phases == found.schedule.phases
-    assert departing(front, replace(kept, latest_s=at_s - 1.0, earliest_s=None)) is None
-    assert departing(front, replace(kept, earliest_s=at_s + 1.0, latest_s=None)) is None
+    assert departing(front, replace(kept, window=Window(latest_s=at_s - 1.0))) is None
+    assert departing(front, replace(kept, window=Window(earliest_s=at_s + 1.0))) is None
 
 
 @pytest.mark.slow

@@ -8,9 +8,8 @@ from functools import cache
 import pytest
 
 from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
-from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.goal import Goal, PassingTarget, SpeedsAllowed, TrainState
 from das.advice.guide.guide import Guide, falling_limits
-from das.advice.guide.scene import SpeedsAllowed
 from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
 from das.advice.settings import DEFAULT, AdviceSettings, GuideSettings

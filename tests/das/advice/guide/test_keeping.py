@@ -11,12 +11,11 @@ from typing import Any, TypeVar
 import pytest
 
 from das.advice.advice import Replan, ReplanCause
-from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.goal import Goal, PassingTarget, SpeedsAllowed, TrainState
 from das.advice.guide import keeping
 from das.advice.guide.drift import MARGIN_LEAST_S
 from das.advice.guide.keeping import Changes, Keeper, Kept
 from das.advice.guide.planning import Wanted, planned
-from das.advice.guide.scene import SpeedsAllowed
 from das.advice.guide.showing import Showing
 from das.advice.settings import DEFAULT, GuideSettings
 from das.advice.worker import Worker

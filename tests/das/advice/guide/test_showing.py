@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Guidance, Replan, ReplanCause
-from das.advice.goal import TrainState
+from das.advice.goal import SpeedsAllowed, TrainState
 from das.advice.guide.memory import brake, coast
-from das.advice.guide.scene import SpeedsAllowed
 from das.advice.guide.showing import FORGOTTEN_S, LEADS_S, Showing
 from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime

@@ -12,7 +12,7 @@ from das.domain.units import KMH
 from das.solver.guide.from_run import scheduled_run
 from das.solver.guide.in_time import in_time
 from das.solver.guide.policies import GuideFront
-from das.solver.guide.schedule import BRAKES, Phase, PhaseKind, Schedule, known_run, on_section
+from das.solver.guide.schedule import BRAKES, Phase, PhaseKind, Schedule, on_section, settled
 from das.solver.kernels.forces import electric_limit
 from das.solver.section import Section, build_section
 from das.solver.solution import trajectory_on
@@ -204,9 +204,7 @@ def braked(share: float, target_mps: float, from_m: float, to_m: float) -> tuple
     phases = [Phase(PhaseKind.TRACTION, 1.0, 0, 130 * KMH), Phase(PhaseKind.BRAKE, share, first, target_mps)]
     if to_m < section.end_m:
         phases.append(Phase(PhaseKind.HOLD, 0.0, last, target_mps))
-    known = known_run(section, np.minimum(section.envelope_mps, 130 * KMH))
-    made = Schedule(section=section, phases=tuple(phases), known=known, back_share=0.7)
-    schedule, forecast = made.settled(section.start_m, 0.0)
+    schedule, forecast = settled(section, tuple(phases), 0.7, section.start_m, 0.0)
     return schedule, forecast.speeds_mps
 
 
