@@ -72,9 +72,9 @@ class Guide:
         self.drift = drift or Drift()
         """The driver's drift, as far as it is known."""
         self.keeper = Keeper(section, front, settings, worker, self.drift)
-        """Keeps the reference."""
+        """Keeper of the reference."""
         self.showing = Showing()
-        """What is shown, second by second."""
+        """Instruction shown, second by second."""
         self._news: tuple[Restriction, ...] = ()
         self._lost = False
         self._said_late_s = 0.0
