@@ -14,10 +14,6 @@ class GuideSettings:
     enabled: bool = False
     """Whether there is a guide; if not, nothing is computed for it."""
     policies: PolicySettings = field(default_factory=PolicySettings)
-    late_s: float = 3.0
-    """The largest lateness (s) with which the reference (the standing plan) is kept."""
-    early_s: float = 5.0
-    """The largest earliness (s) with which the reference is kept."""
 
 
 @dataclass(frozen=True, kw_only=True)

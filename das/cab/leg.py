@@ -68,8 +68,7 @@ class Leg:
     ) -> None:
         self.start, self.end = start, end
         self.planner, self.display = Planner(PlanBasis(section=section)), Display(settings.valid_for_s)
-        guide = settings.guide
-        self.guide = Guide(section, None, guide, guide_worker, drift) if guide.enabled else None
+        self.guide = Guide(section, None, guide_worker, drift) if settings.guide.enabled else None
         self.arrival_ns: int | None = None
         """The arrival that traffic management wants (ns since 1970); None: by the timetable."""
         self.points: list[PassingTarget] = []

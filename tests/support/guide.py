@@ -41,7 +41,7 @@ def reference(
         Phase(KINDS[kind], share, int(np.searchsorted(section.node_m, at_m)), kmh * KMH)
         for kind, share, at_m, kmh in phases
     )
-    return settled(section, made, 0.7, section.start_m, at_kmh * KMH)[0]
+    return settled(section, made, section.start_m, at_kmh * KMH)[0]
 
 
 def kept(schedule: Schedule, state: TrainState, replan: Replan | None = None) -> Kept:

@@ -10,7 +10,6 @@ import numpy as np
 from das.advice.goal import Goal, TrainState
 from das.advice.guide.drift import UsualLoss
 from das.advice.guide.keeping import Keeper, Kept
-from das.advice.settings import DEFAULT
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.units import NS
 from das.solver.guide.policies import GuideFront
@@ -33,7 +32,7 @@ class _NoLoss(UsualLoss):
 
 def sure(section: Section, front: GuideFront | None, worker: Worker = AT_ONCE) -> Keeper:
     """A keeper whose drivers lose no time, so that references have no reserve."""
-    keeper = Keeper(section, front, DEFAULT.guide, worker)
+    keeper = Keeper(section, front, worker)
     keeper._usual = _NoLoss(section)
     return keeper
 
@@ -41,7 +40,7 @@ def sure(section: Section, front: GuideFront | None, worker: Worker = AT_ONCE) -
 def keeper_of(which: Which, *, loses: bool = False) -> Keeper:
     """A keeper of a bundled section that has made no reference yet; its drivers lose no time, or the usual one."""
     section, front = section_of(which), guide_of(which)
-    return Keeper(section, front, DEFAULT.guide) if loses else sure(section, front)
+    return Keeper(section, front) if loses else sure(section, front)
 
 
 def goal_of(which: Which, buffer_ratio: float, **more: object) -> Goal:

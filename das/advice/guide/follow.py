@@ -18,6 +18,7 @@ from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, 
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.domain.units import KMH
+from das.solver.kernels.schedule import BACK_SHARE
 
 WORTH_S = 40.0
 """The time (s) before the next step within which no acceleration back to a speed is shown: it would be wasted."""
@@ -102,7 +103,7 @@ def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     """The speed of a step is held; a train too far from it returns to it."""
     to_mps, away_mps = step.speed_mps, scene.state.v_mps - step.speed_mps
     if away_mps < -OFF_MPS and scene.due_s(memory.step + 1) > WORTH_S:
-        back = traction(step.effort if step.kind is InstructionKind.TRACTION else scene.schedule.back_share, to_mps)
+        back = traction(step.effort if step.kind is InstructionKind.TRACTION else BACK_SHARE, to_mps)
         return Proposal(back, mode=Lead.BACK_UP), replace(memory, mode=Lead.BACK_UP, back=back)
     if away_mps > OFF_MPS:
         back = coast(to_mps)

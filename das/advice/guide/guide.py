@@ -18,7 +18,6 @@ from das.advice.guide.keeping import Keeper, Kept
 from das.advice.guide.showing import Showing
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
-from das.advice.settings import DEFAULT, GuideSettings
 from das.advice.shown import SPEED_STEP_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, as_read
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
@@ -63,15 +62,14 @@ class Guide:
         self,
         section: Section,
         front: GuideFront | None,
-        settings: GuideSettings = DEFAULT.guide,
         worker: Worker = AT_ONCE,
         drift: Drift | None = None,
     ) -> None:
-        self._section, self._settings, self._worker = section, settings, worker
+        self._section, self._worker = section, worker
         self._ahead_of_train = BrakingAhead(section)
         self.drift = drift or Drift()
         """The driver's drift, as far as it is known."""
-        self.keeper = Keeper(section, front, settings, worker, self.drift)
+        self.keeper = Keeper(section, front, worker, self.drift)
         """Keeper of the reference."""
         self.showing = Showing()
         """Instruction shown, second by second."""
@@ -82,7 +80,7 @@ class Guide:
 
     def successor(self, section: Section, front: GuideFront | None) -> Guide:
         """The guide that takes over from this one, with another front or under other limits."""
-        found = Guide(section, front, self._settings, self._worker, self.drift)
+        found = Guide(section, front, self._worker, self.drift)
         found.keeper.take_over(self.keeper)
         found.showing = self.showing
         found._said_late_s, found._reasoned = self._said_late_s, self._reasoned

@@ -11,7 +11,6 @@ from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.guide.drift import Drift, UsualLoss
 from das.advice.guide.planning import Wanted, departing, planned
 from das.advice.guide.timeline import COAST_LEAD_S
-from das.advice.settings import GuideSettings
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.journey import ANY_TIME, Window
@@ -48,9 +47,10 @@ ON_TIME_RATIO: Final = 0.9
 """The probability with which the reserve of a reference keeps a driver on time, at stops where that counts."""
 ELSEWHERE_RATIO: Final = 0.3
 """The same for other stops, whose lateness the next section makes up with less energy."""
-DEAREST_RATIO: Final = 0.25
-"""The largest price of a second of the reserve, as a share of the energy of the train's full power in a second: twice
-the price of a second with a buffer of 8 %."""
+LATE_S: Final = 3.0
+"""The largest lateness (s) with which the reference (the standing plan) is kept."""
+EARLY_S: Final = 5.0
+"""The largest earliness (s) with which the reference is kept."""
 LEARNED_TO_M = 50.0
 """The distance from the stop (m) within which drivers brake by eye, and the forecast says little about the arrival."""
 
@@ -137,11 +137,10 @@ class Keeper:
         self,
         section: Section,
         front: GuideFront | None,
-        settings: GuideSettings,
         worker: Worker = AT_ONCE,
         drift: Drift | None = None,
     ) -> None:
-        self._section, self._front, self._settings, self._worker = section, front, settings, worker
+        self._section, self._front, self._worker = section, front, worker
         self.reference: StandingReference | None = None
         self._changed = self._standing = False
         self._asked: _Asked | None = None
@@ -285,7 +284,7 @@ class Keeper:
             return ReplanCause.LINE, forecast
         if self._standing and state.v_mps > STANDSTILL_MPS:
             late_s = forecast.time_s - self._aimed_s(state, goal)
-            if not -self._settings.early_s <= late_s <= self._settings.late_s:
+            if not -EARLY_S <= late_s <= LATE_S:
                 return ReplanCause.START, forecast
             self._standing = False  # What the driver was told while the train stood still holds.
         if goal.arrival_ns != reference.arrival_ns:
@@ -303,9 +302,9 @@ class Keeper:
             return ReplanCause.NONE
         if self._misses_window(kept, state, goal):
             return ReplanCause.POINT
-        if kept.late_s > self._settings.late_s:
+        if kept.late_s > LATE_S:
             return ReplanCause.LATE
-        if kept.late_s < -self._settings.early_s:
+        if kept.late_s < -EARLY_S:
             return ReplanCause.EARLY
         known = kept.reference.schedule.speed_at(state.s_m)
         return ReplanCause.ENERGY if abs(state.v_mps - known) > ASTRAY_MPS else ReplanCause.NONE
@@ -366,7 +365,6 @@ class Keeper:
             v_mps=state.v_mps,
             left_s=left_s,
             reserve_s=left_s - self._aimed_s(state, goal),
-            reserve_ratio=DEAREST_RATIO,
             point_m=None if point is None else point.s_m,
             window=window,
         )

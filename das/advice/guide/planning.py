@@ -10,7 +10,7 @@ from das.domain.errors import DasError
 from das.domain.journey import ANY_TIME, Window
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, through
-from das.solver.guide.policies import BACK_SHARE, HIGH_RATIO, GuideFront, PolicyFrom
+from das.solver.guide.policies import HIGH_RATIO, GuideFront, PolicyFrom
 from das.solver.guide.schedule import Phase, PhaseKind, Prospect, Schedule, Scheduled, settled
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
@@ -18,6 +18,9 @@ from das.solver.state import State
 DEPARTS_WITHIN_M, DEPARTS_MPS = 50.0, 2.0
 """The distance from the start of a section (m) and the speed (m/s) up to which a train departs there: a driver who
 begins late has a new reference when the train has just begun to move."""
+DEAREST_RATIO = 0.25
+"""The largest price of a second of the reserve, as a share of the energy of the train's full power in a second: twice
+the price of a second with a buffer of 8 %."""
 KEPT_S = 10.0
 """The time (s) for which a new reference that is not necessary leaves the present one as it is."""
 
@@ -26,7 +29,7 @@ KEPT_S = 10.0
 class Wanted:
     """What a reference is made for: the train's state, the time left to the end (s), and a point with its window.
 
-    It arrives earlier by as much of `reserve_s` as costs, in a second, no more than `reserve_ratio` of full power.
+    It arrives earlier by as much of `reserve_s` as costs no more than `DEAREST_RATIO`.
     `point_m` is None without such a point; its `window` counts from now. `kept` is a reference, with its forecast, that
     is to be kept for the next `KEPT_S`; a phase that begins within `shown_s` is shown already. `told` is the phase that
     the train is in.
@@ -36,7 +39,6 @@ class Wanted:
     v_mps: float
     left_s: float
     reserve_s: float = 0.0
-    reserve_ratio: float = 0.0
     point_m: float | None = None
     window: Window = ANY_TIME
     kept: tuple[Schedule, Prospect] | None = None
@@ -70,9 +72,9 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
     departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= DEPARTS_WITHIN_M
     if front.references is None or wanted.kept is not None or not departs:
         return None
-    left_s = _less_reserve_s(wanted, front.references.quickest_s(_dearest_w(front, wanted)))
+    left_s = _less_reserve_s(wanted, front.references.quickest_s(_dearest_w(front)))
     try:
-        found = front.references.departing(front.section, BACK_SHARE, s_m, v_mps, left_s)
+        found = front.references.departing(front.section, s_m, v_mps, left_s)
     except DasError:
         return None  # Somebody has changed the table, or the train stands outside its section.
     if found is None or point_m is None or point_m <= s_m:
@@ -84,7 +86,7 @@ def _aimed_s(front: GuideFront, wanted: Wanted, state: State, told: int) -> floa
     """The time left less the reserve (s): as much of it as there is for its price."""
     if wanted.reserve_s <= 0.0:
         return wanted.left_s
-    number = max(int(np.searchsorted(front.lambda_w, _dearest_w(front, wanted), side="right")) - 1, 0)
+    number = max(int(np.searchsorted(front.lambda_w, _dearest_w(front), side="right")) - 1, 0)
     return _less_reserve_s(wanted, front.run(state, (PolicyFrom(state.first_node, number),), told).time_s)
 
 
@@ -93,9 +95,9 @@ def _less_reserve_s(wanted: Wanted, dearest_s: float) -> float:
     return min(max(wanted.left_s - wanted.reserve_s, dearest_s), wanted.left_s)
 
 
-def _dearest_w(front: GuideFront, wanted: Wanted) -> float:
+def _dearest_w(front: GuideFront) -> float:
     """The price of time (W) up to which a reserve is kept."""
-    return wanted.reserve_ratio / HIGH_RATIO * float(front.lambda_w[-1])
+    return DEAREST_RATIO / HIGH_RATIO * float(front.lambda_w[-1])
 
 
 def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect) -> Scheduled:
@@ -132,4 +134,4 @@ def _joined(before: Schedule, rest: Schedule, node: int, wanted: Wanted) -> tupl
         goes_on = after[0].kind is PhaseKind.COAST or first[-1].target_mps == after[0].target_mps
         if goes_on and after[0].kind is not PhaseKind.BRAKE:
             after[0] = after[0]._replace(begin=first.pop().begin)
-    return settled(before.section, (*first, *after), before.back_share, wanted.s_m, wanted.v_mps)
+    return settled(before.section, (*first, *after), wanted.s_m, wanted.v_mps)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.guide.policies import BACK_SHARE, SAME_MPS, GuideFront, GuideRun
+from das.solver.guide.policies import SAME_MPS, GuideFront, GuideRun
 from das.solver.guide.schedule import Phase, PhaseKind, Scheduled, settled
 from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, ROLLS_UP, SHARES
 
@@ -30,7 +30,7 @@ def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
             phases[-1] = before._replace(target_mps=one.target_mps)
         elif before is None or not _is_said(before, one, float(run.elapsed_s[end] - run.elapsed_s[begin])):
             phases.append(one)
-    made = settled(section, tuple(phases), BACK_SHARE, float(state.node_m[0]), state.speed_mps)
+    made = settled(section, tuple(phases), float(state.node_m[0]), state.speed_mps)
     return Scheduled(*made, run.lambda_w)
 
 

@@ -61,17 +61,14 @@ class References:
         """The time (s) of the quickest one whose price of time is at most this (W); infinity if none is so cheap."""
         return float(self._time_s[self._lambda_w <= dearest_w].min(initial=np.inf))
 
-    def departing(
-        self, section: Section, back_share: float, s_m: float, v_mps: float, time_s: float
-    ) -> Scheduled | None:
+    def departing(self, section: Section, s_m: float, v_mps: float, time_s: float) -> Scheduled | None:
         """The best schedule for a time, as a train keeps to it that departs near the start; None if none is so slow.
 
-        `back_share`: see `Schedule`. Raises InfeasibleError if the train stalls, DasError for a state outside the
-        section.
+        Raises InfeasibleError if the train stalls, DasError for a state outside the section.
         """
         ahead_s = float(section.fastest_run.time_to_go_s[0]) - least_time_s(section, s_m, v_mps)
         number = self.best(time_s + ahead_s)
         if number is None:
             return None
         found = self.finished[number]
-        return Scheduled(*settled(section, found.phases, back_share, s_m, v_mps), found.lambda_w, finished=True)
+        return Scheduled(*settled(section, found.phases, s_m, v_mps), found.lambda_w, finished=True)

@@ -107,7 +107,6 @@ class Schedule:
     section: Section
     phases: tuple[Phase, ...]
     known: KnownRun
-    back_share: float
 
     @cached_property
     def at(self) -> NDArray[np.int64]:
@@ -175,7 +174,7 @@ class Schedule:
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
         time_s, energy_j = kernels.follow(
-            first, self.at, self.ends_m, self.columns, self.back_share, self.known, met_mps, line, envelope,
+            first, self.at, self.ends_m, self.columns, self.known, met_mps, line, envelope,
             section.train, section.loss_params, speeds,
         )  # fmt: skip
         at_m = section.node_m[first:].copy()
@@ -223,15 +222,13 @@ class Scheduled(NamedTuple):
         )
 
 
-def settled(
-    section: Section, phases: tuple[Phase, ...], back_share: float, s_m: float, v_mps: float
-) -> tuple[Schedule, Prospect]:
+def settled(section: Section, phases: tuple[Phase, ...], s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
     """The schedule of phases with the trajectory that keeps to them from a state, and the forecast of that trajectory.
 
     Raises InfeasibleError if the train stalls.
     """
     nowhere = KnownRun(*np.zeros((2, len(section.node_m))))
-    raw = Schedule(section=section, phases=phases, known=nowhere, back_share=back_share)
+    raw = Schedule(section=section, phases=phases, known=nowhere)
     forecast = raw.forecast(s_m, v_mps, met_mps=NOWHERE)
     first = len(section.node_m) - len(forecast.at_m)
     run = known_run(section, np.append(np.full(first, v_mps), forecast.ahead_mps))

@@ -12,7 +12,7 @@ from das.advice.goal import Goal, PassingTarget, SpeedsAllowed, TrainState
 from das.advice.guide.guide import Guide, falling_limits
 from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
-from das.advice.settings import DEFAULT, AdviceSettings, GuideSettings
+from das.advice.settings import AdviceSettings, GuideSettings
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.preparation import Preparation
@@ -28,7 +28,7 @@ FREE = SpeedsAllowed(60.0, 60.0)
 
 
 def new_guide() -> Guide:
-    return Guide(section_of(LINE), guide_of(LINE), DEFAULT.guide)
+    return Guide(section_of(LINE), guide_of(LINE))
 
 
 def train_of() -> Keeping:

@@ -14,10 +14,9 @@ from das.advice.advice import Replan, ReplanCause
 from das.advice.goal import Goal, PassingTarget, SpeedsAllowed, TrainState
 from das.advice.guide import keeping
 from das.advice.guide.drift import MARGIN_LEAST_S
-from das.advice.guide.keeping import Changes, Keeper, Kept
+from das.advice.guide.keeping import EARLY_S, LATE_S, Changes, Keeper, Kept
 from das.advice.guide.planning import Wanted, planned
 from das.advice.guide.showing import Showing
-from das.advice.settings import DEFAULT, GuideSettings
 from das.advice.worker import Worker
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
@@ -111,7 +110,7 @@ def test_who_is_late_gets_one_other_reference_which_says_what_it_gains(behind_s:
     kept = made[0][1]
     replan = kept.reference.replan
     assert replan.time_ns == ns(100)
-    assert -DEFAULT.guide.early_s < kept.late_s < DEFAULT.guide.late_s, "it is not in doubt itself"
+    assert -EARLY_S < kept.late_s < LATE_S, "it is not in doubt itself"
     assert 0.5 * behind_s <= replan.gain_s <= behind_s + 1.0
     assert replan.gain_j < 0.0  # Faster driving costs energy.
     assert kept.reference.lambda_w > first.reference.lambda_w
@@ -163,7 +162,7 @@ def test_a_driver_who_is_known_to_lose_time_gets_another_reference_all_the_same(
 def test_who_is_late_by_less_than_the_stated_seconds_keeps_his_reference() -> None:
     goal = goal_of(LINE, BUFFER)
     keeper, _, train = started(LINE, goal)
-    assert not driven(keeper, train, goal, range(6, 300), behind_s=DEFAULT.guide.late_s - 1.5)
+    assert not driven(keeper, train, goal, range(6, 300), behind_s=LATE_S - 1.5)
 
 
 def test_who_is_early_by_far_gets_a_slower_reference_that_saves_energy() -> None:
@@ -403,9 +402,10 @@ def test_who_is_far_off_the_speed_gets_another_reference_only_where_that_saves_e
     """The train is 4 m/s off its speed but nearly on time; for a slow train a new reference would need more energy."""
     monkeypatch.setattr(keeping, "LEAST_GAIN_S", 30.0)
     monkeypatch.setattr(keeping, "LEAST_GAIN_POWER_S", least_gain_power_s)
+    monkeypatch.setattr(keeping, "LATE_S", 60.0)
+    monkeypatch.setattr(keeping, "EARLY_S", 60.0)
     goal = goal_of(LINE, BUFFER)
     keeper, _, train = started(LINE, goal)
-    keeper._settings = GuideSettings(late_s=60.0, early_s=60.0)
     for second in range(60, 400, 20):
         state = train.at(second)
         kept = keeper.keep(state._replace(v_mps=max(state.v_mps + away_mps, 1.0)), goal)

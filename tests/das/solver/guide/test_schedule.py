@@ -204,7 +204,7 @@ def braked(share: float, target_mps: float, from_m: float, to_m: float) -> tuple
     phases = [Phase(PhaseKind.TRACTION, 1.0, 0, 130 * KMH), Phase(PhaseKind.BRAKE, share, first, target_mps)]
     if to_m < section.end_m:
         phases.append(Phase(PhaseKind.HOLD, 0.0, last, target_mps))
-    schedule, forecast = settled(section, tuple(phases), 0.7, section.start_m, 0.0)
+    schedule, forecast = settled(section, tuple(phases), section.start_m, 0.0)
     return schedule, forecast.speeds_mps
 
 
