@@ -16,13 +16,14 @@ from das.advice.plan import HOLD_S, Floats, Place, Plan
 from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, EFFORT_ORDER, Regime, departure_regime
-from das.advice.settings import DEFAULT
 from das.advice.shown import lever_ratio, steady_step, step_below
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.solver.kernels.forces import brake_limit
 from das.solver.solution import Fit
 
+VALID_FOR_S: Final = 3.0
+"""Time (s) for which advice is valid."""
 HORIZON_S: Final = 30
 """Seconds that advice looks ahead, in steps of 1 s."""
 MISSED_NAMED_S: Final = 1.0
@@ -62,8 +63,7 @@ class Scene(NamedTuple):
 class Display:
     """Builds each advice and remembers what it showed, so that modes and speeds stay long enough to be read."""
 
-    def __init__(self, valid_for_s: float = DEFAULT.valid_for_s) -> None:
-        self._valid_for_s = valid_for_s
+    def __init__(self) -> None:
         self._mode, self._mode_since_ns, self._force_n = Regime.NONE, 0, 0.0
         self._shown_mps = math.nan
 
@@ -185,7 +185,7 @@ class Display:
             s_m=state.s_m,
             speed_mps=state.v_mps,
             source=source or planner.source,
-            valid_until_ns=state.now_ns + round(self._valid_for_s / NS),
+            valid_until_ns=state.now_ns + round(VALID_FOR_S / NS),
             limit_mps=planner.limit_mps(state.s_m),
             position_sd_m=here.position_sd_m,
             guide=scene.guide,
@@ -199,7 +199,7 @@ class Display:
         speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, HORIZON_S)
         planned_n = 0.0 if too_fast else float(plan.shown_force_n[place.interval])
         if self._force_n < min(planned_n, 0.0):
-            soon = slice(math.ceil(self._valid_for_s))
+            soon = slice(math.ceil(VALID_FOR_S))
             forces[soon] = np.minimum(forces[soon], self._force_n)
         if too_fast:
             speeds = kept_behind(speeds, advised_mps, state, plan.ahead_m(place.time_s, HORIZON_S), planner)

@@ -16,7 +16,6 @@ from das.advice.guide.guard import STEP_RATIO
 from das.advice.guide.guide import Guide
 from das.advice.planner import PlanBasis, Planner
 from das.advice.reason import Reason, ReasonCode
-from das.advice.settings import DEFAULT, AdviceSettings
 from das.advice.worker import AT_ONCE, Worker
 from das.cab.heard import Target
 from das.cab.withdrawal import LegFacts
@@ -62,13 +61,14 @@ class Leg:
         start: Stop,
         end: Stop,
         section: Section,
-        settings: AdviceSettings = DEFAULT,
         guide_worker: Worker = AT_ONCE,
         drift: Drift | None = None,
+        *,
+        guide: bool = False,
     ) -> None:
         self.start, self.end = start, end
-        self.planner, self.display = Planner(PlanBasis(section=section)), Display(settings.valid_for_s)
-        self.guide = Guide(section, None, guide_worker, drift) if settings.guide.enabled else None
+        self.planner, self.display = Planner(PlanBasis(section=section)), Display()
+        self.guide = Guide(section, None, guide_worker, drift) if guide else None
         self.arrival_ns: int | None = None
         """The arrival that traffic management wants (ns since 1970); None: by the timetable."""
         self.points: list[PassingTarget] = []

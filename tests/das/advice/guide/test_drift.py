@@ -11,7 +11,6 @@ from das.advice.goal import UNHURRIED_S, Goal, TrainState
 from das.advice.guide import planning
 from das.advice.guide.drift import BRAKING_RATIO, MARGIN_LEAST_S, MARGIN_MOST_S, RUNNING_S_PER_MIN, Drift, UsualLoss
 from das.advice.guide.keeping import ELSEWHERE_RATIO, ON_TIME_RATIO
-from das.advice.settings import AdviceSettings, GuideSettings
 from das.cab.fronts import Fronts
 from das.cab.legs import Legs
 from das.cab.preparation import Preparation
@@ -161,9 +160,8 @@ def test_what_is_known_of_a_driver_goes_with_him_to_the_next_section_and_ends_wi
     stops, times = load_route("zurich-luzern").stops, [(0.0, 600.0), (660.0, 1300.0), (1360.0, 2500.0)]
     timetables = [Timetable(departure_ns=ns(a), arrival_ns=ns(b)) for a, b in times]
     vehicle = load_vehicle("re460-ic")
-    settings = AdviceSettings(guide=GuideSettings(enabled=True))
     situation = Situation(route=load_route("zurich-luzern"), vehicle=vehicle, level=vehicle.default_level)
-    legs = Legs(situation, Preparation(Fronts(), lambda: 0.0, background=False), settings)
+    legs = Legs(situation, Preparation(Fronts(), lambda: 0.0, background=False), guide=True)
     legs.begin(stops, timetables)
     drifts = [leg.guide.drift for leg in legs.legs if leg.guide is not None]
     assert len(drifts) == 3
