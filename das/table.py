@@ -25,9 +25,9 @@ from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.solver.guide import policies
-from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.policies import PolicySettings
 from das.solver.guide.references import Finished, References
+from das.solver.guide.schedule import Phase, PhaseKind
 from das.solver.section import Section
 from das.solver.solution import Fit
 

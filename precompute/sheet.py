@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das import __version__
-from das.advice.guide.planning import Wanted, elapsed_s, planned
+from das.advice.guide.planning import Wanted, planned
 from das.advice.guide.timeline import timeline
 from das.advice.regimes import InstructionKind
 from das.domain.braking import USUAL
@@ -28,7 +28,7 @@ from das.domain.units import KM, KMH, kmh, kwh
 from das.drawing.colors import LIMIT, MODES
 from das.offline.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.guide.policies import GuideFront, PolicySettings
-from das.solver.guide.schedule import Schedule
+from das.solver.guide.schedule import Prospect, Schedule
 from das.solver.section import Section, with_braking
 
 Floats = NDArray[np.float64]
@@ -97,21 +97,19 @@ def section_sheet(
     start_m = float(section.node_m[0])
     wanted = Wanted(s_m=start_m, v_mps=section.start_speed_mps, left_s=time_s)
     if point_m is not None and window is not None:
-        ends = [bound_s if np.isfinite(bound_s) else None for bound_s in (window.earliest_s, window.latest_s)]
-        wanted = replace(wanted, point_m=point_m, earliest_s=ends[0], latest_s=ends[1])
+        wanted = replace(wanted, point_m=point_m, window=window)
     found = planned(GuideFront(section, SETTINGS), wanted)
-    times_s, at_m = elapsed_s(found.schedule, found.forecast, start_m)
     return SectionSheet(
         section=section,
-        lines=_lines(found.schedule, at_m, times_s, found.forecast.speeds_mps),
-        s_m=at_m,
-        t_s=times_s,
+        lines=_lines(found.schedule, found.forecast),
+        s_m=found.forecast.at_m,
+        t_s=found.forecast.times_s,
         v_mps=found.forecast.speeds_mps,
         energy_j=found.forecast.energy_j,
     )
 
 
-def _lines(schedule: Schedule, at_m: Floats, times_s: Floats, speeds_mps: Floats) -> tuple[SheetLine, ...]:
+def _lines(schedule: Schedule, forecast: Prospect) -> tuple[SheetLine, ...]:
     """The steps of a schedule as lines. What only coasts or brakes further has no line of its own."""
     found: list[SheetLine] = []
     for step in timeline(schedule):
@@ -119,8 +117,8 @@ def _lines(schedule: Schedule, at_m: Floats, times_s: Floats, speeds_mps: Floats
         line = SheetLine(
             kind=step.kind,
             s_m=step.from_m,
-            speed_mps=float(np.interp(step.by_m, at_m, speeds_mps)) if slows else step.speed_mps,
-            after_s=float(np.interp(step.from_m, at_m, times_s)),
+            speed_mps=forecast.passes_mps(step.by_m) if slows else step.speed_mps,
+            after_s=forecast.passes_s(step.from_m),
             effort_ratio=step.effort if step.kind is InstructionKind.TRACTION else 0.0,
         )
         if slows and found and line.kind is found[-1].kind:
@@ -128,7 +126,7 @@ def _lines(schedule: Schedule, at_m: Floats, times_s: Floats, speeds_mps: Floats
         else:
             found.append(line)
         if slows and step.by_m < step.to_m:
-            after_s = float(np.interp(step.by_m, at_m, times_s))
+            after_s = forecast.passes_s(step.by_m)
             found.append(SheetLine(kind=InstructionKind.HOLD, s_m=step.by_m, speed_mps=step.speed_mps, after_s=after_s))
     return tuple(found)
 

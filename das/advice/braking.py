@@ -85,7 +85,9 @@ class BrakingAhead:
         brakes = np.array([_most_n(section, self._train, i, 1.0) > 0.0 for i in firsts.tolist()])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
         # A planned brake that is announced asks for the same effort every second.
-        self._known_effort = lru_cache(maxsize=64)(self._found_effort)
+        self.effort_to = lru_cache(maxsize=64)(self._effort_to)
+        """The least effort that slows the train from a place (m) and speed (m/s) to a place and speed there; the
+        largest if none is enough."""
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
         """Whether a train that keeps its speed will be above a braking curve within a time (s).
@@ -188,20 +190,15 @@ class BrakingAhead:
         # Of places that need nearly the same effort, the nearest is named: the driver reaches it first.
         return next(one for one in rivals if one.effort >= ALIKE * most)._replace(effort=most)
 
-    def effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
-        """The least effort that slows the train from here to a speed at a place; the largest if none is enough."""
-        return self._known_effort(s_m, v_mps, to_m, target_mps)
-
-    def _found_effort(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
+    def _effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
         section = self.section
         stops = target_mps <= SPEED_SLACK_MPS
         to_m = to_m + STOP_SLACK_M if stops else to_m
         target_mps = 0.0 if stops else target_mps + SPEED_SLACK_MPS
         if to_m <= s_m:
             return self.largest(s_m, v_mps)
-        last = len(section.step_m) - 1
-        first = min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), last)
-        final = min(max(int(np.searchsorted(section.node_m, to_m)) - 1, first), last)
+        first = _interval(section, s_m)
+        final = min(max(int(np.searchsorted(section.node_m, to_m)) - 1, first), len(section.step_m) - 1)
         return float(
             kernels.needed_effort(
                 s_m, v_mps, first, final, to_m, target_mps, section.node_m, section.for_kernels, self._train

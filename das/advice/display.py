@@ -4,67 +4,66 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from das.advice import wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
-from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
+from das.advice.braking import ABOVE_MPS, BRAKED_MORE, braking_mode
+from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, SpeedsAllowed, TrainState
 from das.advice.plan import HOLD_S, Floats, Place, Plan
 from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, EFFORT_ORDER, Regime, departure_regime
-from das.advice.settings import DEFAULT
 from das.advice.shown import lever_ratio, steady_step, step_below
-from das.advice.shown_safely import braked_enough, kept_behind
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.solver.kernels.forces import brake_limit
 from das.solver.solution import Fit
 
+VALID_FOR_S: Final = 3.0
+"""Time (s) for which advice is valid."""
 HORIZON_S: Final = 30
 """Seconds that advice looks ahead, in steps of 1 s."""
 MISSED_NAMED_S: Final = 1.0
 """Delay after a point's window (s) from which the reason mentions it."""
 LEAST_FOR_BUFFER_S: Final = 10.0
 """Driving time left (s) below which no buffer ratio is given: it would mean nothing."""
+LATE_S = 2.0
+"""Longest time (s) that a driver may take to do what is shown."""
+NEXT_S = 1.0
+"""Time (s) until the next advice; a brake that is due by then is shown now."""
+GAINS_MPS2 = 0.1
+"""Acceleration (m/s²) below which the speed gained until the driver acts is negligible."""
+AT_FOOT_MPS = 0.5
+"""Excess over the allowed speed (m/s), just before a lower limit, above which a train must use all of its brakes."""
+STANDING: Final[dict[str, Any]] = {
+    **dict.fromkeys(("display_speed_mps", "advised_speed_mps", "advised_force_n", "advised_force_ratio"), 0.0),
+    **dict.fromkeys(("horizon_speed_mps", "horizon_force_n"), (0.0,) * HORIZON_S),
+}
+"""Fields of advice to a standing train: speed, force and horizon."""
 
 
 class Scene(NamedTuple):
-    """What advice is built from: state, estimated position and speed, planner, goal, and the guide's advice.
+    """What advice is built from: state, estimated position and speed, planner, goal, bounds, and the guide's advice.
 
-    `late_s` is how late the train will be with the guide (s; NaN: as planned). `too_fast`: the driver is told that the
-    train is too fast.
+    `late_s` is how late the train will be with the guide (s; NaN: as planned).
     """
 
     state: TrainState
     here: Estimate
     planner: Planner
     goal: Goal
+    allowed: SpeedsAllowed
     guide: Guidance | None = None
     late_s: float = math.nan
-    too_fast: bool = False
-
-
-class _Change(NamedTuple):
-    """The next mode, and the distance (m) and time (s) until it begins."""
-
-    mode: Regime
-    way_m: float
-    time_s: float
-
-    @classmethod
-    def to(cls, one: Instruction) -> _Change:
-        """The change that an announced instruction of the guide makes."""
-        return cls(one.mode, one.way_m, one.in_s)
 
 
 class Display:
     """Builds each advice and remembers what it showed, so that modes and speeds stay long enough to be read."""
 
-    def __init__(self, valid_for_s: float = DEFAULT.valid_for_s) -> None:
-        self._valid_for_s = valid_for_s
+    def __init__(self) -> None:
         self._mode, self._mode_since_ns, self._force_n = Regime.NONE, 0, 0.0
         self._shown_mps = math.nan
 
@@ -84,31 +83,8 @@ class Display:
 
     def standing(self, scene: Scene, reason: Reason) -> Advice:
         """The advice for a train that stands at a stop and is to stay there."""
-        state, here, planner, guide = scene.state, scene.here, scene.planner, scene.guide
-        self._show(Regime.STOP, state.now_ns)
-        return Advice(
-            time_ns=state.now_ns,
-            position_time_ns=here.fix_time_ns,
-            s_m=state.s_m,
-            speed_mps=here.speed_mps,
-            mode=Regime.STOP,
-            display_speed_mps=0.0,
-            advised_speed_mps=0.0,
-            advised_force_n=0.0,
-            advised_force_ratio=0.0,
-            horizon_speed_mps=(0.0,) * HORIZON_S,
-            horizon_force_n=(0.0,) * HORIZON_S,
-            source=planner.source,
-            reason=reason,
-            valid_until_ns=self._valid_until_ns(state),
-            limit_mps=planner.limit_mps(state.s_m),
-            position_sd_m=here.position_sd_m,
-            guide=guide,
-        )
-
-    def waiting(self, scene: Scene) -> Advice:
-        """The advice for a train that stands before its departure."""
-        return self.standing(scene, Reason(code=ReasonCode.DEPARTURE, time_ns=scene.goal.departure_ns))
+        self._show(Regime.STOP, scene.state.now_ns)
+        return self._advice(scene, mode=Regime.STOP, reason=reason, **STANDING)
 
     def departing(self, scene: Scene, plan: Plan) -> Advice:
         """The advice for a standing train that is due to depart: stand until cleared, then depart as shown.
@@ -134,17 +110,12 @@ class Display:
             next_change_s=math.nan,
             departure_speed_mps=departs.speed_mps,
             departure_force_ratio=departs.effort_ratio,
-            display_speed_mps=0.0,
-            advised_speed_mps=0.0,
-            advised_force_n=0.0,
-            advised_force_ratio=0.0,
-            horizon_speed_mps=(0.0,) * HORIZON_S,
-            horizon_force_n=(0.0,) * HORIZON_S,
+            **STANDING,
         )
 
     def braking(self, scene: Scene, reason: Reason) -> Advice:
         """The advice to brake fully, without a plan: to the stop at the section's end, or down to what is allowed."""
-        state, here, planner, guide = scene.state, scene.here, scene.planner, scene.guide
+        state, planner = scene.state, scene.planner
         train, v_mps = planner.section.train, state.v_mps
         available_n = float(brake_limit(max(v_mps, 0.1), train, train.friction_force_n))
         slowed_n = planner.section.resistance_n(state.s_m, v_mps)
@@ -156,11 +127,8 @@ class Display:
         # The lowest speed allowed on the way to each point: the horizon never tells the driver to speed up again.
         way_m = np.cumsum(0.5 * (np.append(v_mps, speeds[:-1]) + speeds))
         there = np.minimum.accumulate([planner.lowest_allowed_mps(state.s_m, state.s_m + one) for one in way_m])
-        return Advice(
-            time_ns=state.now_ns,
-            position_time_ns=here.fix_time_ns,
-            s_m=state.s_m,
-            speed_mps=v_mps,
+        return self._advice(
+            scene,
             mode=self._mode,
             display_speed_mps=self.displayed(min(v_mps, allowed), allowed),
             advised_speed_mps=min(v_mps, allowed),
@@ -171,33 +139,26 @@ class Display:
             next_mode=Regime.STOP,
             source=Source.FALLBACK,
             reason=reason,
-            valid_until_ns=self._valid_until_ns(state),
-            limit_mps=planner.limit_mps(state.s_m),
-            position_sd_m=here.position_sd_m,
-            guide=guide,
         )
 
     def following(self, scene: Scene, plan: Plan) -> Advice:
         """The advice for a moving train, from its plan and the guide's advice."""
-        state, here, planner, goal, guide, late_s, _ = scene
-        place, allowed = plan.at(state.s_m), planner.allowed_for(state)
+        state, planner, goal, late_s = scene.state, scene.planner, scene.goal, scene.late_s
+        place, allowed = plan.at(state.s_m), scene.allowed.allowed_mps
         excess_mps = state.v_mps - allowed
         too_fast = excess_mps > OVERSPEED_MPS
         mode, following = self._instructed(plan, place, scene, too_fast=too_fast)
         advised = min(place.speed_mps, allowed)
         shown_mps = self.displayed(advised, allowed)
         speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
-        arrival_ns = plan.arrival_ns(state.now_ns, place)
+        arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
         if math.isfinite(late_s):
             arrival_ns = goal.arrival_ns + round(late_s / NS)
         deviation_s = goal.late_s(arrival_ns)
         # A train whose effort rises with its speed does not have the plan's force yet.
         force_n = min(self._force_n, planner.section.largest_n(min(state.v_mps, advised))[0])
-        return Advice(
-            time_ns=state.now_ns,
-            position_time_ns=here.fix_time_ns,
-            s_m=state.s_m,
-            speed_mps=state.v_mps,
+        return self._advice(
+            scene,
             mode=mode,
             advised_speed_mps=advised,
             display_speed_mps=shown_mps,
@@ -207,17 +168,28 @@ class Display:
             horizon_force_n=tuple(forces.tolist()),
             next_mode=following.mode,
             next_change_m=following.way_m,
-            next_change_s=following.time_s,
+            next_change_s=following.in_s,
             predicted_arrival_ns=arrival_ns,
             predicted_deviation_s=deviation_s,
             buffer_ratio=_buffer_ratio(scene),
             energy_to_go_j=plan.energy_to_go_j(place.interval, state.s_m),
-            source=planner.source,
             reason=self._reason(scene, plan, deviation_s, excess_mps),
-            valid_until_ns=self._valid_until_ns(state),
+        )
+
+    def _advice(self, scene: Scene, source: Source | None = None, **fields: Any) -> Advice:
+        """The advice of a scene: where the train is, for how long it is valid, and these fields."""
+        state, here, planner = scene.state, scene.here, scene.planner
+        return Advice(
+            time_ns=state.now_ns,
+            position_time_ns=here.fix_time_ns,
+            s_m=state.s_m,
+            speed_mps=state.v_mps,
+            source=source or planner.source,
+            valid_until_ns=state.now_ns + round(VALID_FOR_S / NS),
             limit_mps=planner.limit_mps(state.s_m),
             position_sd_m=here.position_sd_m,
-            guide=guide,
+            guide=scene.guide,
+            **fields,
         )
 
     def _horizon(self, plan: Plan, scene: Scene, advised_mps: float, *, too_fast: bool) -> tuple[Floats, Floats]:
@@ -227,14 +199,11 @@ class Display:
         speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, HORIZON_S)
         planned_n = 0.0 if too_fast else float(plan.shown_force_n[place.interval])
         if self._force_n < min(planned_n, 0.0):
-            soon = slice(math.ceil(self._valid_for_s))
+            soon = slice(math.ceil(VALID_FOR_S))
             forces[soon] = np.minimum(forces[soon], self._force_n)
         if too_fast:
             speeds = kept_behind(speeds, advised_mps, state, plan.ahead_m(place.time_s, HORIZON_S), planner)
         return speeds, forces
-
-    def _valid_until_ns(self, state: TrainState) -> int:
-        return state.now_ns + round(self._valid_for_s / NS)
 
     def _show(self, mode: Regime, now_ns: int) -> None:
         self._mode, self._mode_since_ns = mode, now_ns
@@ -253,7 +222,7 @@ class Display:
             self._force_n = shown_n
         return mode
 
-    def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, _Change]:
+    def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, Instruction]:
         """The mode to show and the next change: those of the guide once its instruction is due, else of the plan."""
         guide = scene.guide
         waits = guide is None or guide.now.mode is Regime.DEPART or guide.now.in_s > 0.0
@@ -261,12 +230,12 @@ class Display:
             return self._as_guided(guide, plan, scene, place, too_fast=too_fast)
         mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
         if guide is not None and guide.now.in_s > 0.0:
-            return mode, _Change.to(guide.now)
+            return mode, guide.now
         return mode, self._next_change(plan, mode, scene.state, place)
 
     def _as_guided(
         self, guide: Guidance, plan: Plan, scene: Scene, place: Place, *, too_fast: bool
-    ) -> tuple[Regime, _Change]:
+    ) -> tuple[Regime, Instruction]:
         """The mode and the next change of the guide's instruction, with the force that keeps to its reference.
 
         A braking effort is a share of the motors' brake, whose force grows as the train slows down. The advised force
@@ -280,9 +249,10 @@ class Display:
         if mode is not self._mode:
             self._show(mode, state.now_ns)
         if guide.following:
-            return self._mode, _Change.to(guide.following[0])
+            return self._mode, guide.following[0]
         end_m = float(plan.solution.trajectory.s_m[-1])
-        return self._mode, _Change(Regime.STOP, end_m - state.s_m, plan.solution.time_s - place.time_s)
+        left_s = plan.solution.time_s - place.time_s
+        return self._mode, Instruction(mode=Regime.STOP, way_m=end_m - state.s_m, in_s=left_s)
 
     def held_mode(self, wanted: Regime, now_ns: int) -> Regime:
         """The mode to show, given the wanted one.
@@ -296,16 +266,16 @@ class Display:
             self._show(wanted, now_ns)
         return self._mode
 
-    def _next_change(self, plan: Plan, shown: Regime, state: TrainState, place: Place) -> _Change:
+    def _next_change(self, plan: Plan, shown: Regime, state: TrainState, place: Place) -> Instruction:
         """The change to the mode after the one shown."""
         run, planned = plan.solution.trajectory, int(plan.modes[place.interval])
         change = int(plan.next_change[place.interval])
         mode = Regime(int(plan.modes[change])) if change < len(plan.modes) else Regime.STOP
-        found = _Change(mode, float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s)
+        way_m, in_s = float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s
         wait_s = max(HOLD_S - (state.now_ns - self._mode_since_ns) * NS, 0.0)
-        if shown != planned and wait_s < found.time_s:  # The planned mode has to wait until the shown one may change.
-            return _Change(Regime(planned), wait_s * place.speed_mps, wait_s)
-        return found
+        if shown != planned and wait_s < in_s:  # The planned mode has to wait until the shown one may change.
+            return Instruction(mode=Regime(planned), way_m=wait_s * place.speed_mps, in_s=wait_s)
+        return Instruction(mode=mode, way_m=way_m, in_s=in_s)
 
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The speed to display (m/s): the advised one in whole steps, steady within a band, never above the allowed."""
@@ -317,7 +287,7 @@ class Display:
         """The reason of the advice."""
         planner, goal = scene.planner, scene.goal
         basis, fit = planner.basis, plan.solution.fit
-        if scene.too_fast:
+        if scene.allowed.too_fast:
             return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps)
         if basis.front is None:
             return Reason(code=ReasonCode.FASTEST_SAFE if basis.before is None else ReasonCode.AS_BEFORE)
@@ -343,7 +313,7 @@ class Display:
             return NO_REASON
         code, time_ns = ReasonCode.POINT_EARLIEST, point.earliest_ns or 0
         if time_ns <= state.now_ns:
-            if _missed_s(point, plan) < MISSED_NAMED_S:
+            if passed_s(plan.solution, point) - point.window(plan.made_ns).latest_s < MISSED_NAMED_S:
                 return NO_REASON
             code, time_ns = ReasonCode.POINT_MISSED, point.latest_ns or 0
         return Reason(code=code, at_m=point.s_m, time_ns=time_ns, late_s=deviation_s, text=point.reason)
@@ -356,8 +326,49 @@ def _buffer_ratio(scene: Scene) -> float:
     return goal.left_s(state.now_ns) / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan
 
 
-def _missed_s(point: PassingTarget, plan: Plan) -> float:
-    """How long (s) after the end of its window a plan passes a point; minus infinity if the window has no end."""
-    if point.latest_ns is None:
-        return -math.inf
-    return (plan.made_ns - point.latest_ns) * NS + passed_s(plan.solution, point)
+def braked_enough(
+    mode: Regime, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
+) -> tuple[Regime, float]:
+    """The mode and force (N) to show: those given, or those of the braking that the limits and the stop need.
+
+    Braking is needed if it is due soon, or if the train is too fast.
+    """
+    ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
+    gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
+    pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2
+    if pulls:
+        # A driver who starts the next brake late must not be too fast by then.
+        until_s = NEXT_S + LATE_S
+        if not ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * until_s, until_s):
+            # A driver who cuts off traction late must not be above the limit by then.
+            room_mps2 = max(min(planner.limit_mps(state.s_m), allowed_mps) - state.v_mps, 0.0) / until_s
+            too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
+            return mode, max(force_n - too_much_n, 0.0)
+        mode, force_n = Regime.COAST, 0.0
+    rolls_above = state.v_mps > allowed_mps and gained_mps2 > 0.0
+    back = too_fast or rolls_above
+    effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if back else 0.0
+    above = too_fast or pulls or state.v_mps > planned_mps + ABOVE_MPS
+    within_s, more_ratio = (LATE_S, BRAKED_MORE) if above else (NEXT_S, 1.0)
+    if ahead.is_due(state.braked_m, state.v_mps, within_s):
+        effort = max(effort, ahead.needed(state.braked_m, state.v_mps).effort)
+    elif state.v_mps > allowed_mps + AT_FOOT_MPS and allowed_mps < planner.limit_mps(state.s_m):
+        effort = ahead.largest(state.s_m, state.v_mps)
+    needed_n = ahead.force_n(more_ratio * effort, state.s_m, state.v_mps)
+    return (braking_mode(effort), needed_n) if effort > 0.0 and needed_n < force_n else (mode, force_n)
+
+
+def kept_behind(
+    speeds_mps: Floats, advised_mps: float, state: TrainState, planned_m: Floats, planner: Planner
+) -> Floats:
+    """The horizon speeds of a train that is too fast, lowered to what is allowed on the way to the planned positions.
+
+    The plan brakes from the train's speed, while the horizon shows no speed above the allowed one. A driver who follows
+    the horizon therefore falls behind the planned positions `planned_m`, and may still be under a lower limit that the
+    plan has already left.
+    """
+    kept, at_m, before = speeds_mps.copy(), state.s_m, advised_mps
+    for i, to_m in enumerate(planned_m.tolist()):
+        kept[i] = min(kept[i], planner.lowest_allowed_mps(at_m, max(at_m, to_m)))
+        at_m, before = at_m + 0.5 * (before + kept[i]), kept[i]
+    return kept

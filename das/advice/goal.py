@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from das.domain.errors import DasError
+from das.domain.journey import Window
 from das.domain.units import NS
 
 LONGEST_RATIO: Final = 2.5
@@ -41,6 +43,12 @@ class PassingTarget:
         if self.earliest_ns is not None and self.latest_ns is not None and self.latest_ns < self.earliest_ns:
             raise DasError(f"target at {self.s_m:.0f} m: the latest time is before the earliest")
 
+    def window(self, now_ns: int) -> Window:
+        """The window in which to pass it (s from now)."""
+        earliest_s = -math.inf if self.earliest_ns is None else (self.earliest_ns - now_ns) * NS
+        latest_s = math.inf if self.latest_ns is None else (self.latest_ns - now_ns) * NS
+        return Window(earliest_s=earliest_s, latest_s=latest_s)
+
 
 class TrainState(NamedTuple):
     """A train at a moment: time (ns since 1970), position (m) and speed (m/s).
@@ -57,6 +65,17 @@ class TrainState(NamedTuple):
     def braked_m(self) -> float:
         """The position (m) from which braking for limits and the stop ahead is computed."""
         return self.s_m + self.ahead_m
+
+
+class SpeedsAllowed(NamedTuple):
+    """The bounds on an instruction where the train is: the highest safe speed, and the limit over the train (m/s).
+
+    `too_fast`: the driver is told that the train is too fast.
+    """
+
+    allowed_mps: float
+    limit_mps: float
+    too_fast: bool = False
 
 
 def is_too_fast(excess_mps: float, *, told: bool) -> bool:

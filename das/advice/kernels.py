@@ -63,19 +63,10 @@ def horizon(here_s, s_m, t_s, v, force, nodes, envelope_w, limit, speeds, forces
 
 
 @kernel
-def _is_among(values, one):
-    """Whether an array contains a number."""
-    found = False
-    for value in values:
-        found = found or value == one
-    return found
-
-
-@kernel
 def without_ripples(modes, v, cruise, rolling, band):
     """Modes per interval; a stretch between two stretches of `cruise` becomes `cruise` as well if it hardly differs.
 
-    It hardly differs if its speeds stay within `band` (m/s) of each other and only the modes `rolling` occur in it.
+    It hardly differs if its speeds stay within `band` (m/s) of each other and only the two modes `rolling` occur in it.
     """
     result = modes.copy()
     after = -1  # where the last stretch of cruising ended
@@ -85,7 +76,7 @@ def without_ripples(modes, v, cruise, rolling, band):
             if after >= 0 and high - low <= band:
                 result[after:i] = cruise
             after, low, high = i + 1, v[i + 1], v[i + 1]
-        elif _is_among(rolling, modes[i]):
+        elif modes[i] == rolling[0] or modes[i] == rolling[1]:
             low, high = min(low, v[i + 1]), max(high, v[i + 1])
         else:
             after = -1

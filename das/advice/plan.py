@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import kernels
-from das.advice.regimes import ROLLING, Regime
-from das.domain.units import KMH, NS
+from das.advice.regimes import FULL_RATIO, ROLLING, Regime
+from das.domain.units import KMH
 from das.solver.section import Section
 from das.solver.solution import Solution
 
-FULL_EFFORT_RATIO: Final = 0.97
-"""Share of the largest available effort above which an effort counts as full."""
 IDLE_EFFORT_RATIO: Final = 0.02
 """Share of the largest traction force below which a force counts as none."""
 CRUISE_ACCELERATION_MPS2: Final = 0.02
@@ -39,10 +37,7 @@ def classify_modes(solution: Solution, section: Section) -> Modes:
     run, train, vehicle = solution.trajectory, section.train, section.vehicle
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
     rate = np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)
-    fastest_rate, hardest_rate = (
-        FULL_EFFORT_RATIO * train.max_acceleration_mps2,
-        -FULL_EFFORT_RATIO * train.max_deceleration_mps2,
-    )
+    fastest_rate, hardest_rate = FULL_RATIO * train.max_acceleration_mps2, -FULL_RATIO * train.max_deceleration_mps2
     accelerating = np.abs(rate) > CRUISE_ACCELERATION_MPS2
     traction, electric = vehicle.traction_effort_n(mean), vehicle.electric_brake_effort_n(mean)
     idle = IDLE_EFFORT_RATIO * train.traction_force_n
@@ -51,9 +46,9 @@ def classify_modes(solution: Solution, section: Section) -> Modes:
         [
             friction < -idle,
             ~accelerating & (np.abs(force) > idle),
-            (force >= FULL_EFFORT_RATIO * traction) | ((force > idle) & (rate >= fastest_rate)),
+            (force >= FULL_RATIO * traction) | ((force > idle) & (rate >= fastest_rate)),
             force > idle,
-            ((force <= -FULL_EFFORT_RATIO * electric) & (electric > 0)) | ((force < -idle) & (rate <= hardest_rate)),
+            ((force <= -FULL_RATIO * electric) & (electric > 0)) | ((force < -idle) & (rate <= hardest_rate)),
             force < -idle,
         ],
         [
@@ -131,10 +126,6 @@ class Plan:
             energy_after_j=np.append(energy_j[:0:-1].cumsum()[::-1], 0.0),
             speed_w=run.v_mps**2,
         )
-
-    def arrival_ns(self, now_ns: int, place: Place) -> int:
-        """The arrival (ns since 1970) of a train that is now at a place on the plan and follows it."""
-        return now_ns + round((self.solution.time_s - place.time_s) / NS)
 
     def speeds_mps(self, s_m: Floats) -> Floats:
         """The planned speeds (m/s) at positions (m); beyond either end of the plan, the speed at that end."""

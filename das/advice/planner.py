@@ -19,6 +19,7 @@ from das.advice.goal import AT_END_M, LONGEST_RATIO, Goal, PassingTarget, TrainS
 from das.advice.guide.planning import Wanted, planned
 from das.advice.plan import Plan
 from das.domain.errors import DasError
+from das.domain.journey import Window
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.front import Front
@@ -197,14 +198,12 @@ class Planner:
         if point is None or state.s_m >= point.s_m - PASSED_M:
             return None
         wanted, free_s = Wanted(s_m=state.s_m, v_mps=state.v_mps, left_s=0.0, point_m=point.s_m), passed_s(free, point)
-        if point.earliest_ns is not None:
-            # A driver who is ahead of the plan by this time still counts as following it.
-            earliest_s = (point.earliest_ns - state.now_ns) * NS + TIME_BAND_S
-            if free_s < earliest_s:
-                return replace(wanted, earliest_s=earliest_s)
-        if point.latest_ns is not None and free_s > (latest_s := (point.latest_ns - state.now_ns) * NS):
-            return replace(wanted, latest_s=latest_s)
-        return None
+        window = point.window(state.now_ns)
+        # A driver who is ahead of the plan by this time still counts as following it.
+        earliest_s = window.earliest_s + TIME_BAND_S
+        if free_s < earliest_s:
+            return replace(wanted, window=Window(earliest_s=earliest_s))
+        return replace(wanted, window=Window(latest_s=window.latest_s)) if free_s > window.latest_s else None
 
     def _cautious(self, state: TrainState) -> Solution:
         """The trajectory of the previous plan, slowed to what is safe now; the fastest one if there is no such plan."""

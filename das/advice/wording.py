@@ -134,7 +134,6 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         },
         until="until",
         reasons={
-            ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
             ReasonCode.TOO_FAST: "too fast",
             ReasonCode.LIMIT: "{kmh} km/h from km {km}",
@@ -142,7 +141,6 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             ReasonCode.STOP: "stop{at_stop}",
             ReasonCode.POINT_EARLIEST: "km {km} not before {clock}{because}",
             ReasonCode.POINT_MISSED: "km {km} as soon as possible, wanted by {clock}{because}",
-            ReasonCode.ARRIVAL: "",
             ReasonCode.ARRIVED: "arrived, {deviation}",
             ReasonCode.DEPARTURE: "departure at {clock}",
             ReasonCode.NO_PLAN: "too fast; no plan from here ({text})",
@@ -183,7 +181,6 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         },
         until="bis",
         reasons={
-            ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
             ReasonCode.TOO_FAST: "zu schnell",
             ReasonCode.LIMIT: "{kmh} km/h ab km {km}",
@@ -191,7 +188,6 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             ReasonCode.STOP: "Halt{at_stop}",
             ReasonCode.POINT_EARLIEST: "km {km} nicht vor {clock}{because}",
             ReasonCode.POINT_MISSED: "km {km} so bald wie möglich, gewünscht bis {clock}{because}",
-            ReasonCode.ARRIVAL: "",
             ReasonCode.ARRIVED: "angekommen, {deviation}",
             ReasonCode.DEPARTURE: "Abfahrt um {clock}",
             ReasonCode.NO_PLAN: "zu schnell; kein Plan von hier ({text})",
@@ -232,7 +228,6 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         },
         until="jusqu'à",
         reasons={
-            ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
             ReasonCode.TOO_FAST: "trop vite",
             ReasonCode.LIMIT: "{kmh} km/h dès le km {km}",
@@ -240,7 +235,6 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             ReasonCode.STOP: "arrêt{at_stop}",
             ReasonCode.POINT_EARLIEST: "km {km} pas avant {clock}{because}",
             ReasonCode.POINT_MISSED: "km {km} dès que possible, souhaité avant {clock}{because}",
-            ReasonCode.ARRIVAL: "",
             ReasonCode.ARRIVED: "arrivé, {deviation}",
             ReasonCode.DEPARTURE: "départ à {clock}",
             ReasonCode.NO_PLAN: "trop vite ; aucun plan d'ici ({text})",
@@ -271,7 +265,7 @@ _WITH_ARRIVAL: Final = frozenset({
 def words(reason: Reason, language: Language = Language.EN, zone: tzinfo = UTC) -> str:
     """A reason in words, with times of day in a time zone; empty if there is nothing to say."""
     said = _WORDS[language]
-    text = said.reasons[reason.code].format(
+    text = said.reasons.get(reason.code, "").format(
         kmh=f"{reason.speed_mps / KMH:.0f}",
         km=f"{reason.at_m / KM:.1f}",
         clock=f"{datetime.fromtimestamp(reason.time_ns * NS, zone):%H:%M:%S}",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from das.advice import wording
@@ -13,7 +13,6 @@ from das.advice.advice import Advice, Cause, Withdrawal
 from das.advice.quiet import Quiet
 from das.advice.reason import Reason
 from das.advice.regimes import Regime
-from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.guard import Guard, off_route
 from das.cab.heard import (
@@ -70,7 +69,8 @@ class CabSettings:
     stopwatch: Callable[[], float] = no_stopwatch
     """The clock (s) that measures the durations in the status: in real time the `WALL_STOPWATCH`. By default they are
     all 0, so that no output depends on the machine."""
-    advice: AdviceSettings = field(default_factory=AdviceSettings)
+    guide: bool = False
+    """Whether there is a guide; if not, nothing is computed for it."""
 
 
 @dataclass(kw_only=True)
@@ -92,8 +92,8 @@ class Cab:
 
     def __init__(self, post: Post, situation: Situation, fronts: Fronts, settings: CabSettings | None = None) -> None:
         settings = settings or CabSettings()
-        preparation = Preparation(fronts, settings.stopwatch, settings.advice.guide, background=settings.background)
-        self.legs = Legs(situation, preparation, settings.advice)
+        preparation = Preparation(fronts, settings.stopwatch, background=settings.background, guide=settings.guide)
+        self.legs = Legs(situation, preparation, guide=settings.guide)
         """The legs of the journey under way."""
         self.here = Estimate(time_ns=0)
         """The estimated state of the train on which the last advice rests."""

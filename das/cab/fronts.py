@@ -14,11 +14,10 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.guide.settings import GuideSettings
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.guide.policies import GuideFront, PolicySettings
+from das.solver.guide.policies import DEFAULT, GuideFront
 from das.solver.guide.references import References
 from das.solver.section import Section
 from das.solver.solve import default_ladder, solve_ahead
@@ -97,28 +96,28 @@ class Fronts:
         front = solve_ahead(section, s_m, threads=self._threads, lambda_w=onboard_ladder(section))
         return self._known.put(key, front)
 
-    def find_guide(self, section: Section, settings: GuideSettings, s_m: float | None = None) -> FoundGuide:
+    def find_guide(self, section: Section, s_m: float | None = None) -> FoundGuide:
         """The policies of the guide on a section: kept, or begun now, with the finished references of its table.
 
         For a train at a position (m), the line behind it is not solved; the answers are the same.
         """
-        key = key_of(section, settings.policies)
+        key = key_of(section, DEFAULT)
         known = self._guides.get(key)
         if known is not None:
             known.front.cover(section.start_m if s_m is None else s_m)
             return known
-        references, notes = self._references(section, settings.policies)
-        front = GuideFront(section, settings.policies, s_m, threads=self._threads, references=references)
+        references, notes = self._references(section)
+        front = GuideFront(section, s_m=s_m, threads=self._threads, references=references)
         return self._guides.put(key, FoundGuide(front, notes))
 
-    def _references(self, section: Section, guide: PolicySettings) -> tuple[References | None, tuple[str, ...]]:
+    def _references(self, section: Section) -> tuple[References | None, tuple[str, ...]]:
         """The references of a section's table; without a table that fits, None and why."""
         if self._folder is None:
             return None, ()
         path = self._folder / table_name(section_facts(section))
         try:
             if path.exists():
-                return Table.read(path).references_for(section, guide), ()
+                return Table.read(path).references_for(section, DEFAULT), ()
         except TableError as error:
             return None, (f"{error}; references are solved instead",)
         if section.name in self._missed:

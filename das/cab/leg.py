@@ -10,15 +10,12 @@ from typing import Final
 from das.advice.advice import Advice, Guidance, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
 from das.advice.display import Display, Scene
-from das.advice.goal import AT_END_M, AT_STOP_M, Goal, PassingTarget, TrainState, is_too_fast
+from das.advice.goal import AT_END_M, AT_STOP_M, Goal, PassingTarget, SpeedsAllowed, TrainState, is_too_fast
 from das.advice.guide.drift import Drift
-from das.advice.guide.effort import STEP_RATIO
+from das.advice.guide.guard import STEP_RATIO
 from das.advice.guide.guide import Guide
-from das.advice.guide.keeping import Kept
-from das.advice.guide.scene import SpeedsAllowed
 from das.advice.planner import PlanBasis, Planner
 from das.advice.reason import Reason, ReasonCode
-from das.advice.settings import DEFAULT, AdviceSettings
 from das.advice.worker import AT_ONCE, Worker
 from das.cab.heard import Target
 from das.cab.withdrawal import LegFacts
@@ -64,14 +61,14 @@ class Leg:
         start: Stop,
         end: Stop,
         section: Section,
-        settings: AdviceSettings = DEFAULT,
         guide_worker: Worker = AT_ONCE,
         drift: Drift | None = None,
+        *,
+        guide: bool = False,
     ) -> None:
         self.start, self.end = start, end
-        self.planner, self.display = Planner(PlanBasis(section=section)), Display(settings.valid_for_s)
-        guide = settings.guide
-        self.guide = Guide(section, None, guide, guide_worker, drift) if guide.enabled else None
+        self.planner, self.display = Planner(PlanBasis(section=section)), Display()
+        self.guide = Guide(section, None, guide_worker, drift) if guide else None
         self.arrival_ns: int | None = None
         """The arrival that traffic management wants (ns since 1970); None: by the timetable."""
         self.points: list[PassingTarget] = []
@@ -163,8 +160,11 @@ class Leg:
         """The advice for a usable state, at its time; raises NoPlanError if no plan finishes the section from it."""
         planner = self.planner
         state = self._state(here)
-        self.progress.too_fast = is_too_fast(state.v_mps - planner.allowed_for(state), told=self.progress.too_fast)
-        scene = Scene(state, here, planner, self.goal, too_fast=self.progress.too_fast)
+        allowed_mps = planner.allowed_for(state)
+        self.progress.too_fast = is_too_fast(state.v_mps - allowed_mps, told=self.progress.too_fast)
+        limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
+        place = SpeedsAllowed(allowed_mps, limit_mps, self.progress.too_fast)
+        scene = Scene(state, here, planner, self.goal, place)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -AT_STOP_M:
             self._arrived_ns = None
@@ -174,7 +174,8 @@ class Leg:
                 late_s = self._arrival_late_s(state.now_ns)
                 return self.display.standing(scene, Reason(code=ReasonCode.ARRIVED, late_s=late_s))
             if state.s_m <= self.section.start_m + AT_STOP_M and state.now_ns < self.goal.departure_ns:
-                return self.display.waiting(scene._replace(guide=self._standing(state)))
+                reason = Reason(code=ReasonCode.DEPARTURE, time_ns=self.goal.departure_ns)
+                return self.display.standing(scene._replace(guide=self._standing(state)), reason)
         if beyond_m >= -AT_END_M:
             needed = planner.ahead.effort_to(state.s_m, state.v_mps, self.section.end_m, 0.0)
             reason = Reason(code=ReasonCode.STOP, stop=self.section.end_stop_name)
@@ -182,9 +183,11 @@ class Leg:
         try:
             kept = None if self.guide is None else self.guide.plan(state, self.goal)
             plan = planner.plan_for(state, self.goal, None if kept is None else kept.scheduled)
-            scene = scene._replace(guide=self._guidance(kept, state, stands=stands))
-            if self.guide is not None and kept is not None:
-                scene = scene._replace(late_s=self.guide.arrival_late_s(kept, state, self.goal))
+            if self.guide is not None:
+                show = self.guide.departs if stands else self.guide.show
+                scene = scene._replace(guide=show(kept, state, self.goal, place))
+                if kept is not None:
+                    scene = scene._replace(late_s=self.guide.keeper.arrival_late_s(kept, state, self.goal))
             return self.display.departing(scene, plan) if stands else self.display.following(scene, plan)
         except DasError as error:
             if state.v_mps > planner.allowed_mps(state.s_m):
@@ -205,13 +208,13 @@ class Leg:
         if not why.cause.is_quiet:
             self._forget()
         elif self.guide is not None:
-            self.guide.hush()
+            self.guide.showing.forget()
         return self.display.withdrawn(here, why)
 
     def _braking(self, scene: Scene, reason: Reason, needed: float = math.inf) -> Advice:
         """Advise full brakes without a plan; the guide shows the `needed` effort, but no less than it shows already."""
-        shown = 0.0 if self.guide is None else self.guide.shown_effort
-        if self.guide is not None and math.isfinite(needed) and self.guide.stands_at_mark(scene.state):
+        shown = 0.0 if self.guide is None else self.guide.showing.shown_effort
+        if self.guide is not None and math.isfinite(needed) and self.guide.showing.stands_at_mark(scene.state):
             needed = shown
         self._forget()
         advice = self.display.braking(scene, reason)
@@ -228,16 +231,6 @@ class Leg:
         self.planner.forget()
         if self.guide is not None:
             self.guide.forget()
-
-    def _guidance(self, kept: Kept | None, state: TrainState, *, stands: bool) -> Guidance | None:
-        """The guide's instruction to a train that runs, or that stands and has to go on; None without a guide."""
-        if self.guide is None:
-            return None
-        planner = self.planner
-        limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
-        place = SpeedsAllowed(planner.allowed_for(state), limit_mps, self.progress.too_fast)
-        show = self.guide.departs if stands else self.guide.show
-        return show(kept, state, self.goal, place)
 
     def _standing(self, state: TrainState) -> Guidance | None:
         """The guide's instruction to a train that has to stand; None without a guide."""

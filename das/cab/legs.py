@@ -12,7 +12,6 @@ from typing import Final
 from das.advice.advice import Advice, Timetable
 from das.advice.goal import AT_STOP_M
 from das.advice.guide.drift import Drift
-from das.advice.settings import DEFAULT, AdviceSettings
 from das.cab.heard import Target
 from das.cab.leg import Leg, assign_targets
 from das.cab.preparation import News, Preparation
@@ -43,12 +42,12 @@ class Legs:
     it is on.
     """
 
-    def __init__(self, situation: Situation, preparation: Preparation, settings: AdviceSettings = DEFAULT) -> None:
+    def __init__(self, situation: Situation, preparation: Preparation, *, guide: bool = False) -> None:
         self.situation, self.preparation = situation, preparation
         self.legs: tuple[Leg, ...] = ()
         self.last_words = LastWords()
         """The last word on every advice of a leg."""
-        self._started, self._settings = situation, settings
+        self._started, self._guide = situation, guide
         self._index: int | None = None
         self._targets: tuple[Target, ...] = ()
         self._accepted: tuple[Target, ...] = ()
@@ -82,7 +81,7 @@ class Legs:
         situation = self.situation.at(self._now_ns)
         judged = self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
         if leg.guide is not None and judged.guide is not None and judged.replaced_parts:
-            leg.guide.has_shown(judged.guide.now, judged.time_ns)
+            leg.guide.showing.has_shown(judged.guide.now, judged.time_ns)
         return judged
 
     def check(self, stops_m: Sequence[float]) -> None:
@@ -147,7 +146,7 @@ class Legs:
         Raises DasError if it cannot be driven even without restrictions.
         """
         section = free.section_ahead(ends[0].position_m, ends[1].position_m, s_m)
-        return Leg(*ends, section, self._settings, self.preparation.guide_worker, drift)
+        return Leg(*ends, section, self.preparation.guide_worker, drift, guide=self._guide)
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
         """Take over all restrictions known; plans keep to each of them as soon as it counts."""

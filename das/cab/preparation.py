@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 from das.advice.advice import Source
 from das.advice.goal import AT_STOP_M, PassingTarget
-from das.advice.guide.settings import DEFAULT, GuideSettings
 from das.advice.planner import PlanBasis
 from das.advice.worker import Worker
 from das.cab.fronts import FoundGuide, Fronts
@@ -93,7 +92,7 @@ class Preparation:
     """
 
     def __init__(
-        self, fronts: Fronts, stopwatch: Callable[[], float], guide: GuideSettings = DEFAULT, *, background: bool
+        self, fronts: Fronts, stopwatch: Callable[[], float], *, background: bool, guide: bool = False
     ) -> None:
         self._fronts, self._stopwatch, self._guide = fronts, stopwatch, guide
         self._solver = Worker("solve", background=background)
@@ -150,8 +149,8 @@ class Preparation:
         began = self._stopwatch()
         self._fronts.find(section)
         self.solve_s = self._stopwatch() - began
-        if self._guide.enabled:
-            guide = self.guide_worker.submit(lambda: self._fronts.find_guide(section, self._guide))
+        if self._guide:
+            guide = self.guide_worker.submit(lambda: self._fronts.find_guide(section))
             if not self.guide_worker.in_background:
                 guide.result()
 
@@ -188,9 +187,7 @@ class Preparation:
         if one.search is None and not one.ready and (not one.refusal or one.failed_ns is not None):
             one.served = point
             question = _Question.of(leg)
-            one.search = self._solver.submit(
-                lambda: _search_front(self._fronts, question, self._guide, self._stopwatch)
-            )
+            one.search = self._solver.submit(lambda: _search_front(self._fronts, question, self._stopwatch))
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
         if one.guide is not None and one.guide.done():
@@ -213,9 +210,9 @@ class Preparation:
         leg.use(PlanBasis(section=section, front=found, source=Source.SOLVED, passing=answer.passing))
         why, one.why = one.why, ""
         self._news.append(News(f"{leg.start.name} – {leg.end.name}: solved" + (f" ({why})" if why else "")))
-        if self._guide.enabled:
+        if self._guide:
             s_m = _Question.of(leg).s_m
-            one.guide = self.guide_worker.submit(lambda: _search_guide(self._fronts, section, self._guide, s_m))
+            one.guide = self.guide_worker.submit(lambda: _search_guide(self._fronts, section, s_m))
 
     def _take_guide(self, leg: Leg, one: _Prepared, answer: FoundGuide | str) -> None:
         """Let the guide lead by the policies found; without any, the leg goes on without a guide."""
@@ -265,13 +262,13 @@ class _Question(NamedTuple):
         return cls(section, leg.goal.passing, here.s_m if here is not None and inside else section.start_m)
 
 
-def _search_front(fronts: Fronts, question: _Question, guide: GuideSettings, stopwatch: Callable[[], float]) -> _Answer:
+def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
     """Search for a front, and for policies if there is a point to pass; any error becomes part of the answer."""
     began = stopwatch()
     found, passing, refusal, failed = None, None, "", False
     try:
         found = fronts.find(question.section, question.s_m)
-        passing = _passing(fronts, question, guide, found.section)
+        passing = _passing(fronts, question, found.section)
     except DasError as error:
         refusal = str(error)
     except Exception as error:  # A thread must not die in silence: giving no advice is better.
@@ -279,17 +276,17 @@ def _search_front(fronts: Fronts, question: _Question, guide: GuideSettings, sto
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 
-def _search_guide(fronts: Fronts, section: Section, guide: GuideSettings, s_m: float) -> FoundGuide | str:
+def _search_guide(fronts: Fronts, section: Section, s_m: float) -> FoundGuide | str:
     """Search for the policies of a section; after an error, return its text."""
     try:
-        return fronts.find_guide(section, guide, s_m)
+        return fronts.find_guide(section, s_m)
     except Exception as error:  # Advice without a guide is better than a thread that dies in silence.
         return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"
 
 
-def _passing(fronts: Fronts, question: _Question, guide: GuideSettings, section: Section) -> GuideFront | None:
+def _passing(fronts: Fronts, question: _Question, section: Section) -> GuideFront | None:
     """The guide's policies if a point is to be passed; None if the point sets no time or is already reached."""
     point = question.point
     if point is None or point.s_m < question.s_m + LEAST_WAY_M or (point.earliest_ns or point.latest_ns) is None:
         return None
-    return fronts.find_guide(section, guide, question.s_m).front
+    return fronts.find_guide(section, question.s_m).front

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from das.advice.advice import Source, Timetable
 from das.advice.braking_model import BrakingBasis
-from das.advice.guide.settings import GuideSettings
 from das.advice.last_word import LastWord
 from das.advice.planner import PlanBasis
-from das.advice.settings import AdviceSettings
 from das.cab.leg import Leg
 from das.domain.conditions import Conditions
 from das.domain.route import Stop
@@ -23,10 +21,9 @@ def warm_up() -> None:
     front = solve_tiny()
     section = front.section
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
-    settings = AdviceSettings(guide=GuideSettings(enabled=True))
-    leg = Leg(start, end, section, settings)
+    leg = Leg(start, end, section, guide=True)
     leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
-    leg.use_guide(GuideFront(section, settings.guide.policies))
+    leg.use_guide(GuideFront(section))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     vehicle = section.vehicle
     basis = BrakingBasis(section.route, vehicle, section.brakes, (), Conditions(), section.start_m, section.end_m)

@@ -11,8 +11,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from das.advice.guide.settings import GuideSettings
-from das.advice.settings import AdviceSettings
 from das.bus.access import Refusals
 from das.bus.config import bus_options
 from das.bus.session import Bus, check_endpoint
@@ -119,7 +117,7 @@ def _settings(advice: AdviceGiven) -> CabSettings:
         no_restrictions=advice.no_restrictions,
         calibrate=advice.calibrate,
         background=by_wall,
-        advice=AdviceSettings(guide=GuideSettings(enabled=advice.led.guide)),
+        guide=advice.led.guide,
         stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
     )
 

@@ -1,6 +1,4 @@
 import das
-from das.advice.guide.settings import GuideSettings
-from das.advice.settings import AdviceSettings
 from das.cab import heard, outputs
 from das.cab.cab import Cab, CabSettings
 from das.cab.fronts import Fronts
@@ -11,7 +9,7 @@ from das.estimate.fix import Effort, PositionFix
 S, zero = 10**9, 1_800_000_000 * 10**9  # Times are whole nanoseconds since 1970.
 route, train = das.load_route("flat-6km"), das.load_vehicle("re460-ic")
 a, b = route.stops[0], route.stops[-1]
-settings = CabSettings(calibrate=True, advice=AdviceSettings(guide=GuideSettings(enabled=True)))
+settings = CabSettings(calibrate=True, guide=True)
 post = Post(train="IC1", route=route, trains=Trains(train, train))
 cab = Cab(post, Situation(route=route, vehicle=train), Fronts(threads=1), settings)
 

@@ -23,8 +23,8 @@ from das.domain.units import kwh
 from das.solver.front import Front
 from das.solver.guide.from_run import scheduled_run
 from das.solver.guide.in_time import in_time
-from das.solver.guide.phases import BRAKES
 from das.solver.guide.policies import GuideFront, PolicySettings
+from das.solver.guide.schedule import BRAKES
 from das.solver.section import Section
 from das.solver.solution import trajectory_on
 from das.solver.solve import solve_front

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from das.advice.advice import Timetable
 from das.advice.braking_model import BrakingBasis
-from das.advice.guide.settings import GuideSettings
 from das.advice.last_word import LastWord
-from das.advice.settings import AdviceSettings
 from das.cab.leg import Leg
 from das.domain.conditions import Conditions
 from das.domain.units import NS
@@ -55,7 +53,7 @@ def _plan(section: Section) -> None:
 def _brake(section: Section) -> None:
     """Advise a train that comes to its stop, and judge the advice."""
     start, end = section.route.stops[0], section.route.stops[-1]
-    leg = Leg(start, end, section, AdviceSettings(guide=GuideSettings(enabled=True)))
+    leg = Leg(start, end, section, guide=True)
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     basis = BrakingBasis(
         section.route, section.vehicle, section.brakes, (), Conditions(), section.start_m, section.end_m

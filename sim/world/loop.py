@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from das.advice.advice import Advice
-from das.advice.guide.settings import GuideSettings
 from das.advice.regimes import Regime
-from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.heard import STATES, Heard, Kind
 from das.cab.orders import Post, Trains
@@ -308,9 +306,8 @@ class InProcess:
         )
         trains = Trains(service.vehicle, service.vehicle)
         post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
-        advice = AdviceSettings(guide=GuideSettings(enabled=self._guide))
         calibrate = service.scenario.sensors.force_noise_ratio is not None
-        self.cab = Cab(post, situation, service.onboard, CabSettings(calibrate=calibrate, advice=advice))
+        self.cab = Cab(post, situation, service.onboard, CabSettings(calibrate=calibrate, guide=self._guide))
         """The on-board system."""
         self._judged_ns = 0
         for heard in list(self._kept.values()):

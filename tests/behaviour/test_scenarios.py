@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Cause
+from das.advice.display import VALID_FOR_S
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.advice.settings import DEFAULT
 from das.cab.heard import RestrictionsHeard
 from das.domain.conditions import Conditions
 from das.domain.restriction import Restriction
@@ -464,7 +464,7 @@ def test_bus_outage_shows_no_advice_and_the_run_arrives() -> None:
     assert driven.run.counts.unheard == outage.for_s == 30
     for told in driven.said.told:
         into_s = told.state.time_s - outage.from_s
-        assert not (DEFAULT.valid_for_s <= into_s < outage.for_s and told.cab.shown is not None)
+        assert not (VALID_FOR_S <= into_s < outage.for_s and told.cab.shown is not None)
     # What was heard is out of date at once when it is over, and advice is back.
     back = next(a for a in driven.said.advices if driven.day.service.clock_s(a.time_ns) >= outage.from_s + 30)
     assert back.mode is not Regime.NONE

@@ -15,10 +15,8 @@ from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
 from das.advice.goal import AT_END_M, OVERSPEED_MPS, PassingTarget
 from das.advice.guide.follow import CREEP_MPS
 from das.advice.guide.guard import BRAKED_MPS
-from das.advice.guide.settings import GuideSettings
 from das.advice.planner import PlanBasis
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
-from das.advice.settings import AdviceSettings
 from das.cab.fronts import onboard_ladder
 from das.cab.leg import Leg
 from das.cab.situation import Situation
@@ -33,7 +31,6 @@ from tests.support.crossing import numbered
 STATES_OF_A_LEG, LEGS_OF_A_WORLD = 25, 5
 T0 = 1_800_000_000_000_000_000
 TRAIN = load_vehicle("re460-ic")
-SETTINGS = AdviceSettings(guide=GuideSettings(enabled=True))
 SECTIONS = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
 SHOWN_MPS = 0.3
 """What was shown before may stand above the limit by so much: the display shows the same."""
@@ -63,11 +60,11 @@ class World:
         self.section = situation.section(self.start_m, self.end_m)
         front = solve_front(self.section, threads=1, lambda_w=onboard_ladder(self.section))
         self.basis = PlanBasis(section=self.section, front=front)
-        self.guide = GuideFront(self.section, SETTINGS.guide.policies)
+        self.guide = GuideFront(self.section)
 
     def leg(self) -> Leg:
         """A leg with a guide, with a random time left, and in every third case with a window at a point."""
-        leg = Leg(self.start, self.end, self.section, SETTINGS)
+        leg = Leg(self.start, self.end, self.section, guide=True)
         leg.use(self.basis)
         leg.use_guide(self.guide)
         arrival_s = float((self.end_m - self.start_m) / 25.0 * self.random.uniform(0.2, 3.0))

@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from das.advice.advice import Advice
-from das.advice.guide.settings import GuideSettings
 from das.advice.regimes import Regime
-from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.fronts import Fronts
 from das.cab.heard import (
@@ -218,9 +216,9 @@ class AssessedDay:
 
     def _new_cab(self) -> Cab:
         post = Post(train="T", route=self.route, trains=Trains(self.vehicle, self.vehicle))
-        guide = GuideSettings(enabled=self.drawn.presentation is Presentation.GUIDE)
+        guide = self.drawn.presentation is Presentation.GUIDE
         situation = Situation(route=self.route, vehicle=self.vehicle)
-        return Cab(post, situation, self._fronts, CabSettings(calibrate=True, advice=AdviceSettings(guide=guide)))
+        return Cab(post, situation, self._fronts, CabSettings(calibrate=True, guide=guide))
 
     def _clock_ns(self, second: float) -> int:
         """The time of the cab's clock (ns since 1970)."""

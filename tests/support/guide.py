@@ -8,14 +8,13 @@ import numpy as np
 
 from das.advice.advice import Replan, ReplanCause
 from das.advice.braking import BrakingAhead
-from das.advice.goal import TrainState
+from das.advice.goal import SpeedsAllowed, TrainState
+from das.advice.guide.guard import Sight
 from das.advice.guide.keeping import Kept, StandingReference
-from das.advice.guide.scene import Sight, SpeedsAllowed, TrainForecast
 from das.advice.guide.timeline import timeline
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
-from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.guide.schedule import Schedule, known_run
+from das.solver.guide.schedule import Phase, PhaseKind, Schedule, settled
 from das.solver.section import Section, build_section
 from tests.support.bundled_sections import BUNDLED, section_of
 from tests.support.keeping import ns
@@ -42,9 +41,7 @@ def reference(
         Phase(KINDS[kind], share, int(np.searchsorted(section.node_m, at_m)), kmh * KMH)
         for kind, share, at_m, kmh in phases
     )
-    speeds = np.full(len(section.node_m), max(at_kmh, 1.0) * KMH)
-    raw = Schedule(section=section, phases=made, known=known_run(section, speeds), back_share=0.7)
-    return raw.settled(section.start_m, at_kmh * KMH)[0]
+    return settled(section, made, section.start_m, at_kmh * KMH)[0]
 
 
 def kept(schedule: Schedule, state: TrainState, replan: Replan | None = None) -> Kept:
@@ -59,5 +56,5 @@ def kept(schedule: Schedule, state: TrainState, replan: Replan | None = None) ->
 def scene(schedule: Schedule, s_m: float, kmh: float, place: SpeedsAllowed = FREE, second: float = 100.0) -> Sight:
     """The guide's input for a train at a position and speed."""
     state = TrainState(ns(second), s_m, kmh * KMH)
-    foreseen = TrainForecast.of(kept(schedule, state), state)
+    foreseen = schedule.forecast(state.s_m, state.v_mps)
     return Sight(schedule, timeline(schedule), foreseen, state, place, BrakingAhead(schedule.section))

@@ -10,12 +10,10 @@ import numpy as np
 from das.advice.goal import Goal, TrainState
 from das.advice.guide.drift import UsualLoss
 from das.advice.guide.keeping import Keeper, Kept
-from das.advice.guide.planning import elapsed_s
-from das.advice.guide.settings import DEFAULT
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.units import NS
 from das.solver.guide.policies import GuideFront
-from das.solver.guide.schedule import Prospect, Schedule
+from das.solver.guide.schedule import Prospect
 from das.solver.section import Section
 from tests.support.bundled_sections import Which, asked_s, guide_of, section_of
 
@@ -34,7 +32,7 @@ class _NoLoss(UsualLoss):
 
 def sure(section: Section, front: GuideFront | None, worker: Worker = AT_ONCE) -> Keeper:
     """A keeper whose drivers lose no time; its references have no reserve."""
-    keeper = Keeper(section, front, DEFAULT, worker)
+    keeper = Keeper(section, front, worker)
     keeper._usual = _NoLoss(section)
     return keeper
 
@@ -42,7 +40,7 @@ def sure(section: Section, front: GuideFront | None, worker: Worker = AT_ONCE) -
 def keeper_of(which: Which, *, loses: bool = False) -> Keeper:
     """A keeper of a bundled section that has made no reference yet; its drivers lose no time, or the usual amount."""
     section, front = section_of(which), guide_of(which)
-    return Keeper(section, front, DEFAULT) if loses else sure(section, front)
+    return Keeper(section, front) if loses else sure(section, front)
 
 
 def goal_of(which: Which, buffer_ratio: float, **more: object) -> Goal:
@@ -53,10 +51,9 @@ def goal_of(which: Which, buffer_ratio: float, **more: object) -> Goal:
 class Keeping:
     """A train that runs exactly as forecast, from a given time and place on."""
 
-    def __init__(self, schedule: Schedule, forecast: Prospect, begin_s: float, s_m: float) -> None:
-        times, self._node_m = elapsed_s(schedule, forecast, s_m)
-        self._times = times + begin_s
-        self._speeds = forecast.speeds_mps[np.isfinite(forecast.speeds_mps)]
+    def __init__(self, forecast: Prospect, begin_s: float) -> None:
+        self._times, self._node_m = forecast.times_s + begin_s, forecast.at_m
+        self._speeds = forecast.ahead_mps
         self.end_s = float(self._times[-1])
 
     def at(self, second: float, *, behind_s: float = 0.0) -> TrainState:
@@ -79,11 +76,11 @@ def stood(keeper: Keeper, which: Which, goal: Goal) -> Kept:
 def departed(keeper: Keeper, which: Which, goal: Goal) -> tuple[Kept, Keeping]:
     """The reference that a keeper makes for a train that departed 5 s ago, and a train that follows it."""
     standing = stood(keeper, which, goal)
-    state = Keeping(standing.reference.schedule, standing.forecast, 0.0, section_of(which).start_m).at(5.0)
+    state = Keeping(standing.forecast, 0.0).at(5.0)
     keeper.forget()
     kept = keeper.keep(state, goal)
     assert kept is not None
-    return kept, Keeping(kept.reference.schedule, kept.forecast, 5.0, state.s_m)
+    return kept, Keeping(kept.forecast, 5.0)
 
 
 def copied(keeper: Keeper, which: Which) -> Keeper:

@@ -10,7 +10,6 @@ from typing import Any
 from das.advice.advice import Advice, Timetable
 from das.advice.plan import Plan
 from das.advice.reason import ReasonCode
-from das.advice.settings import DEFAULT, AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.legs import Legs
@@ -61,11 +60,9 @@ FRONTS = Fronts(threads=1, kept_bytes=200_000_000)
 class SmallTrip:
     """The legs and the train's position: a cab without its guard and its reports."""
 
-    def __init__(
-        self, situation: Situation, fronts: Fronts, *, background: bool = False, settings: AdviceSettings = DEFAULT
-    ) -> None:
-        self.preparation = Preparation(fronts, time.perf_counter, settings.guide, background=background)
-        self.legs = Legs(situation, self.preparation, settings)
+    def __init__(self, situation: Situation, fronts: Fronts, *, background: bool = False, guide: bool = False) -> None:
+        self.preparation = Preparation(fronts, time.perf_counter, background=background, guide=guide)
+        self.legs = Legs(situation, self.preparation, guide=guide)
         self.localisation = believing(situation.vehicle)
         self.set_restrictions, self.set_targets = self.legs.set_restrictions, self.legs.set_targets
         self.set_conditions, self.take_news, self.close = (
@@ -110,11 +107,11 @@ def trip(
     *,
     background: bool = False,
     due: Sequence[Timetable] = DUE,
-    settings: AdviceSettings = DEFAULT,
+    guide: bool = False,
     braking: SiteBraking = USUAL,
 ) -> SmallTrip:
     situation = Situation(route=LINE, vehicle=TRAIN, braking=braking)
-    made = SmallTrip(situation, fronts, background=background, settings=settings)
+    made = SmallTrip(situation, fronts, background=background, guide=guide)
     made.begin(LINE.stops, due)
     return made
 

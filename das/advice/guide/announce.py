@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from das.advice.advice import Instruction
-from das.advice.guide.effort import STEP_RATIO
-from das.advice.guide.follow import BRIEF_S, coasting, is_vain, reachable_mps
-from das.advice.guide.guard import SOONER_S, foreseen_brake, lasts_s
+from das.advice.guide.follow import BRIEF_S, coasting, is_vain, planned_effort, reachable_mps
+from das.advice.guide.guard import SOONER_S, STEP_RATIO, Sight, foreseen_brake, lasts_s
 from das.advice.guide.memory import NOTHING, Memory, brake, coast, hold, is_own_end, repeats, traction
-from das.advice.guide.scene import Sight
 from das.advice.guide.timeline import REACHED_MPS, SAME_MPS, STANDS_S, GuideStep
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.domain.units import NS
@@ -47,7 +45,7 @@ def said(scene: Sight, number: int, now: Instruction = NOTHING) -> Instruction |
 
     A train that holds a speed `now`, and is no faster than a brake asks for, holds that.
     """
-    step, passes_mps = scene.steps[number], scene.foreseen.speed_mps(scene.steps[number].from_m)
+    step, passes_mps = scene.steps[number], scene.foreseen.passes_mps(scene.steps[number].from_m)
     if step.kind is InstructionKind.BRAKE and passes_mps < step.speed_mps + SAME_MPS:
         return None
     if step.kind is InstructionKind.TRACTION:
@@ -80,9 +78,7 @@ def instruction(scene: Sight, step: GuideStep) -> Instruction:
         return hold(step.speed_mps)
     if step.kind is InstructionKind.COAST:
         return coast(step.speed_mps)
-    v_mps = max(scene.schedule.speed_at(step.from_m), 1.0)
-    effort = step.effort or scene.ahead.effort_to(step.from_m, v_mps, step.by_m, step.speed_mps)
-    return brake(max(effort, STEP_RATIO), step.speed_mps)
+    return brake(max(planned_effort(scene, step), STEP_RATIO), step.speed_mps)
 
 
 def _waiting(scene: Sight, memory: Memory, now: Instruction, one: Instruction) -> Instruction:

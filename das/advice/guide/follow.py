@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from das.advice.advice import Instruction
 from das.advice.braking import LEAST_MPS2, NeededBrake
 from das.advice.goal import OVERSPEED_MPS
-from das.advice.guide.effort import rate_mps2, slows, stepped
-from das.advice.guide.guard import LEAST_LEAD_S, SHORT_M, Proposal, begins_s, braked
+from das.advice.guide.guard import LEAST_LEAD_S, SHORT_M, Proposal, Sight, begins_s, braked, rate_mps2, slows, stepped
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
-from das.advice.guide.scene import Sight
 from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, told_mps
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.domain.units import KMH
+from das.solver.kernels.schedule import BACK_SHARE
 
 WORTH_S = 40.0
 """The time (s) before the next step within which no acceleration back to a speed is shown: it would be wasted."""
@@ -95,7 +94,7 @@ def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
     assert memory.back is not None
     v_mps, to_mps = scene.state.v_mps, memory.back.speed_mps
     if memory.mode is Lead.CREEP:
-        return _need(scene, step) > _planned(scene, step)
+        return _need(scene, step) > planned_effort(scene, step)
     if memory.mode is Lead.BACK_UP:
         return v_mps >= to_mps - REACHED_MPS
     return v_mps <= to_mps + SAME_MPS
@@ -105,7 +104,7 @@ def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     """The speed of a step is held; a train too far from it returns to it."""
     to_mps, away_mps = step.speed_mps, scene.state.v_mps - step.speed_mps
     if away_mps < -OFF_MPS and scene.due_s(memory.step + 1) > WORTH_S:
-        back = traction(step.effort if step.kind is InstructionKind.TRACTION else scene.schedule.back_share, to_mps)
+        back = traction(step.effort if step.kind is InstructionKind.TRACTION else BACK_SHARE, to_mps)
         return Proposal(back, mode=Lead.BACK_UP), replace(memory, mode=Lead.BACK_UP, back=back)
     if away_mps > OFF_MPS:
         back = coast(to_mps)
@@ -127,7 +126,7 @@ def reachable_mps(scene: Sight, number: int) -> float:
     if number + 1 < len(scene.steps):
         after = scene.steps[number + 1]
         if after.kind in (InstructionKind.BRAKE, InstructionKind.HOLD) and after.speed_mps < to_mps:
-            reached_mps = scene.foreseen.speed_mps(after.from_m)
+            reached_mps = scene.foreseen.passes_mps(after.from_m)
             to_mps = after.speed_mps if reached_mps < after.speed_mps + SAME_MPS else to_mps
     return to_mps
 
@@ -146,8 +145,8 @@ def _accelerating(scene: Sight, memory: Memory, step: GuideStep, to_mps: float) 
 def is_vain(scene: Sight, number: int) -> bool:
     """Whether the acceleration of a step gains this train too little time before a brake that follows soon."""
     begin_m = max(scene.steps[number].from_m, scene.state.s_m)
-    end_m, v_mps = _brakes_m(scene, number), max(scene.foreseen.speed_mps(begin_m), 1.0)
-    left_s = scene.foreseen.time_s(end_m) - scene.foreseen.time_s(begin_m)
+    end_m, v_mps = _brakes_m(scene, number), max(scene.foreseen.passes_mps(begin_m), 1.0)
+    left_s = scene.foreseen.passes_s(end_m) - scene.foreseen.passes_s(begin_m)
     return left_s < BRIEF_S and (end_m - begin_m) / v_mps - left_s < GAINS_S
 
 
@@ -155,7 +154,7 @@ def _brakes_m(scene: Sight, number: int) -> float:
     """Where a train that accelerates as forecast must brake (m): for the step after it, or for a limit before that."""
     after = scene.steps[number + 1] if number + 1 < len(scene.steps) else None
     next_m = after.from_m if after is not None else math.inf
-    speeds_mps, at_m = scene.foreseen.speeds_mps[1:-1], scene.foreseen.at_m[1:-1]
+    speeds_mps, at_m = scene.foreseen.ahead_mps[1:-1], scene.foreseen.at_m[1:-1]
     curve_mps = scene.schedule.section.envelope_mps[-len(at_m) - 1 :]
     slowed = (curve_mps[:-1] < speeds_mps + SAME_MPS) & (np.diff(curve_mps) < 0.0) & (at_m < next_m)
     slowed &= at_m > scene.steps[number].from_m
@@ -186,7 +185,7 @@ def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
     """To coast to where that leads; a hold where it does as well, or where the train would be there in a moment."""
     step, after = scene.steps[number], scene.steps[number + 1] if number + 1 < len(scene.steps) else None
     from_m = max(scene.state.s_m, step.from_m)
-    v_mps = scene.foreseen.speed_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
+    v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
     leads, to_mps = _leads(scene, step, from_m, v_mps), step.speed_mps
     goes_on = after is not None and after.kind in (InstructionKind.HOLD, InstructionKind.TRACTION)
     is_next = step.to_m > step.by_m or (after is not None and goes_on and after.speed_mps > to_mps - SAME_MPS)
@@ -248,7 +247,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     need, in_s = _need(scene, step), scene.due_s(memory.step)
     if in_s > 0.0 and step.effort == 0.0:
         in_s = min(in_s, max(begins_s(scene, state.v_mps), LEAST_LEAD_S))
-    if in_s <= 0.0 and need < EARLY_RATIO * _planned(scene, step):
+    if in_s <= 0.0 and need < EARLY_RATIO * planned_effort(scene, step):
         back = _eased(scene, memory, step)
         if back is not None:
             mode = Lead.BACK_DOWN if slows else Lead.CREEP
@@ -266,7 +265,7 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep) -> Instruction | None:
     if to_mps > SAME_MPS:
         rolled_w = v_mps**2 + 2.0 * scene.rolls_mps2 * left_m
         return coast(to_mps) if v_mps > to_mps + OFF_MPS and rolled_w <= to_mps**2 else None
-    shown = memory.shown if memory.shown.mode in BRAKES else brake(_planned(scene, step), 0.0)
+    shown = memory.shown if memory.shown.mode in BRAKES else brake(planned_effort(scene, step), 0.0)
     soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
     low_mps = max(target_below(soon_mps), CREEP_MPS)
     if scene.ahead.is_due(state.braked_m, low_mps, BRIEF_S):
@@ -287,7 +286,7 @@ def _need(scene: Sight, step: GuideStep) -> float:
     return scene.ahead.effort_to(from_m, scene.state.v_mps, _by_m(scene, step), step.speed_mps)
 
 
-def _planned(scene: Sight, step: GuideStep) -> float:
+def planned_effort(scene: Sight, step: GuideStep) -> float:
     """The effort that the reference needs for the brake of a step."""
     if step.effort > 0.0:
         return step.effort

@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Guidance, Instruction, Replan, ReplanCause
 from das.advice.braking import BrakingAhead
-from das.advice.goal import Goal, TrainState
+from das.advice.goal import Goal, SpeedsAllowed, TrainState
 from das.advice.guide.drift import Drift
 from das.advice.guide.follow import CREEP_MPS
 from das.advice.guide.keeping import Keeper, Kept
-from das.advice.guide.planning import passes_s
-from das.advice.guide.scene import SpeedsAllowed
-from das.advice.guide.settings import DEFAULT, GuideSettings
-from das.advice.guide.showing import Showing, ShownNow
+from das.advice.guide.showing import Showing
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
 from das.advice.shown import SPEED_STEP_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, as_read
@@ -28,9 +25,8 @@ from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.units import KMH, NS
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.solver.guide.phases import PhaseKind
 from das.solver.guide.policies import GuideFront
-from das.solver.guide.schedule import Schedule
+from das.solver.guide.schedule import PhaseKind, Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -66,16 +62,17 @@ class Guide:
         self,
         section: Section,
         front: GuideFront | None,
-        settings: GuideSettings = DEFAULT,
         worker: Worker = AT_ONCE,
         drift: Drift | None = None,
     ) -> None:
-        self._section, self._settings, self._worker = section, settings, worker
+        self._section, self._worker = section, worker
         self._ahead_of_train = BrakingAhead(section)
         self.drift = drift or Drift()
         """The driver's drift, as far as it is known."""
-        self._keeper = Keeper(section, front, settings, worker, self.drift)
-        self._showing = Showing()
+        self.keeper = Keeper(section, front, worker, self.drift)
+        """Keeper of the reference."""
+        self.showing = Showing()
+        """Instruction shown, second by second."""
         self._news: tuple[Restriction, ...] = ()
         self._lost = False
         self._said_late_s = 0.0
@@ -83,9 +80,9 @@ class Guide:
 
     def successor(self, section: Section, front: GuideFront | None) -> Guide:
         """The guide that takes over from this one, with another front or under other limits."""
-        found = Guide(section, front, self._settings, self._worker, self.drift)
-        found._keeper.take_over(self._keeper)
-        found._showing = self._showing
+        found = Guide(section, front, self._worker, self.drift)
+        found.keeper.take_over(self.keeper)
+        found.showing = self.showing
         found._said_late_s, found._reasoned = self._said_late_s, self._reasoned
         known = self._section.route.restrictions
         found._news = tuple(one for one in section.route.restrictions if one not in known) or self._news
@@ -93,15 +90,15 @@ class Guide:
 
     def forget(self) -> None:
         """Drop the reference and all that was shown."""
-        self._keeper.forget()
-        self._showing.forget()
+        self.keeper.forget()
+        self.showing.forget()
         self._said_late_s = 0.0
 
     def plan(self, state: TrainState, goal: Goal) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
         self._lost = False
         try:
-            return self._keeper.keep(state, goal, changes=self._showing.changes)
+            return self.keeper.keep(state, goal, changes=self.showing.changes)
         except DasError:
             self._lost = True
             return None
@@ -110,18 +107,8 @@ class Guide:
         """What the driver should do now and next; None if there is no reference."""
         if kept is None:
             return self._creeping(state, place) if self._lost else None
-        shown = self._showing.show(kept, state, place)
-        found = Guidance(
-            now=shown.now,
-            following=shown.following,
-            target_m=shown.target_m,
-            target_s=shown.target_s,
-            force_n=shown.force_n,
-            reference_force_n=shown.reference_force_n,
-            reason=self._reason(kept, shown, state, goal, place),
-            replan=kept.reference.replan,
-        )
-        return self._as_read(found, state)
+        shown = self.showing.show(kept, state, place)
+        return self._as_read(replace(shown, reason=self._reason(kept, shown.now, state, goal, place)), state)
 
     def _as_read(self, found: Guidance, state: TrainState) -> Guidance:
         """The advice as a driver in this state reads it."""
@@ -131,38 +118,16 @@ class Guide:
 
     def _creeping(self, state: TrainState, place: SpeedsAllowed) -> Guidance | None:
         """The advice to creep to the stop, for a train so slow that no reference leads there; None for a faster one."""
-        way_m = self._section.end_m - state.s_m
-        if state.v_mps > CREEP_MPS or way_m > CREEPS_M:
+        if state.v_mps > CREEP_MPS or self._section.end_m - state.s_m > CREEPS_M:
             return None
-        now, following, force_n = self._showing.creeping(self._section, state, place)
-        found = Guidance(
-            now=now, following=following, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
-            reference_force_n=force_n, reason=Reason(code=ReasonCode.STOP, stop=self._section.end_stop_name),
-        )  # fmt: skip
-        return self._as_read(found, state)
+        reason = Reason(code=ReasonCode.STOP, stop=self._section.end_stop_name)
+        return self._as_read(replace(self.showing.creeping(self._section, state, place), reason=reason), state)
 
     def stands(self, departs_in_s: float = 0.0) -> Guidance:
         """The advice for a train that stands at a stop and departs in `departs_in_s`."""
-        self._showing.forget()
+        self.showing.forget()
         now = Instruction(mode=Regime.STOP, speed_mps=0.0, effort_ratio=0.0)
         return Guidance(now=now, target_s=departs_in_s)
-
-    def has_shown(self, now: Instruction, now_ns: int) -> None:
-        """Take note of the instruction that was shown at a moment (ns) in place of the guide's."""
-        self._showing.has_shown(now, now_ns)
-
-    def hush(self) -> None:
-        """Take note that the instruction of this moment is not shown; the reference goes on."""
-        self._showing.forget()
-
-    @property
-    def shown_effort(self) -> float:
-        """The braking effort shown (> 0); 0 if no brake is shown."""
-        return self._showing.shown_effort
-
-    def stands_at_mark(self, state: TrainState) -> bool:
-        """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
-        return self._showing.stands_at_mark(state)
 
     def brakes(self, effort: float, force_n: float, reason: Reason, state: TrainState) -> Guidance:
         """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast.
@@ -170,8 +135,7 @@ class Guide:
         At the stop the driver brakes by eye, also behind the mark.
         """
         self.forget()
-        now = self._showing.braking(effort)
-        found = Guidance(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
+        found = Guidance(now=self.showing.braking(effort), force_n=force_n, reference_force_n=force_n, reason=reason)
         return self._as_read(found, state)
 
     def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Guidance | None:
@@ -179,20 +143,20 @@ class Guide:
 
         None if there is no reference, or if the reference brakes here.
         """
-        self._showing.forget()
+        self.showing.forget()
         found = self.show(kept, state, goal, place)
-        self._showing.forget()
+        self.showing.forget()
         if found is None or found.now.mode in BRAKES:
             return None
         ratio = found.now.effort_ratio if found.now.mode in TRACTION else math.nan
         now = Instruction(mode=Regime.DEPART, speed_mps=found.now.speed_mps, effort_ratio=ratio)
         return replace(found, now=now, force_n=0.0, reference_force_n=0.0, lever_ratio=0.0)
 
-    def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Reason:
+    def _reason(self, kept: Kept, now: Instruction, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Reason:
         """What the instruction does not say: what it is for, and when the train arrives if that is late or early."""
         if place.too_fast:
             return Reason(code=ReasonCode.TOO_FAST, speed_mps=state.v_mps - place.allowed_mps)
-        ahead = self._standing_reason(shown.now, self._ahead(kept, shown, state), state)
+        ahead = self._standing_reason(now, self._ahead(kept, now, state), state)
         if not ahead and _is_slowed_for_point(kept, state, goal):
             point = goal.passing
             assert point is not None
@@ -200,7 +164,7 @@ class Guide:
             return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
         ahead = ahead or self._new_restriction(kept.reference.replan, state)
         late_s = self._said_arrival_s(kept, state, goal)
-        if shown.now.mode in BRAKES or abs(late_s) < SAID_LATE_S:
+        if now.mode in BRAKES or abs(late_s) < SAID_LATE_S:
             return ahead
         return replace(ahead, code=ahead.code or ReasonCode.ARRIVAL, late_s=late_s)
 
@@ -220,10 +184,6 @@ class Guide:
             self._reasoned = now, ahead
         return self._reasoned[1]
 
-    def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
-        """How late the train is likely to arrive (s; early < 0)."""
-        return self._keeper.arrival_late_s(kept, state, goal)
-
     def _said_arrival_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
         """The lateness at arrival as shown (s): the last value until it is off by `SAID_ANEW_S`.
 
@@ -232,27 +192,27 @@ class Guide:
         """
         if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
             return 0.0
-        late_s = self.arrival_late_s(kept, state, goal)
+        late_s = self.keeper.arrival_late_s(kept, state, goal)
         if abs(late_s - self._said_late_s) >= SAID_ANEW_S:
             self._said_late_s = late_s
         return self._said_late_s
 
-    def _ahead(self, kept: Kept, shown: ShownNow, state: TrainState) -> Reason:
+    def _ahead(self, kept: Kept, now: Instruction, state: TrainState) -> Reason:
         """The lower limit or the stop to which the instruction to coast or to brake leads, if it is near."""
-        if shown.now.mode is not Regime.COAST and shown.now.mode not in BRAKES:
+        if now.mode is not Regime.COAST and now.mode not in BRAKES:
             return NO_REASON
         schedule = kept.reference.schedule
-        section, first = schedule.section, schedule.phases[shown.number].begin
-        from_mps = max(float(schedule.known.speed_mps[first]), state.v_mps)
-        slows_m, holds_m = _ends_m(schedule, shown.number, SLOWING), _ends_m(schedule, shown.number, NOT_FASTER)
+        section, number = schedule.section, self.showing.phase
+        from_mps = max(float(schedule.known.speed_mps[schedule.phases[number].begin]), state.v_mps)
+        slows_m, holds_m = _ends_m(schedule, number, SLOWING), _ends_m(schedule, number, NOT_FASTER)
         for at_m, limit_mps in zip(*falling_limits(section.route), strict=True):
-            leads_m = holds_m if shown.now.speed_mps <= limit_mps + SPEED_STEP_MPS else slows_m
+            leads_m = holds_m if now.speed_mps <= limit_mps + SPEED_STEP_MPS else slows_m
             near = state.s_m < at_m <= min(leads_m + BESIDE_M, state.s_m + NEAR_M)
             # A brake to the stop is not for a board on the way.
-            is_passed = shown.now.mode in BRAKES and limit_mps > shown.now.speed_mps + TARGET_STEP_MPS
+            is_passed = now.mode in BRAKES and limit_mps > now.speed_mps + TARGET_STEP_MPS
             if not near or limit_mps >= from_mps or is_passed:
                 continue
-            passed_mps = float(np.interp(at_m, section.node_m, kept.forecast.speeds_mps))
+            passed_mps = kept.forecast.passes_mps(at_m)
             if passed_mps > limit_mps - BINDS_MPS:
                 return _of_limit(section.route, at_m, limit_mps)
         if slows_m >= section.end_m and section.end_m - state.s_m <= NEAR_M:
@@ -263,10 +223,9 @@ class Guide:
 def _is_slowed_for_point(kept: Kept, state: TrainState, goal: Goal) -> bool:
     """Whether the train would pass the point ahead too early if the reference did not slow it down."""
     point = goal.passing
-    if point is None or point.earliest_ns is None or not goal.waits(state):
+    if point is None or not goal.waits(state):
         return False
-    passes = passes_s(kept.reference.schedule, kept.forecast, state.s_m, point.s_m)
-    return passes - (point.earliest_ns - state.now_ns) * NS < SLOWED_S
+    return kept.forecast.passes_s(point.s_m) - point.window(state.now_ns).earliest_s < SLOWED_S
 
 
 def _ends_m(schedule: Schedule, number: int, kinds: tuple[PhaseKind, ...]) -> float:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Final, NamedTuple
 
 from das.advice.advice import Replan, ReplanCause
 from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.guide.drift import Drift, UsualLoss
-from das.advice.guide.planning import Wanted, departing, passes_s, planned
-from das.advice.guide.settings import GuideSettings
+from das.advice.guide.planning import Wanted, departing, planned
 from das.advice.guide.timeline import COAST_LEAD_S
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
+from das.domain.journey import ANY_TIME, Window
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.guide.policies import GuideFront
@@ -47,22 +47,19 @@ ON_TIME_RATIO: Final = 0.9
 """The probability with which the reserve of a reference keeps a driver on time, at stops where that counts."""
 ELSEWHERE_RATIO: Final = 0.3
 """The same for other stops, whose lateness the next section makes up with less energy."""
-DEAREST_RATIO: Final = 0.25
-"""The largest price of a second of the reserve, as a share of the energy of the train's full power in a second: twice
-the price of a second with a buffer of 8 %."""
+LATE_S: Final = 3.0
+"""The largest lateness (s) with which the reference (the standing plan) is kept."""
+EARLY_S: Final = 5.0
+"""The largest earliness (s) with which the reference is kept."""
 LEARNED_TO_M = 50.0
 """The distance from the stop (m) within which drivers brake by eye, and the forecast says little about the arrival."""
 
 
 class Changes(NamedTuple):
-    """When the instruction shown last changed, and when its next change is due (ns since 1970).
-
-    `imposed`: since the last change, news from outside have made a new reference.
-    """
+    """When the instruction shown last changed, and when its next change is due (ns since 1970)."""
 
     last_ns: int = 0
     next_ns: int = 0
-    imposed: bool = False
 
     def are_near(self, now_ns: int) -> bool:
         """Whether now is so near to one of them that a new reference waits if it can."""
@@ -140,11 +137,10 @@ class Keeper:
         self,
         section: Section,
         front: GuideFront | None,
-        settings: GuideSettings,
         worker: Worker = AT_ONCE,
         drift: Drift | None = None,
     ) -> None:
-        self._section, self._front, self._settings, self._worker = section, front, settings, worker
+        self._section, self._front, self._worker = section, front, worker
         self.reference: StandingReference | None = None
         self._changed = self._standing = False
         self._asked: _Asked | None = None
@@ -288,7 +284,7 @@ class Keeper:
             return ReplanCause.LINE, forecast
         if self._standing and state.v_mps > STANDSTILL_MPS:
             late_s = forecast.time_s - self._aimed_s(state, goal)
-            if not -self._settings.early_s <= late_s <= self._settings.late_s:
+            if not -EARLY_S <= late_s <= LATE_S:
                 return ReplanCause.START, forecast
             self._standing = False  # What the driver was told while the train stood still holds.
         if goal.arrival_ns != reference.arrival_ns:
@@ -306,9 +302,9 @@ class Keeper:
             return ReplanCause.NONE
         if self._misses_window(kept, state, goal):
             return ReplanCause.POINT
-        if kept.late_s > self._settings.late_s:
+        if kept.late_s > LATE_S:
             return ReplanCause.LATE
-        if kept.late_s < -self._settings.early_s:
+        if kept.late_s < -EARLY_S:
             return ReplanCause.EARLY
         known = kept.reference.schedule.speed_at(state.s_m)
         return ReplanCause.ENERGY if abs(state.v_mps - known) > ASTRAY_MPS else ReplanCause.NONE
@@ -324,10 +320,8 @@ class Keeper:
         point = goal.passing
         if point is None or point.s_m <= state.s_m:
             return False
-        at_s = passes_s(kept.reference.schedule, kept.forecast, state.s_m, point.s_m)
-        early = point.earliest_ns is not None and at_s < (point.earliest_ns - state.now_ns) * NS
-        late = point.latest_ns is not None and at_s > (point.latest_ns - state.now_ns) * NS
-        return early or late
+        window = point.window(state.now_ns)
+        return not window.earliest_s <= kept.forecast.passes_s(point.s_m) <= window.latest_s
 
     def _gain(self, kept: Kept | None, found: Scheduled, state: TrainState, goal: Goal) -> _Gain:
         """What a new reference gains over the present one (all 0 if there is none)."""
@@ -360,23 +354,17 @@ class Keeper:
 
     def _wanted(self, state: TrainState, goal: Goal) -> Wanted:
         """What the worker makes a new reference for."""
-        point, earliest_s, latest_s = goal.passing, None, None
-        if point is not None and point.earliest_ns is not None:
-            ahead_s = (point.earliest_ns - state.now_ns) * NS
-            earliest_s = ahead_s + self._drift.margin_s(ahead_s)
-        if point is not None and point.latest_ns is not None:
-            ahead_s = (point.latest_ns - state.now_ns) * NS
-            latest_s = ahead_s - self._drift.margin_s(ahead_s)
-            if earliest_s is not None:
-                latest_s = max(latest_s, earliest_s)
+        point, window = goal.passing, ANY_TIME
+        if point is not None:
+            earliest_s, latest_s = astuple(point.window(state.now_ns))
+            earliest_s += self._drift.margin_s(earliest_s)
+            window = Window(earliest_s=earliest_s, latest_s=max(latest_s - self._drift.margin_s(latest_s), earliest_s))
         left_s = goal.aimed_s(state.now_ns)
         return Wanted(
             s_m=state.s_m,
             v_mps=state.v_mps,
             left_s=left_s,
             reserve_s=left_s - self._aimed_s(state, goal),
-            reserve_ratio=DEAREST_RATIO,
             point_m=None if point is None else point.s_m,
-            earliest_s=earliest_s,
-            latest_s=latest_s,
+            window=window,
         )

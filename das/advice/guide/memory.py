@@ -10,7 +10,7 @@ from typing import NamedTuple
 from das.advice.advice import Instruction
 from das.advice.braking import braking_mode
 from das.advice.guide.timeline import SAME_MPS, STANDS_S
-from das.advice.regimes import FULL_RATIO, KIND_OF, TRACTION, InstructionKind, Regime
+from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime, departure_regime
 from das.domain.units import NS
 
 SAME_CHANGE_S = 10.0
@@ -76,17 +76,19 @@ class Memory:
 
     def lacks_s(self, one: Instruction, now_ns: int, in_s: float) -> float:
         """How much longer (s) an instruction must be announced that could be due in `in_s`; 0: it has been."""
-        due_ns = now_ns + round(in_s / NS)
-        since_ns = next((old.since_ns for old in self.announced if old.is_of(one, due_ns)), now_ns)
+        since_ns = self._since_ns(one, now_ns + round(in_s / NS), now_ns)
         return max(STANDS_S - in_s - (now_ns - since_ns) * NS, 0.0)
+
+    def _since_ns(self, one: Instruction, due_ns: int, now_ns: int) -> int:
+        """Since when an instruction is announced that is due at a time; now, if it is not."""
+        return next((old.since_ns for old in self.announced if old.is_of(one, due_ns)), now_ns)
 
     def noted(self, following: tuple[Instruction, ...], now_ns: int) -> tuple[Notice, ...]:
         """The announcements including these; one that was dropped, or moved by much, counts from now."""
         said: list[Notice] = []
         for one in following:
             due_ns, kind = now_ns + round(one.in_s / NS), KIND_OF[one.mode]
-            since_ns = next((old.since_ns for old in self.announced if old.is_of(one, due_ns)), now_ns)
-            said.append(Notice(kind, one.speed_mps, since_ns, due_ns))
+            said.append(Notice(kind, one.speed_mps, self._since_ns(one, due_ns, now_ns), due_ns))
         kinds = {one.kind for one in said}
         due = (old for old in self.announced if -PASSED_S < (now_ns - old.due_ns) * NS < SAME_CHANGE_S)
         return (*said, *(old for old in due if old.kind not in kinds))
@@ -94,8 +96,7 @@ class Memory:
 
 def traction(share: float, to_mps: float) -> Instruction:
     """The instruction to accelerate to a speed with a share of the largest traction."""
-    mode = Regime.FULL_TRACTION if share >= FULL_RATIO else Regime.REDUCED_TRACTION
-    return Instruction(mode=mode, speed_mps=to_mps, effort_ratio=share)
+    return Instruction(mode=departure_regime(share), speed_mps=to_mps, effort_ratio=share)
 
 
 def hold(speed_mps: float) -> Instruction:

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from das.domain.errors import DasError
-from das.domain.journey import Window
+from das.domain.journey import ANY_TIME, Window
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, through
-from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.guide.policies import BACK_SHARE, HIGH_RATIO, GuideFront, PolicyFrom
-from das.solver.guide.schedule import Prospect, Schedule, Scheduled
+from das.solver.guide.policies import HIGH_RATIO, GuideFront, PolicyFrom
+from das.solver.guide.schedule import Phase, PhaseKind, Prospect, Schedule, Scheduled, settled
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
 DEPARTS_WITHIN_M, DEPARTS_MPS = 50.0, 2.0
 """The distance from the start of a section (m) and the speed (m/s) up to which a train departs there: a driver who
 begins late has a new reference when the train has just begun to move."""
+DEAREST_RATIO = 0.25
+"""The largest price of a second of the reserve, as a share of the energy of the train's full power in a second: twice
+the price of a second with a buffer of 8 %."""
 KEPT_S = 10.0
 """The time (s) for which a new reference that is not necessary leaves the present one as it is."""
 
@@ -28,20 +29,18 @@ KEPT_S = 10.0
 class Wanted:
     """What a reference is made for: the train's state, the time left to the end (s), and a point with its window.
 
-    It arrives earlier by as much of `reserve_s` as costs, in a second, no more than `reserve_ratio` of full power.
-    `point_m` is None without such a point. `earliest_s` and `latest_s` count from now; None means that this end of the
-    window is open. `kept` is a reference, with its forecast, that is to be kept for the next `KEPT_S`; a phase that
-    begins within `shown_s` is shown already. `told` is the phase that the train is in.
+    It arrives earlier by as much of `reserve_s` as costs no more than `DEAREST_RATIO`.
+    `point_m` is None without such a point; its `window` counts from now. `kept` is a reference, with its forecast, that
+    is to be kept for the next `KEPT_S`; a phase that begins within `shown_s` is shown already. `told` is the phase that
+    the train is in.
     """
 
     s_m: float
     v_mps: float
     left_s: float
     reserve_s: float = 0.0
-    reserve_ratio: float = 0.0
     point_m: float | None = None
-    earliest_s: float | None = None
-    latest_s: float | None = None
+    window: Window = ANY_TIME
     kept: tuple[Schedule, Prospect] | None = None
     shown_s: float = 0.0
     told: Phase | None = None
@@ -58,9 +57,7 @@ def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
     told = NO_INSTRUCTION if wanted.told is None else said_of(front, wanted.told)
     left_s = max(_aimed_s(front, wanted, state, told), 1.0)
     if wanted.point_m is not None and wanted.point_m > wanted.s_m:
-        latest_s = math.inf if wanted.latest_s is None else wanted.latest_s
-        window = Window(earliest_s=wanted.earliest_s or 0.0, latest_s=latest_s)
-        run = through(front, state, left_s, wanted.point_m, window, told)
+        run = through(front, state, left_s, wanted.point_m, wanted.window, told)
     else:
         run, _ = in_time(front, state, left_s, told)
     return scheduled_run(front, run)
@@ -75,23 +72,21 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
     departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= DEPARTS_WITHIN_M
     if front.references is None or wanted.kept is not None or not departs:
         return None
-    left_s = _less_reserve_s(wanted, front.references.quickest_s(_dearest_w(front, wanted)))
+    left_s = _less_reserve_s(wanted, front.references.quickest_s(_dearest_w(front)))
     try:
-        found = front.references.departing(front.section, BACK_SHARE, s_m, v_mps, left_s)
+        found = front.references.departing(front.section, s_m, v_mps, left_s)
     except DasError:
         return None  # Somebody has changed the table, or the train stands outside its section.
     if found is None or point_m is None or point_m <= s_m:
         return found
-    at_s = passes_s(found.schedule, found.forecast, s_m, point_m)
-    latest_s = math.inf if wanted.latest_s is None else wanted.latest_s
-    return found if (wanted.earliest_s or 0.0) <= at_s <= latest_s else None
+    return found if wanted.window.earliest_s <= found.forecast.passes_s(point_m) <= wanted.window.latest_s else None
 
 
 def _aimed_s(front: GuideFront, wanted: Wanted, state: State, told: int) -> float:
     """The time left less the reserve (s): as much of it as there is for its price."""
     if wanted.reserve_s <= 0.0:
         return wanted.left_s
-    number = max(int(np.searchsorted(front.lambda_w, _dearest_w(front, wanted), side="right")) - 1, 0)
+    number = max(int(np.searchsorted(front.lambda_w, _dearest_w(front), side="right")) - 1, 0)
     return _less_reserve_s(wanted, front.run(state, (PolicyFrom(state.first_node, number),), told).time_s)
 
 
@@ -100,35 +95,35 @@ def _less_reserve_s(wanted: Wanted, dearest_s: float) -> float:
     return min(max(wanted.left_s - wanted.reserve_s, dearest_s), wanted.left_s)
 
 
-def _dearest_w(front: GuideFront, wanted: Wanted) -> float:
+def _dearest_w(front: GuideFront) -> float:
     """The price of time (W) up to which a reserve is kept."""
-    return wanted.reserve_ratio / HIGH_RATIO * float(front.lambda_w[-1])
+    return DEAREST_RATIO / HIGH_RATIO * float(front.lambda_w[-1])
 
 
 def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect) -> Scheduled:
     """The schedule for what is wanted that keeps another one for the next `KEPT_S`."""
-    times_s, at_m = elapsed_s(kept, forecast, wanted.s_m)
-    number = _kept_until(kept, at_m, times_s, wanted.shown_s)
+    times_s, at_m = forecast.times_s, forecast.at_m
+    number = _kept_until(kept, forecast, wanted.shown_s)
     if number >= len(times_s) - 1:
         return planned(front, replace(wanted, kept=None))
     node, after_s = number + len(kept.section.node_m) - len(times_s), float(times_s[number])
-    earliest_s, latest_s = (None if one is None else one - after_s for one in (wanted.earliest_s, wanted.latest_s))
+    window = Window(earliest_s=wanted.window.earliest_s - after_s, latest_s=wanted.window.latest_s - after_s)
     later = replace(
-        wanted, s_m=float(at_m[number]), v_mps=float(forecast.speeds_mps[node]), left_s=wanted.left_s - after_s,
-        earliest_s=earliest_s, latest_s=latest_s, kept=None, told=kept.phases[int(kept.at[max(node - 1, 0)])],
+        wanted, s_m=float(at_m[number]), v_mps=float(forecast.ahead_mps[number]), left_s=wanted.left_s - after_s,
+        window=window, kept=None, told=kept.phases[int(kept.at[max(node - 1, 0)])],
     )  # fmt: skip
     rest = planned(front, later)
     return Scheduled(*_joined(kept, rest.schedule, node, wanted), rest.lambda_w)
 
 
-def _kept_until(kept: Schedule, at_m: np.ndarray, times_s: np.ndarray, shown_s: float) -> int:
+def _kept_until(kept: Schedule, forecast: Prospect, shown_s: float) -> int:
     """The number of the node up to which a schedule is kept: `KEPT_S` from now, or where a phase begins before that.
 
     A phase that begins within `shown_s` is shown already, and is kept as well.
     """
-    begins_s = [float(np.interp(kept.begin_m(k), at_m, times_s)) for k in range(1, len(kept.phases))]
+    begins_s = [forecast.passes_s(kept.begin_m(k)) for k in range(1, len(kept.phases))]
     until_s = min((one for one in begins_s if shown_s < one < KEPT_S), default=KEPT_S)
-    return int(np.searchsorted(times_s, until_s))
+    return int(np.searchsorted(forecast.times_s, until_s))
 
 
 def _joined(before: Schedule, rest: Schedule, node: int, wanted: Wanted) -> tuple[Schedule, Prospect]:
@@ -139,22 +134,4 @@ def _joined(before: Schedule, rest: Schedule, node: int, wanted: Wanted) -> tupl
         goes_on = after[0].kind is PhaseKind.COAST or first[-1].target_mps == after[0].target_mps
         if goes_on and after[0].kind is not PhaseKind.BRAKE:
             after[0] = after[0]._replace(begin=first.pop().begin)
-    speeds = np.concatenate((before.known.speed_mps[:node], rest.known.speed_mps[node:]))
-    both = replace(before, phases=(*first, *after), known=before.known._replace(speed_mps=speeds))
-    return both.settled(wanted.s_m, wanted.v_mps)
-
-
-def passes_s(schedule: Schedule, forecast: Prospect, s_m: float, point_m: float) -> float:
-    """The time (s) that a train takes from a position to a point if it keeps to a schedule."""
-    times, node_m = elapsed_s(schedule, forecast, s_m)
-    return float(np.interp(point_m, node_m, times))
-
-
-def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """The times (s, from 0) and positions (m) of a forecast at `s_m` and at all nodes ahead."""
-    first = int(np.argmax(np.isfinite(forecast.speeds_mps)))
-    node_m = schedule.section.node_m[first:].copy()
-    node_m[0] = s_m
-    speeds = forecast.speeds_mps[first:]
-    steps_s = 2.0 * np.diff(node_m) / np.maximum(speeds[:-1] + speeds[1:], 1e-3)
-    return np.concatenate(([0.0], steps_s.cumsum())), node_m
+    return settled(before.section, (*first, *after), wanted.s_m, wanted.v_mps)

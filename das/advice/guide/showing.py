@@ -8,18 +8,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from das.advice.advice import Instruction, ReplanCause
+from das.advice.advice import Guidance, Instruction, ReplanCause
 from das.advice.braking import BrakingAhead
-from das.advice.goal import TrainState
+from das.advice.goal import SpeedsAllowed, TrainState
 from das.advice.guide.announce import following
-from das.advice.guide.effort import STEP_RATIO, stepped, way_m
 from das.advice.guide.follow import CREEP_MPS, advanced, at_step, wanted
-from das.advice.guide.gate import LEADS_S, Opening, has_led, opening, reached
 from das.advice.guide.guard import (
     BRAKE_LEAD_S,
     SHORT_M,
     SOONER_S,
+    STEP_RATIO,
     Proposal,
+    Sight,
     begins_s,
     brake_lead_s,
     braked,
@@ -27,17 +27,28 @@ from das.advice.guide.guard import (
     guarded,
     lasts_s,
     stands_at_mark,
+    stepped,
+    way_m,
 )
 from das.advice.guide.keeping import Changes, Kept
 from das.advice.guide.memory import Lead, Memory, alike, brake, hold, is_own_end, repeats
-from das.advice.guide.scene import Sight, SpeedsAllowed, TrainForecast
-from das.advice.guide.timeline import SAME_MPS, STANDS_S, GuideStep, timeline
+from das.advice.guide.timeline import COAST_LEAD_S, SAME_MPS, STANDS_S, GuideStep, timeline
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS
 from das.domain.units import NS
 from das.solver.guide.schedule import Schedule
 from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
+
+LEADS_S = {
+    InstructionKind.COAST: COAST_LEAD_S,
+    InstructionKind.BRAKE: BRAKE_LEAD_S,
+    InstructionKind.TRACTION: 2.0,
+    InstructionKind.HOLD: 0.0,
+}
+"""The time (s) before it is due at which each kind is shown: an acceleration early enough to be seen by a driver who
+looks when it is due."""
+
 
 FORGOTTEN_S = 15.0
 """The time (s) without any instruction after which the next one is shown as if there had been none before."""
@@ -48,24 +59,6 @@ IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
 """Causes of a new reference that came from outside: what is shown was chosen without knowing them."""
 
 
-class ShownNow(NamedTuple):
-    """What is shown: the present instruction, distance (m) and time (s) to its goal, and the instructions after it.
-
-    The goal is the place where the instruction ends or, for a brake, where the train reaches its speed.
-    `number` is the number of the phase in the schedule. `force_n` is the wheel force of the instruction (N).
-    `reference_force_n` is the force that keeps the reference; for a brake it is exactly the force needed, before the
-    effort is rounded up.
-    """
-
-    now: Instruction
-    following: tuple[Instruction, ...]
-    target_m: float
-    target_s: float
-    number: int
-    force_n: float
-    reference_force_n: float
-
-
 class Showing:
     """Says what to do now and next, second by second, and remembers it."""
 
@@ -74,8 +67,9 @@ class Showing:
         self._schedule: Schedule | None = None
         self._steps: tuple[GuideStep, ...] = ()
         self._ahead: BrakingAhead | None = None
-        self.changes = Changes()
-        """The moments of the last change of the instruction shown, and of the next one."""
+        self._next_ns = 0
+        self.phase = 0
+        """The number of the phase of the schedule in which the train is."""
 
     def forget(self) -> None:
         """Forget what was shown: from now on nothing is shown."""
@@ -85,7 +79,11 @@ class Showing:
         """Take note of a brake that was shown at a moment (ns) though none was chosen; other acts do not last."""
         if now.mode in BRAKES and self._memory.shown.mode not in BRAKES:
             self._memory = replace(self._memory, shown=now, since_ns=now_ns, due_ns=now_ns)
-            self.changes = self.changes._replace(last_ns=now_ns)
+
+    @property
+    def changes(self) -> Changes:
+        """The moments of the last change of the instruction shown, and of the next one."""
+        return Changes(self._memory.since_ns, self._next_ns)
 
     @property
     def shown_effort(self) -> float:
@@ -101,10 +99,8 @@ class Showing:
         self._memory = replace(self._memory, shown=brake(effort, 0.0), mode=Lead.GUARD)
         return self._memory.shown
 
-    def creeping(
-        self, section: Section, state: TrainState, place: SpeedsAllowed
-    ) -> tuple[Instruction, tuple[Instruction, ...], float]:
-        """The instruction to creep to the stop, or to brake if that is due; the brake after it; and the force (N)."""
+    def creeping(self, section: Section, state: TrainState, place: SpeedsAllowed) -> Guidance:
+        """What to show to creep to the stop, or to brake if that is due, and the brake after it."""
         self.forget()
         self._ahead = ahead = BrakingAhead(section)
         v_mps = max(state.v_mps, 1.0)
@@ -119,42 +115,47 @@ class Showing:
             now = hold(CREEP_MPS)
         stops = replace(brake(stepped(needed.effort), needed.target_mps), way_m=begins_m - state.s_m)
         after = () if now.mode in BRAKES else (replace(stops, in_s=stops.way_m / CREEP_MPS),)
-        return now, after, force_n(ahead, now, state)
+        way_m, wheel_n = section.end_m - state.s_m, force_n(ahead, now, state)
+        return Guidance(
+            now=now, following=after, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=wheel_n,
+            reference_force_n=wheel_n,
+        )  # fmt: skip
 
-    def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
-        """What to show of the reference to a driver whose train is in this state."""
+    def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> Guidance:
+        """What to show of the reference to a driver whose train is in this state, without a reason.
+
+        For a brake, `reference_force_n` is exactly the force needed, before the effort is rounded up.
+        """
         scene, memory = self._begin(kept, state, place), self._memory
         replan, now_ns = kept.reference.replan, state.now_ns
-        imposed = replan.cause in IMPOSED and replan.time_ns > self.changes.last_ns
+        imposed = replan.cause in IMPOSED and replan.time_ns > memory.since_ns
         chosen, due_s, memory, put_off = self._chosen(scene, memory, imposed=imposed)
-        one = chosen.one
-        changed = not repeats(one, memory.shown) or (
-            one.mode in BRAKES and one.effort_ratio != memory.shown.effort_ratio
-        )
-        if not alike(one, memory.shown):
-            memory = replace(memory, due_ns=now_ns + round(due_s / NS))
+        one, before, mode, back, efforts = chosen.one, memory.shown, memory.mode, memory.back, memory.efforts
+        changed = not repeats(one, before) or (one.mode in BRAKES and one.effort_ratio != before.effort_ratio)
         if chosen.brakes and math.isfinite(chosen.at_m):
-            memory = replace(memory, efforts={**memory.efforts, chosen.at_m: -one.effort_ratio})
-        if changed:
-            memory = replace(memory, since_ns=now_ns)
-            self.changes = self.changes._replace(last_ns=now_ns)
-        memory = replace(memory, shown=one)
+            efforts = {**efforts, chosen.at_m: -one.effort_ratio}
         if chosen.guarded:
-            memory = replace(memory, mode=Lead.GUARD, back=None)
-        elif memory.mode is Lead.SILENT or (memory.mode is Lead.GUARD and not chosen.brakes):
-            memory = replace(memory, mode=Lead.FOLLOW)
+            mode, back = Lead.GUARD, None
+        elif mode is Lead.SILENT or (mode is Lead.GUARD and not chosen.brakes):
+            mode = Lead.FOLLOW
+        memory = replace(
+            memory, shown=one, mode=mode, back=back, efforts=efforts, since_ns=now_ns if changed else memory.since_ns,
+            due_ns=memory.due_ns if alike(one, before) else now_ns + round(due_s / NS),
+        )  # fmt: skip
         in_s = max((memory.due_ns - now_ns) * NS, 0.0)
         now = replace(one, way_m=in_s * state.v_mps, in_s=in_s)
         after = following(scene, memory, now, put_off)
         memory = replace(memory, announced=memory.noted(after, now_ns), noted_ns=now_ns)
         self._memory = memory
         next_s = in_s if in_s > 0.0 or not after else after[0].in_s
-        self.changes = self.changes._replace(next_ns=now_ns + round(next_s / NS), imposed=imposed)
+        self._next_ns = now_ns + round(next_s / NS)
         goal_m = self._goal_m(scene, memory, chosen)
         exact = replace(now, effort_ratio=-chosen.exact) if 0.0 < chosen.exact < -now.effort_ratio else now
-        return ShownNow(
-            now, after, max(goal_m - state.s_m, 0.0), scene.foreseen.time_s(goal_m), scene.steps[memory.step].number,
-            force_n(scene.ahead, now, state), force_n(scene.ahead, exact, state),
+        self.phase = scene.steps[memory.step].number
+        return Guidance(
+            now=now, following=after, target_m=max(goal_m - state.s_m, 0.0), target_s=scene.foreseen.passes_s(goal_m),
+            force_n=force_n(scene.ahead, now, state), reference_force_n=force_n(scene.ahead, exact, state),
+            replan=replan,
         )  # fmt: skip
 
     def _begin(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> Sight:
@@ -168,7 +169,7 @@ class Showing:
             self._memory = at_step(self._memory, 0)
         if not 0 <= (state.now_ns - self._memory.noted_ns) * NS <= FORGOTTEN_S:
             self._memory = replace(self._memory, shown=Instruction())
-        scene = Sight(schedule, self._steps, TrainForecast.of(kept, state), state, place, self._ahead)
+        scene = Sight(schedule, self._steps, kept.forecast, state, place, self._ahead)
         self._memory = advanced(scene, self._memory)
         return scene
 
@@ -303,3 +304,66 @@ def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:
     most_n = float(traction_limit(v_mps, train)) * (now.effort_ratio if now.mode in TRACTION else 1.0)
     least_n = 0.0 if now.mode in TRACTION else ahead.force_n(1.0, s_m, v_mps)
     return min(max(wanted_n, least_n), most_n)
+
+
+# --- the gate: the only hysteresis. When a wanted instruction may take the place of the one shown ---------------------
+
+
+class Opening(NamedTuple):
+    """Whether a wanted instruction is shown now, and in what time (s) it is due."""
+
+    now: bool
+    due_s: float
+
+
+def opening(
+    memory: Memory, wanted: Proposal, state: TrainState, *, is_safe: bool, next_s: float, lead_s: float | None = None
+) -> Opening:
+    """When a wanted instruction takes the place of the one shown.
+
+    It must have been announced for `STANDS_S` when it is due, and the one shown must have stood as long. Exceptions:
+    the one shown is not safe any more (`is_safe`); a brake has reached its speed; the speed that the one shown leads to
+    is reached; a brake that limits ask for does not wait. A hold or coasting that would stand for less than `STANDS_S`
+    before the change after it, in `next_s`, is not shown.
+    """
+    one, shown, now_ns, v_mps = wanted.one, memory.shown, state.now_ns, state.v_mps
+    if shown.mode not in KIND_OF or not is_safe:
+        return Opening(True, wanted.in_s)
+    stands_s = max(STANDS_S - (now_ns - memory.since_ns) * NS, 0.0)
+    if repeats(one, shown):
+        return Opening(stands_s <= 0.0 or one.effort_ratio < shown.effort_ratio, wanted.in_s)
+    brakes, brakes_on = one.mode in BRAKES, one.mode in BRAKES and shown.mode in BRAKES
+    if brakes_on and (
+        one.effort_ratio < shown.effort_ratio or one.speed_mps < shown.speed_mps + SAME_MPS or reached(shown, v_mps)
+    ):
+        return Opening(True, 0.0)  # Nobody releases in between.
+    if reached(shown, v_mps):
+        due_s = 0.0 if is_own_end(one, shown) else memory.lacks_s(one, now_ns, 0.0)
+        is_now = due_s <= 0.0
+    elif is_own_end(one, shown) or KIND_OF[one.mode] is KIND_OF[shown.mode]:
+        due_s, is_now = max(wanted.in_s, stands_s), stands_s <= 0.0
+    else:
+        stands_s = 0.0 if brakes else stands_s
+        lacks_s = memory.lacks_s(one, now_ns, wanted.in_s) if wanted.waits else 0.0
+        due_s = max(wanted.in_s + lacks_s, stands_s)
+        lead_s = LEADS_S[KIND_OF[one.mode]] if lead_s is None else lead_s
+        if wanted.mode is Lead.BACK_DOWN and brakes:
+            due_s = max(due_s, lead_s)
+        is_now = stands_s <= 0.0 and due_s <= lead_s
+    if one.mode in (Regime.COAST, Regime.CRUISE) and next_s - due_s < STANDS_S:
+        return Opening(False, math.inf)
+    return Opening(is_now, due_s)
+
+
+def has_led(memory: Memory, one: Instruction, state: TrainState) -> bool:
+    """Whether a brake, or coasting that is to end, has led to its speed, and something else than its hold is wanted."""
+    shown, v_mps = memory.shown, state.v_mps
+    ended = reached(shown, v_mps) and one.mode not in BRAKES
+    if shown.mode is Regime.COAST and one.mode is Regime.CRUISE:
+        ended = v_mps <= shown.speed_mps + SAME_MPS and (state.now_ns - memory.since_ns) * NS >= STANDS_S
+    return ended and not is_own_end(one, shown)
+
+
+def reached(shown: Instruction, v_mps: float) -> bool:
+    """Whether a brake has reached its speed."""
+    return shown.mode in BRAKES and shown.speed_mps > SAME_MPS and v_mps <= shown.speed_mps + SAME_MPS

@@ -9,8 +9,8 @@ import numpy as np
 
 from das.advice.regimes import InstructionKind
 from das.advice.shown import TARGET_STEP_MPS, target_below
-from das.solver.guide.phases import BRAKES, Phase, PhaseKind
-from das.solver.guide.schedule import Schedule
+from das.solver.guide.schedule import BRAKES, Phase, PhaseKind, Schedule
+from das.solver.kernels.schedule import BACK_SHARE
 from das.solver.section import Section
 
 SAME_MPS = 0.3
@@ -106,7 +106,7 @@ def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
         below_mps = REACHED_MPS if found or phase.kind is PhaseKind.TRACTION else OFF_MPS
         pulls = speeds_mps[first] < top_mps - below_mps
         kind = InstructionKind.TRACTION if pulls else InstructionKind.HOLD
-        effort = (phase.share or schedule.back_share) if pulls else 0.0
+        effort = (phase.share or BACK_SHARE) if pulls else 0.0
         from_m = float(section.node_m[node])
         found.append(GuideStep(kind, top_mps, effort, from_m, end_m, end_m, number))
     nexts_m = [*(one.from_m for one in found[1:]), end_m]

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.guide.policies import BACK_SHARE, SAME_MPS, GuideFront, GuideRun
-from das.solver.guide.schedule import Schedule, Scheduled
+from das.solver.guide.policies import SAME_MPS, GuideFront, GuideRun
+from das.solver.guide.schedule import Phase, PhaseKind, Scheduled, settled
 from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, ROLLS_UP, SHARES
-from das.solver.kernels.tuples import KnownRun
 
 HELD_S = 10.0
 """The time (s) below which holding a speed after accelerating to it is no phase of its own."""
@@ -32,12 +30,8 @@ def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
             phases[-1] = before._replace(target_mps=one.target_mps)
         elif before is None or not _is_said(before, one, float(run.elapsed_s[end] - run.elapsed_s[begin])):
             phases.append(one)
-    speeds = np.concatenate((np.full(first, state.speed_mps), run.speeds_mps))
-    raw = Schedule(
-        section=section, phases=tuple(phases), known=KnownRun(speeds, np.zeros_like(speeds)),
-        back_share=BACK_SHARE,
-    )  # fmt: skip
-    return Scheduled(*raw.settled(float(state.node_m[0]), state.speed_mps), run.lambda_w)
+    made = settled(section, tuple(phases), float(state.node_m[0]), state.speed_mps)
+    return Scheduled(*made, run.lambda_w)
 
 
 def said_of(front: GuideFront, phase: Phase) -> int:

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from das.domain.journey import Window
-from das.solver.guide.lateness import LATE_RATIO, NEAR_AT_PLACE_S, NEAR_S, lateness_s
 from das.solver.guide.policies import GuideFront, GuideRun, PolicyFrom
+from das.solver.guide.references import LATE_RATIO, NEAR_AT_PLACE_S, NEAR_S, lateness_s
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 

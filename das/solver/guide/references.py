@@ -6,16 +6,30 @@ They are made beforehand, longer than there is time for in a cab (`precompute.ta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
-from das.solver.guide.lateness import NEAR_S, lateness_s
-from das.solver.guide.phases import Phase
-from das.solver.guide.schedule import Schedule, Scheduled
-from das.solver.kernels.tuples import KnownRun
+from das.solver.guide.schedule import Phase, Scheduled, settled
 from das.solver.section import Section
 from das.solver.state import least_time_s
+
+NEAR_S, NEAR_AT_PLACE_S = 0.7, 0.3
+"""The distances from the wanted time (s) within which an arrival, or the passing of a place with a window, is near
+enough."""
+LATE_RATIO, EARLY_RATIO, EARLY_S = 3.0, 0.7, 2.0
+"""The cost of a second late and the worth of a second early, as multiples of the price of time, and the most early
+seconds (s) that count: the price of a run that is early is too high."""
+
+
+@overload
+def lateness_s(late_s: float) -> float: ...
+@overload
+def lateness_s(late_s: NDArray[np.float64]) -> NDArray[np.float64]: ...
+def lateness_s(late_s: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
+    """The seconds at the price of time that arriving late (s; early < 0) costs."""
+    return LATE_RATIO * np.maximum(late_s, 0.0) + EARLY_RATIO * np.clip(late_s, -EARLY_S, 0.0)
 
 
 class Finished(NamedTuple):
@@ -47,21 +61,14 @@ class References:
         """The time (s) of the quickest one whose price of time is at most this (W); infinity if none is so cheap."""
         return float(self._time_s[self._lambda_w <= dearest_w].min(initial=np.inf))
 
-    def departing(
-        self, section: Section, back_share: float, s_m: float, v_mps: float, time_s: float
-    ) -> Scheduled | None:
+    def departing(self, section: Section, s_m: float, v_mps: float, time_s: float) -> Scheduled | None:
         """The best schedule for a time, as a train keeps to it that departs near the start; None if none is so slow.
 
-        `back_share`: see `Schedule`. Raises InfeasibleError if the train stalls, DasError for a state outside the
-        section.
+        Raises InfeasibleError if the train stalls, DasError for a state outside the section.
         """
         ahead_s = float(section.fastest_run.time_to_go_s[0]) - least_time_s(section, s_m, v_mps)
-        number, nodes = self.best(time_s + ahead_s), len(section.node_m)
+        number = self.best(time_s + ahead_s)
         if number is None:
             return None
         found = self.finished[number]
-        raw = Schedule(
-            section=section, phases=found.phases, known=KnownRun(np.zeros(nodes), np.zeros(nodes)),
-            back_share=back_share,
-        )  # fmt: skip
-        return Scheduled(*raw.settled(s_m, v_mps), found.lambda_w, finished=True)
+        return Scheduled(*settled(section, found.phases, s_m, v_mps), found.lambda_w, finished=True)

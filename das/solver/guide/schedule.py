@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.guide.phases import Phase, PhaseKind
-from das.solver.kernels.forces import electric_limit
-from das.solver.kernels.schedule import follow
+from das.solver.kernels import schedule as kernels
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
@@ -32,12 +31,70 @@ ON_CURVE_MPS = 0.05
 curve."""
 
 
-class Prospect(NamedTuple):
-    """The forecast of a train that keeps to a schedule: speeds at the nodes (NaN behind the state), time, energy."""
+class PhaseKind(IntEnum):
+    """What a driver does in a phase, with the numbers that the kernels know."""
+
+    TRACTION = kernels.TRACTION
+    """A share of the largest traction effort; with a share of 0 a hill accelerates the train."""
+    HOLD = kernels.HOLD
+    """The speed is held, by traction or by brakes."""
+    COAST = kernels.COAST
+    """No effort at all."""
+    BRAKE = kernels.BRAKE
+    """A share of the largest effort of the electric brake, until the lower speed ahead is reached."""
+    CURVE = kernels.CURVE
+    """The brakes keep the train on the braking curve of a limit or stop ahead."""
+
+
+BRAKES = (PhaseKind.BRAKE, PhaseKind.CURVE)
+"""The kinds in which a train brakes."""
+
+
+class Phase(NamedTuple):
+    """What to do on a stretch: kind, share of effort, the section's interval where it begins, speed to reach (m/s)."""
+
+    kind: PhaseKind
+    share: float
+    begin: int
+    target_mps: float
+
+    @property
+    def rolls_up(self) -> bool:
+        """Whether the train coasts up to the speed."""
+        return self.kind is PhaseKind.TRACTION and self.share == 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Prospect:
+    """The forecast of a train that keeps to a schedule: speeds at the nodes (NaN behind the state), time, energy.
+
+    `at_m` are the places (m) of the state and of the nodes ahead.
+    """
 
     speeds_mps: Floats
     time_s: float
     energy_j: float
+    at_m: Floats
+
+    @cached_property
+    def ahead_mps(self) -> Floats:
+        """The speeds (m/s) at the state and at the nodes ahead."""
+        return self.speeds_mps[-len(self.at_m) :]
+
+    @cached_property
+    def times_s(self) -> Floats:
+        """The times (s from now) at the state and at the nodes ahead."""
+        speeds = self.ahead_mps
+        steps_s = 2.0 * np.diff(self.at_m) / np.maximum(speeds[:-1] + speeds[1:], 1e-3)
+        return np.concatenate(([0.0], steps_s.cumsum()))
+
+    def passes_s(self, s_m: float) -> float:
+        """When the train passes a place (s from now)."""
+        return float(np.interp(s_m, self.at_m, self.times_s))
+
+    def passes_mps(self, s_m: float) -> float:
+        """The speed at which the train passes a place (m/s)."""
+        return float(np.interp(s_m, self.at_m, self.ahead_mps))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,7 +107,6 @@ class Schedule:
     section: Section
     phases: tuple[Phase, ...]
     known: KnownRun
-    back_share: float
 
     @cached_property
     def at(self) -> NDArray[np.int64]:
@@ -80,39 +136,17 @@ class Schedule:
 
     def speed_at(self, s_m: float) -> float:
         """The scheduled speed (m/s) at a position; v² is linear between the nodes."""
-        return math.sqrt(float(np.interp(s_m, self.section.node_m, self.known.speed_mps**2)))
+        return math.sqrt(float(np.interp(s_m, self.section.node_m, self._speed_w)))
 
-    def number_at(self, s_m: float) -> int:
-        """The number of the phase that holds at a position."""
-        interval = int(np.searchsorted(self.section.node_m, s_m, side="right")) - 1
-        return int(self.at[min(max(interval, 0), len(self.at) - 1)])
-
-    def braking_mps2(self, number: int) -> float:
-        """The mean deceleration (m/s²) of a phase to brake."""
-        first, last = self.phases[number].begin, self._reached(number)
-        speeds, node_m = self.known.speed_mps, self.section.node_m
-        return max(float((speeds[first] ** 2 - speeds[last] ** 2) / (2.0 * (node_m[last] - node_m[first]))), 0.05)
+    @cached_property
+    def _speed_w(self) -> Floats:
+        """The scheduled v² at the nodes (m²/s²)."""
+        return np.asarray(self.known.speed_mps**2)
 
     def brakes_by_effort(self, number: int) -> bool:
         """Whether a phase brakes with one effort to its speed and then holds it: a brake that is not for a limit."""
         kind, share, _ = self.columns
         return bool(kind[number] == PhaseKind.BRAKE and share[number] > 0.0)
-
-    def needed_mps2(self, number: int, s_m: float, v_mps: float) -> float:
-        """The deceleration (m/s²) at a state of a train that keeps to a phase to brake."""
-        kind, share, target = self.columns
-        if self.brakes_by_effort(number):
-            train = self.section.train
-            force_n = share[number] * electric_limit(v_mps, train) + self.section.resistance_n(s_m, v_mps)
-            return float(force_n / train.inertial_mass_kg)
-        reach = v_mps**2 - target[number] ** 2
-        interval = min(int(np.searchsorted(self.section.node_m, s_m, side="right")) - 1, len(self.at) - 1)
-        before, after = self.section.envelope_mps[interval : interval + 2] ** 2
-        step_m = float(self.section.step_m[interval])
-        curve = before + (after - before) * (s_m - self.section.node_m[interval]) / step_m - target[number] ** 2
-        if kind[number] == PhaseKind.CURVE and curve > 0:
-            return float(reach / curve * max(before - after, 0.0) / (2.0 * step_m))
-        return float(reach / (2.0 * max(self.reached_m(number, s_m) - s_m, 1.0)))
 
     def begin_m(self, number: int) -> float:
         """Where a phase begins (m); beyond the last one: the end of the section."""
@@ -139,11 +173,13 @@ class Schedule:
         first, line, envelope = self.ahead(s_m, v_mps)
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
-        time_s, energy_j = follow(
-            first, self.at, self.ends_m, self.columns, self.back_share, self.known, met_mps, line, envelope,
+        time_s, energy_j = kernels.follow(
+            first, self.at, self.ends_m, self.columns, self.known, met_mps, line, envelope,
             section.train, section.loss_params, speeds,
         )  # fmt: skip
-        return Prospect(speeds, section.finished_s(time_s, s_m, v_mps), energy_j)
+        at_m = section.node_m[first:].copy()
+        at_m[0] = s_m
+        return Prospect(speeds, section.finished_s(time_s, s_m, v_mps), energy_j, at_m)
 
     def ahead(self, s_m: float, v_mps: float) -> tuple[int, LineArrays, Floats]:
         """The interval of a position, with line and envelope of the section cut to begin at the state."""
@@ -156,16 +192,6 @@ class Schedule:
             envelope = envelope.copy()
             envelope[first] = v_mps
         return first, section.for_kernels._replace(step_m=step), envelope
-
-    def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
-        """The same phases with the trajectory that keeps to them from a state, and the forecast of that trajectory."""
-        forecast = self.forecast(s_m, v_mps, met_mps=NOWHERE)
-        speeds = forecast.speeds_mps
-        known = np.isfinite(speeds)
-        first = int(np.argmax(known))
-        run = known_run(self.section, np.where(known, speeds, v_mps))
-        run.time_to_go_s[:first] = run.time_to_go_s[first]
-        return replace(self, known=run), forecast
 
 
 class Scheduled(NamedTuple):
@@ -194,6 +220,20 @@ class Scheduled(NamedTuple):
             fit=Fit.LATE if requested_s < least_s else Fit.ON_TIME,
             lambda_w=self.lambda_w,
         )
+
+
+def settled(section: Section, phases: tuple[Phase, ...], s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
+    """The schedule of phases with the trajectory that keeps to them from a state, and the forecast of that trajectory.
+
+    Raises InfeasibleError if the train stalls.
+    """
+    nowhere = KnownRun(*np.zeros((2, len(section.node_m))))
+    raw = Schedule(section=section, phases=phases, known=nowhere)
+    forecast = raw.forecast(s_m, v_mps, met_mps=NOWHERE)
+    first = len(section.node_m) - len(forecast.at_m)
+    run = known_run(section, np.append(np.full(first, v_mps), forecast.ahead_mps))
+    run.time_to_go_s[:first] = run.time_to_go_s[first]
+    return replace(raw, known=run), forecast
 
 
 def on_section(schedule: Schedule, section: Section) -> Schedule:

@@ -16,11 +16,11 @@ from das.compiling import compiled, kernel
 from das.domain.units import KMH
 from das.solver.kernels.forces import on_supply, traction_limit
 from das.solver.kernels.landings import landing_speed, landing_under, step_cost
-from das.solver.kernels.schedule import BRAKE, COAST, CURVE, HOLD, TRACTION
+from das.solver.kernels.schedule import BACK_SHARE, BRAKE, COAST, CURVE, HOLD, TRACTION
 from das.solver.kernels.tuples import LineArrays
 
 KINDS = (TRACTION, TRACTION, TRACTION, TRACTION, COAST, BRAKE, BRAKE, BRAKE, HOLD, CURVE, TRACTION)
-SHARES = (1.0, 0.8, 0.6, 0.4, 0.0, 1.0, 0.7, 0.4, 0.0, 0.0, 0.0)
+SHARES = (1.0, 0.8, BACK_SHARE, 0.4, 0.0, 1.0, 0.7, 0.4, 0.0, 0.0, 0.0)
 """Kind and share of the largest effort for each manner; braking before the braking curve uses the electric brake."""
 MANNERS, CODE = 11, 16
 BACK, ROLLS, HOLDS, ON_CURVE, ROLLS_UP = 2, 4, 8, 9, 10

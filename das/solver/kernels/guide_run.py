@@ -72,7 +72,7 @@ def chosen_anew(now, chosen, stays, anew, last):
 
 
 @kernel
-def guide_roll_out(nodes, k0, decision, line, envelope, curve, grid, p, row0, policy, back_share, told, anew, v, said):
+def guide_roll_out(nodes, k0, decision, line, envelope, curve, grid, p, row0, policy, told, anew, v, said):
     """Follow a policy from node nodes[0] to nodes[1] of `decision`; `said` receives the instruction of every interval.
 
     `decision` contains the integration nodes of the decision nodes k0, k0 + 1, …; row 0 of the policy is decision node
@@ -106,10 +106,10 @@ def guide_roll_out(nodes, k0, decision, line, envelope, curve, grid, p, row0, po
                 # Brake for a limit ahead that the instruction would exceed.
                 phase = KINDS[m], SHARES[m], speeds[now // CODE]
                 here = step, g, q, on_supply(p, u[i])
-                if followed_speed(i, phase, back_share, way, here, ends, v[i]) > envelope[i + 1] + CONTACT_MPS:
+                if followed_speed(i, phase, way, here, ends, v[i]) > envelope[i + 1] + CONTACT_MPS:
                     now, m, age_s = ON_CURVE, ON_CURVE, 0.0
             target = curve.goal_mps[i] if m == ON_CURVE else speeds[now // CODE]
-            took = followed_step(i, (KINDS[m], SHARES[m], target), back_share, way, line, envelope, p, v)
+            took = followed_step(i, (KINDS[m], SHARES[m], target), way, line, envelope, p, v)
             if took < 0.0:
                 return STALLED, 0.0
             said[i] = now

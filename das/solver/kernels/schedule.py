@@ -10,11 +10,13 @@ from das.solver.kernels.forces import electric_limit, on_supply, traction_limit
 from das.solver.kernels.landings import speed_under_force
 
 TRACTION, HOLD, COAST, BRAKE, CURVE = 0, 1, 2, 3, 4
-"""The values of `das.solver.guide.phases.PhaseKind`."""
+"""The values of `das.solver.guide.schedule.PhaseKind`."""
 CREEP_MPS, CREEP_M = 0.5, 1.0
 """Speed (m/s) below which, and remaining distance (m) above which, a train that brakes to a stop creeps to its mark."""
 BELOW_MPS = 0.5
 """Difference (m/s) below the speed to hold above which a train accelerates first."""
+BACK_SHARE = 0.6
+"""Share of the traction with which a train slower than the speed to hold accelerates to it."""
 _STEPS = 6
 """Number of iterations in `speed_under`; further ones do not change the speed."""
 
@@ -41,7 +43,7 @@ def speed_under(kind, share, v0, h, g, q, p):
 
 
 @kernel
-def followed_speed(i, phase, back_share, way, line, curve, v):
+def followed_speed(i, phase, way, line, curve, v):
     """The speed for the end of interval i in a phase (kind, share, target).
 
     `way` is the remaining distance of the phase (m); `curve` contains the highest speeds at the ends of the interval.
@@ -55,10 +57,10 @@ def followed_speed(i, phase, back_share, way, line, curve, v):
             return min(max(_coasting(i, line, v), target), v)
         if kind == HOLD and v >= target - BELOW_MPS:
             return target
-        effort = share if kind == TRACTION else back_share
+        effort = share if kind == TRACTION else BACK_SHARE
         return min(speed_under(TRACTION, effort, v, step[i], g[i], q[i], here), target)
     if v < CREEP_MPS and way > CREEP_M:  # The train would stop short of its mark.
-        return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
+        return min(speed_under(TRACTION, BACK_SHARE, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
     if v <= target:
         return min(target, max(_coasting(i, line, v), v))
     if kind == BRAKE and share > 0.0:  # Brake with constant effort to the target, then hold it.
@@ -79,11 +81,11 @@ def _coasting(i, line, v):
 
 
 @kernel
-def followed_step(i, phase, back_share, way, line, envelope, p, v):
+def followed_step(i, phase, way, line, envelope, p, v):
     """Drive interval i in a `phase` (kind, share, target); fills v[i + 1]. Returns the time (s), -1 after a stall."""
     step, g, q, u = line
     here = (step, g, q, on_supply(p, u[i]))
-    landing = followed_speed(i, phase, back_share, way, here, (envelope[i], envelope[i + 1]), v[i])
+    landing = followed_speed(i, phase, way, here, (envelope[i], envelope[i + 1]), v[i])
     moving = drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v)
     # On a hill that the schedule cannot climb, the train uses full traction.
     if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
@@ -92,7 +94,7 @@ def followed_step(i, phase, back_share, way, line, envelope, p, v):
 
 
 @kernel
-def follow(first, at, ends, phases, back_share, known, met_mps, line, envelope, p, c, v):
+def follow(first, at, ends, phases, known, met_mps, line, envelope, p, c, v):
     """Follow a schedule from v[first] to the end; fills v.
 
     Returns the trip time (s) and the energy at the current collector (J); (-1, 0) after a stall.
@@ -109,7 +111,7 @@ def follow(first, at, ends, phases, back_share, known, met_mps, line, envelope, 
         k = at[i]
         phase = kinds[k], shares[k], targets[k]
         way = ends[i] + line.step_m[i]
-        took = followed_step(i, phase, back_share, way, line, envelope, p, v)
+        took = followed_step(i, phase, way, line, envelope, p, v)
         if took < 0.0:
             return -1.0, 0.0
         total += took

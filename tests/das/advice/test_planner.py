@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from das.advice.display import AT_FOOT_MPS, braked_enough, kept_behind
 from das.advice.goal import Goal, TrainState
 from das.advice.planner import PlanBasis, Planner
 from das.advice.regimes import Regime
-from das.advice.shown_safely import AT_FOOT_MPS, braked_enough, kept_behind
 from das.domain.braking import USUAL
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front

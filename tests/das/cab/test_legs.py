@@ -13,10 +13,8 @@ import pytest
 from das.advice.advice import Timetable
 from das.advice.goal import LONGEST_RATIO
 from das.advice.guide.guide import SAID_ANEW_S
-from das.advice.guide.settings import GuideSettings
 from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
-from das.advice.settings import DEFAULT
 from das.advice.wording import words
 from das.cab.fronts import Fronts
 from das.cab.heard import Target
@@ -105,7 +103,7 @@ def test_a_restriction_under_the_train_says_brake_at_once_and_one_lifted_lets_it
 
 def test_a_message_says_once_whether_the_train_is_too_fast_and_when_it_arrives() -> None:
     """The full advice and the guide's agree in every second, also while the train swings about the limit."""
-    made, told = trip(settings=replace(DEFAULT, guide=GuideSettings(enabled=True))), []
+    made, told = trip(guide=True), []
     for second, over_mps in enumerate((0.6, 0.4, 0.3, -0.5, 0.3, 1.2, 0.6)):
         advice = at(made, 60 + second, 2000.0 + 30.0 * second, 30.0 + over_mps)
         assert advice.guide is not None

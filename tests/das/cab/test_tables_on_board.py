@@ -12,9 +12,7 @@ import pytest
 
 from das.advice.advice import Source, Timetable
 from das.advice.guide.keeping import StandingReference
-from das.advice.guide.settings import GuideSettings
 from das.advice.regimes import Regime
-from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.domain.braking import SiteBraking
 from das.domain.errors import DasError
@@ -25,7 +23,6 @@ from precompute.tables.writing import TableSettings, make_table
 from tests.support.small_tables import quick_references, seal_anew
 from tests.support.small_trips import LINE, TRAIN, SmallTrip, at, ns, planned_section, trip
 
-LED = AdviceSettings(guide=GuideSettings(enabled=True))
 DUE = [Timetable(departure_ns=ns(0), arrival_ns=ns(225)), Timetable(departure_ns=ns(330), arrival_ns=ns(590))]
 SOLVED = "references are solved instead"
 
@@ -51,13 +48,13 @@ def table(tables: Path) -> Path:
 
 
 def led(tables: Path | None, **more: Any) -> SmallTrip:
-    return trip(Fronts(tables, threads=1), settings=LED, due=DUE, **more)
+    return trip(Fronts(tables, threads=1), guide=True, due=DUE, **more)
 
 
 def reference(made: SmallTrip) -> StandingReference | None:
     """What the guide leads by."""
     assert made.leg.guide is not None
-    return made.leg.guide._keeper.reference
+    return made.leg.guide.keeper.reference
 
 
 def test_a_departure_is_led_by_its_table_and_the_rest_of_the_way_is_solved(tables: Path) -> None:
@@ -66,7 +63,7 @@ def test_a_departure_is_led_by_its_table_and_the_rest_of_the_way_is_solved(table
     assert departing.source is Source.TABLE
     assert departing.guide is not None
     assert departing.guide.now.mode is Regime.DEPART
-    guide = made.preparation._fronts.find_guide(made.leg.section, LED.guide).front
+    guide = made.preparation._fronts.find_guide(made.leg.section).front
     assert guide.nbytes == 0  # no policy was needed
     solved = led(None)
     at(solved, 0, 0.0, 0.0)

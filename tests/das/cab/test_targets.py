@@ -153,7 +153,7 @@ def test_a_passing_costs_what_the_planner_of_whole_journeys_says() -> None:
     section = build_section(LINE, TRAIN, end_m=5000.0)
     least_s = solve_front(section).fastest().time_s
     total_s, to_point_s = 1.35 * least_s, 0.63 * 1.35 * least_s
-    wanted = Wanted(s_m=0.0, v_mps=0.0, left_s=total_s, point_m=3000.0, earliest_s=to_point_s)
+    wanted = Wanted(s_m=0.0, v_mps=0.0, left_s=total_s, point_m=3000.0, window=Window(earliest_s=to_point_s))
     ours = planned(GuideFront(section), wanted).solution(0.0, 0.0, total_s)
     points = (
         Call(name="A", position_m=0.0, departure=Window(earliest_s=0.0, latest_s=0.0)),

@@ -19,8 +19,6 @@ print(*(name for name in ("numba.np.linalg", "numba.np.arraymath", "scipy.linalg
 DRIVEN = """
 import gc
 from numba.core.dispatcher import Dispatcher
-from das.advice.guide.settings import GuideSettings
-from das.advice.settings import AdviceSettings
 from das.bus import das_pb2
 from das.bus.topics import RESTRICTION, TARGET
 from das.cab.cab import CabSettings
@@ -33,7 +31,7 @@ def compiled():
 
 warm_up()
 before = compiled()
-driven = DrivenNode(CabSettings(calibrate=True, advice=AdviceSettings(guide=GuideSettings(enabled=True))))
+driven = DrivenNode(CabSettings(calibrate=True, guide=True))
 guided = 0
 for second in range(2, 60):
     if second == 20:

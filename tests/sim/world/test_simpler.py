@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Timetable
+from das.advice.display import VALID_FOR_S
 from das.advice.goal import LONGEST_RATIO, TrainState
 from das.advice.planner import PlanBasis, Planner
 from das.advice.regimes import Regime
-from das.advice.settings import DEFAULT
 from das.domain.braking import USUAL
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
@@ -60,13 +60,13 @@ def test_a_display_of_four_modes_brakes_in_time_for_full_brakes_that_build_up() 
     v_mps = 28.0
     for s_m in np.arange(3000.0, 4000.0, 20.0).tolist():
         state = TrainState(0, s_m, v_mps)
-        four = FourModes(DEFAULT.valid_for_s, PLANNER, state, v_mps, 0.0)
+        four = FourModes(VALID_FOR_S, PLANNER, state, v_mps, 0.0)
         shown = four.safe(Regime.CRUISE, Regime.CRUISE) is Regime.FULL_BRAKE
         assert shown is brakes_late(PLANNER, state, v_mps, BEFORE_S)
         if shown:
             break
     assert brakes_late(PLANNER, state, v_mps, BEFORE_S)
-    assert not brakes_late(PLANNER, state, v_mps, DEFAULT.valid_for_s), "an advice is valid for 3 s"
+    assert not brakes_late(PLANNER, state, v_mps, VALID_FOR_S), "an advice is valid for 3 s"
 
 
 def test_four_modes_are_those_of_the_advice_and_their_next_change(front: Front) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from das.advice.advice import Instruction
 from das.advice.guide.announce import following, said
+from das.advice.guide.guard import Sight
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
-from das.advice.guide.scene import Sight
 from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.domain.units import KMH
@@ -56,7 +56,9 @@ def test_a_hold_of_the_speed_led_to_is_not_announced() -> None:
 def test_a_brake_that_a_slower_train_needs_not_is_left_out() -> None:
     assert said(seen(1000.0, 100.0, LOWER), 1) is not None
     slow = on_section(LOWER, BOARD)
-    assert said(scene(slow, 2400.0, 55.0), 1) is None or scene(slow, 2400.0, 55.0).foreseen.speed_mps(2500.0) > 60 * KMH
+    assert (
+        said(scene(slow, 2400.0, 55.0), 1) is None or scene(slow, 2400.0, 55.0).foreseen.passes_mps(2500.0) > 60 * KMH
+    )
     found = told(seen(2400.0, 58.0, LOWER), hold(60 * KMH))
     assert not any(one.mode in BRAKES and one.speed_mps > 0.0 for one in found)
 

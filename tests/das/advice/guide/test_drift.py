@@ -8,11 +8,9 @@ import pytest
 
 from das.advice.advice import ReplanCause, Timetable
 from das.advice.goal import UNHURRIED_S, Goal, TrainState
-from das.advice.guide import keeping
+from das.advice.guide import planning
 from das.advice.guide.drift import BRAKING_RATIO, MARGIN_LEAST_S, MARGIN_MOST_S, RUNNING_S_PER_MIN, Drift, UsualLoss
 from das.advice.guide.keeping import ELSEWHERE_RATIO, ON_TIME_RATIO
-from das.advice.guide.settings import DEFAULT
-from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.legs import Legs
 from das.cab.preparation import Preparation
@@ -117,9 +115,9 @@ def test_a_reserve_is_bought_up_to_its_price_and_no_further(monkeypatch: pytest.
     """On the middle section with a buffer of 5 % a second of it soon costs a quarter of the power."""
     goal = goal_of(LINE, 0.05)
     kept = stood(waiting(LINE, goal, loses=True), LINE, goal)
-    assert kept.reference.lambda_w <= 1.03 * keeping.DEAREST_RATIO * usable_power_w(section_of(LINE))
+    assert kept.reference.lambda_w <= 1.03 * planning.DEAREST_RATIO * usable_power_w(section_of(LINE))
     took_s = [stood(waiting(LINE, goal, loses=loses), LINE, goal).forecast.time_s for loses in (False, True)]
-    monkeypatch.setattr(keeping, "DEAREST_RATIO", 2.0)
+    monkeypatch.setattr(planning, "DEAREST_RATIO", 2.0)
     took_s.append(stood(keeper_of(LINE, loses=True), LINE, goal).forecast.time_s)
     assert took_s[0] - 5.0 > took_s[1] > took_s[2] + 5.0
 
@@ -151,7 +149,7 @@ def test_who_keeps_exactly_to_his_references_loses_his_reserve_on_the_way() -> N
         assert found is not None
         if found.reference is not before:
             causes.append(found.reference.replan.cause)
-            train = Keeping(found.reference.schedule, found.forecast, second, state.s_m)
+            train = Keeping(found.forecast, second)
     assert first_s < 0.0
     assert set(causes) <= {ReplanCause.EARLY, ReplanCause.ENERGY}
     assert len(causes) <= 4
@@ -162,9 +160,8 @@ def test_what_is_known_of_a_driver_goes_with_him_to_the_next_section_and_ends_wi
     stops, times = load_route("zurich-luzern").stops, [(0.0, 600.0), (660.0, 1300.0), (1360.0, 2500.0)]
     timetables = [Timetable(departure_ns=ns(a), arrival_ns=ns(b)) for a, b in times]
     vehicle = load_vehicle("re460-ic")
-    settings = AdviceSettings(guide=replace(DEFAULT, enabled=True))
     situation = Situation(route=load_route("zurich-luzern"), vehicle=vehicle, level=vehicle.default_level)
-    legs = Legs(situation, Preparation(Fronts(), lambda: 0.0, background=False), settings)
+    legs = Legs(situation, Preparation(Fronts(), lambda: 0.0, background=False), guide=True)
     legs.begin(stops, timetables)
     drifts = [leg.guide.drift for leg in legs.legs if leg.guide is not None]
     assert len(drifts) == 3

@@ -10,7 +10,7 @@ import pytest
 
 from das.advice.braking import AT_MARK_M, BrakingAhead, NeededBrake
 from das.advice.goal import TrainState
-from das.advice.guide.effort import (
+from das.advice.guide.guard import (
     FRICTION_STEP_RATIO,
     LESS_RATIO,
     STEP_RATIO,

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from das.advice.goal import SpeedsAllowed
 from das.advice.guide.follow import GAINS_S, advanced, is_vain, wanted
-from das.advice.guide.guard import Proposal
+from das.advice.guide.guard import Proposal, Sight
 from das.advice.guide.memory import Lead, Memory, alike, brake, coast, hold, traction
-from das.advice.guide.scene import Sight, SpeedsAllowed
 from das.advice.guide.timeline import REACHED_MPS
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown import STOP_BY_EYE_M

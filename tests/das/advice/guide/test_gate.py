@@ -9,9 +9,9 @@ import pytest
 
 from das.advice.advice import Instruction
 from das.advice.goal import TrainState
-from das.advice.guide.gate import LEADS_S, Opening, has_led, opening
 from das.advice.guide.guard import Proposal
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
+from das.advice.guide.showing import LEADS_S, Opening, has_led, opening
 from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import InstructionKind
 from tests.support.keeping import ns

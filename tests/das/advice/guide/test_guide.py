@@ -8,13 +8,10 @@ from functools import cache
 import pytest
 
 from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
-from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.goal import Goal, PassingTarget, SpeedsAllowed, TrainState
 from das.advice.guide.guide import Guide, falling_limits
-from das.advice.guide.scene import SpeedsAllowed
-from das.advice.guide.settings import DEFAULT, GuideSettings
 from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
-from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.preparation import Preparation
@@ -25,12 +22,11 @@ from tests.support.bundled_sections import BUNDLED, asked_s, guide_of, section_o
 from tests.support.keeping import Keeping, goal_of, ns, started
 
 LINE = BUNDLED[2]
-ENABLED = GuideSettings(enabled=True)
 FREE = SpeedsAllowed(60.0, 60.0)
 
 
 def new_guide() -> Guide:
-    return Guide(section_of(LINE), guide_of(LINE), DEFAULT)
+    return Guide(section_of(LINE), guide_of(LINE))
 
 
 def train_of() -> Keeping:
@@ -157,8 +153,8 @@ class Cab:
         start, end = (x for x in section.route.stops if x.position_m in (section.start_m, section.end_m))
         self.situation = Situation(route=section.route, vehicle=section.vehicle)
         clock = iter(range(10**6))
-        self.preparation = Preparation(Fronts(threads=1), lambda: next(clock), ENABLED, background=False)
-        self.leg = Leg(start, end, section, AdviceSettings(guide=ENABLED))
+        self.preparation = Preparation(Fronts(threads=1), lambda: next(clock), background=False, guide=True)
+        self.leg = Leg(start, end, section, guide=True)
         self.preparation.add(self.leg, self.situation)
         self.leg.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(asked_s(LINE, 0.15))))
 

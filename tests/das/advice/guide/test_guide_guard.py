@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from das.advice.guide.guard import Proposal, begins_s, foreseen_brake, guarded, lasts_s, stands_at_mark
+from das.advice.goal import SpeedsAllowed
+from das.advice.guide.guard import Proposal, Sight, begins_s, foreseen_brake, guarded, lasts_s, stands_at_mark
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
-from das.advice.guide.scene import Sight, SpeedsAllowed
 from das.advice.regimes import BRAKES, Regime
 from das.domain.units import KMH
 from tests.support.guide import FREE, flat, reference, scene

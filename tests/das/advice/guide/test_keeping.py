@@ -11,20 +11,18 @@ from typing import Any, TypeVar
 import pytest
 
 from das.advice.advice import Replan, ReplanCause
-from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.goal import Goal, PassingTarget, SpeedsAllowed, TrainState
 from das.advice.guide import keeping
 from das.advice.guide.drift import MARGIN_LEAST_S
-from das.advice.guide.keeping import Changes, Keeper, Kept
-from das.advice.guide.planning import Wanted, passes_s, planned
-from das.advice.guide.scene import SpeedsAllowed
-from das.advice.guide.settings import DEFAULT, GuideSettings
+from das.advice.guide.keeping import EARLY_S, LATE_S, Changes, Keeper, Kept
+from das.advice.guide.planning import Wanted, planned
 from das.advice.guide.showing import Showing
 from das.advice.worker import Worker
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import NS
-from das.solver.guide.lateness import NEAR_S
 from das.solver.guide.policies import GuideFront
+from das.solver.guide.references import NEAR_S
 from das.solver.section import build_section
 from tests.support.bundled_sections import BUNDLED, Which, guide_of, section_of
 from tests.support.crossing import few
@@ -61,7 +59,7 @@ def ridden(keeper: Keeper, train: Keeping, goal: Goal, seconds: range, point_m: 
         assert kept is not None
         if kept.reference is not before:
             replans.append(kept.reference.replan)
-            train = Keeping(kept.reference.schedule, kept.forecast, second, state.s_m)
+            train = Keeping(kept.forecast, second)
     return pytest.fail("the point was never passed")
 
 
@@ -112,11 +110,11 @@ def test_who_is_late_gets_one_other_reference_which_says_what_it_gains(behind_s:
     kept = made[0][1]
     replan = kept.reference.replan
     assert replan.time_ns == ns(100)
-    assert -DEFAULT.early_s < kept.late_s < DEFAULT.late_s, "it is not in doubt itself"
+    assert -EARLY_S < kept.late_s < LATE_S, "it is not in doubt itself"
     assert 0.5 * behind_s <= replan.gain_s <= behind_s + 1.0
     assert replan.gain_j < 0.0  # Faster driving costs energy.
     assert kept.reference.lambda_w > first.reference.lambda_w
-    again = Keeping(kept.reference.schedule, kept.forecast, 100.0, train.at(100, behind_s=behind_s).s_m)
+    again = Keeping(kept.forecast, 100.0)
     assert not driven(keeper, again, goal, range(101, int(again.end_s) - 2))
 
 
@@ -138,7 +136,7 @@ def test_a_new_reference_made_in_doubt_changes_no_instruction_for_10_s() -> None
     hasty = replace(new.reference, schedule=planned(guide_of(LINE), wanted).schedule)
     differs: list[list[int]] = [[], []]
     for second in range(100, 140):
-        state = Keeping(new.reference.schedule, new.forecast, 100.0, begin.s_m).at(second)
+        state = Keeping(new.forecast, 100.0).at(second)
         shown = [
             showing.show(Kept(one, one.schedule.forecast(state.s_m, state.v_mps), 0.0), state, free).now
             for showing, one in zip(showings, (old.reference, new.reference, hasty), strict=True)
@@ -164,7 +162,7 @@ def test_a_driver_who_is_known_to_lose_time_gets_another_reference_all_the_same(
 def test_who_is_late_by_less_than_the_stated_seconds_keeps_his_reference() -> None:
     goal = goal_of(LINE, BUFFER)
     keeper, _, train = started(LINE, goal)
-    assert not driven(keeper, train, goal, range(6, 300), behind_s=DEFAULT.late_s - 1.5)
+    assert not driven(keeper, train, goal, range(6, 300), behind_s=LATE_S - 1.5)
 
 
 def test_who_is_early_by_far_gets_a_slower_reference_that_saves_energy() -> None:
@@ -261,9 +259,7 @@ def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
     assert new.reference.replan.cause is ReplanCause.LINE
     assert new.forecast.speeds_mps[inside].max() <= 12.0 + 1e-9
     assert abs(new.late_s) < abs(old.late_s)
-    assert not driven(
-        after, Keeping(new.reference.schedule, new.forecast, 51.0, train.at(51).s_m), goal, range(52, 200)
-    )
+    assert not driven(after, Keeping(new.forecast, 51.0), goal, range(52, 200))
 
 
 class PatientWorker(Worker):
@@ -299,7 +295,7 @@ def test_while_a_reference_is_being_made_the_one_before_stands() -> None:
     again = keeper.keep(start, goal)
     assert again is not None
     assert again.reference is first.reference
-    train = Keeping(first.reference.schedule, first.forecast, 0.0, start.s_m)
+    train = Keeping(first.forecast, 0.0)
     keeper.keep(train.at(5), goal)
     worker.finish()
     standing = keeper.keep(train.at(6), goal)
@@ -329,12 +325,12 @@ def test_a_reference_made_in_doubt_waits_for_a_change_that_came_meanwhile() -> N
     worker.finish()
     first = keeper.keep(start, goal)
     assert first is not None
-    train = Keeping(first.reference.schedule, first.forecast, 0.0, start.s_m)
+    train = Keeping(first.forecast, 0.0)
     keeper.keep(train.at(5), goal)
     worker.finish()
     moving = keeper.keep(train.at(6), goal)
     assert moving is not None
-    train = Keeping(moving.reference.schedule, moving.forecast, 6.0, train.at(6).s_m)
+    train = Keeping(moving.forecast, 6.0)
     keeper.keep(train.at(100, behind_s=-25.0), goal)
     assert len(worker.waiting) == 1
     worker.finish()
@@ -363,19 +359,17 @@ def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None,
     goal = goal_of(LINE, BUFFER)
     keeper, kept, train = started(LINE, goal)
     point_m, here = section_of(LINE).start_m + 9000.0, train.at(60)
-    free_s = 60.0 + passes_s(
-        kept.reference.schedule, kept.reference.schedule.forecast(here.s_m, here.v_mps), here.s_m, point_m
-    )
+    free_s = 60.0 + kept.reference.schedule.forecast(here.s_m, here.v_mps).passes_s(point_m)
     earliest_ns, latest_ns = (None if x is None else ns(free_s + x) for x in (earlier_s, later_s))
     point = PassingTarget(s_m=point_m, earliest_ns=earliest_ns, latest_ns=latest_ns)
     new = keeper.keep(here, replace(goal, passing=point))
     assert new is not None
     assert new.reference.replan.cause is ReplanCause.POINT
-    at_ns = ns(60.0 + passes_s(new.reference.schedule, new.forecast, here.s_m, point_m))
+    at_ns = ns(60.0 + new.forecast.passes_s(point_m))
     least_ns = round(MARGIN_LEAST_S / NS)
     assert earliest_ns is None or at_ns >= earliest_ns + least_ns - 2e8
     assert latest_ns is None or at_ns <= latest_ns - least_ns + 2e8
-    following = Keeping(new.reference.schedule, new.forecast, 60.0, here.s_m)
+    following = Keeping(new.forecast, 60.0)
     replans, passed_s = ridden(keeper, following, replace(goal, passing=point), range(61, 1000), point_m)
     assert all(one.gain_s > 1.0 for one in replans if one.cause in (ReplanCause.LATE, ReplanCause.EARLY))
     assert [one.cause for one in replans].count(ReplanCause.POINT) <= 1
@@ -389,13 +383,11 @@ def test_who_would_miss_the_window_gets_another_reference() -> None:
     goal = goal_of(LINE, BUFFER)
     keeper, kept, train = started(LINE, goal)
     here, point_m = train.at(60), section_of(LINE).start_m + 9000.0
-    free_s = 60.0 + passes_s(
-        kept.reference.schedule, kept.reference.schedule.forecast(here.s_m, here.v_mps), here.s_m, point_m
-    )
+    free_s = 60.0 + kept.reference.schedule.forecast(here.s_m, here.v_mps).passes_s(point_m)
     goal = replace(goal, passing=PassingTarget(s_m=point_m, earliest_ns=ns(free_s + 20.0)))
     new = keeper.keep(here, goal)
     assert new is not None
-    following = Keeping(new.reference.schedule, new.forecast, 60.0, here.s_m)
+    following = Keeping(new.forecast, 60.0)
     ((_, other),) = driven(keeper, following, goal, range(110, 111), behind_s=-20.0)
     assert other.reference.replan.cause is ReplanCause.POINT
 
@@ -410,9 +402,10 @@ def test_who_is_far_off_the_speed_gets_another_reference_only_where_that_saves_e
     """The train is 4 m/s off its speed but nearly on time; for a slow train a new reference would need more energy."""
     monkeypatch.setattr(keeping, "LEAST_GAIN_S", 30.0)
     monkeypatch.setattr(keeping, "LEAST_GAIN_POWER_S", least_gain_power_s)
+    monkeypatch.setattr(keeping, "LATE_S", 60.0)
+    monkeypatch.setattr(keeping, "EARLY_S", 60.0)
     goal = goal_of(LINE, BUFFER)
     keeper, _, train = started(LINE, goal)
-    keeper._settings = GuideSettings(late_s=60.0, early_s=60.0)
     for second in range(60, 400, 20):
         state = train.at(second)
         kept = keeper.keep(state._replace(v_mps=max(state.v_mps + away_mps, 1.0)), goal)

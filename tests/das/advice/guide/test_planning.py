@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from das.advice.guide.planning import Wanted, elapsed_s, passes_s, planned
+from das.advice.guide.planning import Wanted, planned
+from das.domain.journey import Window
 from das.solver.guide.schedule import Scheduled
 from das.solver.solution import trajectory_on
 from das.solver.state import State, fastest
@@ -30,7 +31,7 @@ def plan(which: Which, wanted: Wanted) -> Scheduled:
 
 def passed_s(found: Scheduled, wanted: Wanted) -> float:
     assert wanted.point_m is not None
-    return passes_s(found.schedule, found.forecast, wanted.s_m, wanted.point_m)
+    return found.forecast.passes_s(wanted.point_m)
 
 
 def place_m(which: Which, share: float) -> float:
@@ -60,11 +61,10 @@ def test_a_point_is_not_passed_before_its_window(
     """However much later the window makes the train, on every section and with every buffer."""
     wanted = wanted_from_start(which, buffer_ratio, point_m=place_m(which, share))
     free = plan(which, wanted)
-    wanted = replace(wanted, earliest_s=slower * passed_s(free, wanted))
+    wanted = replace(wanted, window=Window(earliest_s=slower * passed_s(free, wanted)))
     found = plan(which, wanted)
-    assert wanted.earliest_s is not None
-    assert passed_s(found, wanted) >= wanted.earliest_s - EARLY_S
-    assert passed_s(found, wanted) <= 1.1 * wanted.earliest_s + 10.0
+    assert passed_s(found, wanted) >= wanted.window.earliest_s - EARLY_S
+    assert passed_s(found, wanted) <= 1.1 * wanted.window.earliest_s + 10.0
     begins = [one.begin for one in found.schedule.phases]
     assert all(a < b for a, b in pairwise(begins))
     assert (found.forecast.speeds_mps <= section_of(which).envelope_mps + 1e-9).all()
@@ -78,10 +78,9 @@ def test_a_train_too_fast_for_the_window_of_a_point_brakes_and_does_not_accelera
     s_m, point_m = place_m(which, 0.4), place_m(which, 0.6)
     v_mps = 0.95 * float(np.interp(s_m, section.node_m, section.envelope_mps))
     free = Wanted(s_m=s_m, v_mps=v_mps, left_s=asked_s(which, 0.15), point_m=point_m)
-    wanted = replace(free, earliest_s=slower * (point_m - s_m) / v_mps)
+    wanted = replace(free, window=Window(earliest_s=slower * (point_m - s_m) / v_mps))
     found = plan(which, wanted)
-    assert wanted.earliest_s is not None
-    assert passed_s(found, wanted) >= wanted.earliest_s - EARLY_S
+    assert passed_s(found, wanted) >= wanted.window.earliest_s - EARLY_S
     before = section.node_m <= point_m
     assert np.nanmax(found.forecast.speeds_mps[before]) <= v_mps + 0.5
 
@@ -89,7 +88,8 @@ def test_a_train_too_fast_for_the_window_of_a_point_brakes_and_does_not_accelera
 def test_where_no_speed_is_slow_enough_for_a_window_the_train_is_not_told_to_accelerate() -> None:
     """The window opens in an hour: the train would have to stop and wait, which no schedule can do before its end."""
     which = BUNDLED[1]
-    wanted = Wanted(s_m=place_m(which, 0.4), v_mps=20.0, left_s=3000.0, point_m=place_m(which, 0.6), earliest_s=3600.0)
+    window = Window(earliest_s=3600.0)
+    wanted = Wanted(s_m=place_m(which, 0.4), v_mps=20.0, left_s=3000.0, point_m=place_m(which, 0.6), window=window)
     found = plan(which, wanted)
     speeds = found.forecast.speeds_mps[section_of(which).node_m <= place_m(which, 0.6)]
     assert np.nanmax(speeds) <= 20.0 + 0.5
@@ -108,10 +108,9 @@ def test_a_point_is_passed_by_its_latest_time_where_that_can_be(which: Which, sh
     section = section_of(which)
     quickest = fastest(section, wanted.s_m, 0.0).trajectory
     least_s = float(np.interp(wanted.point_m, quickest.s_m, quickest.t_s))
-    wanted = replace(wanted, latest_s=0.5 * (least_s + at_s))
+    wanted = replace(wanted, window=Window(latest_s=0.5 * (least_s + at_s)))
     found = plan(which, wanted)
-    assert wanted.latest_s is not None
-    assert passed_s(found, wanted) <= wanted.latest_s + 3.0
+    assert passed_s(found, wanted) <= wanted.window.latest_s + 3.0
 
 
 def test_a_window_that_is_kept_to_anyway_changes_nothing() -> None:
@@ -119,7 +118,7 @@ def test_a_window_that_is_kept_to_anyway_changes_nothing() -> None:
     wanted = wanted_from_start(which, 0.15, point_m=place_m(which, 0.5))
     free = plan(which, wanted)
     at_s = passed_s(free, wanted)
-    kept = plan(which, replace(wanted, earliest_s=at_s - 20.0, latest_s=at_s + 20.0))
+    kept = plan(which, replace(wanted, window=Window(earliest_s=at_s - 20.0, latest_s=at_s + 20.0)))
     assert kept.schedule.phases == free.schedule.phases
 
 
@@ -131,10 +130,9 @@ def test_elapsed_times_are_those_of_the_trajectory() -> None:
     i = len(section.step_m) // 3
     s_m, v_mps = float(section.node_m[i]) + 1.0, 25.0
     forecast = found.schedule.forecast(s_m, v_mps)
-    times, node_m = elapsed_s(found.schedule, forecast, s_m)
     run = trajectory_on(section, State.at(section, s_m, v_mps), forecast.speeds_mps[i:])
-    assert times == pytest.approx(run.t_s, abs=1e-6)
-    assert node_m == pytest.approx(run.s_m)
+    assert forecast.times_s == pytest.approx(run.t_s, abs=1e-6)
+    assert forecast.at_m == pytest.approx(run.s_m)
 
 
 @pytest.mark.parametrize("later_s", few([-15.0, 25.0], (25.0,), pytest.mark.slow))

@@ -7,12 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from das.advice.advice import Replan, ReplanCause
-from das.advice.goal import TrainState
-from das.advice.guide.gate import LEADS_S
+from das.advice.advice import Guidance, Replan, ReplanCause
+from das.advice.goal import SpeedsAllowed, TrainState
 from das.advice.guide.memory import brake, coast
-from das.advice.guide.scene import SpeedsAllowed
-from das.advice.guide.showing import FORGOTTEN_S, Showing, ShownNow
+from das.advice.guide.showing import FORGOTTEN_S, LEADS_S, Showing
 from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.domain.units import KMH
@@ -35,7 +33,7 @@ class Led:
 
     def at(
         self, second: float, s_m: float, v_mps: float, place: SpeedsAllowed = FREE, replan: Replan | None = None
-    ) -> ShownNow:
+    ) -> Guidance:
         """What a train in this state at this second is told."""
         state = TrainState(ns(second), s_m, v_mps)
         return self.guide.show(kept(self._schedule, state, replan), state, place)
@@ -46,7 +44,7 @@ class Led:
 
 
 def test_a_train_on_the_reference_is_told_each_step_once_with_its_lead() -> None:
-    led, train, found = Led(), Keeping(PLAIN, PLAIN.forecast(0.0, 0.0), 0.0, 0.0), []
+    led, train, found = Led(), Keeping(PLAIN.forecast(0.0, 0.0), 0.0), []
     for second in range(1, int(train.end_s) - 1):
         state = train.at(second)
         shown = led.at(second, state.s_m, state.v_mps)
@@ -171,14 +169,14 @@ def test_the_stop_behind_the_mark_is_braked_for_whatever_the_reference_is() -> N
 
 def test_a_train_too_slow_for_any_reference_creeps_to_its_stop_and_brakes_there() -> None:
     line, guide = flat(), Showing()
-    now, after, force_n = guide.creeping(line, TrainState(ns(0), line.end_m - 60.0, 1.5), FREE)
-    assert (now.mode, now.speed_mps) == (Regime.CRUISE, 10 * KMH)
-    assert force_n > 0.0
-    assert [one.mode in BRAKES for one in after] == [True]
-    near, _, _ = guide.creeping(line, TrainState(ns(1), line.end_m - 5.0, 2.5), FREE)
-    assert near.mode in BRAKES
+    found = guide.creeping(line, TrainState(ns(0), line.end_m - 60.0, 1.5), FREE)
+    assert (found.now.mode, found.now.speed_mps) == (Regime.CRUISE, 10 * KMH)
+    assert found.force_n > 0.0
+    assert [one.mode in BRAKES for one in found.following] == [True]
+    near = guide.creeping(line, TrainState(ns(1), line.end_m - 5.0, 2.5), FREE)
+    assert near.now.mode in BRAKES
     slow = SpeedsAllowed(1.0, 10.0)
-    assert guide.creeping(line, TrainState(ns(2), line.end_m - 30.0, 0.5), slow)[0].mode in BRAKES
+    assert guide.creeping(line, TrainState(ns(2), line.end_m - 30.0, 0.5), slow).now.mode in BRAKES
 
 
 def test_the_force_of_an_instruction_is_one_that_the_train_has_and_does_not_overshoot() -> None:

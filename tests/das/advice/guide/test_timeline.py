@@ -11,6 +11,7 @@ from das.advice.guide.timeline import SAME_MPS, GuideStep, timeline, told_mps
 from das.advice.regimes import InstructionKind
 from das.domain.units import KMH
 from das.solver.guide.schedule import Schedule, on_section
+from das.solver.kernels.schedule import BACK_SHARE
 from tests.support.guide import flat, reference
 
 TRACTION, HOLD, COAST, BRAKE = (
@@ -56,7 +57,7 @@ def test_a_hold_that_begins_at_a_lower_limit_is_a_hold_and_then_an_acceleration(
     line = flat((0.0, 1500.0, 60))
     steps = timeline(reference(("H", 0.0, 0.0, 90), ("B", 0.0, 4700.0, 0), section=line, at_kmh=60))
     assert told(steps) == [(HOLD, 60), (TRACTION, 90), (BRAKE, 0)]
-    assert steps[1].effort == 0.7
+    assert steps[1].effort == BACK_SHARE
 
 
 def test_a_limit_that_rises_for_less_than_8_s_is_no_step() -> None:

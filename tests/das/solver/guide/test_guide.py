@@ -24,8 +24,8 @@ from das.solver.front import Front
 from das.solver.guide import policies
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, lateness_s, through
-from das.solver.guide.phases import Phase, PhaseKind
 from das.solver.guide.policies import GuideFront, GuideRun, PolicyFrom, PolicySettings
+from das.solver.guide.schedule import Phase, PhaseKind
 from das.solver.kernels.guide_policy import CODE, HOLDS, KINDS, NO_INSTRUCTION, ON_CURVE, ROLLS_UP
 from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import trajectory_on
