@@ -20,8 +20,8 @@ from sim.drivers.kinds import DESK
 from sim.options import MOST_NOTCHES, OfTrainOption, PaceOption, pace_factor, typed_command
 
 if TYPE_CHECKING:
+    from sim.world.driving import How
     from sim.world.outcome import DayResult
-    from sim.world.over_bus import How
     from sim.world.scenario import Scenario
 
 USUAL_SCENARIO: Final = "clear-day"
@@ -125,7 +125,7 @@ def drive_at_desk(
     from das.bus.session import endpoint, free_ports
     from sim.desk.host import DeskHost, listening, new_token
     from sim.desk.messages import SETTINGS_KEY, DeskGiven, PageSettings, encoded
-    from sim.world.over_bus import How
+    from sim.world.driving import How
     from sim.world.service import lay_out
 
     files = recorded.folder(asked.train)

@@ -45,8 +45,8 @@ from sim.options import (
 
 if TYPE_CHECKING:
     from sim.drive.table import DriveTable
+    from sim.world.driving import How
     from sim.world.external import ExternalDriver
-    from sim.world.over_bus import How
     from sim.world.service import Day
 
 OF_THE_RUN: Final = (
@@ -87,7 +87,7 @@ def run(
         from das.cab.warm_up import warm_up
         from sim.drivers.own_class import driver_versions
         from sim.drivers.parameters import participant_of
-        from sim.world.over_bus import How
+        from sim.world.driving import How
 
         driver_versions(who)
         person = participant_of(who, participant, population)

@@ -15,8 +15,8 @@ from precompute.section_sheet import SectionSheet, SheetLine, section_sheet
 from sim.drivers.cab import Efforts
 from sim.drivers.presentations.sheet import SheetLook
 from sim.plant.kernels import PlantState
-from sim.world.calls import Calls
 from sim.world.service import Day, Service
+from sim.world.surroundings import Calls
 
 VALID_S = 3600.0
 """The driver's view of advice has an end of validity; a sheet, which does not expire, is re-read long before (s)."""

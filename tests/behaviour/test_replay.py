@@ -37,11 +37,12 @@ from das.bus.topics import (
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
+from sim.bundled.recorded_driver import DriverStyle, HurriedDriver
 from sim.cli.trips import bundled_recording
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival
 from sim.trips.estimate import estimate_run
+from tests.support.hurried_plant import HurriedPlant, HurriedState
 from tests.support.make_trip import made_trip
 from tests.support.making import das_sim, das_sim_json, in_a_process, refusal, wait_until
 from tests.support.recordings import advices_so_far

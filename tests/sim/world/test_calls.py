@@ -13,7 +13,7 @@ from das.domain.route import Stop
 from das.domain.units import KMH
 from sim.drive.limits import Violations
 from sim.plant.kernels import PlantState
-from sim.world.calls import Calls, Watch
+from sim.world.surroundings import Calls, Watch
 from tests.support.flat_days import flat_day, run_of, signal_at
 from tests.support.making import das_sim
 
