@@ -218,7 +218,7 @@ def run_metadata(day: Day, how: How) -> dict[str, str]:
         **driver_versions(how.driver),
         "advice": str(how.advice),
         **screen_metadata(how.screen),
-        **passing_metadata(service.way.passings),
+        **passing_metadata(service.passings),
         "happens": described(day.disturbances),
         "drawn": json.dumps(day.drawn),
         "route": service.route.name,

@@ -237,7 +237,7 @@ def _own_braking(day: Day, run: Run, driver: DriverName | None) -> tuple[float |
 
 def _passings(service: Service, run: Run) -> tuple[KeptPassing, ...]:
     times = np.array([service.moment_ns(state.time_s) for state in run.states])
-    return keep(service.way.passings, times, np.array([state.s_m for state in run.states]))
+    return keep(service.passings, times, np.array([state.s_m for state in run.states]))
 
 
 def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:

@@ -94,7 +94,7 @@ def _window(service: Service, number: int) -> tuple[float | None, Window | None]
     """The first passing of a section with a window that is enforced, and the window (s from the departure)."""
     departs_ns = service.timetables[number].departure_ns
     first_m, last_m = (service.stops[i].position_m for i in (number, number + 1))
-    for due in service.way.passings:
+    for due in service.passings:
         if first_m < due.s_m < last_m and not due.wish and (due.earliest_ns or due.latest_ns):
             earliest_s = (due.earliest_ns - departs_ns) * NS if due.earliest_ns else -math.inf
             latest_s = (due.latest_ns - departs_ns) * NS if due.latest_ns else math.inf

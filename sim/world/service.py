@@ -57,41 +57,30 @@ PLANNED = (
 """The fields of a scenario that decide its service."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ServedPoints:
-    """The stops of a service, the least dwell (s) at each, and the passings of its journey, if it has one."""
-
-    stops: tuple[Stop, ...]
-    dwells_s: tuple[float, ...]
-    passings: tuple[DuePassing, ...] = ()
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Service:
-    """What is planned: the `way` with its stops, and each section's front, timetable and best trajectory.
+    """What is planned: the stops in the order of travel, and each section's front, timetable and best trajectory.
 
-    `onboard` keeps the fronts with which the on-board system plans in runs without a bus.
+    `dwells_s` has the least dwell (s) at each stop; `passings` are those of the journey, if there is one. `onboard`
+    keeps the fronts with which the on-board system plans in runs without a bus.
     """
 
     scenario: Scenario
     level: Level
     route: Route
     vehicle: Vehicle
-    way: ServedPoints
+    stops: tuple[Stop, ...]
+    dwells_s: tuple[float, ...]
     fronts: tuple[Front, ...]
     timetables: tuple[Timetable, ...]
     planned: tuple[Solution, ...]
     line: LineKnowledge
+    passings: tuple[DuePassing, ...] = ()
     onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
     true_fronts: dict[Conditions, tuple[Front, ...]] = field(default_factory=dict)
     """The fronts of the true train, by the conditions of a day (see `sim.world.outcome`)."""
     braking_fronts: dict[tuple[Conditions, ServiceBraking], tuple[Front, ...]] = field(default_factory=dict)
     """The fronts of the true train under a certain braking, by the conditions of a day and the braking."""
-
-    @property
-    def stops(self) -> tuple[Stop, ...]:
-        """The stops in the order of travel."""
-        return self.way.stops
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
         """The journey as an operator announces it at a moment (ns since 1970)."""
@@ -161,23 +150,22 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
         for a, b in pairwise(stops)
     )
     journey = None if scenario.journey is None else _journey(scenario, route)
+    dwells_s, passings = (scenario.dwell_s,) * len(stops), tuple[DuePassing, ...]()
     if journey is None:
         timetables = _timetables(scenario, vehicle, fronts)
-        way = ServedPoints(stops=stops, dwells_s=(scenario.dwell_s,) * len(stops))
     else:
         zero_ns = route.midnight_ns(scenario.departure_ns)
         timetables = _planned_timetables(journey, zero_ns, route, vehicle, level, point_mass=scenario.point_mass)
-        way = ServedPoints(
-            stops=stops,
-            dwells_s=tuple(call.dwell_s for call in journey.calls),
-            passings=tuple(DuePassing.of(passing, zero_ns) for passing in journey.passings),
-        )
+        dwells_s = tuple(call.dwell_s for call in journey.calls)
+        passings = tuple(DuePassing.of(passing, zero_ns) for passing in journey.passings)
     return Service(
         scenario=scenario,
         level=fronts[0].section.level,
         route=route,
         vehicle=vehicle,
-        way=way,
+        stops=stops,
+        dwells_s=dwells_s,
+        passings=passings,
         fronts=fronts,
         timetables=timetables,
         planned=_best_runs(fronts, timetables),

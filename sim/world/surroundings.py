@@ -91,7 +91,7 @@ class Calls:
         the day's delay at this stop."""
         ready_s = self._service.clock_s(self.timetable.departure_ns)
         if self.arrivals:
-            ready_s = max(ready_s, self.arrivals[-1].time_s + self._service.way.dwells_s[self.section])
+            ready_s = max(ready_s, self.arrivals[-1].time_s + self._service.dwells_s[self.section])
         return ready_s + self._day.held_s[self.section]
 
     def take(self, before: PlantState, after: PlantState) -> str | None:
@@ -204,7 +204,9 @@ class Surroundings:
         self._service = day.service
         self.news, self.calls = DayNews(day), Calls(day)
         self._localisation, self._train_control = SimulatedLocalisation(day), TrainControl(day)
-        self._line = _LineSteps(day)
+        line = day.service.line
+        self._limit, self._over_train = _Steps(line.limits_mps), _Steps(line.line_limits_mps)
+        self._gradient = _Steps(day.service.route.gradients_ratio)
         self._late_s = math.nan
         self._watch = Watch(day.plant.vehicle.train_length_m)
         self._compared_s, self._deviation_s = -math.inf, math.nan
@@ -256,7 +258,7 @@ class Surroundings:
             state.time_s,
             state.s_m,
             state.speed_mps,
-            self._line.limit.at(state.s_m),
+            self._limit.at(state.s_m),
             calls.stop_m,
             self._service.clock_s(timetable.departure_ns),
             self._service.clock_s(timetable.arrival_ns),
@@ -266,7 +268,7 @@ class Surroundings:
             shown,
             cause,
             self._late_s,
-            self._line.gradient.at(state.s_m),
+            self._gradient.at(state.s_m),
             state.force_el_n,
             state.force_friction_n,
         )
@@ -278,7 +280,7 @@ class Surroundings:
             after,
             span_s,
             signal_m=self.news.signal_m,
-            limit_mps=self._line.over_train.at(after.s_m),
+            limit_mps=self._over_train.at(after.s_m),
             temporary=self.news.holding(after.time_s),
         )
         return violated if called is None else [called, *violated]
@@ -293,15 +295,6 @@ class _Steps:
 
     def at(self, s_m: float) -> float:
         return self._value[max(bisect_right(self._at_m, s_m) - 1, 0)]
-
-
-class _LineSteps:
-    """Limit for the head, limit of the line over the whole train, and gradient, by the position of the head."""
-
-    def __init__(self, day: Day) -> None:
-        line = day.service.line
-        self.limit, self.over_train = _Steps(line.limits_mps), _Steps(line.line_limits_mps)
-        self.gradient = _Steps(day.service.route.gradients_ratio)
 
 
 NODE_DOWN_S = 2.0
@@ -381,7 +374,7 @@ class DayNews:
         before = self.targets
         due = tuple(
             Target(s_m=x.s_m, earliest_ns=x.earliest_ns, latest_ns=x.latest_ns, reason=f"passing {x.name}")
-            for x in self._day.service.way.passings
+            for x in self._day.service.passings
             if not x.wish and (x.earliest_ns or x.latest_ns) and state.s_m < x.s_m
         )
         ahead = tuple(

@@ -42,7 +42,7 @@ def test_a_stop_is_missed_far_behind_it_or_at_the_stop_after_it() -> None:
         ((0.0, 2000.0, 6000.0), 4000.0),
     ):
         stops = tuple(Stop(name=f"{at_m:.0f}", position_m=at_m) for at_m in stops_m)
-        service = replace(day.service, way=replace(day.service.way, stops=stops))
+        service = replace(day.service, stops=stops)
         assert Calls(replace(day, service=service)).missed_m == missed_m
 
 
