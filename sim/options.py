@@ -49,6 +49,15 @@ PostsOption = Annotated[
         help="Kilometre posts with latitude and longitude, to which GPS points are matched [default: the route's map].",
     ),
 ]
+VehiclesOption = Annotated[
+    str | None,
+    typer.Option(
+        "--vehicles",
+        metavar="A,B,…|all",
+        help="Find the train that drove the trip, among these: bundled names, files, folders of files, or all "
+        "(every bundled train).",
+    ),
+]
 OfTrainOption = Annotated[
     str | None,
     typer.Option("--of-train", metavar="NAME", help="Train to use, if the recording contains several."),

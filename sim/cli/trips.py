@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -20,12 +20,16 @@ from das.command_line.options import (
 from das.command_line.printing import busy, loading_solver, progress_bar
 from das.domain.errors import DasError
 from sim.cli.options import TripArgument, naming_recorded, new_recording, removed_if_unused, tell_written
-from sim.options import LATE_KERNELS, ReplayOptions, TripOptions, typed_command
+from sim.options import LATE_KERNELS, ReplayOptions, TripOptions, VehiclesOption, typed_command
+
+if TYPE_CHECKING:
+    from das.domain.vehicle import Vehicle
 
 
 def trip(
     file: TripArgument,
     options: TripOptions,
+    vehicles: VehiclesOption = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Cleaned trip (.csv) to write: one row a point."),
@@ -34,22 +38,39 @@ def trip(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse a recorded trip: cleaning, match with the line, standstills, energy."""
+    """Analyse a recorded trip: cleaning, match with the line, standstills, energy, train."""
     check_picture(plot)
     inputs = (file, options.route, options.vehicle, options.posts, options.loss_map)
     check_outputs(out, plot, inputs=inputs, overwrite=overwrite)
-    with busy("reading the trip …"):
-        found, report = _look(file, options, out, plot)
+    trains = None if vehicles is None else _trains(vehicles, options)
+    with busy("reading the trip …") if trains is None else loading_solver():
+        found, report = _look(file, options, trains, out, plot)
     if as_json:
         print(json.dumps(found))
         return
     from sim.trips.report import print_description
 
     print_description(found, report)
+    if found["trains"] is not None:
+        from sim.runs.found import print_trains
+
+        print_trains(found["trains"])
     tell_written(out, plot)
 
 
-def _look(file: Path, options: TripOptions, out: Path | None, plot: Path | None) -> tuple[dict[str, Any], Any]:
+def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
+    """The trains that may have driven a trip; DasError if one cannot be used."""
+    from sim.trips.find_train import candidates
+
+    for name, value in (("--vehicle", options.vehicle), ("--loss-map", options.loss_map)):
+        if value is not None:
+            raise DasError(f"{name} {value}: expected either {name} or --vehicles, which finds the train")
+    return candidates(vehicles)
+
+
+def _look(
+    file: Path, options: TripOptions, trains: list[tuple[str, Vehicle]] | None, out: Path | None, plot: Path | None
+) -> tuple[dict[str, Any], Any]:
     """Read the trip and write what is asked for; returns its description and the report on its cleaning."""
     from sim.runs.replay import stated_parts
     from sim.trips.estimate import estimate_run
@@ -58,13 +79,17 @@ def _look(file: Path, options: TripOptions, out: Path | None, plot: Path | None)
 
     with tempfile.TemporaryDirectory(prefix="das-trip-") as folder:
         options, read = open_trip(file, options, Path(folder))
-        section = None
-        if options.vehicle is not None:
+        section, tried = None, None
+        if trains is not None:
+            from sim.runs.found import described_trains
+
+            tried, section = described_trains(read, trains, options)
+        elif options.vehicle is not None:
             section = trip_section(read, options)
         else:
-            refuse_given("needs --vehicle", "--level", "--loss-map", "--point-mass")
+            refuse_given("needs --vehicle or --vehicles", "--level", "--loss-map", "--point-mass")
         parts, part = (None, "") if section is None else stated_parts(read, section)
-        found = describe(read, section, parts, part)
+        found = {**describe(read, section, parts, part), "trains": tried}
         if out is not None:
             write_cleaned(out, read)
         if plot is not None:

@@ -315,7 +315,7 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(
             f"in {share:.0f} % of the time the trip needs more force than this vehicle has: das-sim trip marks where "
-            "(--plot)"
+            "(--plot), and finds other trains (--vehicles all)"
         )
         notes.append(doubt_words(found["energy_unknowns"]))
     if found["above_optimum_kwh"] is not None and not found["above_optimum_certain"]:

@@ -171,7 +171,7 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
         better = f" (try {trip.better_stops})" if trip.better_stops else ""
         notes.append(f"the driving on the rest of the section: the trip does not stand at both its stops{better}")
     if section is None:
-        return [*notes, "forces and energies: give a --vehicle"]
+        return [*notes, "forces and energies: give a --vehicle, or find the train with --vehicles all"]
     notes += [
         "the true train and its load, the wind, and the blending of brakes: their ranges are in the table",
         "the energy of auxiliaries: the estimate uses those of the vehicle's file",
@@ -230,11 +230,11 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
     print_table(_stands_table(found["stands"]))
     if found["energy"] is not None:
         print_table(_energy_table(found["energy"]), LEGEND)
-    if found["compared_part"]:
+    if found["compared_part"] and not found.get("trains"):
         tell(f"note: {part_words(found['compared_part'])}")
     for note in found["not_known"]:
         tell(f"not known: {note}")
-    if found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO:
+    if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO:
         share = 100 * found["energy"]["beyond_vehicle_ratio"]
         tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has (marked by --plot)")
         tell(f"note: {doubt_words(found['energy']['unknowns'])}")

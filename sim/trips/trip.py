@@ -11,11 +11,13 @@ import numpy as np
 
 from das.bus.recording import Recording
 from das.command_line.files import load_route, load_vehicle
+from das.command_line.printing import typed
 from das.domain.errors import DasError
 from das.domain.files import load
 from das.domain.files.vehicles import read_loss_map
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KMH, NS
+from das.domain.vehicle import Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from sim.options import TripOptions
 from sim.recording.course import DrivenCourse, stood_ns
@@ -286,10 +288,21 @@ def _completed(reading: Reading, options: TripOptions, folder: Path) -> TripOpti
 def trip_section(trip: Trip, options: TripOptions) -> Section:
     """The section of a trip with the chosen vehicle; raises DasError if none is chosen or it cannot run there."""
     if options.vehicle is None:
-        raise DasError(f"{trip.path}: a trip without a journey needs --vehicle")
+        find = f"das-sim trip {shlex.quote(str(trip.path))} --route {shlex.quote(str(options.route))}"
+        find += f" --posts {shlex.quote(str(options.posts))}" if options.posts is not None else ""
+        find += " --reverse" if options.reverse else ""
+        raise DasError(
+            f"{trip.path}: a trip without a journey needs --vehicle; which trains can have driven it, says "
+            f"{typed(find)} --vehicles all"
+        )
     vehicle = load_vehicle(options.vehicle)
     if options.loss_map is not None:
         vehicle = vehicle.with_loss_map(read_loss_map(options.loss_map))
+    return section_with(trip, vehicle, options)
+
+
+def section_with(trip: Trip, vehicle: Vehicle, options: TripOptions) -> Section:
+    """The section of a trip with a vehicle; DasError if it cannot run there."""
     return build_section(
         trip.route,
         vehicle,
