@@ -26,10 +26,9 @@ from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import Participant, participant_of
 from sim.options import PageFiles, ReplayOptions, TripOptions
 from sim.plant.kernels import PlantState
-from sim.world.in_memory import drive_kept
+from sim.world.driving import How, drive_day, drive_kept
 from sim.world.loop import TRAIN
 from sim.world.outcome import outcome
-from sim.world.over_bus import How, drive_day
 from sim.world.scenario import load_scenario
 from sim.world.service import make_day, prepare_service
 
@@ -185,9 +184,9 @@ def replay(
 
         drive = sim.replay("trip.csv", "replay.mcap", route="route.toml", vehicle="train.toml", posts="posts.csv")
     """
-    from sim.runs.replay.replay import prepare
-    from sim.runs.replay.replay import replay as run_replay
-    from sim.runs.replay.report import trip_energies
+    from sim.runs.replay import prepare
+    from sim.runs.replay import replay as run_replay
+    from sim.runs.replay_figures import trip_energies
 
     said = TripOptions(
         route=None if route is None else str(route),
@@ -207,7 +206,7 @@ def write_example(folder: str | Path) -> Path:
 
         sim.write_example("my-line")
     """
-    from sim.bundled.example import example_files
+    from sim.bundled import example_files
 
     path = Path(folder)
     if path.exists():

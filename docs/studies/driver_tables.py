@@ -19,7 +19,7 @@ from docs.studies.driver_days import COMPARED, EXAMPLES, FOLLOWED, PAGE, PERSONS
 from docs.studies.output import DOCS, write_csv, write_table
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.parameters import DEFAULT, load_population
-from sim.experiment.savings import with_interval
+from sim.experiment.one_line import with_interval
 
 Row = Mapping[str, Any]
 """A drive: texts, and figures as floats; None for an empty cell."""

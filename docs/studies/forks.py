@@ -23,7 +23,7 @@ from das.command_line.process import available_cores
 
 PRINTED: Final = "printed.txt"
 ERRORS: Final = "errors.txt"
-IMPORTED: Final = ("matplotlib.pyplot", "scipy.optimize", "scipy.stats", "sim.world.over_bus", "sim.drive.comparison")
+IMPORTED: Final = ("matplotlib.pyplot", "scipy.optimize", "scipy.stats", "sim.world.driving", "sim.drive.comparison")
 """Modules imported once, before the first fork, if there are more programs than cores."""
 
 

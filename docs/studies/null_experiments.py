@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from sim.experiment.analysis.differences import ALL_PATTERNS, probabilities, signs_of
+from sim.experiment.analysis.comparing import ALL_PATTERNS, probabilities, signs_of
 from sim.experiment.analysis.reading import Floats
 
 ALPHA: Final = 0.05

@@ -33,7 +33,7 @@ from sim.meanings import LIGHT, Meaning
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
 from sim.review.canvas import INK, light_figure, named, page_legend
-from sim.runs.replay.replay import prepare, replay
+from sim.runs.replay import prepare, replay
 from tests.support.benchmark import SHARED
 
 PAGE: Final = DOCS / "results" / "0.2" / "real-trips.md"

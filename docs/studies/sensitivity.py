@@ -23,9 +23,8 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.parameters import DEFAULT, HumanParameters, Population, Spread, load_population
 from sim.experiment.design import Design, Factor
 from sim.experiment.factors import FACTORS, OF_HUMAN, FactorLevel
-from sim.experiment.one_line import DaysAsked, parse_seeds
+from sim.experiment.one_line import DaysAsked, mean_interval, parse_seeds
 from sim.experiment.runner import JobWords, Rows, Runner
-from sim.experiment.savings import mean_interval
 from sim.experiment.trials import TrialJob, jobs_of, make_trial
 
 KEPT: Final = DOCS.parent / "build" / "sensitivity"

@@ -1,13 +1,20 @@
-"""The driver of the bundled recording, who can be shown the guide when the trip is driven anew."""
+"""The driver of the bundled recording, who can be shown the guide when the trip is driven anew.
+
+The way of driving is kept as it was when the recording was made; `tests/support/make_trip.py` makes it again.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
-from sim.bundled.hurried import DriverStyle, HurriedDriver
-from sim.drivers.asked import Asked, asked
-from sim.drivers.cab import AdviceView, CabView, Efforts
+import numpy as np
+
+from das.domain.route import Floats, Route
+from das.domain.units import KMH
+from das.domain.vehicle import Vehicle
+from sim.drivers.cab import AdviceView, Asked, CabView, Efforts, asked
 from sim.drivers.handling import HEEDING
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.kernels import Command
@@ -19,9 +26,71 @@ GLANCE_S: Final = 5.0
 """The time (s) between two glances at the display; an assumption, that of the default human driver in the mean."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class DriverStyle:
+    """How a driver drives; all figures are assumptions of a plausible size."""
+
+    below_limit_mps: float = 3.0 * KMH
+    """Margin (m/s) that the driver keeps below the limit."""
+    braking_mps2: float = 0.45
+    """Deceleration (m/s²) with which the driver plans braking."""
+    approach_mps2: float = 0.35
+    """Deceleration (m/s²) with which the driver plans the last braking to the stop."""
+    full_effort_error_mps: float = 2.0
+    """Deviation of the speed (m/s) from which the driver uses full effort."""
+    wander_mps: float = 2.0 * KMH
+    wander_s: float = 40.0
+    """Correlation time (s) of the wander of the speed aimed at; its standard deviation is `wander_mps`."""
+
+
+class HurriedDriver:
+    """Aims at a speed under the limits and the braking curves ahead, and steers force towards it."""
+
+    def __init__(self, route: Route, vehicle: Vehicle, end_m: float, seed: int, style: DriverStyle) -> None:
+        self.vehicle, self.end_m, self.style = vehicle, end_m, style
+        self._random = np.random.default_rng(seed)
+        self._wander = 0.0
+        self._at_m, self._limit = _limits_for_head(route, vehicle, end_m)
+
+    def wanted_force_n(self, s_m: float, speed_mps: float, step_s: float, top_mps: float = math.inf) -> float:
+        """Wheel force the driver sets now (N), to keep below the limits and at a top speed that he was told."""
+        style = self.style
+        decay = math.exp(-step_s / style.wander_s)
+        self._wander = (
+            decay * self._wander + style.wander_mps * math.sqrt(1 - decay**2) * self._random.standard_normal()
+        )
+        error = min(self._aim(s_m), top_mps) - speed_mps
+        share = min(max(error / style.full_effort_error_mps, -1.0), 1.0)
+        hold = float(self.vehicle.resistance.force_n(speed_mps))
+        if share >= 0:
+            return hold + share * (float(self.vehicle.traction_effort_n(speed_mps)) - hold)
+        return hold + share * self.vehicle.inertial_mass_kg * 2.0 * style.braking_mps2
+
+    def _aim(self, s_m: float) -> float:
+        """The speed to aim at: limit here and braking curves to limits ahead, less a margin (none for the stop)."""
+        style = self.style
+        way = np.maximum(self._at_m - s_m, 0.0)
+        ahead = self._at_m > s_m
+        curves = np.sqrt(self._limit[ahead] ** 2 + 2 * style.braking_mps2 * way[ahead])
+        here = self._limit[~ahead][-1]
+        limit = min(float(here), float(curves.min(initial=math.inf)))
+        stop = math.sqrt(2 * style.approach_mps2 * max(self.end_m - s_m, 0.0))
+        lower = style.below_limit_mps + max(self._wander, -style.below_limit_mps + 0.3)
+        return min(limit - lower, stop, self.vehicle.max_speed_mps)
+
+
+def _limits_for_head(route: Route, vehicle: Vehicle, end_m: float) -> tuple[Floats, Floats]:
+    """Limits as the head meets them: a lower one holds until the tail has left it."""
+    starts = route.limits_mps.start_m
+    places = np.unique(np.concatenate((starts, starts + vehicle.train_length_m)))
+    places = places[places < end_m]
+    limit = route.limits_mps.minimum(places - vehicle.train_length_m, places + 0.5)
+    return places, limit
+
+
 class RecordedDriver:
     """Drives as in the bundled recording: without advice as fast as the limits allow, regardless of the time. With the
-    guide he follows the instruction read at the last glance (`sim.drivers.asked`), with no more than its effort, and
+    guide he follows the instruction read at the last glance (`sim.drivers.cab`), with no more than its effort, and
     with the same manner and speed errors as before. Limits of the line and stops are kept in any case; temporary
     restrictions are not known, because the trip has none. He brakes with the motors first, as the train of the
     recording did.

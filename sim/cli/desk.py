@@ -20,12 +20,11 @@ from sim.drivers.kinds import DESK
 from sim.options import MOST_NOTCHES, OfTrainOption, PaceOption, pace_factor, typed_command
 
 if TYPE_CHECKING:
+    from sim.world.driving import How
     from sim.world.outcome import DayResult
-    from sim.world.over_bus import How
     from sim.world.scenario import Scenario
 
 USUAL_SCENARIO: Final = "clear-day"
-NEEDS_A_PACE: Final = "a person needs a pace; expected real or a number of times real time"
 OF_A_DRIVE: Final = (
     *("--journey", "--advice", "--seed", "--level", "--train", "--pace", "--notches", "--punctuality"),
     *("--out", "--overwrite", "--bus", "--insecure-bus", "--json"),
@@ -89,8 +88,8 @@ def desk(
     refuse_given(f"{what} is a scenario; expected a recording (.mcap)", "--at", "--of-train")
     factor = pace_factor(pace)
     if factor is None:
-        raise DasError(f"--pace {pace}: {NEEDS_A_PACE}")
-    drive_at_desk(what, asked, recorded, factor, looks, as_json=as_json)
+        raise DasError(f"--pace {pace}: a person needs a pace; expected real or a number of times real time")
+    _drive_at_desk(what, asked, recorded, factor, looks, as_json=as_json)
 
 
 def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) -> None:
@@ -111,7 +110,7 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
         play(replay, door, token)
 
 
-def drive_at_desk(
+def _drive_at_desk(
     name_or_path: str, asked: DayAsked, recorded: RecordingAsked, factor: float, looks: DeskLooks, *, as_json: bool
 ) -> None:
     """Simulate a day that a person drives in the browser, at a multiple of real time, and print the result.
@@ -125,7 +124,7 @@ def drive_at_desk(
     from das.bus.session import endpoint, free_ports
     from sim.desk.host import DeskHost, listening, new_token
     from sim.desk.messages import SETTINGS_KEY, DeskGiven, PageSettings, encoded
-    from sim.world.over_bus import How
+    from sim.world.driving import How
     from sim.world.service import lay_out
 
     files = recorded.folder(asked.train)

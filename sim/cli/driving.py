@@ -30,9 +30,8 @@ if TYPE_CHECKING:
     from das.bus.config import BusFolder
     from sim.drivers.cab import Driver
     from sim.drivers.parameters import Participant
-    from sim.world.lockstep import Traffic
-    from sim.world.outcome import DayResult, RecordedFigures
-    from sim.world.over_bus import How
+    from sim.world.driving import How
+    from sim.world.outcome import DayResult
     from sim.world.scenario import Scenario
     from sim.world.service import Day
 
@@ -96,19 +95,15 @@ def prepared_day(scenario: Scenario, asked: DayAsked, person: Participant | None
 def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: float | None) -> DayResult:
     """Run the day: over the bus if there is a recording to write, else in this process, with the table of the drive."""
     from sim.world.disturbances import described
-    from sim.world.in_memory import drive_kept
+    from sim.world.driving import drive_day
     from sim.world.outcome import DayResult, outcome
-    from sim.world.over_bus import drive_day
 
     try:
         title = f"{day.service.scenario.id}, {how.driver}"
         first = "starting node and recorder" if out else "driving"
         with naming_recorded(out), progress_bar(title, first, "km") as progress:
             pace = _Pace(None if how.paced else speed, progress)  # at a pace, the external driver alone keeps it
-            if out is None:
-                (run, table), traffic = drive_kept(day, driver, how, pace.tick), None
-            else:
-                (run, traffic), table = drive_day(day, driver, how, out, pace.tick), None
+            run, traffic, table = drive_day(day, driver, how, out, pace.tick, keep=out is None)
     except DasError as error:
         if out is None or not out.is_file() or out.stat().st_size == 0:
             raise
@@ -122,21 +117,9 @@ def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: 
         drawn=day.drawn,
         unkept=tuple(day.service.unkept()),
         wall_s=pace.driven_s,
-        recorded=None if out is None or traffic is None else _recorded(out, traffic),
+        file=out,
+        traffic=traffic,
         table=table,
-    )
-
-
-def _recorded(out: Path, traffic: Traffic) -> RecordedFigures:
-    """The figures of a run's recording."""
-    from sim.world.outcome import RecordedFigures
-
-    return RecordedFigures(
-        file=str(out),
-        messages_sent=sum(traffic.sent.values()),
-        messages_recorded=sum(traffic.recorded.values()),
-        messages_lost=traffic.lost,
-        start_s=traffic.start_s,
     )
 
 

@@ -18,7 +18,7 @@ from das.command_line.options import FromOption, OverwriteOption, ReverseOption,
 from das.command_line.printing import busy, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, toml_string, write_folder_whole, write_whole
-from sim.bundled.example import example_files
+from sim.bundled import example_files
 
 BUFFER_PERCENT, DWELL_S, DEPARTURE = 8.0, 60.0, "2026-11-21T08:00:00Z"
 """Timetable of a scenario unless another is asked for."""

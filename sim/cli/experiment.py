@@ -164,8 +164,7 @@ def _drivers(text: str) -> list[DriverKind | OwnClass]:
 def _tell_run(design: Design, jobs: Sequence[TrialJob], found: StudyRun, *, as_json: bool) -> None:
     """Print what was driven; exit with 1 where trials failed."""
     from sim.experiment.checking import print_run
-    from sim.experiment.one_line import told
-    from sim.experiment.savings import print_summary
+    from sim.experiment.one_line import print_summary, told
     from sim.experiment.study_files import FAILED_TABLE
 
     if design.source.is_file():

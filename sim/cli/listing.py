@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from enum import StrEnum
-from typing import Annotated, Final
+from pathlib import Path
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -55,50 +56,60 @@ def listing(
 
     With one kind it says what each is, and for scenarios and studies where its file is, to copy and change.
     """
-    if what is not None:
-        TOLD[what](as_json=as_json)
+    if what is None:
+        names = {str(one): [*FOUND[one]()] for one in Listed}
+        if as_json:
+            print(json.dumps(names))
+            return
+        _print("", ("what", "names"), {one: ", ".join(listed) for one, listed in names.items()})
+        tell("das-sim list WHAT says more of one kind")
         return
-    names = {str(one): NAMES[one]() for one in Listed}
+    found = FOUND[what]()
     if as_json:
-        print(json.dumps(names))
-        return
-    table = new_table("", ("names",), whole=("what",), lines=True)
-    for one, listed in names.items():
-        table.add_row(one, ", ".join(listed))
+        print(json.dumps(_as_json(what, found)))
+    elif what is Listed.SCENARIOS:
+        told = {name: f"{one['title']}. {one['description']}" for name, one in found.items()}
+        _print("bundled scenarios", ("scenario", "what happens"), told)
+    elif what is Listed.DRIVERS:
+        _print_drivers(found)
+    elif what is Listed.STUDIES:
+        from sim.experiment.checking import print_studies
+
+        print_studies()
+    else:
+        _print(TITLES[what], ("name", "meaning"), found)
+    if not as_json and what in (Listed.SCENARIOS, Listed.STUDIES):
+        tell(f"their files, to copy and change: {Path(next(iter(found.values()))['file']).parent}")
+
+
+def _print(title: str, heads: tuple[str, str], found: dict[str, str]) -> None:
+    table = new_table(title, heads[1:], whole=heads[:1], lines=True)
+    for name, meaning in found.items():
+        table.add_row(name, meaning)
     print_table(table)
-    tell("das-sim list WHAT says more of one kind")
 
 
-def _scenarios(*, as_json: bool) -> None:
-    """The bundled scenarios, and where their files are."""
-    from sim.world.scenario import bundled_scenarios, read_scenario
-
-    found = [read_scenario(path) for path in bundled_scenarios().values()]
-    if as_json:
-        kept = {one.id: {"title": one.title, "description": one.description, "file": str(one.source)} for one in found}
-        print(json.dumps(kept))
-        return
-    table = new_table("bundled scenarios", ("what happens",), whole=("scenario",), lines=True)
-    for one in found:
-        table.add_row(one.id, f"{one.title}. {one.description}")
-    print_table(table)
-    tell(f"their files, to copy and change: {found[0].source.parent}")
-
-
-def _drivers(*, as_json: bool) -> None:
-    """The drivers, and the parameters of the human one with their default, range and source."""
+def _as_json(what: Listed, found: dict[str, Any]) -> Any:
+    if what is Listed.STUDIES:
+        return [{"name": name, **one} for name, one in found.items()]
+    if what is not Listed.DRIVERS:
+        return found
     from dataclasses import fields
 
+    from sim.drivers.parameters import HumanParameters
+
+    parameters = {f.name: {"default": f.default, **f.metadata} for f in fields(HumanParameters)}
+    return {"drivers": DRIVERS, "outside": OUTSIDE | brought(doors.DRIVERS), "human": parameters}
+
+
+def _print_drivers(found: dict[str, str]) -> None:
+    """Print the drivers, and the parameters of the human one with their default, range and source."""
     from rich.table import Table
 
-    from sim.drivers.parameters import HumanParameters, parameter_table
+    from sim.drivers.parameters import parameter_table
 
-    if as_json:
-        parameters = {f.name: {"default": f.default, **f.metadata} for f in fields(HumanParameters)}
-        print(json.dumps({"drivers": DRIVERS, "outside": OUTSIDE | brought(doors.DRIVERS), "human": parameters}))
-        return
     who = Table(title="drivers", title_justify="left", show_header=False)
-    for name, meaning in (DRIVERS | OUTSIDE | brought(doors.DRIVERS)).items():
+    for name, meaning in found.items():
         who.add_row(name, meaning)
     print_table(who)
     table = new_table("human", ("range, meaning (source)",), whole=("parameter", "default"), lines=True)
@@ -111,57 +122,52 @@ def _drivers(*, as_json: bool) -> None:
     )
 
 
-def _meanings(title: str, found: dict[str, str], *, as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(found))
-        return
-    table = new_table(title, ("meaning",), whole=("name",), lines=True)
-    for name, meaning in found.items():
-        table.add_row(name, meaning)
-    print_table(table)
+def _scenarios() -> dict[str, dict[str, str]]:
+    from sim.world.scenario import bundled_scenarios, read_scenario
+
+    found = map(read_scenario, bundled_scenarios().values())
+    return {one.id: {"title": one.title, "description": one.description, "file": str(one.source)} for one in found}
 
 
-def _presentations(*, as_json: bool) -> None:
-    """The presentations, and what each shows."""
+def _drivers() -> dict[str, str]:
+    return DRIVERS | OUTSIDE | brought(doors.DRIVERS)
+
+
+def _presentations() -> dict[str, str]:
     from sim.drivers.kinds import Presentation
     from sim.drivers.presentations.presenter import presenter_of
 
-    _meanings("presentations", {str(one): presenter_of(one).meaning for one in Presentation}, as_json=as_json)
+    return {str(one): presenter_of(one).meaning for one in Presentation}
 
 
-def _studies(*, as_json: bool) -> None:
-    """The bundled studies, and where their files are."""
-    from sim.experiment.checking import print_studies
+def _studies() -> dict[str, dict[str, str]]:
     from sim.experiment.design import bundled_studies, read_design
 
-    found = [read_design(path) for path in bundled_studies().values()]
-    if as_json:
-        listed = [{"name": one.name, "title": one.title, "file": str(one.source)} for one in found]
-        print(json.dumps(listed))
-        return
-    print_studies(found)
-    tell(f"their files, to copy and change: {found[0].source.parent}")
+    found = map(read_design, bundled_studies().values())
+    return {one.name: {"title": one.title, "file": str(one.source)} for one in found}
 
 
-def _measures(*, as_json: bool) -> None:
-    """The measures of a trial, with their units and formulas."""
+def _measures() -> dict[str, str]:
     from sim.experiment.measures import MEASURES
 
-    found = {name: f"{one.title} ({one.unit}): {one.formula} ({one.source})" for name, one in MEASURES.items()}
-    _meanings("measures", found, as_json=as_json)
+    return {name: f"{one.title} ({one.unit}): {one.formula} ({one.source})" for name, one in MEASURES.items()}
 
 
-def _importers(*, as_json: bool) -> None:
-    """The kinds of files of trains that das-precompute vehicle import reads."""
+def _importers() -> dict[str, str]:
     own = {
         "json": "rolling stock of OSRD",
         "yaml": "rolling stock of railtoolkit",
         "csv": "a table of efforts",
     }
-    _meanings("importers of trains", own | brought(doors.IMPORTERS), as_json=as_json)
+    return own | brought(doors.IMPORTERS)
 
 
-TOLD: Final[dict[Listed, Callable[..., None]]] = {
+TITLES: Final = {
+    Listed.PRESENTATIONS: "presentations",
+    Listed.MEASURES: "measures",
+    Listed.IMPORTERS: "importers of trains",
+}
+FOUND: Final[dict[Listed, Callable[[], dict[str, Any]]]] = {
     Listed.SCENARIOS: _scenarios,
     Listed.DRIVERS: _drivers,
     Listed.PRESENTATIONS: _presentations,
@@ -169,39 +175,4 @@ TOLD: Final[dict[Listed, Callable[..., None]]] = {
     Listed.MEASURES: _measures,
     Listed.IMPORTERS: _importers,
 }
-"""The function that tells of each kind."""
-
-
-def _names_of_scenarios() -> list[str]:
-    from sim.world.scenario import bundled_scenarios
-
-    return list(bundled_scenarios())
-
-
-def _names_of_presentations() -> list[str]:
-    from sim.drivers.kinds import Presentation
-
-    return list(Presentation)
-
-
-def _names_of_studies() -> list[str]:
-    from das.domain.files.load import bundled_files
-
-    return list(bundled_files("sim.experiment", "studies"))
-
-
-def _names_of_measures() -> list[str]:
-    from sim.experiment.measures import MEASURES
-
-    return list(MEASURES)
-
-
-NAMES: Final[dict[Listed, Callable[[], list[str]]]] = {
-    Listed.SCENARIOS: _names_of_scenarios,
-    Listed.DRIVERS: lambda: [*DRIVERS, *OUTSIDE, *doors.installed(doors.DRIVERS)],
-    Listed.PRESENTATIONS: _names_of_presentations,
-    Listed.STUDIES: _names_of_studies,
-    Listed.MEASURES: _names_of_measures,
-    Listed.IMPORTERS: lambda: ["json", "yaml", "csv", *doors.installed(doors.IMPORTERS)],
-}
-"""The function that names all of each kind."""
+"""Functions that find all of each kind, by name: its meaning, or what programs read of it."""

@@ -46,8 +46,8 @@ DriverOption = Annotated[
     typer.Option(
         "--driver",
         metavar="DRIVER",
-        help="The driver: perfect, literal, fast, rms, timetable, human, a class of your own (package.module:Class), "
-        "external, a process of its own, or desk, a person in the browser (das-sim list drivers explains them).",
+        help="The driver: perfect, literal, fast, top-speed, timetable, human, a class of your own "
+        "(package.module:Class), or external, a process of its own (das-sim list drivers explains them).",
     ),
 ]
 AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]

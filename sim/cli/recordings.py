@@ -34,7 +34,7 @@ from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise,
 if TYPE_CHECKING:
     from sim.recording.check import Checked
     from sim.recording.recover import Recovered
-    from sim.runs.reproduce.reproduce import Difference, Reproduction
+    from sim.runs.reproduce import Difference, Reproduction
     from sim.runs.what_if.difference import Changed
     from sim.runs.what_if.origin import Origin
 
@@ -133,7 +133,7 @@ def reproduce(
     """
     with loading_solver():
         from das.cab.warm_up import warm_up
-        from sim.runs.reproduce.reproduce import reproduce as run
+        from sim.runs.reproduce import reproduce as run
 
         warm_up()
     with progress_bar(f"replaying {file.name}", "solving the first section", "messages") as progress:
@@ -156,7 +156,7 @@ def _print_reproduction(found: Reproduction) -> None:
         tell("today's cab gives the same messages")
         return
     tell(f"{len(differences)} messages differ; the first:")
-    _print_first(differences[0], found)
+    _print_first(differences[0])
     tell("all fields that differ:")
     for path, (count, most) in found.comparison.by_field.items():
         by = "" if most != most else f", by up to {most:.6g}"  # noqa: PLR0124
@@ -168,7 +168,7 @@ def _print_reproduction(found: Reproduction) -> None:
             tell(f"  {what}: {count} message{'s' if count > 1 else ''}")
 
 
-def _print_first(first: Difference, found: Reproduction) -> None:
+def _print_first(first: Difference) -> None:
     from sim.recording.course import utc
 
     tell(f"  {first.topic} of tick {first.tick}, {utc(first.time_ns)} UTC")
@@ -180,8 +180,6 @@ def _print_first(first: Difference, found: Reproduction) -> None:
         tell(f"  {one.path}: recorded {one.recorded!r}, today {one.today!r}{by}")
     if len(first.fields) > MOST_FIELDS:
         tell(f"  and {len(first.fields) - MOST_FIELDS} more fields")
-    for before_s, topic, text in found.context:
-        tell(f"  heard {before_s:.1f} s before: {topic}: {text[:200]}")
 
 
 def export(

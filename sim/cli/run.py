@@ -11,7 +11,6 @@ from das.command_line.given import is_given, refuse_given
 from das.command_line.options import JsonOption
 from das.command_line.printing import loading_solver, one_line, say, typed
 from das.domain.errors import DasError
-from sim.cli.desk import NEEDS_A_PACE, DeskLooks, drive_at_desk
 from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.cli.options import (
     DEFAULT_DRIVER_AT,
@@ -45,8 +44,8 @@ from sim.options import (
 
 if TYPE_CHECKING:
     from sim.drive.table import DriveTable
+    from sim.world.driving import How
     from sim.world.external import ExternalDriver
-    from sim.world.over_bus import How
     from sim.world.service import Day
 
 OF_THE_RUN: Final = (
@@ -77,17 +76,16 @@ def run(
     if only_driver:
         _only_drive(scenario, (who, participant, population), asked, recorded, driver_at or DEFAULT_DRIVER_AT)
         return
-    _check_given(who, in_process=in_process, as_json=as_json)
     if who is DESK:
-        _at_desk((scenario, participant, population), asked, recorded, factor, as_json=as_json)
-        return
+        raise DasError(f"--driver {DESK}: a person drives at the desk: run das-sim desk {scenario}")
+    _check_given(who, in_process=in_process, as_json=as_json)
     recorded.check()
     listens = _driver_at(who, in_process, recorded.bus, driver_at)
     with loading_solver(LATE_KERNELS):
         from das.cab.warm_up import warm_up
         from sim.drivers.own_class import driver_versions
         from sim.drivers.parameters import participant_of
-        from sim.world.over_bus import How
+        from sim.world.driving import How
 
         driver_versions(who)
         person = participant_of(who, participant, population)
@@ -110,33 +108,11 @@ def _check_given(who: DriverName, *, in_process: bool, as_json: bool) -> None:
     """Raise DasError for options that would have no effect."""
     if who is not DriverKind.HUMAN:
         refuse_given(f"needs --driver {DriverKind.HUMAN}", "--friction")
-    if who is DESK:
-        refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--in-process")
-        refuse_given("a person sees them at the desk", "--cards")
     if in_process:
         refuse_given("a run --in-process records nothing", "--out", "--overwrite")
         refuse_given("a run --in-process has no bus", "--bus", "--insecure-bus", "--train")
     if as_json:
         refuse_given("--json prints no cards", "--cards")
-
-
-def _at_desk(
-    who: tuple[str, int | None, str | None],
-    asked: DayAsked,
-    recorded: RecordingAsked,
-    factor: float | None,
-    *,
-    as_json: bool,
-) -> None:
-    """Let a person drive a scenario at the desk; DasError for options that only other drivers have."""
-    from sim.drivers.parameters import participant_of
-
-    scenario, participant, population = who
-    participant_of(DESK, participant, population)
-    refuse_given(f"needs a driver other than {DESK}, whose run has a bus of its own", "--driver-at")
-    if factor is None:
-        refuse_given(NEEDS_A_PACE, "--pace")
-    drive_at_desk(scenario, asked, recorded, factor or 1.0, DeskLooks(), as_json=as_json)
 
 
 def _print_cards(kept: DriveTable | None, recorded: Path | None) -> None:

@@ -52,7 +52,7 @@ def trip(
 
     print_description(found, report)
     if found["trains"] is not None:
-        from sim.runs.replay.found import print_trains
+        from sim.runs.found import print_trains
 
         print_trains(found["trains"])
     tell_written(out, plot)
@@ -72,7 +72,7 @@ def _look(
     file: Path, options: TripOptions, trains: list[tuple[str, Vehicle]] | None, out: Path | None, plot: Path | None
 ) -> tuple[dict[str, Any], Any]:
     """Read the trip and write what is asked for; returns its description and the report on its cleaning."""
-    from sim.runs.replay.replay import stated_parts
+    from sim.runs.replay import stated_parts
     from sim.trips.estimate import estimate_run
     from sim.trips.report import describe, draw_trip, write_cleaned
     from sim.trips.trip import open_trip, trip_section
@@ -81,7 +81,7 @@ def _look(
         options, read = open_trip(file, options, Path(folder))
         section, tried = None, None
         if trains is not None:
-            from sim.runs.replay.found import described_trains
+            from sim.runs.found import described_trains
 
             tried, section = described_trains(read, trains, options)
         elif options.vehicle is not None:
@@ -118,16 +118,16 @@ def replay(
     if as_json:
         print(json.dumps(found))
         return
-    from sim.runs.replay.report import print_result
+    from sim.runs.replay_figures import print_result
 
     print_result(found)
 
 
 def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
     """Replay a trip into a recording, with a solver that is loaded; the figures of the replay."""
-    from sim.runs.replay.replay import prepare
-    from sim.runs.replay.replay import replay as run_replay
-    from sim.runs.replay.report import result, trip_energies
+    from sim.runs.replay import prepare
+    from sim.runs.replay import replay as run_replay
+    from sim.runs.replay_figures import result, trip_energies
 
     with busy("reading the trip and solving its section …"):
         job = prepare(trip, options, out, typed_command())

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import Final, NamedTuple, Protocol
 
-from das.advice.advice import ReplanCause
 from das.advice.reason import NO_REASON, Reason
-from das.advice.regimes import Regime
+from das.advice.regimes import KIND_OF, InstructionKind, Regime
 from das.domain.restriction import Restriction
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
@@ -47,9 +47,8 @@ class AdviceView:
     effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
     after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
     change, `next_change_m` is the distance to it, and `second_…` is the change after it. In GUIDE, `due_s` is the time
-    until the instruction is due, and `target_way_m` the distance to where its speed is reached; `replan_cause` and
-    `replanned_s` are cause and time of its reference, which no display shows. DEVIATION has only `deviation_s`: the
-    lateness against the plan for the timetable (early < 0).
+    until the instruction is due, and `target_way_m` the distance to where its speed is reached. DEVIATION has only
+    `deviation_s`: the lateness against the plan for the timetable (early < 0).
 
     Mode DEPART means to wait until the train is cleared; efforts and horizons are those of a standing train.
     The next change is then the departure, and `departure` is the advice for the cleared train.
@@ -79,8 +78,6 @@ class AdviceView:
     target_way_m: float = math.nan
     reason: Reason = NO_REASON
     deviation_s: float = math.nan
-    replan_cause: int = ReplanCause.NONE
-    replanned_s: float = math.nan
 
     @property
     def shown_speed_mps(self) -> float:
@@ -210,3 +207,37 @@ class Diary:
 def kept_by(driver: object) -> Sequence[DriverEvent]:
     """The events recorded so far by a driver; empty for a driver without a diary."""
     return getattr(driver, "events", ())
+
+
+class Asked(Enum):
+    """The action that an instruction requires of the driver of a train at a certain speed.
+
+    Only `ACCELERATE` and `HOLD` allow traction. Braking for limits, stops and signals is the driver's own decision.
+    """
+
+    ACCELERATE = "the effort shown"
+    HOLD = "the effort that holds the speed shown"
+    COAST = "neither traction nor brakes, at any speed"
+    BRAKE = "the brake with the effort shown"
+    BRAKE_BY_EYE = "the brake that the driver considers right for the stopping point"
+    KEEP_BELOW = "no traction, and brakes only against exceeding the speed shown"
+
+
+def asked(mode: int, to_mps: float, effort_ratio: float, speed_mps: float, *, reached: bool = False) -> Asked | None:
+    """The action that an instruction requires at a speed; None if its mode does not show how to drive.
+
+    `to_mps` is the speed to reach or to hold (NaN: none is shown), `effort_ratio` is NaN if no effort is shown.
+    `reached`: the train has had the speed to reach since the instruction became due.
+    """
+    kind = KIND_OF.get(mode)
+    if kind is InstructionKind.TRACTION:
+        return Asked.HOLD if reached or speed_mps >= to_mps else Asked.ACCELERATE
+    if kind is InstructionKind.HOLD:
+        return Asked.HOLD
+    if kind is InstructionKind.COAST:
+        return Asked.COAST
+    if kind is InstructionKind.BRAKE:
+        if math.isnan(effort_ratio) and to_mps <= 0:
+            return Asked.BRAKE_BY_EYE
+        return Asked.KEEP_BELOW if reached or speed_mps <= to_mps else Asked.BRAKE
+    return None

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from das.advice.regimes import TRACTION, Regime
-from sim.drivers.asked import Asked, asked
-from sim.drivers.cab import AT_STOP_M, AdviceView, CabView, Driver, Efforts
+from sim.drivers.cab import AT_STOP_M, AdviceView, Asked, CabView, Driver, Efforts, asked
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook

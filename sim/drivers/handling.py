@@ -78,6 +78,7 @@ class HandSettings:
     """Share of the controller's scale above which an effort is set at the end of the scale, where there is a stop."""
 
 
+HANDLING: Final = HumanSettings()
 HEEDING: Final = HeedingSettings()
 HAND: Final = HandSettings()
 
@@ -121,15 +122,15 @@ class Errors:
 class StopMark:
     """The driver's estimate of the stopping point of the next halt: drawn once for each halt, never beyond a signal."""
 
-    def __init__(self, human: HumanParameters, settings: HumanSettings, random: np.random.Generator) -> None:
-        self._human, self._settings, self._random = human, settings, random
+    def __init__(self, human: HumanParameters, random: np.random.Generator) -> None:
+        self._human, self._random = human, random
         self._for_m, self._off_m = math.nan, 0.0
 
     def at_m(self, cab: CabView) -> float:
         """The estimated position (m) of the mark."""
         if cab.halt_m != self._for_m:
             self._for_m = cab.halt_m
-            most_m = self._settings.missed_m
+            most_m = HANDLING.missed_m
             off_m = self._human.stop_error_m * float(self._random.standard_normal())
             off_m = min(max(off_m, -most_m), most_m)
             self._off_m = -abs(off_m) if cab.signal_m < cab.stop_m else off_m
@@ -139,8 +140,8 @@ class StopMark:
 class SpeedHold:
     """Holds a speed with the driver's dead band; remembers between looks whether an error is being corrected."""
 
-    def __init__(self, human: HumanParameters, settings: HumanSettings) -> None:
-        self._human, self._settings = human, settings
+    def __init__(self, human: HumanParameters) -> None:
+        self._human = human
         self._correcting = self._restraining = False
 
     def stand(self) -> None:
@@ -152,26 +153,25 @@ class SpeedHold:
 
         A new error within the dead band is not corrected; a correction continues until the error is nearly zero.
         """
-        human, settings = self._human, self._settings
+        human = self._human
         if abs(error_mps) > human.dead_band_mps:
             self._correcting = True
-        elif abs(error_mps) <= settings.settled_ratio * human.dead_band_mps:
+        elif abs(error_mps) <= HANDLING.settled_ratio * human.dead_band_mps:
             self._correcting = False
-        return settings.gain_per_s * mass_kg * error_mps if self._correcting else 0.0
+        return HANDLING.gain_per_s * mass_kg * error_mps if self._correcting else 0.0
 
     def force_n(self, error_mps: float, needed_n: float, mass_kg: float, *, crawls: bool) -> float:
         """The wheel force (N) for an error of the speed (wanted − actual, m/s); holding the speed needs `needed_n`.
 
         If the train is only slightly too fast, it rolls. `crawls`: the train is about to stop.
         """
-        settings = self._settings
         force_n = needed_n + self.push_n(error_mps, mass_kg)
         # Downhill the driver brakes until the speed is right and then lets the train roll, because otherwise the driver
         # would
         # brake every few seconds.
         if not self._correcting or error_mps > 0 or crawls:
             self._restraining = False
-        elif error_mps <= -settings.roll_mps:
+        elif error_mps <= -HANDLING.roll_mps:
             self._restraining = True
         return 0.0 if force_n < 0 and not self._restraining else force_n
 
@@ -182,15 +182,14 @@ class Handling:
     def __init__(
         self,
         human: HumanParameters,
-        settings: HumanSettings,
         errors: Errors,
         mark: StopMark,
         train: TrainNumbers,
         friction: FrictionPolicy = FrictionPolicy.AS_MEASURED,
     ) -> None:
-        self._human, self._settings, self._errors, self._mark = human, settings, errors, mark
+        self._human, self._errors, self._mark = human, errors, mark
         self._friction = friction
-        self._hold, self._ceiling = SpeedHold(human, settings), SpeedHold(human, settings)
+        self._hold, self._ceiling = SpeedHold(human), SpeedHold(human)
         self._braking = False
         self.brakes_hard = False
         """Whether the braking for a limit or a stop is so hard that the hand must not wait."""
@@ -245,25 +244,25 @@ class Handling:
 
         `reach_s` is the time in which the hand returns the controller from traction.
         """
-        human, settings, v, s = self._human, self._settings, cab.speed_mps, cab.s_m
-        needed = outlook.needed_braking_mps2(s, v, v * settings.eased_s)
+        human, v, s = self._human, cab.speed_mps, cab.s_m
+        needed = outlook.needed_braking_mps2(s, v, v * HANDLING.eased_s)
         if v <= TRACKING.stopping_mps:
             way_m = self._mark.at_m(cab) - s
-            stopping = v * v / (2.0 * way_m) if way_m > settings.nearest_m else human.braking_mps2
-            if stopping >= settings.released_ratio * human.braking_mps2:
+            stopping = v * v / (2.0 * way_m) if way_m > HANDLING.nearest_m else human.braking_mps2
+            if stopping >= HANDLING.released_ratio * human.braking_mps2:
                 self._braking = self.brakes_hard = True
                 return stopping
         ahead_m = v * (human.early_braking_s + reach_s)
         if v > outlook.allowed_mps(s + ahead_m) + min(human.dead_band_mps, human.below_limit_mps):
             self._braking = True
-        elif needed < settings.released_ratio * human.braking_mps2:
+        elif needed < HANDLING.released_ratio * human.braking_mps2:
             rolls_mps2 = -outlook.resisting_n(s, v) / outlook.train.inertial_mass_kg
             # On a descent on which the train would speed up at once, the driver eases the brake but does not release
             # it.
-            steep = rolls_mps2 * settings.regained_s > human.dead_band_mps
-            settled_mps = -human.dead_band_mps if steep else settings.settled_mps
+            steep = rolls_mps2 * HANDLING.regained_s > human.dead_band_mps
+            settled_mps = -human.dead_band_mps if steep else HANDLING.settled_mps
             self._braking = self._braking and v > max(outlook.allowed_mps(s) + settled_mps, TRACKING.stopping_mps)
-        self.brakes_hard = self._braking and needed >= settings.released_ratio * human.braking_mps2
+        self.brakes_hard = self._braking and needed >= HANDLING.released_ratio * human.braking_mps2
         return needed if self._braking else None
 
     def braked(self, cab: CabView, outlook: Outlook, needed_mps2: float) -> float:

@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime
-from sim.drivers.asked import Asked, asked
-from sim.drivers.cab import AdviceView, CabView, Diary, DriverEvent, Efforts
-from sim.drivers.handling import HAND, HEEDING, Errors, Hand, Handling, HumanSettings, StopMark
+from sim.drivers.cab import AdviceView, Asked, CabView, Diary, DriverEvent, Efforts, asked
+from sim.drivers.handling import HAND, HEEDING, Errors, Hand, Handling, StopMark
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
@@ -275,7 +274,6 @@ class HumanDriver:
         human = parameters or HumanParameters()
         human = replace(human, braking_mps2=line.planned_braking_mps2(human.braking_mps2))
         self.parameters = human
-        settings = HumanSettings()
         self._diary = diary = Diary()
         chance = Chance(seed, stream)
         times = ReactionTimes(human, chance, diary)
@@ -285,8 +283,8 @@ class HumanDriver:
         self._motion, self._departure = Motion(), Departure(times)
         self._lapses = Lapses(human, chance, diary)
         self._display = DisplayReading(human, chance, times, diary)
-        mark = StopMark(human, settings, chance.marks)
-        self.handling = Handling(human, settings, self._errors, mark, line.train, friction)
+        mark = StopMark(human, chance.marks)
+        self.handling = Handling(human, self._errors, mark, line.train, friction)
         """The driver's way of holding a speed and braking."""
         self._hand = Hand(human, diary)
 

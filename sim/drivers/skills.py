@@ -13,8 +13,7 @@ import numpy as np
 
 from das.domain.errors import DasError
 from das.domain.units import KMH
-from sim.drivers.asked import Asked, asked
-from sim.drivers.cab import AdviceView, CabView, Efforts
+from sim.drivers.cab import AdviceView, Asked, CabView, Efforts, asked
 from sim.drivers.handling import HEEDING, Wander
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
@@ -101,7 +100,7 @@ class Skills:
         return self._rule.cap_mps(self.cab, self.outlook)
 
     def advised(self, view: AdviceView) -> float | None:
-        """The setting that follows the display (`sim.drivers.asked`); None if it does not show how to drive. If it
+        """The setting that follows the display (`sim.drivers.cab`); None if it does not show how to drive. If it
         shows stop without an effort, the driver holds the speed and brakes at the last moment.
         """
         presenter = presenter_of(view.presentation)

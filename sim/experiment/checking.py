@@ -15,7 +15,17 @@ from das.domain.errors import DasError
 from das.domain.files.writing import make_folder
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.parameters import HumanParameters, load_population
-from sim.experiment.design import DESIGN_JSON, ConditionOrder, Days, Design, check_frozen, freeze, resolved
+from sim.experiment.design import (
+    DESIGN_JSON,
+    ConditionOrder,
+    Days,
+    Design,
+    bundled_studies,
+    check_frozen,
+    freeze,
+    read_design,
+    resolved,
+)
 from sim.experiment.driving import StudyTrial, service_of
 from sim.experiment.factors import Setting
 from sim.experiment.study_files import TRIALS_TABLE
@@ -243,10 +253,10 @@ def print_run(design: Design, found: StudyRun) -> None:
     tell(f"next: {typed(f'das-sim experiment analyse {found.folder} -o report.html')}")
 
 
-def print_studies(found: Sequence[Design]) -> None:
+def print_studies() -> None:
     """Print the bundled studies."""
     table = new_table("", ("title", "participants", "factors"), whole=("study",))
-    for one in found:
+    for one in map(read_design, bundled_studies().values()):
         factors = " × ".join(f"{len(factor.levels)} {factor.name}" for factor in one.factors)
         table.add_row(one.name, one.title, str(one.people.count), factors)
     print_table(table)

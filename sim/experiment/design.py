@@ -236,7 +236,7 @@ FROZEN_KEYS: Final = ("hash", "files")
 
 def read_design(path: Path) -> Design:
     """Read a design; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
-    return _design(read_toml(path), _Vocabulary())
+    return _design(read_toml(path), frozen=False)
 
 
 def read_frozen(path: Path) -> Design:
@@ -247,28 +247,12 @@ def read_frozen(path: Path) -> Design:
     fields = read_json(path / DESIGN_JSON if path.is_dir() else path)
     if "experiment" not in fields.data and "name" in fields.data:
         raise DasError(f"{fields.source}: frozen by an earlier version: run the design again in a new folder")
-    return _design(fields, _Vocabulary(frozen=True))
+    return _design(fields, frozen=True)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Vocabulary:
-    """Which factors, levels and measures a design may name: those of this program; of a `frozen` one, any."""
-
-    frozen: bool = False
-
-    @property
-    def factors(self) -> list[str]:
-        return [] if self.frozen else list(FACTORS)
-
-    @property
-    def measures(self) -> list[str]:
-        return [] if self.frozen else list(MEASURES)
-
-    def level(self, factor: str, table: Fields, key: str, value: Any) -> FactorLevel:
-        """A level of a factor; InputError for a value that is not allowed."""
-        if not self.frozen:
-            return FACTORS[factor].read(table, key, value)
-        return FactorLevel(text=as_text(value), value=None)
+def _level(factor: str, table: Fields, key: str, value: Any, *, frozen: bool) -> FactorLevel:
+    """A level of a factor; InputError for a value that is not allowed. A `frozen` design may have any."""
+    return FactorLevel(text=as_text(value), value=None) if frozen else FACTORS[factor].read(table, key, value)
 
 
 def as_text(level: object) -> str:
@@ -281,17 +265,18 @@ def as_text(level: object) -> str:
         return str(level)
 
 
-def _design(fields: Fields, known: _Vocabulary) -> Design:
+def _design(fields: Fields, *, frozen: bool) -> Design:
+    """The design in a file; the factors, levels and measures of a `frozen` one may be those of another program."""
     fields.check_schema_version(SCHEMA_VERSION)
-    fields.check_keys(["schema_version", *TABLES, *(FROZEN_KEYS if known.frozen else ())])
+    fields.check_keys(["schema_version", *TABLES, *(FROZEN_KEYS if frozen else ())])
     main = fields.table("experiment")
     main.check_keys(["name", "title", "description", "seed"])
-    name, factors = main.text("name"), _factors(fields, known)
+    name, factors = main.text("name"), _factors(fields, frozen=frozen)
     if not _NAME.fullmatch(name):
         raise main.error("name", name, "1 to 64 small letters, digits and '-', not beginning with '-'")
     analysis = fields.optional_table("analysis")
     analysis.check_keys(["measures", "alpha", "correction"])
-    measures = _measures(analysis, known)
+    measures = _measures(analysis, frozen=frozen)
     correction = analysis.text("correction", CORRECTIONS[0])
     if correction not in CORRECTIONS:
         raise analysis.error("correction", correction, f"one of {', '.join(CORRECTIONS)}")
@@ -301,12 +286,12 @@ def _design(fields: Fields, known: _Vocabulary) -> Design:
         description=main.text("description", ""),
         source=fields.source,
         seed=main.whole("seed", (0, 2**31), 1),
-        fixed=_fixed(fields.optional_table("fixed"), factors, known),
+        fixed=_fixed(fields.optional_table("fixed"), factors, frozen=frozen),
         factors=factors,
-        people=_people(fields.table("participants"), known),
+        people=_people(fields.table("participants"), frozen=frozen),
         procedure=_procedure(fields.optional_table("procedure"), factors),
         measures=measures,
-        comparisons=_comparisons(fields, factors, measures, known),
+        comparisons=_comparisons(fields, factors, measures, frozen=frozen),
         alpha=_real(analysis, "alpha", (1e-6, 0.5), DEFAULT_ALPHA),
         correction=correction,
         hash=fields.text("hash", ""),
@@ -320,33 +305,33 @@ def _real(table: Fields, key: str, ends: tuple[float, float], default: float) ->
     return value
 
 
-def _factors(fields: Fields, known: _Vocabulary) -> tuple[Factor, ...]:
+def _factors(fields: Fields, *, frozen: bool) -> tuple[Factor, ...]:
     found: dict[str, Factor] = {}
     for i, row in enumerate(fields.rows("factors", "a list of [[factors]], at least one")):
         table = Fields.of(fields.source, row, f"factors[{i}].")
         table.check_keys(["name", "levels", "within"])
         name = table.text("name")
-        if known.factors and name not in known.factors:
-            raise table.error("name", name, f"one of {', '.join(known.factors)}")
+        if not frozen and name not in FACTORS:
+            raise table.error("name", name, f"one of {', '.join(FACTORS)}")
         if name in found:
             raise table.error("name", name, "each factor once")
         values = table.rows("levels", "a list of at least 2 levels")
-        levels = tuple(known.level(name, table, "levels", value) for value in values)
-        if len(levels) < (1 if known.frozen else 2) or len({level.text for level in levels}) < len(levels):
+        levels = tuple(_level(name, table, "levels", value, frozen=frozen) for value in values)
+        if len(levels) < (1 if frozen else 2) or len({level.text for level in levels}) < len(levels):
             raise table.error("levels", values, "at least 2 levels, each once")
         found[name] = Factor(name=name, levels=levels, within=table.flag("within", True))
     return tuple(found.values())
 
 
-def _fixed(table: Fields, factors: tuple[Factor, ...], known: _Vocabulary) -> dict[str, FactorLevel]:
+def _fixed(table: Fields, factors: tuple[Factor, ...], *, frozen: bool) -> dict[str, FactorLevel]:
     """The fixed settings of all trials, defaults included; InputError for a factor that also varies."""
-    if known.factors:
-        table.check_keys(known.factors)
+    if not frozen:
+        table.check_keys(list(FACTORS))
     for factor in factors:
         if table.has(factor.name):
             raise table.error(factor.name, table.data[factor.name], "nothing, because it is a factor of the design")
-    given = {name: known.level(name, table, name, value) for name, value in table.data.items()}
-    return given if known.frozen else {**defaults({factor.name for factor in factors} | given.keys()), **given}
+    given = {name: _level(name, table, name, value, frozen=frozen) for name, value in table.data.items()}
+    return given if frozen else {**defaults({factor.name for factor in factors} | given.keys()), **given}
 
 
 def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
@@ -355,16 +340,16 @@ def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
     return {name: FACTORS[name].read(nowhere, name, value) for name, value in DEFAULTS.items() if name not in but}
 
 
-def _measures(table: Fields, known: _Vocabulary) -> tuple[str, ...]:
+def _measures(table: Fields, *, frozen: bool) -> tuple[str, ...]:
     names = table.rows("measures", "a list of measures") if table.has("measures") else list(BUNDLED)
     for name in names:
-        if not isinstance(name, str) or names.count(name) > 1 or (known.measures and name not in known.measures):
-            raise table.error("measures", name, f"each once, of {', '.join(known.measures or ['the columns'])}")
+        if not isinstance(name, str) or names.count(name) > 1 or (not frozen and name not in MEASURES):
+            raise table.error("measures", name, f"each once, of {'the columns' if frozen else ', '.join(MEASURES)}")
     return tuple(names)
 
 
 def _comparisons(
-    fields: Fields, factors: Sequence[Factor], measures: Sequence[str], known: _Vocabulary
+    fields: Fields, factors: Sequence[Factor], measures: Sequence[str], *, frozen: bool
 ) -> tuple[PlannedComparison, ...]:
     """The planned comparisons of a design; there are none if the study merely describes its conditions."""
     listed = fields.data.get("comparisons", [])
@@ -372,7 +357,8 @@ def _comparisons(
         raise fields.error("comparisons", listed, "a list of tables")
     fields.check_count("comparisons", listed, MOST_COMPARISONS)
     tables = (Fields.of(fields.source, one, f"comparisons[{i}].") for i, one in enumerate(listed))
-    found = tuple(_comparison(one, {factor.name: factor for factor in factors}, measures, known) for one in tables)
+    by_name = {factor.name: factor for factor in factors}
+    found = tuple(_comparison(one, by_name, measures, frozen=frozen) for one in tables)
     names = [one.name for one in found]
     for name in names:
         if names.count(name) > 1:
@@ -381,7 +367,7 @@ def _comparisons(
 
 
 def _comparison(
-    table: Fields, factors: Mapping[str, Factor], measures: Sequence[str], known: _Vocabulary
+    table: Fields, factors: Mapping[str, Factor], measures: Sequence[str], *, frozen: bool
 ) -> PlannedComparison:
     table.check_keys(list(PlannedComparison.__dataclass_fields__))
     factor, measure = table.text("factor"), table.text("measure")
@@ -389,32 +375,32 @@ def _comparison(
         raise table.error("factor", factor, f"one of the factors {', '.join(factors)}")
     if measure not in measures:
         raise table.error("measure", measure, f"one of the measures {', '.join(measures)}")
-    a, b = (_level_text(factors[factor], table, key, known) for key in ("a", "b"))
+    a, b = (_level_text(factors[factor], table, key, frozen=frozen) for key in ("a", "b"))
     if a == b:
         raise table.error("b", table.data["b"], "a level other than that of a")
     where = table.optional_table("where")
     where.check_keys([name for name in factors if name != factor])
-    fixed = {name: _level_text(factors[name], where, name, known) for name in where.data}
+    fixed = {name: _level_text(factors[name], where, name, frozen=frozen) for name in where.data}
     only = "".join(f", {name} {level}" for name, level in fixed.items())
     name = table.name("name", f"{measure}: {a} - {b}{only}")
     return PlannedComparison(name=name, measure=measure, factor=factor, a=a, b=b, where=fixed)
 
 
-def _level_text(factor: Factor, table: Fields, key: str, known: _Vocabulary) -> str:
+def _level_text(factor: Factor, table: Fields, key: str, *, frozen: bool) -> str:
     """The text of a level that is given as its text, or as its value in the list of levels."""
     value = table.data.get(key, MISSING)
     if isinstance(value, str) and value in factor.texts:
         return value
-    read = None if value is MISSING else known.level(factor.name, table, key, value).text
+    read = None if value is MISSING else _level(factor.name, table, key, value, frozen=frozen).text
     if read not in factor.texts:
         raise table.error(key, value, f"one of the levels {', '.join(factor.texts)}")
     return read
 
 
-def _people(table: Fields, known: _Vocabulary) -> People:
+def _people(table: Fields, *, frozen: bool) -> People:
     table.check_keys(list(People.__dataclass_fields__))
     population = table.text("population", DEFAULT)
-    if not known.frozen:
+    if not frozen:
         population = str((table.source.parent / population).resolve()) if population.endswith(".toml") else population
         load_population(population)
     found = People(

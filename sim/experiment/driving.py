@@ -19,10 +19,9 @@ from sim.experiment.runner import JobRecording, ServiceMemory, whole_run
 from sim.plant import kernels
 from sim.plant.kernels import Command, PlantState
 from sim.recording.opening import open_recording
-from sim.world.in_memory import drive_kept
+from sim.world.driving import How, drive_day
 from sim.world.loop import LOOK_S, TICK_S, Run
 from sim.world.outcome import DayOutcome, outcome, true_fronts
-from sim.world.over_bus import How, drive_day
 from sim.world.service import Day, Service, make_day
 
 LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
@@ -182,12 +181,10 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
         screen=setting.screen,
     )
     out = None if record is None else record.file
-    table = None
-    if out is None and keep:
-        run, table = drive_kept(day, driver, how)
-    else:
-        run = whole_run(drive_day(day, driver, how, out), out)
-        table = DriveTable.of(open_recording(out)) if keep and out is not None else None
+    driven = drive_day(day, driver, how, out, keep=keep)
+    run, table = whole_run(driven, out), driven.table
+    if keep and out is not None:
+        table = DriveTable.of(open_recording(out))
     return Driven(day=day, run=run, outcome=outcome(day, run, setting.driver), looks=driver.looks, table=table)
 
 

@@ -1,24 +1,35 @@
 """A study that the command line describes, without a design file: scenarios, drivers, presentations and seeds.
 
-Everybody drives the same days, with the same chances: those of `das-sim run` with these seeds.
+Everybody drives the same days, with the same chances: those of `das-sim run` with these seeds. The results are by
+scenario, driver and presentation: means over the seeds, and what advice saved (defined in `sim.drive.equal_arrival`),
+split into its causes: parts of the differences between paired runs, which sum to what was saved.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
 
 from das.command_line.files import warn_unusual
+from das.command_line.printing import print_table, tell
 from das.domain.errors import DasError
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.parameters import DEFAULT, load_population
+from sim.drivers.presentations.presenter import presenter_of
 from sim.experiment.design import Chances, ConditionOrder, Days, Design, Factor, People, Procedure, defaults
 from sim.experiment.factors import FactorLevel, day_of
-from sim.experiment.savings import Row, savings, summary
+from sim.experiment.study_files import TRIALS_TABLE
 from sim.experiment.trials import StudyRun, TrialJob
+from sim.world.outcome import SHARES
 from sim.world.service import lay_out
 
 MOST_SEEDS: Final = 1_000_000
@@ -123,3 +134,234 @@ def told(jobs: Sequence[TrialJob], found: StudyRun) -> dict[str, Any]:
     """The figures of a finished run: means of each scenario, driver and presentation, and what advice saved."""
     rows = list(rows_of(jobs, found))
     return {**found.as_dict(), "groups": summary(rows), "savings": savings(rows)}
+
+
+Row = Mapping[str, Any]
+"""A trial: `scenario`, `driver`, `advice`, `friction_policy`, `participant`, `seed`, and its measures or `error`."""
+LEAST_VALUES: Final = 3
+"""Fewest values whose mean has an interval: of two, Student's t makes it wider than what it is about."""
+SHARE_NAMES: Final = {
+    "component_loss": "loss",
+    "resistance": "run",
+    "friction_brake": "fric",
+    "unreturned": "lost",
+    "comfort": "comf",
+}
+"""Headings of the shares: where the energy went."""
+LEGEND: Final = {
+    "n": "runs",
+    "fail": "failed runs",
+    "late": "mean delay at the last stop (s)",
+    "kWh": "mean energy of a run",
+    "opt": "least energy (kWh) for the times as driven",
+    "loss, run, fric, lost, comf": "shares (%) of what is lost for good: component losses, running resistance, "
+    "friction brakes, brake resistors, and comfort systems, which are not in kWh",
+}
+"""The legend below the table."""
+SPLIT_LEGEND: Final = {
+    "saved": "energy saved by advice at equal arrival, against the same driver without advice on the same days, with "
+    "its 95 % interval (Student's t; none for fewer than 3 pairs)",
+    "%": "that in % of the optimum for the times as driven, the mean of both drives",
+    "times": "what the time difference was worth beside it, at the optimum's price of time",
+    "blend": "by less friction where the motors could brake",
+    "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
+    "track": "by keeping to that profile (–: no perfect driver on these days, or none who follows this advice)",
+}
+"""The legend below the table of savings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitSaving:
+    """What a presentation saves at equal arrival against no advice, in kWh: means over the comparable pairs of runs.
+
+    `blending`: less friction braking where the motors could brake. `profile`: a better speed profile, as it was driven.
+    If a perfect driver followed the same advice on the same days (speed-and-effort and guide only), `profile` is what
+    that driver saved by it, and `tracking` (mostly < 0) is what this driver lost by not keeping to the advice. The
+    parts sum to `saved`, whose 95 % interval over the pairs is ± `interval` (Student's t; NaN for fewer than 3 pairs);
+    `ratio` is its share of the optimum for the times as driven, the mean of both runs, `optimum`. `time_shift` is no
+    part of it: what the time difference was worth.
+    """
+
+    scenario: str
+    driver: str
+    advice: str
+    pairs: int
+    optimum_kwh: float
+    saved_kwh: float
+    saved_ratio: float
+    interval_kwh: float
+    time_shift_kwh: float
+    blending_kwh: float
+    profile_kwh: float
+    tracking_kwh: float | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields, for programs; None for an interval that is not known."""
+        return vars(self) | {"interval_kwh": None if math.isnan(self.interval_kwh) else self.interval_kwh}
+
+
+def mean_interval(values: NDArray[np.float64]) -> float:
+    """Half the 95 % interval of the mean of values (n,), by Student's t; NaN for fewer than `LEAST_VALUES`."""
+    count = len(values)
+    return student_975(count - 1) * float(values.std(ddof=1)) / count**0.5 if count >= LEAST_VALUES else math.nan
+
+
+def with_interval(values: NDArray[np.float64]) -> str:
+    """The mean of values (n,) with its 95 % interval, to one decimal; without it for fewer than `LEAST_VALUES`."""
+    half = mean_interval(values)
+    return f"{values.mean():+.1f}" + ("" if math.isnan(half) else f" ± {half:.1f}")
+
+
+def student_975(freedom: int) -> float:
+    """The value that Student's t with some degrees of freedom exceeds with a probability of 2.5 %, by bisection."""
+    low, high = 1.0, 13.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _student_within(middle, freedom) < 0.95 else (low, middle)
+    return high
+
+
+def _student_within(t: float, freedom: int) -> float:
+    """The probability that Student's t lies within ± t (Abramowitz and Stegun 1964, 26.7.3 and 26.7.4)."""
+    angle, odd = math.atan(t / math.sqrt(freedom)), freedom % 2
+    term, total = (math.cos(angle) if odd else 1.0), 0.0
+    for k in range(2 + odd, freedom + 1, 2):
+        total += term
+        term *= math.cos(angle) ** 2 * (k - 1) / k
+    inside = math.sin(angle) * total
+    return 2.0 / math.pi * (angle + inside) if odd else inside
+
+
+def savings(rows: Sequence[Row]) -> list[SplitSaving]:
+    """The savings of every presentation against no advice, by scenario and driver; failed runs are left out.
+
+    A pair is the same day with the same person (column `participant`, if there is one). Runs that are not comparable
+    with their optimum are left out, and so are those of a driver whose brakes depend on the advice.
+    """
+    good: dict[tuple[str, str, str], dict[_Pair, Row]] = {}
+    for row in rows:
+        if row.get("error") is None and row["above_optimum_kwh"] is not None and _brakes_alike(row):
+            runs = good.setdefault((row["scenario"], row["driver"], row["advice"]), {})
+            runs[_Pair(row["seed"], row.get("participant"))] = row
+    found = (_saving(good, *kind) for kind in good if kind[2] != Presentation.NONE)
+    return [one for one in found if one is not None]
+
+
+def _brakes_alike(row: Row) -> bool:
+    """Whether the driver brakes alike with and without advice."""
+    return row["driver"] != DriverKind.HUMAN or row.get("friction_policy") != FrictionPolicy.BY_ADVICE
+
+
+class _Pair(NamedTuple):
+    """What two compared runs have in common: the day and the person."""
+
+    seed: int
+    participant: int | None
+
+
+def _saving(
+    good: Mapping[tuple[str, str, str], Mapping[_Pair, Row]], scenario: str, driver: str, advice: str
+) -> SplitSaving | None:
+    """The saving of one presentation; None if no day was driven without advice as well."""
+    advised, alone = good[scenario, driver, advice], good.get((scenario, driver, Presentation.NONE), {})
+    pairs = [pair for pair in advised if pair in alone]
+    if not pairs:
+        return None
+
+    def less(name: str) -> Any:
+        return np.array([alone[pair][name] - advised[pair][name] for pair in pairs])
+
+    saved = less("energy_kwh") - less("energy_optimum_kwh")
+    optimum_kwh = float(np.mean([run[pair]["energy_optimum_kwh"] for pair in pairs for run in (alone, advised)]))
+    profile, tracking = float(less("energy_profile_kwh").mean()), None
+    followable = presenter_of(Presentation(advice)).follower() is not None
+    exact = good.get((scenario, DriverKind.PERFECT, advice), {}) if followable else {}
+    followed = {pair.seed: row for pair, row in exact.items()}
+    if driver != DriverKind.PERFECT and all(pair.seed in followed for pair in pairs):
+        lost = [advised[pair]["energy_profile_kwh"] - followed[pair.seed]["energy_profile_kwh"] for pair in pairs]
+        tracking = -float(np.mean(lost))
+        profile -= tracking
+    return SplitSaving(
+        scenario=scenario, driver=driver, advice=advice, pairs=len(pairs),
+        optimum_kwh=optimum_kwh,
+        saved_kwh=float(saved.mean()),
+        saved_ratio=float(saved.mean()) / optimum_kwh,
+        interval_kwh=mean_interval(saved),
+        time_shift_kwh=float(less("energy_optimum_kwh").mean()),
+        blending_kwh=float(less("energy_blending_kwh").mean()),
+        profile_kwh=profile, tracking_kwh=tracking,
+    )  # fmt: skip
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Means over the seeds, for each scenario, driver and presentation; failed runs are only counted."""
+    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["scenario"], row["driver"], row["advice"]), []).append(row)
+    return [_summed(*key, group) for key, group in groups.items()]
+
+
+def _summed(scenario: str, driver: str, advice: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    good = [row for row in rows if row.get("error") is None]
+    found: dict[str, Any] = {
+        "scenario": scenario, "driver": driver, "advice": advice, "runs": len(rows), "failed": len(rows) - len(good),
+        "error": next((row["error"] for row in rows if row.get("error") is not None), None),
+    }  # fmt: skip
+    if not good:
+        return found
+    late_s = np.array([row["late_s"] for row in good])
+    found |= {"late_mean_s": float(late_s.mean()), "late_p95_s": float(np.quantile(late_s, 0.95))}
+    for name in ("energy_kwh", "energy_optimum_kwh", *(f"{share}_kwh" for share in SHARES)):
+        found[name] = float(np.mean([row[name] for row in good]))
+    total = sum(found[f"{share}_kwh"] for share in SHARES)
+    return found | {f"{share}_ratio": found[f"{share}_kwh"] / total for share in SHARES}
+
+
+def print_summary(found: dict[str, Any]) -> None:
+    """Print the table at the end."""
+    title = f"{found['trials']} runs, {found['made']} of them made now"
+    table = _table(title, ("n", "fail", "late", "kWh", "opt", *SHARE_NAMES.values()))
+    for group in found["groups"]:
+        table.add_row(*_cells(group))
+    print_table(table, LEGEND)
+    print_savings(found["savings"])
+    for group in found["groups"]:
+        if group["error"] is not None:
+            names = f"{group['scenario']}, {group['driver']}, {group['advice']}"
+            tell(f"note: {names}: {group['failed']} failed, the first: {group['error']}")
+    tell(f"written: {Path(found['folder']) / TRIALS_TABLE}")
+
+
+def _table(title: str, names: Sequence[str]) -> Table:
+    """A table with a row for each scenario, driver and presentation."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("scenario, driver, advice")
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def print_savings(found: Sequence[SplitSaving]) -> None:
+    """Print what advice saved, split into its causes; nothing if no pair of runs tells."""
+    if not found:
+        return
+    table = _table("saved by advice, split (kWh)", ("n", *SPLIT_LEGEND))
+    for one in found:
+        table.add_row(
+            f"{one.scenario}, {one.driver}, {one.advice}",
+            str(one.pairs),
+            f"{one.saved_kwh:+.1f}" + ("" if math.isnan(one.interval_kwh) else f" ± {one.interval_kwh:.1f}"),
+            f"{100 * one.saved_ratio:+.1f}",
+            *(f"{part:+.1f}" for part in (one.time_shift_kwh, one.blending_kwh, one.profile_kwh)),
+            "–" if one.tracking_kwh is None else f"{one.tracking_kwh:+.1f}",
+        )
+    print_table(table, SPLIT_LEGEND)
+
+
+def _cells(group: dict[str, Any]) -> list[str]:
+    names = f"{group['scenario']}, {group['driver']}, {group['advice']}"
+    cells = [names, str(group["runs"]), str(group["failed"])]
+    if "energy_kwh" not in group:
+        return cells
+    cells += [f"{group['late_mean_s']:+.0f}", f"{group['energy_kwh']:.1f}", f"{group['energy_optimum_kwh']:.1f}"]
+    return cells + [f"{100 * group[f'{share}_ratio']:.1f}" for share in SHARE_NAMES]

@@ -29,8 +29,8 @@ from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, make_folder, write_whole
 from das.domain.levels import Level
 from precompute.workers import Workers
+from sim.world.driving import DayRun
 from sim.world.loop import Run
-from sim.world.over_bus import DayRun
 from sim.world.scenario import Scenario
 from sim.world.service import Service, prepare_service
 

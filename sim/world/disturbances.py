@@ -177,9 +177,9 @@ _KIND_OF = {made: kind for kind, made in KINDS.items()}
 
 
 def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
-    """The kind and the figures (SI) of each disturbance, for programs; open ends and empty texts are left out."""
+    """The kind and the figures (SI) of each disturbance, for programs; open ends are left out."""
     figures = ((_KIND_OF[type(one)], asdict(one)) for one in disturbances)
-    return [{"kind": kind, **{k: v for k, v in found.items() if v not in (None, "")}} for kind, found in figures]
+    return [{"kind": kind, **{k: v for k, v in found.items() if v is not None}} for kind, found in figures]
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:

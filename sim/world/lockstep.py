@@ -277,6 +277,15 @@ class Traffic:
         expected = {**self.sent, ADVICE.name: self.ticks}
         return sum(max(count - self.recorded[name], 0) for name, count in expected.items())
 
+    def as_dict(self) -> dict[str, Any]:
+        """Messages sent, recorded and lost, and how long the start took (s), for programs."""
+        return {
+            "messages_sent": self.sent.total(),
+            "messages_recorded": self.recorded.total(),
+            "messages_lost": self.lost,
+            "start_s": self.start_s,
+        }
+
 
 class Lockstep:
     """Node and recorder as processes on a bus of their own; use with `with`. Raises DasError where one fails."""

@@ -132,21 +132,6 @@ class OnDisplay(NamedTuple):
     cause: int = 0
 
 
-class _Watches(NamedTuple):
-    """What looks at the advice of a run: at what the driver is shown, and at the guide's instructions."""
-
-    shown: ShownWatch
-    instructions: InstructionWatch
-
-
-class _Display(NamedTuple):
-    """What shows advice to the driver: a screen, which may show less than is said; a sheet of paper may replace it."""
-
-    screen: Screen
-    paper: PaperSheet | None
-    simpler: SimplerDisplays | None
-
-
 class World:
     """The run of one day; `run` drives it to its end. `screen` is how the display shows advice (None: all, at once)."""
 
@@ -163,13 +148,11 @@ class World:
         self._events: list[str] = []
         self._shown = OnDisplay()
         self._command: Command = COAST
-        self._counts, self._watches = Counts(), _Watches(ShownWatch(), InstructionWatch())
+        self._counts, self._shown_watch, self._instruction_watch = Counts(), ShownWatch(), InstructionWatch()
         self._told = 0
-        self._display = _Display(
-            Screen(screen),
-            PaperSheet(day) if presentation is Presentation.SHEET else None,
-            SimplerDisplays(day.service) if presenter_of(presentation).is_simpler else None,
-        )
+        self._screen = Screen(screen)
+        self._paper = PaperSheet(day) if presentation is Presentation.SHEET else None
+        self._simpler = SimplerDisplays(day.service) if presenter_of(presentation).is_simpler else None
 
     def run(self, progress: Progress | None = None) -> Run:
         """Drive from before the departure to after the last arrival; DasError if the train does not arrive."""
@@ -197,8 +180,8 @@ class World:
             legs=tuple(legs),
             counts=self._counts,
             violations=self._around.violations,
-            stability=self._watches.shown.found,
-            instructions=self._watches.instructions.found,
+            stability=self._shown_watch.found,
+            instructions=self._instruction_watch.found,
             decisions=tuple(kept_by(self.driver)),
         )
 
@@ -210,7 +193,7 @@ class World:
         events, self._events = tuple(self._events), []
         cab = around.cab(state, *self._shown)
         view = cab.shown
-        self._watches.shown.look(state.time_s, state.speed_mps, None if view is None else Shown.of(view))
+        self._shown_watch.look(state.time_s, state.speed_mps, None if view is None else Shown.of(view))
         self.link.tell(now_ns, Told(state, cab, self._command, events, self._decided()))
         for _ in range(round(TICK_S / LOOK_S)):
             if (later := self.link.newest()) is not None:
@@ -255,18 +238,18 @@ class World:
             self._show(state, now_ns, None)
             return False
         self._counts = self._counts.plus(advice)
-        self._watches.instructions.look(advice, state.force_el_n + state.force_friction_n)
+        self._instruction_watch.look(advice, state.force_el_n + state.force_friction_n)
         self._show(state, now_ns, advice)
         return True
 
     def _show(self, state: PlantState, now_ns: int, advice: Any | None) -> None:
         """Show the advice or, on paper, the line of the sheet; a display that received nothing stays as it was."""
-        around, (_, paper, simpler) = self._around, self._display
+        around, paper = self._around, self._paper
         if paper is None and advice is None:
             return
         shown, view = advice if paper is None else paper.look(state, around.calls, now_ns), None
-        if shown is not None and simpler is not None:
-            shown = simpler.look(shown, around.calls.section, around.news.told)
+        if shown is not None and self._simpler is not None:
+            shown = self._simpler.look(shown, around.calls.section, around.news.told)
         if shown is not None:
             view = present(
                 shown,
@@ -274,7 +257,7 @@ class World:
                 clock_zero_ns=self.day.service.timetables[0].departure_ns,
                 deviation_s=around.compared_s(state),
             )
-        on_screen = self._display.screen.show(view, state.time_s, stands=state.speed_mps <= 0)
+        on_screen = self._screen.show(view, state.time_s, stands=state.speed_mps <= 0)
         self._shown = OnDisplay(on_screen, int(advice.cause) if view is None and advice is not None else 0)
 
 

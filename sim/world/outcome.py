@@ -31,11 +31,13 @@ from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentation
 from sim.recording.course import minutes
 from sim.world.loop import Counts, Run
-from sim.world.service import Day, Service
-from sim.world.true_train import true_sections
+from sim.world.service import Day, Service, true_sections
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from sim.drive.table import DriveTable
+    from sim.world.lockstep import Traffic
 
 
 def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
@@ -237,7 +239,7 @@ def _own_braking(day: Day, run: Run, driver: DriverName | None) -> tuple[float |
 
 def _passings(service: Service, run: Run) -> tuple[KeptPassing, ...]:
     times = np.array([service.moment_ns(state.time_s) for state in run.states])
-    return keep(service.way.passings, times, np.array([state.s_m for state in run.states]))
+    return keep(service.passings, times, np.array([state.s_m for state in run.states]))
 
 
 def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:
@@ -259,32 +261,12 @@ def _parts(balance: EnergyBalance) -> dict[str, float]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedFigures:
-    """The recording of a run: its file, messages sent, recorded and lost, and how long the start took (s)."""
-
-    file: str
-    messages_sent: int
-    messages_recorded: int
-    messages_lost: int
-    start_s: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """The figures, for programs."""
-        return {
-            "messages_sent": self.messages_sent,
-            "messages_recorded": self.messages_recorded,
-            "messages_lost": self.messages_lost,
-            "start_s": self.start_s,
-            "file": self.file,
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
 class DayResult:
     """What `das-sim run` reports: the outcome, how the day was driven, what happened on it, and the recording.
 
     `happens` is one line about the disturbances, `drawn` everything that the seed drew (SI). `wall_s` is how long the
-    run took in real time. `recorded` is None for a run in one process, which is not recorded.
+    run took in real time. `file` is the recording, and `traffic` counts its messages; both are None for a run in one
+    process, which is not recorded.
     """
 
     outcome: DayOutcome
@@ -296,7 +278,8 @@ class DayResult:
     wall_s: float
     unkept: tuple[str, ...] = ()
     """A line for each section whose time is too short for the braking that the advice plans with."""
-    recorded: RecordedFigures | None = None
+    file: Path | None = None
+    traffic: Traffic | None = None
     table: DriveTable | None = None
     """The table of a drive in one process, if it was kept."""
 
@@ -323,7 +306,8 @@ class DayResult:
             "wall_s": self.wall_s,
             "real_time_factor": self.real_time_factor,
             "warnings": [*self.unkept, *self.warnings],
-            **({"file": None} if self.recorded is None else self.recorded.as_dict()),
+            **({} if self.traffic is None else self.traffic.as_dict()),
+            "file": None if self.file is None else str(self.file),
         }
 
 
@@ -353,9 +337,9 @@ def print_result(result: DayResult) -> None:
         tell(f"note: {note}")
     for warning in result.warnings:
         tell(f"warning: {warning}")
-    if result.recorded is not None:
-        tell(f"written: {result.recorded.file}")
-        tell(f"view it: {typed('das-sim')} view {shlex.quote(result.recorded.file)}")
+    if result.file is not None:
+        tell(f"written: {result.file}")
+        tell(f"view it: {typed('das-sim')} view {shlex.quote(str(result.file))}")
 
 
 def _stops(result: DayResult) -> Table:
@@ -387,12 +371,12 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
         (f"  optimum braking as {braking}", "not known" if own_j is None else f"{kwh(own_j):.1f} kWh"),
     ]
     rows += _balance_rows(found)
-    counts, recorded = found.counts, result.recorded
+    counts, traffic = found.counts, result.traffic
     told = f"{counts.advised}, {counts.withdrawn} withdrawn, {counts.unheard} not heard"
     rows.append(("advice messages", told))
     rows += found.figures.rows()
-    if recorded is not None:
-        rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
+    if traffic is not None:
+        rows.append(("messages recorded / lost", f"{traffic.recorded.total()} / {traffic.lost}"))
     rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))
     return rows
 

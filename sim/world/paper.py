@@ -15,8 +15,8 @@ from precompute.sheet import SectionSheet, SheetLine, section_sheet
 from sim.drivers.cab import Efforts
 from sim.drivers.presentations.sheet import SheetLook
 from sim.plant.kernels import PlantState
-from sim.world.calls import Calls
 from sim.world.service import Day, Service
+from sim.world.surroundings import Calls
 
 VALID_S = 3600.0
 """The driver's view of advice has an end of validity; a sheet, which does not expire, is re-read long before (s)."""
@@ -94,7 +94,7 @@ def _window(service: Service, number: int) -> tuple[float | None, Window | None]
     """The first passing of a section with a window that is enforced, and the window (s from the departure)."""
     departs_ns = service.timetables[number].departure_ns
     first_m, last_m = (service.stops[i].position_m for i in (number, number + 1))
-    for due in service.way.passings:
+    for due in service.passings:
         if first_m < due.s_m < last_m and not due.wish and (due.earliest_ns or due.latest_ns):
             earliest_s = (due.earliest_ns - departs_ns) * NS if due.earliest_ns else -math.inf
             latest_s = (due.latest_ns - departs_ns) * NS if due.latest_ns else math.inf

@@ -6,18 +6,21 @@ The service is the same for every seed; the day has what happens on it, and the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
+
+import numpy as np
 
 from das.advice.advice import Timetable
 from das.cab.fronts import Fronts
 from das.cab.heard import JourneyHeard, OrderedStop
 from das.domain.braking import USUAL, ServiceBraking
 from das.domain.conditions import Conditions
-from das.domain.errors import DasError, InputError
+from das.domain.errors import DasError, InputError, RunawayError
 from das.domain.files.load import load_journey, load_route, load_vehicle, locate_journey
 from das.domain.files.vehicles import read_loss_map
 from das.domain.journey import Journey
@@ -27,7 +30,7 @@ from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
 from das.offline.journey.plan import plan_journey
 from das.solver.front import Front
-from das.solver.section import SectionOptions, build_section, with_braking
+from das.solver.section import Section, SectionOptions, build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drive.passings import DuePassing
@@ -39,9 +42,7 @@ from sim.drivers.parameters import HumanParameters, Participant, stream_of
 from sim.plant.plant import Patch, Plant
 from sim.recording.inputs import input_files, sha256, vehicle_files
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures
-from sim.world.drawn import Truth
-from sim.world.scenario import Scenario
-from sim.world.true_train import check_train
+from sim.world.scenario import Scenario, Truth
 
 KEPT_BYTES = 300_000_000
 """Largest total size (bytes) of the fronts that runs without a bus keep."""
@@ -56,41 +57,30 @@ PLANNED = (
 """The fields of a scenario that decide its service."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ServedPoints:
-    """The stops of a service, the least dwell (s) at each, and the passings of its journey, if it has one."""
-
-    stops: tuple[Stop, ...]
-    dwells_s: tuple[float, ...]
-    passings: tuple[DuePassing, ...] = ()
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Service:
-    """What is planned: the `way` with its stops, and each section's front, timetable and best trajectory.
+    """What is planned: the stops in the order of travel, and each section's front, timetable and best trajectory.
 
-    `onboard` keeps the fronts with which the on-board system plans in runs without a bus.
+    `dwells_s` has the least dwell (s) at each stop; `passings` are those of the journey, if there is one. `onboard`
+    keeps the fronts with which the on-board system plans in runs without a bus.
     """
 
     scenario: Scenario
     level: Level
     route: Route
     vehicle: Vehicle
-    way: ServedPoints
+    stops: tuple[Stop, ...]
+    dwells_s: tuple[float, ...]
     fronts: tuple[Front, ...]
     timetables: tuple[Timetable, ...]
     planned: tuple[Solution, ...]
     line: LineKnowledge
+    passings: tuple[DuePassing, ...] = ()
     onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
     true_fronts: dict[Conditions, tuple[Front, ...]] = field(default_factory=dict)
     """The fronts of the true train, by the conditions of a day (see `sim.world.outcome`)."""
     braking_fronts: dict[tuple[Conditions, ServiceBraking], tuple[Front, ...]] = field(default_factory=dict)
     """The fronts of the true train under a certain braking, by the conditions of a day and the braking."""
-
-    @property
-    def stops(self) -> tuple[Stop, ...]:
-        """The stops in the order of travel."""
-        return self.way.stops
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
         """The journey as an operator announces it at a moment (ns since 1970)."""
@@ -160,23 +150,22 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
         for a, b in pairwise(stops)
     )
     journey = None if scenario.journey is None else _journey(scenario, route)
+    dwells_s, passings = (scenario.dwell_s,) * len(stops), tuple[DuePassing, ...]()
     if journey is None:
         timetables = _timetables(scenario, vehicle, fronts)
-        way = ServedPoints(stops=stops, dwells_s=(scenario.dwell_s,) * len(stops))
     else:
         zero_ns = route.midnight_ns(scenario.departure_ns)
         timetables = _planned_timetables(journey, zero_ns, route, vehicle, level, point_mass=scenario.point_mass)
-        way = ServedPoints(
-            stops=stops,
-            dwells_s=tuple(call.dwell_s for call in journey.calls),
-            passings=tuple(DuePassing.of(passing, zero_ns) for passing in journey.passings),
-        )
+        dwells_s = tuple(call.dwell_s for call in journey.calls)
+        passings = tuple(DuePassing.of(passing, zero_ns) for passing in journey.passings)
     return Service(
         scenario=scenario,
         level=fronts[0].section.level,
         route=route,
         vehicle=vehicle,
-        way=way,
+        stops=stops,
+        dwells_s=dwells_s,
+        passings=passings,
         fronts=fronts,
         timetables=timetables,
         planned=_best_runs(fronts, timetables),
@@ -446,3 +435,69 @@ def _held_s(service: Service, disturbances: Sequence[Disturbance]) -> tuple[floa
 
 def _same(name: str, other: str) -> bool:
     return name.casefold() == other.casefold()
+
+
+AS_PLANNED = Conditions()
+MASS_STEP_RATIO = 0.01
+"""The largest mass that the brakes hold is given in such steps of the mass ratio."""
+
+
+def check_train(
+    scenario: Scenario, route: Route, stops: Sequence[Stop], planned: tuple[Vehicle, Level], conditions: Conditions
+) -> None:
+    """Raise DasError, as `true_sections` does, if the true train is not the planned one and cannot be driven."""
+    if not (scenario.truth.is_as_planned and conditions.changes_nothing):
+        true_sections(scenario, route, stops, planned, conditions)
+
+
+def true_sections(
+    scenario: Scenario, route: Route, stops: Sequence[Stop], planned: tuple[Vehicle, Level], conditions: Conditions
+) -> tuple[Section, ...]:
+    """The sections between the stops for the true train, where a train and its level of losses are planned.
+
+    Raises DasError, which names the scenario's keys, for a train that cannot be driven under the conditions: its brakes
+    do not hold it on a descent, it stalls, or its losses do not cover what it can do.
+    """
+    vehicle, level = scenario.truth.train(*planned)
+
+    def sections(mass_ratio: float) -> tuple[Section, ...]:
+        changed = replace(conditions, mass_ratio=mass_ratio)
+        line, train = changed.line(route), changed.train(vehicle)
+        return tuple(
+            build_section(line, train, level=level, start_m=a.position_m, end_m=b.position_m)
+            for a, b in pairwise(stops)
+        )
+
+    try:
+        return sections(conditions.mass_ratio)
+    except DasError as error:
+        most = _most_mass(sections, conditions.mass_ratio) if isinstance(error, RunawayError) else ""
+        changed = ", ".join(_changed(scenario.truth, conditions, most))
+        raise DasError(f"{scenario.source}: {changed or 'truth'}: the true train: {error}") from None
+
+
+def _most_mass(sections: Callable[[float], tuple[Section, ...]], mass_ratio: float) -> str:
+    """What is expected of the mass of a train that its brakes do not hold; empty if no smaller mass helps."""
+
+    def too_heavy(ratio: float) -> bool:
+        try:
+            sections(ratio)
+        except DasError:
+            return True
+        return False
+
+    ratios = np.arange(MASS_STEP_RATIO, mass_ratio, MASS_STEP_RATIO)
+    held = bisect_left(ratios, True, key=too_heavy)
+    return f" (expected at most {ratios[held - 1]:.2f})" if held else ""
+
+
+def _changed(truth: Truth, conditions: Conditions, most_mass: str) -> Iterator[str]:
+    """What the scenario changes about the train: each key with its value, and between what this is drawn."""
+    for name, drawn in truth.conditions.items():
+        value = getattr(conditions, name)
+        if value != getattr(AS_PLANNED, name):
+            ends = "" if drawn.low == drawn.high else f", drawn from {drawn.low:g} to {drawn.high:g}"
+            yield f"truth.{name} = {value:.4g}{ends}{most_mass if name == 'mass_ratio' else ''}"
+    for name in ("vehicle", "load"):
+        if getattr(truth, name) is not None:
+            yield f"truth.{name} = {getattr(truth, name)}"

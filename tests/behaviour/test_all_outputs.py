@@ -36,8 +36,8 @@ from sim.review.report import page as page_module
 from sim.review.report.page import ReviewedDrive, page
 from sim.review.report.page import as_dict as report_dict
 from sim.review.report.tables import leg_rows
-from sim.runs.replay.replay import ReplayJob, ReplayOutcome, _Feed, _journey, prepare
-from sim.runs.replay.report import TripEnergies, figure_rows, result, trip_energies
+from sim.runs.replay import ReplayJob, ReplayOutcome, _Feed, _journey, prepare
+from sim.runs.replay_figures import TripEnergies, figure_rows, result, trip_energies
 from sim.world.lockstep import Traffic
 from tests.support.dirt import clean, write
 from tests.support.making import das_sim

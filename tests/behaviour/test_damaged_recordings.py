@@ -19,7 +19,7 @@ from sim.cli.review import view
 from sim.cli.trips import bundled_recording, trip
 from sim.options import NodeSaid, ReplayOptions
 from sim.recording import opening
-from sim.runs.replay.replay import prepare
+from sim.runs.replay import prepare
 from tests.support.reference_recordings import FOLDER
 
 FLIPS = 100

@@ -18,8 +18,7 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.experiment.driving import drive
 from sim.experiment.one_line import DaysAsked
 from sim.experiment.trials import trials_of
-from sim.world.in_memory import drive_kept
-from sim.world.over_bus import How
+from sim.world.driving import How, drive_kept
 from sim.world.service import make_day
 from tests.support.flat_days import service_of
 

@@ -21,9 +21,9 @@ from das.cab.heard import DelayHeard, Heard, PositionHeard, RestrictionsHeard, T
 from das.estimate.fix import PositionFix, Quality
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.world.driving import How, OverBus, make_processes
 from sim.world.lockstep import Lockstep
 from sim.world.loop import InProcess, Link, Tick, Told, World
-from sim.world.over_bus import How, OverBus, make_processes
 from sim.world.scenario import bundled_scenarios, read_scenario
 from sim.world.service import Day, make_day, prepare_service
 

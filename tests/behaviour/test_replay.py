@@ -38,11 +38,12 @@ from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.pictures import draw_first_minute
-from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
+from sim.bundled.recorded_driver import DriverStyle, HurriedDriver
 from sim.cli.trips import bundled_recording
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival
 from sim.trips.estimate import estimate_run
+from tests.support.hurried_plant import HurriedPlant, HurriedState
 from tests.support.kept_figures import not_on_page, same_picture
 from tests.support.make_trip import made_trip
 from tests.support.making import REPOSITORY, das_sim, das_sim_json, in_a_process, refusal, wait_until

@@ -37,10 +37,9 @@ from sim.world.disturbances import (
     SlipperyRail,
     TrainAhead,
 )
-from sim.world.drawn import Drawn
 from sim.world.loop import InProcess, Run, Tick, Told, World
 from sim.world.outcome import DayOutcome, DayResult, outcome, print_result
-from sim.world.scenario import Scenario, bundled_scenarios, load_scenario
+from sim.world.scenario import Drawn, Scenario, bundled_scenarios, load_scenario
 from sim.world.service import Day, Service, make_day
 from tests.support.crossing import few
 from tests.support.flat_days import flat_day, service_for, service_of, signal_at

@@ -36,7 +36,6 @@ class Lamp(Presenter):
     number = 117
     phrase = "a lamp"
     meaning = "a lamp that is lit while the train may roll"
-    says_effort = False
     lane = LaneState("a lamp", "#123456")
 
     def show(self, blank, advice, deviation_s):

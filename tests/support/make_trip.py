@@ -26,8 +26,9 @@ from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix, Quality
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
+from sim.bundled.recorded_driver import DriverStyle, HurriedDriver
 from sim.world.lockstep import location
+from tests.support.hurried_plant import HurriedPlant, HurriedState
 
 POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
 SPEED_SIGMA_MPS = 0.08

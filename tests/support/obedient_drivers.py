@@ -11,8 +11,7 @@ import numpy as np
 
 from das.advice.advice import Advice, Instruction
 from das.advice.regimes import Regime
-from sim.drivers.asked import Asked, asked
-from sim.drivers.cab import CabView
+from sim.drivers.cab import Asked, CabView, asked
 from sim.drivers.drivers import TimetableDriver
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import FrictionPolicy, Presentation

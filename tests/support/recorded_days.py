@@ -13,9 +13,8 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import Command
 from sim.plant.plant import speed
 from sim.recording.inputs import DriveInputs
-from sim.world.in_memory import drive_kept
+from sim.world.driving import How, drive_kept
 from sim.world.loop import TRAIN, Run
-from sim.world.over_bus import How
 from sim.world.service import Day
 
 

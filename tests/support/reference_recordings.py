@@ -26,9 +26,9 @@ from das.domain.units import NS
 from sim.cli.trips import bundled_recording
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import ReplayOptions
-from sim.runs.replay.replay import prepare, replay
-from sim.runs.reproduce.reproduce import COMPARED, EXTRACT, SAID_FROM, SAID_TO, TOLERANCES, reproduce
-from sim.world.over_bus import How, drive_day
+from sim.runs.replay import prepare, replay
+from sim.runs.reproduce import COMPARED, EXTRACT, SAID_FROM, SAID_TO, TOLERANCES, reproduce
+from sim.world.driving import How, drive_day
 from sim.world.scenario import bundled_scenarios, read_scenario
 from sim.world.service import make_day, prepare_service
 from tests.support.making import REPOSITORY

@@ -28,7 +28,6 @@ class FourModePresenter(Presenter):
     number = 2
     phrase = "four modes"
     meaning = "full traction, a speed to hold, coasting or braking, and when the next of them begins"
-    says_effort = False
     is_simpler = True
 
     def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:

@@ -11,9 +11,8 @@ from das.advice.advice import Instruction
 from das.advice.reason import Reason
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.advice.wording import Language
-from das.domain.units import KMH, NS
-from sim.drivers.asked import Asked, asked
-from sim.drivers.cab import AdviceView, CabView, Efforts
+from das.domain.units import KMH
+from sim.drivers.cab import AdviceView, Asked, CabView, Efforts, asked
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
 from sim.drivers.tracking import FOLLOWING, RULE, hold
@@ -52,8 +51,6 @@ class GuidePresenter(Presenter):
             due_s=guide.now.in_s,
             target_way_m=guide.target_m,
             reason=Reason.read(guide.reason),
-            replan_cause=int(guide.replan.cause),
-            replanned_s=blank.time_s - (advice.time_ns - guide.replan.time_ns) * NS if guide.replan.cause else math.nan,
         )
 
     def shown_mode(self, advice: Any) -> ShownRegime:

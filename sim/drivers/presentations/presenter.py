@@ -134,8 +134,6 @@ class Presenter(ABC):
     """Whether the on-board system must have its guide enabled."""
     says_mode: ClassVar[bool] = True
     """Whether the display has a driving regime; one without it shows at most a top speed."""
-    says_effort: ClassVar[bool] = True
-    """Whether the display shows an effort."""
     lane: ClassVar[LaneState | None] = None
     """The lane of a display that shows no mode; None if the lane shows the modes."""
 
@@ -192,9 +190,22 @@ class Presenter(ABC):
         return self.instruction(view.mode, speed, language)
 
 
+class NoAdvice(Presenter):
+    """The presentation without advice: the display is blank."""
+
+    number = 0
+    phrase = meaning = "no advice"
+    says_mode = False
+
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
+        return None
+
+
 @cache
 def presenter_of(presentation: Presentation) -> Presenter:
     """The presenter of a presentation, from the module of its name, or from the package that provides it."""
+    if presentation is Presentation.NONE:
+        return NoAdvice()
     if (door := installed(PRESENTATIONS).get(presentation)) is not None:
         brought: Presenter = door.load()
         return brought

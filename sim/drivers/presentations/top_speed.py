@@ -20,7 +20,7 @@ class TopSpeedPresenter(Presenter):
     number = 1
     phrase = "one maximum speed"
     meaning = "one reduced maximum speed at which the train is just in time"
-    says_mode = says_effort = False
+    says_mode = False
     is_simpler = True
     lane = LaneState("a top speed", "#5f7d74")
 

@@ -1,25 +1,294 @@
-"""The analysis of a study: its planned comparisons with intervals, and what was measured in every condition."""
+"""The analysis of a study: its planned comparisons with intervals, and what was measured in every condition.
+
+A comparison has pairs, or two groups of participants.
+A pair is two trials of one participant on one day under two conditions; its difference is one value minus the other.
+An estimate has the mean, its interval, its p value (the probability under chance), and its size in standard deviations.
+One method decides: sign flips for pairs, Welch's t for groups. Student's t is a second opinion beside sign flips.
+
+Sign flips (R. A. Fisher, The Design of Experiments, 1935, § 21): if the two conditions are one, a driver's difference
+might as well have had the other sign. Every pattern of signs is then equally probable, and p is the share of patterns
+whose mean is at least as far from 0 as the one found. With few drivers all patterns are counted, and p is exact; with
+many, patterns are drawn at random. The interval holds each true difference that the same test does not reject. A
+pattern that flips some drivers is as far from 0 as the one found exactly where the mean of these drivers is on the
+other side of the true difference, so that the bounds are means of drivers (J. Hartigan, Journal of the American
+Statistical Association 64 (1969) 1303–1317).
+"""
 
 from __future__ import annotations
 
 import math
 import zlib
+from collections import defaultdict
 from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.differences import (
-    ComparedTrials,
-    DifferenceEstimate,
-    PairedTrials,
-    TwoGroups,
-    compared_trials,
-    corrected,
-    estimate_of,
-)
-from sim.experiment.analysis.reading import Bools, Floats, RunStudy, ShownMeasure
+from sim.experiment.analysis.reading import Bools, Floats, Ints, RunStudy, ShownMeasure
 from sim.experiment.design import PlannedComparison
+
+MOST_EXACT: Final = 16
+"""Most drivers for whom all patterns are counted."""
+ALL_PATTERNS: Final = 2 ** (MOST_EXACT - 1)
+PATTERNS: Final = 20_000
+"""Patterns of an analysis with more drivers, the one found among them: a p of 0.05 is known to 0.003."""
+MOST_CELLS: Final = 20_000_000
+"""Most signs of a table of patterns (160 MB): with very many drivers there are fewer patterns, but at least 1000."""
+ROUNDING: Final = 1e-10
+"""Share of the mean magnitude below which a difference of means counts as none."""
+
+
+def signs_of(drivers: int, rng: np.random.Generator, patterns: int = ALL_PATTERNS) -> Floats:
+    """Patterns of signs (patterns, drivers), the one without a flip first.
+
+    They are all patterns if these are no more than `patterns`, else as many drawn at random, but at most `PATTERNS`. A
+    pattern stands for its mirror image too, so that the first driver is never flipped.
+    """
+    if 2 ** (drivers - 1) <= patterns:
+        flipped = np.arange(2 ** (drivers - 1))[:, None] >> np.arange(drivers - 1, -1, -1) & 1 == 1
+    else:
+        count = min(patterns, PATTERNS, max(MOST_CELLS // drivers, 1000))
+        flipped = rng.random((count - 1, drivers)) < 0.5
+        flipped[:, 0] = False
+        flipped = np.concatenate([np.zeros((1, drivers), dtype=bool), flipped[flipped.any(axis=1)]])
+    return np.where(flipped, -1.0, 1.0)
+
+
+def probabilities(differences: Floats, signs: Floats) -> Floats:
+    """Two-sided p of each study (studies, drivers): how probable a mean this far from 0 is without a difference."""
+    found = np.abs(differences.sum(axis=1, keepdims=True)) - ROUNDING * np.abs(differences).sum(axis=1, keepdims=True)
+    return np.asarray((np.abs(differences @ signs.T) >= found).mean(axis=1))
+
+
+def interval(differences: Floats, signs: Floats, confidence: float) -> tuple[float, float]:
+    """The mean differences that the test does not reject at the level 1 − `confidence`; infinite for too few drivers.
+
+    `differences` has one for each driver, (drivers,).
+    """
+    flipped = signs[1:] < 0
+    counts, total = flipped.sum(axis=1), float(differences.sum())
+    sums = flipped @ differences
+    means = np.sort(np.concatenate([sums / counts, (total - sums) / (len(differences) - counts)]))
+    # A true difference is not rejected if its p, which is (1 + means beyond it) / patterns, reaches the level.
+    beyond = math.ceil((1.0 - confidence) * len(signs) * (1.0 - ROUNDING)) - 1
+    return (float(means[beyond - 1]), float(means[-beyond])) if beyond > 0 else (-math.inf, math.inf)
+
+
+CONFIDENCE: Final = 0.95
+FLIPS, SOME_FLIPS, WELCH = "exact sign flips", "sign flips drawn at random", "Welch's t"
+"""The methods that decide."""
+NO_RANGE: Final = (math.nan, math.nan)
+LEAST_IN_GROUP: Final = 3
+"""Fewest participants whose mean has an interval by Student's t, and fewest of a group."""
+
+
+class _Cell(NamedTuple):
+    """What two trials must have in common to be a pair: the participant, the day, and the levels of other factors."""
+
+    participant: str
+    day: str
+    others: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairedTrials:
+    """The pairs of a comparison between conditions that every participant drove.
+
+    Each array has an entry for each pair: `owner` is the index of its participant in `participants`, `a` and `b` are
+    the values (means where a trial was driven twice). `unpaired` counts trials without a partner, which are left out.
+    `same_day` is False where no two trials had a day in common, so that pairs were made by participant alone.
+    """
+
+    participants: tuple[str, ...]
+    owner: Ints
+    a: Floats
+    b: Floats
+    unpaired: int
+    same_day: bool
+
+    @property
+    def differences(self) -> Floats:
+        """Value at level a minus value at level b of each pair, (pairs,)."""
+        return self.a - self.b
+
+    @property
+    def means(self) -> Floats:
+        """Mean difference of each participant, (participants,)."""
+        return self.by_participant(self.differences)
+
+    def by_participant(self, values: Floats) -> Floats:
+        """Mean over the pairs of each participant, (participants,)."""
+        return np.asarray(np.bincount(self.owner, weights=values) / np.bincount(self.owner))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoGroups:
+    """The means of the participants of two groups, for a factor of which each participant has one level."""
+
+    a: Floats
+    b: Floats
+    a_names: tuple[str, ...]
+    b_names: tuple[str, ...]
+
+    @property
+    def by_driver(self) -> dict[str, dict[str, float]]:
+        """The means of the participants of both groups, by name."""
+        both = {"a": (self.a_names, self.a), "b": (self.b_names, self.b)}
+        return {group: dict(zip(names, means.tolist(), strict=True)) for group, (names, means) in both.items()}
+
+
+ComparedTrials = PairedTrials | TwoGroups
+
+
+def compared_trials(study: RunStudy, comparison: PlannedComparison) -> ComparedTrials:
+    """The pairs of a comparison, or its two groups where each participant drove one of its conditions."""
+    within = study.design.factor(comparison.factor).within
+    return paired_trials(study, comparison) if within else two_groups(study, comparison)
+
+
+def paired_trials(study: RunStudy, comparison: PlannedComparison) -> PairedTrials:
+    """The pairs of a comparison; DasError where no participant drove both of its conditions."""
+    same_day = _paired(study, comparison, with_day=True)
+    found = same_day if len(same_day.owner) else _paired(study, comparison, with_day=False)
+    if not len(found.owner):
+        raise DasError(
+            f"{study.folder}: comparison {comparison.name}: no participant has finished trials with both "
+            f"{comparison.factor} = {comparison.a} and {comparison.b}"
+        )
+    return found
+
+
+def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -> PairedTrials:
+    trials, rows = study.trials, study.rows(comparison)
+    level, values = trials.levels[comparison.factor], trials.values[comparison.measure]
+    cells: dict[_Cell, dict[str, list[int]]] = defaultdict(lambda: {comparison.a: [], comparison.b: []})
+    for row, others in zip(rows, study.conditions(rows, without=comparison.factor), strict=True):
+        cell = _Cell(str(trials.participant[row]), str(trials.day[row]) if with_day else "", str(others))
+        cells[cell][str(level[row])].append(int(row))
+    whole = {cell: (one[comparison.a], one[comparison.b]) for cell, one in sorted(cells.items()) if all(one.values())}
+    names = tuple(sorted({cell.participant for cell in whole}))
+    number = {name: index for index, name in enumerate(names)}
+    return PairedTrials(
+        participants=names,
+        owner=np.array([number[cell.participant] for cell in whole], dtype=np.int64),
+        a=np.array([values[a].mean() for a, _ in whole.values()]),
+        b=np.array([values[b].mean() for _, b in whole.values()]),
+        unpaired=len(rows) - sum(len(a) + len(b) for a, b in whole.values()),
+        same_day=with_day,
+    )
+
+
+def two_groups(study: RunStudy, comparison: PlannedComparison) -> TwoGroups:
+    """The mean of each participant's trials, in two groups; DasError where a group is empty."""
+    trials, kept = study.trials, study.chosen(comparison)
+    found = {}
+    for level in (comparison.a, comparison.b):
+        mine = kept & (trials.levels[comparison.factor] == level)
+        names = np.unique(trials.participant[mine])
+        if not len(names):
+            raise DasError(
+                f"{study.folder}: comparison {comparison.name}: no finished trial with {comparison.factor} = {level}"
+            )
+        values = trials.values[comparison.measure]
+        found[level] = (names, np.array([values[mine & (trials.participant == name)].mean() for name in names]))
+    (a_names, a), (b_names, b) = found[comparison.a], found[comparison.b]
+    return TwoGroups(a=a, b=b, a_names=tuple(map(str, a_names)), b_names=tuple(map(str, b_names)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferenceEstimate:
+    """A mean difference between two conditions, in the unit of its measure.
+
+    `interval` (95 %) and `probability` are those of `method`, which decides. `t_interval` is Student's (Welch's for two
+    groups). `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups).
+    """
+
+    mean: float
+    sd: float
+    participants: int
+    interval: tuple[float, float] = NO_RANGE
+    probability: float = math.nan
+    t_interval: tuple[float, float] = NO_RANGE
+    size: float = math.nan
+    method: str
+
+    @property
+    def known(self) -> bool:
+        """Whether the difference has an interval; without any spread, or with too few participants, there is none."""
+        return math.isfinite(self.interval[0])
+
+
+def estimate_of(trials: ComparedTrials, rng: np.random.Generator) -> DifferenceEstimate:
+    """The estimate of a comparison, from its pairs or from its two groups."""
+    return group_estimate(trials.a, trials.b) if isinstance(trials, TwoGroups) else paired_estimate(trials.means, rng)
+
+
+def paired_estimate(differences: Floats, rng: np.random.Generator) -> DifferenceEstimate:
+    """The mean of one difference for each participant (n,), with the interval and p of sign flips.
+
+    With fewer than 6 participants there is no interval, because no pattern of signs is rare enough.
+    """
+    from scipy import stats
+
+    count, mean = len(differences), float(differences.mean())
+    signs = signs_of(count, rng)
+    method = FLIPS if count <= MOST_EXACT else SOME_FLIPS
+    if _without_spread(differences):
+        alike = count > 1
+        same = 1.0 if alike and mean == 0 else math.nan  # Nothing is known about chance if all differ by the same.
+        sd = 0.0 if alike else math.nan
+        return DifferenceEstimate(mean=mean, sd=sd, participants=count, probability=same, method=method)
+    sd, test = float(differences.std(ddof=1)), stats.ttest_1samp(differences, 0.0)
+    low, high = interval(differences, signs, CONFIDENCE)
+    enough, reach = count >= LEAST_IN_GROUP, test.confidence_interval(CONFIDENCE)
+    return DifferenceEstimate(
+        mean=mean, sd=sd, participants=count, interval=(low, high) if math.isfinite(low) else NO_RANGE,
+        probability=float(probabilities(differences[None], signs)[0]),
+        t_interval=(float(reach.low), float(reach.high)) if enough else NO_RANGE,
+        size=mean / sd, method=method,
+    )  # fmt: skip
+
+
+def group_estimate(a: Floats, b: Floats) -> DifferenceEstimate:
+    """The difference of the means of two groups of participants (a minus b), with the interval and p of Welch's t."""
+    from scipy import stats
+
+    mean, count = float(a.mean() - b.mean()), len(a) + len(b)
+    few = min(len(a), len(b)) < LEAST_IN_GROUP
+    if few or (_without_spread(a) and _without_spread(b)):
+        sd = math.nan if few else 0.0
+        return DifferenceEstimate(mean=mean, sd=sd, participants=count, method=WELCH)
+    sd = math.sqrt(0.5 * (float(a.var(ddof=1)) + float(b.var(ddof=1))))
+    test = stats.ttest_ind(a, b, equal_var=False)
+    low, high = test.confidence_interval(CONFIDENCE)
+    interval = (float(low), float(high))
+    return DifferenceEstimate(
+        mean=mean, sd=sd, participants=count, interval=interval, probability=float(test.pvalue), t_interval=interval,
+        size=mean / sd, method=WELCH,
+    )  # fmt: skip
+
+
+def _without_spread(values: Floats) -> bool:
+    """Whether all values are the same but for rounding."""
+    return len(values) < 2 or float(np.ptp(values)) <= 1e-12 * max(float(np.abs(values).max()), 1e-300)
+
+
+def corrected(probabilities: Floats, correction: str) -> Floats:
+    """Probabilities corrected for the number of planned comparisons; NaN stays NaN, but counts as a comparison.
+
+    `holm`: Holm, Scandinavian Journal of Statistics 6 (1979) 65–70. `bonferroni`: each times the number of
+    comparisons. `none`: as they are.
+    """
+    if correction == "none" or not len(probabilities):
+        return probabilities
+    count = len(probabilities)
+    raised = np.minimum(count * probabilities, 1.0)
+    if correction == "holm":
+        order = np.argsort(np.nan_to_num(probabilities, nan=1.0), kind="stable")
+        steps = np.minimum((count - np.arange(count)) * np.nan_to_num(probabilities, nan=1.0)[order], 1.0)
+        raised[order] = np.maximum.accumulate(steps)
+    return np.where(np.isnan(probabilities), np.nan, raised)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from sim.experiment.analysis.comparing import FoundDifference, StudyFindings, conditions_of
-from sim.experiment.analysis.differences import LEAST_IN_GROUP
+from sim.experiment.analysis.comparing import LEAST_IN_GROUP, FoundDifference, StudyFindings, conditions_of
 from sim.experiment.analysis.reading import SAME, RunStudy, ShownMeasure, probability
 from sim.experiment.design import Design
 from sim.experiment.factors import FACTORS
@@ -138,7 +137,7 @@ def _reach(shown: ShownMeasure, interval: tuple[float, float]) -> str:
 def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
     """The number of trials driven, and which ones are missing or failed."""
     trials, design = found.study.trials, found.study.design
-    driven, failed = ~trials.practice, found.study.failed
+    driven, failed, missing = ~trials.practice, found.study.failed, found.study.missing.total()
     counts = Counter(trials.participant[driven].tolist())
     without = {name: int(np.sum(~np.isfinite(values[driven]))) for name, values in trials.values.items()}
     gaps = ", ".join(f"{found.shown(name).name}: {count}" for name, count in without.items() if count)
@@ -146,27 +145,14 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
         ("drivers", str(len(counts))),
         ("finished trials", str(int(driven.sum()))),
         ("practice trials, left out", str(int(trials.practice.sum()))),
-        ("missing trials", _missing_words(found.study, counts)),
+        ("missing trials", f"{missing} of {design.planned.total()} planned{': ' * (missing > 0)}"
+         f"{'; '.join(_missing(found.study))}"),
         ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
          if failed else "0 (a trial fails if the train does not reach its last stop)"),
         ("trials without a value", gaps or "0"),
         ("comparisons planned", f"{len(design.comparisons)}, p corrected by {CORRECTION_NAMES[design.correction]}"
          if design.correction != "none" else f"{len(design.comparisons)}, p not corrected"),
     ]  # fmt: skip
-
-
-def _missing_words(study: RunStudy, counts: Counter[str]) -> str:
-    """Which trials are missing: of those planned; if the design does not state them, of the trials that other drivers
-    drove."""
-    planned, missing = study.design.planned.total(), study.missing.total()
-    if planned:
-        return f"{missing} of {planned} planned" + (f": {'; '.join(_missing(study))}" if missing else "")
-    most = max(counts.values())
-    fewer = sorted(name for name, count in counts.items() if count < most)
-    if not fewer:
-        return f"0: all drivers finished {most}"
-    missing = sum(most - count for count in counts.values())
-    return f"{missing}: {', '.join(fewer)} finished fewer than the {most} of the other drivers"
 
 
 def design_rows(found: StudyFindings) -> list[tuple[str, str]]:

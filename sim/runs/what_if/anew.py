@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,18 +30,16 @@ from sim.drivers.parameters import DEFAULT, Participant, load_population, partic
 from sim.drivers.screen import recorded_screen
 from sim.options import WhatIfKind, typed_command
 from sim.recording.inputs import put, sha256, vehicle_files
-from sim.runs.reproduce.hearing import HeardAgain, node_given
+from sim.runs.hearing import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 from sim.world.disturbances import AnnouncedRestriction, DepartureDelay, as_figures
-from sim.world.drawn import Truth
-from sim.world.over_bus import How, drive_day
-from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_scenario, scenario_of
+from sim.world.driving import How, drive_day
+from sim.world.scenario import EPOCH, LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, Truth, read_scenario, scenario_of
 from sim.world.service import Day, make_day, prepare_service, with_disturbances
 
 LEAST_DELAY_S: Final = 1.0
 """Lateness (s) below which a departure was on time."""
-EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def attached_scenario(origin: Origin) -> Scenario:

@@ -78,10 +78,7 @@ DRIVE, TO_SEE = ("run", "clear-day"), "is a recording to look at; nothing is dri
 DAYS = ("experiment", "run", "--scenario", "clear-day", "-o", "b")
 OF_SIM = [
     ((*DRIVE, "--driver", "perfect", "--friction", "as-measured"), "--friction as-measured: needs --driver human"),
-    ((*DRIVE, "--driver", "desk", "--friction", "by-advice"), "--friction by-advice: needs --driver human"),
     ((*DRIVE, "--driver", "external", "--friction", "by-advice"), "--friction by-advice: needs --driver human"),
-    ((*DRIVE, "--driver", "desk", "--pace", "max"), "--pace max: a person needs a pace"),
-    ((*DRIVE, "--driver", "desk", "--in-process"), "--in-process: needs a driver other than desk"),
     ((*DRIVE, "--driver-at", "tcp/127.0.0.1:1"), "--driver-at tcp/127.0.0.1:1: needs --driver external"),
     ((*DRIVE, "--in-process", "--train", "IC1"), "--train IC1: a run --in-process has no bus"),
     ((*DRIVE, "--in-process", "--overwrite"), "--overwrite: a run --in-process records nothing"),

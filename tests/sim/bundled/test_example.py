@@ -17,7 +17,7 @@ from das.command_line.process import EXIT_INTERRUPTED
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
 from precompute.tables.plan import read_plan
-from sim.bundled.example import example_files
+from sim.bundled import example_files
 from sim.options import TripOptions
 from sim.trips.cleaning import FindingKind
 from sim.trips.line import Line, read_kilometre_posts

@@ -16,8 +16,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
 from sim.bundled.recorded_driver import RecordedDriver
 from sim.drive.instructions import InstructionWatch
-from sim.drivers.asked import Asked, asked
-from sim.drivers.cab import AdviceView, CabView, Driver, Efforts
+from sim.drivers.cab import AdviceView, Asked, CabView, Driver, Efforts, asked
 from sim.drivers.drivers import LiteralDriver, PerfectDriver, make_driver
 from sim.drivers.examples import Attentive
 from sim.drivers.kinds import DriverKind, Presentation

@@ -9,7 +9,7 @@ import pytest
 
 from das.advice.regimes import Regime
 from sim.drivers.cab import AdviceView, Diary
-from sim.drivers.handling import HAND, Hand, HumanSettings, SpeedHold
+from sim.drivers.handling import HAND, Hand, SpeedHold
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
@@ -66,9 +66,9 @@ def test_the_ends_of_the_scale_are_set_exactly_whatever_the_error_of_efforts(mod
 
 def test_two_speeds_that_are_minded_at_once_do_not_disturb_each_other() -> None:
     """One to hold and a ceiling: a correction of the one is none of the other."""
-    human, settings = HumanParameters(), HumanSettings()
-    both = [SpeedHold(human, settings), SpeedHold(human, settings)]
-    alone = [SpeedHold(human, settings), SpeedHold(human, settings)]
+    human = HumanParameters()
+    both = [SpeedHold(human), SpeedHold(human)]
+    alone = [SpeedHold(human), SpeedHold(human)]
     errors = [(-0.4, 2.5), (-0.7, 2.0), (-0.3, 0.2), (0.1, 0.1), (0.6, -0.6)]
     mixed = [[hold.force_n(e, 1e4, 4e5, crawls=False) for hold, e in zip(both, pair, strict=True)] for pair in errors]
     for k, hold in enumerate(alone):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sim.experiment.savings import mean_interval, print_savings, savings, student_975, with_interval
+from sim.experiment.one_line import mean_interval, print_savings, savings, student_975, with_interval
 
 
 def row(driver: str, advice: str, seed: int, *, optimum: float, blending: float, profile: float) -> dict[str, Any]:

@@ -25,9 +25,9 @@ from sim.cli import trips as trip_command
 from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, leg_energies, likely_band, range_above
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import ReplayOptions, TripOptions
-from sim.runs.replay import report as replay_report
-from sim.runs.replay.replay import ReplayOutcome, driven_legs, prepare, stated_parts
-from sim.runs.replay.report import trip_energies
+from sim.runs import replay_figures as replay_report
+from sim.runs.replay import ReplayOutcome, driven_legs, prepare, stated_parts
+from sim.runs.replay_figures import trip_energies
 from sim.trips.estimate import MASS, RESISTANCE, EnergyRange, doubt, energy_range, estimate_run, strongest_held_n
 from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces

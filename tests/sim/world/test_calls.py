@@ -13,7 +13,7 @@ from das.domain.route import Stop
 from das.domain.units import KMH
 from sim.drive.limits import Violations
 from sim.plant.kernels import PlantState
-from sim.world.calls import Calls, Watch
+from sim.world.surroundings import Calls, Watch
 from tests.support.flat_days import flat_day, run_of, signal_at
 from tests.support.making import das_sim
 
@@ -42,7 +42,7 @@ def test_a_stop_is_missed_far_behind_it_or_at_the_stop_after_it() -> None:
         ((0.0, 2000.0, 6000.0), 4000.0),
     ):
         stops = tuple(Stop(name=f"{at_m:.0f}", position_m=at_m) for at_m in stops_m)
-        service = replace(day.service, way=replace(day.service.way, stops=stops))
+        service = replace(day.service, stops=stops)
         assert Calls(replace(day, service=service)).missed_m == missed_m
 
 

@@ -31,10 +31,10 @@ from sim.drivers.kinds import DESK, EXTERNAL, DriverKind, Presentation
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, force, lever, speed
+from sim.world.driving import DayRun, How, drive_day
 from sim.world.external import DeadMan, ExternalDriver, Patience
 from sim.world.lockstep import Answers
 from sim.world.loop import InProcess, World
-from sim.world.over_bus import DayRun, How, drive_day
 from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import REPOSITORY, das_sim

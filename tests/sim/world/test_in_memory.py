@@ -12,8 +12,7 @@ import pytest
 import sim
 from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.world.in_memory import drive_kept
-from sim.world.over_bus import How, drive_day
+from sim.world.driving import How, drive_day, drive_kept
 from sim.world.service import make_day
 from tests.support.flat_days import service_of
 from tests.support.making import das_sim

@@ -107,7 +107,7 @@ def test_the_service_has_the_stops_dwells_and_times_of_the_journey() -> None:
         ("Halt", 2400.0),
         ("End", 6000.0),
     ]
-    assert service.way.dwells_s == (0.0, 40.0, 0.0)
+    assert service.dwells_s == (0.0, 40.0, 0.0)
     zero_ns = 1_782_864_000 * 10**9  # 2026-07-01, 0:00 UTC: the line names no time zone
     first, second = service.timetables
     assert first.departure_ns == zero_ns + (23 * 3600 + 58 * 60) * 10**9
@@ -165,7 +165,7 @@ def test_windows_are_told_to_the_node_as_targets_until_they_are_passed_and_wishe
     around.news.update(state)
     (told,) = [one for one in around.operators(0, service.moment_ns(-10.0), state) if isinstance(one, TargetsHeard)]
     (target,) = told.targets
-    junction = service.way.passings[1]
+    junction = service.passings[1]
     assert (target.s_m, target.latest_ns, target.earliest_ns) == (4000.0, junction.latest_ns, 0)
     assert target.reason == "passing Junction"
     beyond = day().plant.at(4100.0, time_s=300.0)

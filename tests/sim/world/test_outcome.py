@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from sim.drive.above_optimum import AboveOptimum
 from sim.drive.limits import Violations
 from sim.drive.stability import AdviceStability
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.world.lockstep import Traffic
 from sim.world.loop import InProcess, Run, World
-from sim.world.outcome import SHARES, DayOutcome, DayResult, RecordedFigures, outcome, print_result, shares, true_fronts
+from sim.world.outcome import SHARES, DayOutcome, DayResult, outcome, print_result, shares, true_fronts
 from sim.world.scenario import read_scenario
 from sim.world.service import Day, Service, make_day, prepare_service
 from tests.support.flat_days import service_of
@@ -54,10 +56,10 @@ def plain(flat: Callable[[str], Path]) -> tuple[Day, Run]:
     return driven(service_of(flat("")))
 
 
-def result_of(day: Day, found: DayOutcome, recorded: RecordedFigures | None = None) -> DayResult:
+def result_of(day: Day, found: DayOutcome, file: Path | None = None, traffic: Traffic | None = None) -> DayResult:
     return DayResult(
         outcome=found, driver=DriverKind.PERFECT, advice=Presentation.SPEED_AND_EFFORT, happens="nothing",
-        drawn=day.drawn, wall_s=2.0, recorded=recorded,
+        drawn=day.drawn, wall_s=2.0, file=file, traffic=traffic,
     )  # fmt: skip
 
 
@@ -127,8 +129,9 @@ def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
 @pytest.mark.parametrize("recorded", [True, False])
 def test_what_is_told_beside_the_outcome(recorded: bool, plain: tuple[Day, Run]) -> None:
     day, run = plain
-    file = RecordedFigures(file="x.mcap", messages_sent=5, messages_recorded=4, messages_lost=1, start_s=0.5)
-    result = result_of(day, outcome(day, run), file if recorded else None)
+    traffic = Traffic(sent=Counter(cab=5), recorded=Counter(cab=4), start_s=0.5)
+    found = outcome(day, run)
+    result = result_of(day, found, Path("x.mcap"), traffic) if recorded else result_of(day, found)
     told = result.as_dict()
     assert list(told) == [*KEYS, *HOW, *(RECORDING if recorded else ["file"])]
     assert told["file"] == ("x.mcap" if recorded else None)

@@ -13,9 +13,9 @@ from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown, present, presenter_of
 from sim.drivers.presentations.sheet import SheetLook
-from sim.world.calls import Calls
 from sim.world.loop import InProcess, Run, World
 from sim.world.paper import LATE_S, PaperSheet
+from sim.world.surroundings import Calls
 from tests.support.flat_days import flat_day
 
 

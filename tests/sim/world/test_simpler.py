@@ -20,8 +20,7 @@ from das.solver.front import Front
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.drivers.presentations.presenter import FOUR_MODES, SimplerLook
-from sim.world.reduced import ReducedSpeed
-from sim.world.simpler import BEFORE_S, FourModes, SimplerDisplay, brakes_late
+from sim.world.simpler import BEFORE_S, FourModes, ReducedSpeed, SimplerDisplay, brakes_late
 from tests.support.fixes import ns
 from tests.support.making import make_route
 from tests.support.one_section import OneSection

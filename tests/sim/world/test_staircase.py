@@ -10,7 +10,7 @@ import pytest
 from das.advice.shown import SPEED_STEP_MPS
 from das.domain.units import KMH
 from das.solver.section import Section, build_section
-from sim.world.reduced import EASY_BRAKING_MPS2, SLOWEST_MPS, ReducedSpeed, Staircase
+from sim.world.simpler import EASY_BRAKING_MPS2, SLOWEST_MPS, ReducedSpeed, Staircase
 from tests.support.making import make_route, make_train
 
 EASY = EASY_BRAKING_MPS2

@@ -135,7 +135,7 @@ def test_a_mass_does_not_help_where_it_is_not_what_was_changed(folder: Path) -> 
 
 
 def test_run_refuses_it_in_one_line_before_the_drive(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.world.over_bus.drive_day", never)
+    monkeypatch.setattr("sim.world.driving.drive_day", never)
     for truth, said in (("mass_ratio = 1.5", "= 1.5 (expected"), (DRAWN, ", drawn from 0.9 to 1.9 (expected at most ")):
         line = refusal("run", str(day(folder, truth)), "--seed", str(TOO_HEAVY), "--in-process", cwd=folder)
         assert said in line

@@ -20,7 +20,6 @@ class TrafficLightPresenter(Presenter):
     number = 17
     phrase = "a traffic light"
     meaning = "green, amber or red"
-    says_effort = False
     is_simpler = True
     lane = LaneState("a light", "#123456")
 

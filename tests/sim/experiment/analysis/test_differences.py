@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sim.experiment.analysis.differences import (
+from sim.experiment.analysis.comparing import (
     corrected,
     group_estimate,
     paired_estimate,

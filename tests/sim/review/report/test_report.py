@@ -38,8 +38,8 @@ from sim.review.report.first_page import in_lines
 from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of
 from sim.review.report.sentences import title, where_time_went
 from sim.review.scene import ReviewScene
-from sim.runs.replay.replay import ReplayOutcome, prepare
-from sim.runs.replay.report import figure_rows, result, trip_energies
+from sim.runs.replay import ReplayOutcome, prepare
+from sim.runs.replay_figures import figure_rows, result, trip_energies
 from sim.world.lockstep import Traffic
 from tests.support.flat_days import flat_day, signal_at
 from tests.support.making import das_sim, refusal

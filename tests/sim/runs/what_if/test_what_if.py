@@ -30,14 +30,14 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import NodeSaid, WhatIfKind
 from sim.recording.check import check_file
 from sim.recording.inputs import inputs_of, sha256
-from sim.runs.reproduce.reproduce import reproduce
+from sim.runs.reproduce import reproduce
 from sim.runs.what_if.anew import _on_the_day, attached_scenario, day_again, drive_again, scenario_of_drive
 from sim.runs.what_if.difference import changed
 from sim.runs.what_if.open_loop import advise_otherwise
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 from sim.world.disturbances import AnnouncedRestriction, DepartureDelay
-from sim.world.over_bus import How, drive_day
+from sim.world.driving import How, drive_day
 from sim.world.scenario import read_scenario
 from sim.world.service import lay_out, make_day, prepare_service, scenario_files
 from tests.sim.world.test_drawn import write_map

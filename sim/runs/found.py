@@ -15,8 +15,8 @@ from das.domain.vehicle import Vehicle
 from das.solver.section import Section
 from sim.drive.above_optimum import NOT_COMPARABLE
 from sim.options import TripOptions
-from sim.runs.replay.replay import compared_legs
-from sim.runs.replay.report import beside_optimum
+from sim.runs.replay import compared_legs
+from sim.runs.replay_figures import beside_optimum
 from sim.trips.find_train import FoundTrain, find_train, shares
 from sim.trips.report import part_words
 from sim.trips.trip import Trip, section_with

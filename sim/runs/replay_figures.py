@@ -31,7 +31,7 @@ from sim.drive.attribution.driven_legs import (
     section_of_leg,
 )
 from sim.recording.inputs import DriveInputs
-from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
+from sim.runs.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
 from sim.trips.cleaning import FindingKind
 from sim.trips.estimate import EnergyRange, doubt, energy_range
 from sim.trips.report import direction_by_posts, doubt_words, part_words, unknowns
@@ -194,10 +194,7 @@ def _messages(outcome: ReplayOutcome) -> dict[str, Any]:
     """Messages of the replay, and how fast it went."""
     traffic = outcome.traffic
     return {
-        "messages_sent": sum(traffic.sent.values()),
-        "messages_recorded": sum(traffic.recorded.values()),
-        "messages_lost": traffic.lost,
-        "start_s": traffic.start_s,
+        **traffic.as_dict(),
         "replay_s": outcome.replay_s,
         "real_time_factor": traffic.ticks * TICK_S / outcome.replay_s if outcome.replay_s > 0 else None,
     }

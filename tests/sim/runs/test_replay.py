@@ -33,9 +33,17 @@ from sim.recording.inputs import DriveInputs
 from sim.review.report.first_page import page_dict
 from sim.review.report.sentences import paragraph
 from sim.review.report.tables import stop_rows
-from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, prepare
-from sim.runs.replay.report import TripEnergies, trip_energies
-from sim.runs.replay.timing import check_timing, plan_timing
+from sim.runs.replay import (
+    ReplayJob,
+    _Feed,
+    _journey,
+    check_timing,
+    compared_legs,
+    driven_legs,
+    plan_timing,
+    prepare,
+)
+from sim.runs.replay_figures import TripEnergies, trip_energies
 from sim.trips.estimate import estimate_run
 from sim.trips.record import read_trip
 from sim.trips.trip import Trip, load_trip

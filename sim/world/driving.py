@@ -1,10 +1,10 @@
-"""A day driven over the real bus, with node and recorder as processes in lockstep with the simulation."""
+"""A day driven in this process, or over the bus with node and recorder as processes in lockstep with the simulation."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,26 +12,29 @@ from typing import Any, NamedTuple
 from google.protobuf.message import Message
 
 from das import __version__
-from das.bus import das_pb2
+from das.advice.advice import Advice
+from das.bus import codec, das_pb2
 from das.bus.config import BusFolder
-from das.bus.topics import CAB, DECISION, LOCATION, LOG, MEASURES, SAVING, TRUTH
+from das.bus.recording import Recording, Stamped
+from das.bus.topics import CAB, DECISION, LOCATION, LOG, MEASURES, SAVING, TRUTH, Topic
 from das.cab.heard import PositionHeard
 from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
 from sim.drive.passings import passing_metadata
 from sim.drive.stability import AdviceStability
+from sim.drive.table import DriveTable
 from sim.drivers.cab import KINDS, Driver, DriverEvent
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
 from sim.drivers.messages import CabLook, cab_message
 from sim.drivers.own_class import driver_versions
 from sim.drivers.presentations.presenter import presenter_of
 from sim.drivers.screen import ScreenSettings, screen_metadata
-from sim.recording.inputs import sha256
+from sim.recording.inputs import DriveInputs, sha256
 from sim.world.disturbances import described
 from sim.world.external import ExternalDriver
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location
-from sim.world.loop import BEFORE_S, InProcess, Progress, Run, Tick, Told, World
+from sim.world.loop import BEFORE_S, TRAIN, InProcess, Progress, Run, Tick, Told, World
 from sim.world.outcome import above_optimum
 from sim.world.service import Day, Service, load_of, scenario_files
 
@@ -68,19 +71,42 @@ class OverBus:
             self._lockstep.send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Send what is only recorded: the truth, the cab, events, and the driver's decisions."""
-        self._lockstep.send(TRUTH, truth_message(self._day, now_ns, told))
-        if self._shows_cab:
-            look = CabLook(now_ns, told.cab, told.command)
-            self._lockstep.send(CAB, cab_message(look, self._day.service.line))
-        for text in told.events:
-            self._lockstep.send(LOG, happened(now_ns, text))
-        for event in told.decisions:
-            self._lockstep.send(DECISION, decision_message(self._day, event))
+        """Send what is only recorded."""
+        for topic, message in only_recorded(self._day, now_ns, told, shows_cab=self._shows_cab):
+            self._lockstep.send(topic, message)
 
     def restart(self) -> None:
         """Kill the node and restart it."""
         self._lockstep.restart_node()
+
+
+class KeptInProcess(InProcess):
+    """The link to an on-board system in this process; `messages` has what a recorder would write, by topic."""
+
+    def __init__(self, day: Day, *, guide: bool = False) -> None:
+        self._day = day
+        self.messages: dict[str, list[Stamped]] = {}
+        super().__init__(day.service, guide=guide)
+        began_ns = day.service.moment_ns(-BEFORE_S)
+        self.keep(*codec.encode_input(day.service.journey(TRAIN, began_ns)), began_ns)
+
+    def exchange(self, tick: Tick) -> Advice:
+        """The advice for a tick."""
+        for heard in tick.told:
+            self.keep(*codec.encode_input(heard), tick.now_ns)
+        advice = super().exchange(tick)
+        for output in (*self.said, advice):
+            self.keep(*codec.encode_output(output, tick.number), tick.now_ns)
+        return advice
+
+    def tell(self, now_ns: int, told: Told) -> None:
+        """Keep what the on-board system does not receive."""
+        for topic, message in only_recorded(self._day, now_ns, told):
+            self.keep(topic, message, now_ns)
+
+    def keep(self, topic: Topic, message: Any, now_ns: int) -> None:
+        """Keep a message that was sent at a time (ns since 1970)."""
+        self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,21 +132,27 @@ class How:
 
 
 class DayRun(NamedTuple):
-    """A run, and the counts of its messages (None: it was driven without a bus)."""
+    """A run; the counts of its messages, if it was driven over a bus; and the table of the drive, if it was kept."""
 
     run: Run
-    traffic: Traffic | None
+    traffic: Traffic | None = None
+    table: DriveTable | None = None
 
 
-def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Progress | None = None) -> DayRun:
+def drive_day(
+    day: Day, driver: Driver, how: How, out: Path | None, progress: Progress | None = None, *, keep: bool = False
+) -> DayRun:
     """Drive a day: in this process, or with node and recorder as processes if it is recorded in the file `out`.
 
-    Raises DasError if a process fails or the train does not arrive.
+    In this process, the table of the drive is made from what a recorder would write, if it is to be kept. Raises
+    DasError if a process fails or the train does not arrive.
     """
+    if out is None and keep:
+        kept, table = drive_kept(day, driver, how, progress)
+        return DayRun(kept, table=table)
     if out is None:
-        shows = presenter_of(how.advice)
-        link = InProcess(day.service, guide=shows.needs_guide)
-        return DayRun(World(day, driver, how.advice, link, how.screen).run(progress), None)
+        link = InProcess(day.service, guide=presenter_of(how.advice).needs_guide)
+        return DayRun(World(day, driver, how.advice, link, how.screen).run(progress))
     processes = make_processes(day, how, out)
     with Lockstep(processes) as lockstep:
         lockstep.begin(day.service.journey(processes.train, day.service.moment_ns(-BEFORE_S)))
@@ -129,12 +161,27 @@ def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Pr
             driver.begin(lockstep)
         link_to_node = OverBus(day, lockstep, shows_cab=not outside)
         run = World(day, driver, how.advice, link_to_node, how.screen).run(progress)
-        end_ns = day.service.moment_ns(run.states[-1].time_s)
-        lockstep.send(MEASURES, measures_message(end_ns, run.stability))
-        with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
-            lockstep.send(SAVING, above_optimum(day, run).message(end_ns))
-        lockstep.finish(end_ns)
+        for topic, message in _last_messages(day, run):
+            lockstep.send(topic, message)
+        lockstep.finish(day.service.moment_ns(run.states[-1].time_s))
     return DayRun(run, lockstep.traffic)
+
+
+def drive_kept(day: Day, driver: Driver, how: How, progress: Progress | None = None) -> tuple[Run, DriveTable]:
+    """Drive a day in this process, and make the table of the drive; DasError if the train does not arrive."""
+    link, service = KeptInProcess(day, guide=presenter_of(how.advice).needs_guide), day.service
+    run = World(day, driver, how.advice, link, how.screen).run(progress)
+    for topic, message in _last_messages(day, run):
+        link.keep(topic, message, service.moment_ns(run.states[-1].time_s))
+    given = DriveInputs(
+        route=service.route, vehicle=service.vehicle, level=service.level, source="those of the day"
+    )  # fmt: skip
+    recording = Recording(
+        path=Path(f"{service.scenario.id} in memory"), train=TRAIN, trains=(TRAIN,), attachments=(), complete=True,
+        messages={name: tuple(entries) for name, entries in link.messages.items()},
+        metadata={"run": run_metadata(day, how)},
+    )  # fmt: skip
+    return run, DriveTable.of(recording, given)
 
 
 def make_processes(day: Day, how: How, out: Path) -> Processes:
@@ -171,7 +218,7 @@ def run_metadata(day: Day, how: How) -> dict[str, str]:
         **driver_versions(how.driver),
         "advice": str(how.advice),
         **screen_metadata(how.screen),
-        **passing_metadata(service.way.passings),
+        **passing_metadata(service.passings),
         "happens": described(day.disturbances),
         "drawn": json.dumps(day.drawn),
         "route": service.route.name,
@@ -207,6 +254,25 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
     if braking.below_limit_mps > 0:
         arguments += ["--below-limit", repr(round(braking.below_limit_mps / KMH, 9))]
     return tuple(arguments)
+
+
+def only_recorded(day: Day, now_ns: int, told: Told, *, shows_cab: bool = True) -> Iterator[tuple[Topic, Message]]:
+    """The messages of a tick that are only recorded: the truth, the cab, events, and the driver's decisions."""
+    yield TRUTH, truth_message(day, now_ns, told)
+    if shows_cab:
+        yield CAB, cab_message(CabLook(now_ns, told.cab, told.command), day.service.line)
+    for text in told.events:
+        yield LOG, happened(now_ns, text)
+    for event in told.decisions:
+        yield DECISION, decision_message(day, event)
+
+
+def _last_messages(day: Day, run: Run) -> Iterator[tuple[Topic, Message]]:
+    """The messages at the end of a run: how stable the advice was, and the energy above the optimum if it is known."""
+    end_ns = day.service.moment_ns(run.states[-1].time_s)
+    yield MEASURES, measures_message(end_ns, run.stability)
+    with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
+        yield SAVING, above_optimum(day, run).message(end_ns)
 
 
 def decision_message(day: Day, event: DriverEvent) -> Message:

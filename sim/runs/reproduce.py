@@ -14,17 +14,15 @@ from typing import Any, Final, NamedTuple
 from google.protobuf.json_format import MessageToDict
 from google.protobuf.message import Message
 
-from das.bus.codec import INPUT_TOPICS
-from das.bus.contents import Contents, RecordedMessage
+from das.bus.contents import Contents
 from das.bus.recorder import LAST_NS, message_time_ns
 from das.bus.recording import recording_of
 from das.bus.topics import ADVICE, ESTIMATE, EVENT, PLAN, STATUS, TOPICS
 from das.cab.cab import no_stopwatch
 from das.domain.errors import DasError
-from das.domain.units import NS
 from das.node.process import CabPlan, plan_cab
 from sim.recording.opening import open_contents
-from sim.runs.reproduce.hearing import HeardAgain, Rehearing, Said, by_bus_clock, node_given, recorded_words
+from sim.runs.hearing import HeardAgain, Rehearing, Said, by_bus_clock, node_given, recorded_words
 
 COMPARED: Final = tuple(topic for topic in TOPICS if topic.publisher == "node")
 """The topics on which a cab sends messages."""
@@ -204,8 +202,6 @@ def _bare(path: str) -> str:
 
 EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
 """Metadata of an extract: a recording of everything that its node received, with a part of what the node sent."""
-CONTEXT_S = 5.0
-"""Time (s) before the first difference whose messages are shown."""
 BY_THE_WALL = (
     "the node used the wall clock and planned in the background: the time of each plan depended on its machine, and "
     "so do all later plans; differences do not mean that this version advises differently"
@@ -214,14 +210,13 @@ BY_THE_WALL = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reproduction:
-    """The result. `context`: the messages received before the first difference, as (seconds before it, topic, text)."""
+    """The result: how many ticks were judged again, what differs, and notes on how well the node is known."""
 
     path: Path
     train: str
     ticks: int
     comparison: Comparison
     notes: tuple[str, ...]
-    context: tuple[tuple[float, str, str], ...] = ()
 
     @property
     def same(self) -> bool:
@@ -243,7 +238,6 @@ class Reproduction:
                 for path, (count, most) in self.comparison.by_field.items()
             },
             "first": None if first is None else _as_dict(first),
-            "context": [{"before_s": s, "topic": topic, "heard": text} for s, topic, text in self.context],
             "notes": list(self.notes),
         }
 
@@ -289,7 +283,6 @@ def reproduce(
         ticks=sum(one.topic is ADVICE for one in today),
         comparison=found,
         notes=tuple(notes),
-        context=tuple(_context(messages, found.differences[0])) if found.differences else (),
     )
 
 
@@ -317,19 +310,3 @@ def _tables_note(contents: Contents, found: Comparison, tables: Path | None) -> 
 
     used = any(one.topic is ADVICE and one.message.source == Source.TABLE for one in contents.messages)
     return ["the node used tables: give their folder with --tables"] if used and tables is None else []
-
-
-def _context(messages: list[RecordedMessage], first: Difference) -> list[tuple[float, str, str]]:
-    """The messages received in the last seconds before a difference."""
-    lines = []
-    for one in messages:
-        before_s = (first.time_ns - message_time_ns(one.message)) * NS
-        if one.topic in INPUT_TOPICS.values() and 0 <= before_s <= CONTEXT_S:
-            lines.append((before_s, one.topic.name, _short(one.message)))
-    return sorted(lines, reverse=True)
-
-
-def _short(message: Any) -> str:
-    """A message in one line, without its time."""
-    values = ((x.name, value) for x, value in message.ListFields() if x.name != "time_ns")
-    return ", ".join(f"{name} {' '.join(str(value).split())}" for name, value in values) or "empty"

@@ -1,1 +1,0 @@
-"""Replay of a recorded trip against a live node."""
