@@ -24,7 +24,7 @@ from das.advice.regimes import InstructionKind
 from das.domain.braking import USUAL
 from das.domain.journey import Held, Passing, Window
 from das.domain.route import Route
-from das.domain.units import KM, KMH, kmh, kwh
+from das.domain.units import KM, KMH, kmh, kwh_words
 from das.drawing.colors import LIMIT, MODES
 from das.offline.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.guide.policies import GuideFront, PolicySettings
@@ -289,7 +289,7 @@ def sheet_page(plan: JourneyPlan, sheets: Sequence[PlannedSheet], source: str) -
         ("leaves", f"{first.start.name} {half_minutes(first.departure.time_s)}"),
         ("arrives", f"{last.end.name} {half_minutes(last.arrival.time_s)}"),
         ("stops", f"{len(sheets) + 1}"),
-        ("energy", f"{kwh(more_j):.0f} kWh if followed"),
+        ("energy", f"{kwh_words(more_j, finer=-1)} if followed"),
     ]
     head = "".join(f"<div><span>{name}</span>{html.escape(text)}</div>" for name, text in facts)
     name = html.escape(plan.journey.name)

@@ -30,9 +30,9 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(28_745, 160),
-    "precompute": Budget(10_790, 47),
-    "sim": Budget(33_850, 156),
+    "das": Budget(28_750, 160),
+    "precompute": Budget(10_795, 47),
+    "sim": Budget(33_870, 156),
     "docs/studies": Budget(6_205, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

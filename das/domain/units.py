@@ -110,7 +110,12 @@ def kwh_figure(energy_j: float, *, signed: bool = False, finer: int = 0) -> str:
 
     `finer` is 1 for the parts of a whole, −1 for a range, which is less certain than a figure.
     """
-    return f"{kwh(energy_j):{'+' if signed else ''}z.{KWH_DIGITS + finer}f}"
+    return in_kwh(kwh(energy_j), signed=signed, finer=finer)
+
+
+def in_kwh(energy_kwh: float, *, signed: bool = False, finer: int = 0) -> str:
+    """Energy that is in kWh already, as `kwh_figure` prints it."""
+    return f"{energy_kwh:{'+' if signed else ''}z.{KWH_DIGITS + finer}f}"
 
 
 def kwh_words(energy_j: float, *, signed: bool = False, finer: int = 0) -> str:

@@ -13,7 +13,7 @@ from das.command_line.printing import new_table, print_table, tell
 from das.domain.errors import DasError
 from das.domain.journey import Held, clock
 from das.domain.plotted import PlottedFront
-from das.domain.units import KM, KMH, KW, kmh, kwh
+from das.domain.units import KM, KMH, KW, in_kwh, kmh, kwh, kwh_figure, kwh_words
 from das.offline.journey.plan import JourneyPlan, JourneyPlanner, PassedAt, PlannedTime, SectionPlan
 from das.solver.section import Section
 from das.solver.solution import Solution, plotted_on
@@ -119,9 +119,9 @@ def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
         table.add_row(
             f"{result['time_s']:.1f}",
             f"{buffer:.2f}",
-            f"{result['energy_kwh']:.2f}",
-            f"{result['energy_irreversible_kwh']:.2f}",
-            f"{result['energy_stored_kwh']:+z.2f}",
+            in_kwh(result["energy_kwh"], finer=1),
+            in_kwh(result["energy_irreversible_kwh"], finer=1),
+            in_kwh(result["energy_stored_kwh"], signed=True, finer=1),
             *([f"{100 * (1 - result['energy_kwh'] / first):.1f}" if first else "–"] if several else []),
             _price(result),
             f"{100 * result['gap_ratio']:.3f}" if result["gap_ratio"] is not None else "–",
@@ -172,7 +172,7 @@ class MissedWish(NamedTuple):
         first, last = (clock(bound) if math.isfinite(bound) else "…" for bound in bounds)
         wished = first if first == last else f"{first} – {last}"
         late = f"{abs(self.passed.missed_s):.0f} s too {'late' if self.passed.missed_s > 0 else 'early'}"
-        possible = f"keeping it would cost {kwh(self.costs_j):.2f} kWh"
+        possible = f"keeping it would cost {kwh_words(self.costs_j, finer=1)}"
         price = "it cannot be kept between these stops" if math.isnan(self.costs_j) else possible
         planned = f"planned {clock(self.passed.timing.time_s)}, {late}"
         return f"wish {passing.name} {wished} (± {passing.tolerance_s:g} s): {planned}; {price}"
@@ -258,7 +258,7 @@ def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float], missed
             "",
             f"{section.trajectory.time_s:.1f}",
             f"{100 * section.buffer_ratio:.2f}",
-            f"{kwh(section.balance.input):.2f}",
+            kwh_figure(section.balance.input, finer=1),
             "/".join(f"{price_w / KW:.0f}" if math.isfinite(price_w) else "∞" for price_w in section.lambda_w),
         )
         for x in section.passings:
@@ -277,7 +277,8 @@ def _shown(timing: PlannedTime) -> str:
 
 def _totals(plan: JourneyPlan, others_j: dict[str, float]) -> Iterator[str]:
     gap = f", gap to the lower bound {100 * plan.gap_ratio:.3f} %" if math.isfinite(plan.gap_ratio) else ""
-    yield f"in total {clock(plan.time_s)}, {kwh(plan.input_j):.2f} kWh{gap}"
+    yield f"in total {clock(plan.time_s)}, {kwh_words(plan.input_j, finer=1)}{gap}"
     names = {"proportional": "with the same buffer everywhere", "fastest": "as fast as possible, waiting at the stops"}
     for name, energy_j in others_j.items():
-        yield f"{names[name]}: {kwh(energy_j):.2f} kWh, the plan saves {100 * (1 - plan.input_j / energy_j):.2f} %"
+        saved = f"{100 * (1 - plan.input_j / energy_j):.2f} %"
+        yield f"{names[name]}: {kwh_words(energy_j, finer=1)}, the plan saves {saved}"

@@ -16,7 +16,7 @@ from das.command_line.files import warn_unusual
 from das.command_line.options import JsonOption
 from das.command_line.printing import busy, new_table, print_table, progress_bar, shown
 from das.domain.errors import DasError
-from das.domain.units import KM, MEGABYTE, kwh
+from das.domain.units import KM, MEGABYTE, in_kwh, kwh
 from precompute.cli.options import RefineOption, is_refined
 from precompute.workers import Workers
 
@@ -199,8 +199,8 @@ def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
             f"{(row['end_m'] - row['start_m']) / KM:.1f}",
             f"{row['least_time_s']:.1f}",
             f"{len(row['references'])}",
-            f"{row['first_energy_kwh']:.2f}",
-            f"{row['last_energy_kwh']:.2f}",
+            in_kwh(row["first_energy_kwh"], finer=1),
+            in_kwh(row["last_energy_kwh"], finer=1),
             f"{100 * row['refinement_saved_ratio']:.2f}" if row["refine"] != "off" else "–",
             f"{100 * gap:.3f}" if gap is not None else "–",
             f"{row['size_bytes'] / MEGABYTE:.2f}",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from das.command_line.printing import busy, paragraph, progress_bar, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from das.domain.units import KM, NS, PERCENT, kwh
+from das.domain.units import KM, NS, PERCENT, kwh, kwh_words
 from sim.cli.options import naming_recorded, new_recording, removed_if_unused
 from sim.cli.trips import bundled_recording, load_solver, replayed
 from sim.drivers.kinds import Presentation
@@ -112,7 +112,7 @@ def _print(found: AlignedDrives) -> None:
         ("", "as recorded", "with the guide"),
         (f"leaves {start.name} (due {_clock(before, start.due_departure_ns)})", *_times(found, first=True)),
         (f"arrives at {end.name} (due {_clock(before, end.due_arrival_ns)})", *_times(found, first=False)),
-        ("energy (estimated)", f"{kwh(alone_j):.0f} kWh", f"{kwh(guided_j):.0f} kWh"),
+        ("energy (estimated)", kwh_words(alone_j, finer=-1), kwh_words(guided_j, finer=-1)),
         ("instructions in the cab", "none", f"{after.figures.instructions.instructions}"),
     )
     way = f"from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km"

@@ -243,7 +243,7 @@ def _print_energy(drive: Drive) -> None:
 def _print_causes(attribution: Attribution) -> None:
     from rich.table import Table
 
-    from das.domain.units import kwh
+    from das.domain.units import kwh_figure
     from sim.drive.attribution.attribution import OTHER_TRAIN
     from sim.drive.attribution.causes import EnergyCause
 
@@ -255,10 +255,10 @@ def _print_causes(attribution: Attribution) -> None:
     table.add_column("all", justify="right", no_wrap=True)
 
     def total(name: str, of_legs_j: Sequence[float], all_j: float) -> None:
-        table.add_row(name, *(f"{kwh(one):.1f}" for one in (*of_legs_j, all_j)))
+        table.add_row(name, *(kwh_figure(one) for one in (*of_legs_j, all_j)))
 
     def part(name: str, of_legs_j: Sequence[float], all_j: float) -> None:
-        table.add_row(f"  {name}", *(f"{kwh(one):+.1f}" for one in (*of_legs_j, all_j)))
+        table.add_row(f"  {name}", *(kwh_figure(one, signed=True) for one in (*of_legs_j, all_j)))
 
     told = dict(attribution.by_cause)
     if attribution.against_timetable is not None and attribution.timetable_j is not None:
@@ -292,7 +292,7 @@ def _print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     """Print the stretches on which a drive differs most from the first; nothing if it does not differ."""
-    from das.domain.units import kwh
+    from das.domain.units import kwh, kwh_figure
     from sim.drive.events import place_text
 
     parted = [
@@ -304,7 +304,8 @@ def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     table = new_table(title, (), ("from", "to", "time, s", "drawn, kWh", "lost, kWh"), lines=True)
     most = sorted(parted, key=lambda one: -abs(one.lost_j))[:SHOWN]
     for one in sorted(most, key=lambda one: one.start_m):
-        numbers = (f"{one.time_s:+.1f}", f"{kwh(one.energy_j):+.2f}", f"{kwh(one.lost_j):+.2f}")
+        energies = (kwh_figure(energy_j, signed=True, finer=1) for energy_j in (one.energy_j, one.lost_j))
+        numbers = (f"{one.time_s:+.1f}", *energies)
         table.add_row(place_text(one.start_m), place_text(one.end_m), *numbers)
     print_table(table, {"drawn": "at the current collector", "lost": "without the train's kinetic energy"})
 

@@ -22,6 +22,7 @@ from rich.table import Table
 from das.command_line.files import warn_unusual
 from das.command_line.printing import print_table, tell
 from das.domain.errors import DasError
+from das.domain.units import in_kwh
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.parameters import DEFAULT, load_population
 from sim.drivers.presentations.presenter import presenter_of
@@ -350,10 +351,11 @@ def print_savings(found: Sequence[SplitSaving]) -> None:
         table.add_row(
             f"{one.scenario}, {one.driver}, {one.advice}",
             str(one.pairs),
-            f"{one.saved_kwh:+.1f}" + ("" if math.isnan(one.interval_kwh) else f" ± {one.interval_kwh:.1f}"),
+            in_kwh(one.saved_kwh, signed=True)
+            + ("" if math.isnan(one.interval_kwh) else f" ± {in_kwh(one.interval_kwh)}"),
             f"{100 * one.saved_ratio:+.1f}",
-            *(f"{part:+.1f}" for part in (one.time_shift_kwh, one.blending_kwh, one.profile_kwh)),
-            "–" if one.tracking_kwh is None else f"{one.tracking_kwh:+.1f}",
+            *(in_kwh(part, signed=True) for part in (one.time_shift_kwh, one.blending_kwh, one.profile_kwh)),
+            "–" if one.tracking_kwh is None else in_kwh(one.tracking_kwh, signed=True),
         )
     print_table(table, SPLIT_LEGEND)
 
@@ -363,5 +365,5 @@ def _cells(group: dict[str, Any]) -> list[str]:
     cells = [names, str(group["runs"]), str(group["failed"])]
     if "energy_kwh" not in group:
         return cells
-    cells += [f"{group['late_mean_s']:+.0f}", f"{group['energy_kwh']:.1f}", f"{group['energy_optimum_kwh']:.1f}"]
+    cells += [f"{group['late_mean_s']:+.0f}", in_kwh(group["energy_kwh"]), in_kwh(group["energy_optimum_kwh"])]
     return cells + [f"{100 * group[f'{share}_ratio']:.1f}" for share in SHARE_NAMES]

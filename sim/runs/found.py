@@ -10,7 +10,7 @@ from rich.table import Table
 
 from das.command_line.printing import print_table, tell
 from das.domain.errors import DasError
-from das.domain.units import TONNE
+from das.domain.units import TONNE, in_kwh
 from das.domain.vehicle import Vehicle
 from das.solver.section import Section
 from sim.drive.above_optimum import NOT_COMPARABLE
@@ -106,8 +106,10 @@ def trains_table(trains: list[dict[str, Any]]) -> Table:
         resistance = f"{one['resistance_ratio']:.2f} ± {one['resistance_sd']:.2f}"
         driven, above = "", ""
         if one["above_optimum_kwh"] is not None:
-            driven = f"{one['energy_kwh']:.0f}"
-            above = f"{one['above_optimum_kwh']:+.0f} ({100 * one['above_optimum_ratio']:.0f} %)"
+            driven = in_kwh(one["energy_kwh"], finer=-1)
+            above = (
+                f"{in_kwh(one['above_optimum_kwh'], signed=True, finer=-1)} ({100 * one['above_optimum_ratio']:.0f} %)"
+            )
         table.add_row(names, f"{100 * one['probability']:.0f} %", mass, resistance, beyond, driven, above)
     return table
 

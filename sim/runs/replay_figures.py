@@ -11,7 +11,7 @@ from rich.table import Table
 
 from das.command_line.printing import print_table, tell, typed
 from das.domain.errors import DasError
-from das.domain.units import NS, kwh
+from das.domain.units import NS, in_kwh, kwh
 from das.solver.section import Section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
@@ -245,11 +245,14 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         *late_rows(found),
         ("least possible time", f"{found['min_time_s']:.0f} s"),
         ("advice messages sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
-        ("energy as driven (estimated)", f"{found['energy_kwh']:.1f} kWh"),
-        ("  possible range", f"{found['energy_low_kwh']:.0f} to {found['energy_high_kwh']:.0f} kWh"),
+        ("energy as driven (estimated)", f"{in_kwh(found['energy_kwh'])} kWh"),
+        (
+            "  possible range",
+            f"{in_kwh(found['energy_low_kwh'], finer=-1)} to {in_kwh(found['energy_high_kwh'], finer=-1)} kWh",
+        ),
         (
             f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
-            f"{found['energy_optimum_kwh']:.1f} kWh",
+            f"{in_kwh(found['energy_optimum_kwh'])} kWh",
         ),
         *above_rows(found),
         *section_rows(found),
@@ -268,9 +271,14 @@ def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     """The sections of a trip with stops on the way; for a trip without, the optimum for the timetable."""
     if len(found["sections"]) < 2:
         energy_kwh = found["timetable_energy_kwh"]
-        return [] if energy_kwh is None else [("energy of the optimum, arrival by timetable", f"{energy_kwh:.1f} kWh")]
+        return (
+            [] if energy_kwh is None else [("energy of the optimum, arrival by timetable", f"{in_kwh(energy_kwh)} kWh")]
+        )
     return [
-        (f"  {one['from']} – {one['to']}", f"{one['energy_kwh']:.1f} kWh, optimum {one['energy_optimum_kwh']:.1f} kWh")
+        (
+            f"  {one['from']} – {one['to']}",
+            f"{in_kwh(one['energy_kwh'])} kWh, optimum {in_kwh(one['energy_optimum_kwh'])} kWh",
+        )
         for one in found["sections"]
     ]
 
@@ -283,11 +291,15 @@ def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         return [(what, NOT_COMPARABLE)]
     ratio = found["above_optimum_ratio"]
     share = "" if ratio is None else f" ({percent_of_optimum(ratio)})"
-    certain = f"{found['above_optimum_kwh']:+.1f} kWh{share}" if found["above_optimum_certain"] else "perhaps nothing"
+    certain = (
+        f"{in_kwh(found['above_optimum_kwh'], signed=True)} kWh{share}"
+        if found["above_optimum_certain"]
+        else "perhaps nothing"
+    )
 
     def ends(which: str) -> str:
         low, high = (found[f"above_optimum_{which}{end}_kwh"] for end in ("low", "high"))
-        return f"{low:z.0f} to {high:z.0f} kWh"
+        return f"{in_kwh(low, finer=-1)} to {in_kwh(high, finer=-1)} kWh"
 
     return [(what, certain), ("  likely", ends("likely_")), ("  every unknown at its worst", ends(""))]
 

@@ -14,7 +14,7 @@ from das.command_line.printing import print_table, tell
 from das.domain.files.writing import write_whole
 from das.domain.route import Floats
 from das.domain.trajectory import PART_WORDS
-from das.domain.units import KM, KMH, KN, MS, NS, kwh
+from das.domain.units import KM, KMH, KN, MS, NS, in_kwh, kwh
 from das.drawing.colors import INK, LIMIT, MODES
 from das.solver.section import Section
 from sim.meanings import LIGHT, Meaning
@@ -180,7 +180,7 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
     if comfort_w > 0:
         added = kwh(comfort_w * float(trip.run.time_s[-1]))
         notes.append(
-            f"the energy of comfort systems: at the vehicle's full {comfort_w / 1e3:.0f} kW {added:.1f} kWh more"
+            f"the energy of comfort systems: at the vehicle's full {comfort_w / 1e3:.0f} kW {in_kwh(added)} kWh more"
         )
     return notes
 
@@ -302,11 +302,11 @@ def _energy_table(energy: dict[str, Any]) -> Table:
     for name in ("kWh at the current collector", "estimate", "from", "to"):
         table.add_column(name, justify="left" if "kWh" in name else "right")
     low, high = energy["energy_low_kwh"], energy["energy_high_kwh"]
-    table.add_row("net input", f"{energy['energy_kwh']:.1f}", f"{low:.1f}", f"{high:.1f}")
+    table.add_row("net input", in_kwh(energy["energy_kwh"]), in_kwh(low), in_kwh(high))
     for u in energy["unknowns"]:
-        table.add_row(f"  by {u['name']} ({u['assumed']})", "", f"{u['low_kwh']:.1f}", f"{u['high_kwh']:.1f}")
+        table.add_row(f"  by {u['name']} ({u['assumed']})", "", in_kwh(u["low_kwh"]), in_kwh(u["high_kwh"]))
     for name, words in PART_WORDS.items():
-        share = f"{energy[f'{name}_kwh']:z.1f}"
+        share = in_kwh(energy[f"{name}_kwh"])
         if float(share):  # A part that rounds to 0 is not shown.
             table.add_row(f"  of which {words}", share, "", "")
     table.add_row(

@@ -16,7 +16,7 @@ from das.domain.braking import ServiceBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import InfeasibleError
 from das.domain.trajectory import PART_WORDS, EnergyBalance
-from das.domain.units import NS, kmh, kwh
+from das.domain.units import NS, kmh, kwh, kwh_words
 from das.solver.front import Front
 from das.solver.section import with_braking
 from das.solver.solution import Solution
@@ -362,13 +362,13 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     found, energies = result.outcome, result.outcome.energies
     braking, own_j = "this driver" if result.driver is DriverKind.HUMAN else "advised", energies.own_braking_j
     rows = [
-        ("energy, departures to arrivals", f"{kwh(energies.driven_j):.1f} kWh"),
-        ("  optimum of the plan", f"{kwh(energies.planned_j):.1f} kWh"),
-        ("  optimum for the times as driven", f"{kwh(energies.optimum_as_driven_j):.1f} kWh"),
+        ("energy, departures to arrivals", kwh_words(energies.driven_j)),
+        ("  optimum of the plan", kwh_words(energies.planned_j)),
+        ("  optimum for the times as driven", kwh_words(energies.optimum_as_driven_j)),
         ("  above that optimum", energies.above.words),
-        ("    friction where motors could brake", f"{kwh(energies.blending_j):+.1f} kWh"),
-        ("    speed profile", f"{kwh(energies.profile_j):+.1f} kWh"),
-        (f"  optimum braking as {braking}", "not known" if own_j is None else f"{kwh(own_j):.1f} kWh"),
+        ("    friction where motors could brake", kwh_words(energies.blending_j, signed=True)),
+        ("    speed profile", kwh_words(energies.profile_j, signed=True)),
+        (f"  optimum braking as {braking}", "not known" if own_j is None else kwh_words(own_j)),
     ]
     rows += _balance_rows(found)
     counts, traffic = found.counts, result.traffic
@@ -385,10 +385,10 @@ def _balance_rows(found: DayOutcome) -> list[tuple[str, str]]:
     """The energy with that at stops, the parts that sum to it, and the comfort systems beside it."""
     parts = found.balance.parts.items()
     return [
-        ("  at stops on the way", f"{kwh(found.energies.at_stops_j):+z.1f} kWh"),
-        ("energy including stops, the sum of", f"{kwh(found.balance.input):.1f} kWh"),
-        *((f"  {PART_WORDS[name]}", f"{kwh(energy_j):+z.1f} kWh") for name, energy_j in parts),
-        ("comfort systems, not part of it", f"{kwh(found.balance.comfort):.1f} kWh"),
+        ("  at stops on the way", kwh_words(found.energies.at_stops_j, signed=True)),
+        ("energy including stops, the sum of", kwh_words(found.balance.input)),
+        *((f"  {PART_WORDS[name]}", kwh_words(energy_j, signed=True)) for name, energy_j in parts),
+        ("comfort systems, not part of it", kwh_words(found.balance.comfort)),
     ]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from das.advice.regimes import Regime
 from das.bus.recording import recording_of
 from das.domain.errors import DasError
-from das.domain.units import kmh, kwh
+from das.domain.units import in_kwh, kmh, kwh
 from sim.drive.comparison import (
     SAME_ADVICE_MPS,
     Advised,
@@ -207,4 +207,4 @@ def _drive_rows(aligned: AlignedDrives) -> list[tuple[str, str, str]]:
 
 
 def _in_kwh(old: float, new: float) -> tuple[str, str]:
-    return f"{old:.1f} kWh", f"{new:.1f} kWh"
+    return f"{in_kwh(old)} kWh", f"{in_kwh(new)} kWh"
