@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 from das.advice.advice import Instruction
 from das.advice.braking import LEAST_MPS2, NeededBrake
 from das.advice.goal import OVERSPEED_MPS
-from das.advice.guide.guard import LEAST_LEAD_S, SHORT_M, Proposal, Sight, begins_s, braked, rate_mps2, slows, stepped
+from das.advice.guide.guard import (
+    LEAST_LEAD_S,
+    SHORT_M,
+    STEP_RATIO,
+    Proposal,
+    Sight,
+    begins_s,
+    braked,
+    rate_mps2,
+    slows,
+    stepped,
+)
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
 from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, told_mps
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
@@ -31,7 +42,8 @@ ROLLS_SOON_S = 10.0
 """The time (s) to roll up to a speed within which it is to be held instead: coasting would be over at once."""
 BRIEF_S, GAINS_S = 30.0, 2.5
 """An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast. A
-driver who brakes too much for his stop is not told to release for a shorter time than the first."""
+driver who brakes too much for his stop is not told to release for a shorter time than the first, unless even the least
+effort that is shown would be too much."""
 EARLY_RATIO = 0.5
 """The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
 CREEP_MPS = 10.0 * KMH
@@ -248,7 +260,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     if in_s > 0.0 and step.effort == 0.0:
         in_s = min(in_s, max(begins_s(scene, state.v_mps), LEAST_LEAD_S))
     if in_s <= 0.0 and need < EARLY_RATIO * planned_effort(scene, step):
-        back = _eased(scene, memory, step)
+        back = _eased(scene, memory, step, need)
         if back is not None:
             mode = Lead.BACK_DOWN if slows else Lead.CREEP
             return Proposal(back, mode=mode), replace(memory, mode=mode, back=back)
@@ -258,7 +270,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     return found._replace(waits=step.effort > 0.0), memory
 
 
-def _eased(scene: Sight, memory: Memory, step: GuideStep) -> Instruction | None:
+def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instruction | None:
     """What a driver does who has braked early or hard; None if he is too near to do anything else."""
     state, v_mps, to_mps = scene.state, scene.state.v_mps, step.speed_mps
     left_m = _by_m(scene, step) - state.s_m
@@ -268,7 +280,9 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep) -> Instruction | None:
     shown = memory.shown if memory.shown.mode in BRAKES else brake(planned_effort(scene, step), 0.0)
     soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
     low_mps = max(target_below(soon_mps), CREEP_MPS)
-    if scene.ahead.is_due(state.braked_m, low_mps, BRIEF_S):
+    # No effort that is shown is as small as what he needs in the last metres: he would stop short of the mark.
+    least_s = BRIEF_S if need >= STEP_RATIO else BRAKES_BACK_S
+    if scene.ahead.is_due(state.braked_m, low_mps, least_s):
         return None
     rolls_m = v_mps**2 / (2.0 * max(-scene.rolls_mps2, LEAST_MPS2))
     by_eye = left_m - STANDS_S * v_mps < STOP_BY_EYE_M

@@ -32,6 +32,7 @@ NOT_KNOWN: Final = "not known"
 NUMBERS: Final = "The numbers mark the findings: the place of each, or the place where its cause lost most."
 LOST: Final = "Below: the places where more was lost than by the optimum; the cause may lie before."
 SIGNALS_UNKNOWN: Final = "The advice knew of no signal at danger: the driver had to follow the signal alone."
+LESS_THAN_BEST: Final = "Less than the best possible energy is due to errors of positions and assumptions: no saving."
 OPTIMUM: Final = "The optimum has the same times, without signals and temporary restrictions."
 MOST_CHANGES: Final = 2
 """Most changes of the lateness on the page, the largest."""
@@ -225,7 +226,8 @@ def _range_sure(drive: Drive) -> list[str]:
         return ["The dependence of the energy above the optimum on that train is not known."]
     if drive.energy.likely is None:
         return ["The likely range of the energy above the optimum is not known."]
-    told = ["The energy of a single finding is less certain than the likely range of the total."]
+    told = [LESS_THAN_BEST] if (drive.energy.above.above_j or 0.0) < 0.0 else []
+    told.append("The energy of a single finding is less certain than the likely range of the total.")
     unknowns = [one for one in drive.energy.likely.unknowns if one.name != BRAKING]
     largest = max(unknowns, key=lambda one: one.high_j - one.low_j, default=None)
     if largest is not None:

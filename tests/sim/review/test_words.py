@@ -21,7 +21,7 @@ from das.domain.units import NS
 from sim.drive.drive import Drive
 from sim.drive.table import DriveTable
 from sim.recording.inputs import DriveInputs
-from sim.review.report.tables import rests_on
+from sim.review.report.tables import input_rows
 from sim.review.scene import ReviewScene
 from sim.review.words import NODE_ALONE, DisplayWords, cards, line_rows, summary
 from tests.support.hand_recorded import cab, day, recorded
@@ -35,7 +35,7 @@ def test_a_summary_says_where_the_line_comes_from_and_what_its_altitudes_mean() 
     drive = Drive(recording=recorded(), given=inputs)
     assert [name for name, _ in line_rows(drive)] == ["data of the line", "altitudes of the line"]
     assert "| data of the line | © somebody, CC0 |" in summary(drive)
-    assert set(line_rows(drive)) < set(rests_on(drive))
+    assert set(line_rows(drive)) < set(input_rows(drive))
     assert line_rows(Drive(recording=recorded())) == []
 
 

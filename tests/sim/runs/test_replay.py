@@ -30,8 +30,7 @@ from sim.drive.series import driven as series
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.course import OWN_TIMETABLE
 from sim.recording.inputs import DriveInputs
-from sim.review.report.first_page import page_dict
-from sim.review.report.sentences import paragraph
+from sim.review.report.first_page import LESS_THAN_BEST, how_sure, page_dict
 from sim.review.report.tables import stop_rows
 from sim.runs.replay import (
     ReplayJob,
@@ -297,7 +296,7 @@ def test_less_than_the_best_possible_is_told_to_be_an_error(driven: Driven, repl
     resistance = Resistance(c0_n=5000.0, c1_n_per_mps=0.0, c2_n_per_mps2=12.0)
     given = given_inputs(job, replace(job.front.section.vehicle, resistance=resistance))
     held_back = Drive(recording=recorded(job, found), given=given)
-    assert ["due to errors of positions" in paragraph(drive) for drive in (replayed, held_back)] == [False, True]
+    assert [LESS_THAN_BEST in how_sure(drive) for drive in (replayed, held_back)] == [False, True]
 
 
 def test_a_trip_that_needs_more_force_than_its_train_has_is_doubted_on_page_one(
