@@ -76,9 +76,9 @@ def test_every_person_of_the_release_has_a_row() -> None:
 
 
 @pytest.mark.slow
-def test_the_program_still_drives_the_first_two_persons_as_their_rows_say() -> None:
+def test_the_program_still_drives_the_first_person_as_its_row_says() -> None:
     """The probe. If it fails, make populations.csv again and read the sentences around its tables."""
-    for job, kept in zip(person_jobs(PERSON_NUMBERS[:2]), PERSON_ROWS, strict=False):
+    for job, kept in zip(person_jobs(PERSON_NUMBERS[:1]), PERSON_ROWS, strict=False):
         made = plain(driven_row(job, make_trial(job)["measures"]))
         off = {name: abs(made[name] - kept[name]) for name in PERSON_COLUMNS[1:]}
         assert {name: by for name, by in off.items() if by > TOLERANCES[name]} == {}

@@ -31,7 +31,7 @@ FIRST = int(os.environ.get("DAS_MATRIX_FIRST", "0"))
 QUICK = [Cell("platform30", "re460-ic", Who.OBEDIENT, 0), Cell("short900", "CH_Stadler_FLIRT_TPF", Who.OBEDIENT, 0),
          Cell("brow", "no-electric", Who.OBEDIENT, 0), Cell("brow", "no-electric", Who.HUMAN, 0)]  # fmt: skip
 """The cells of the default run: a limit just before a stop, short sections, a brow."""
-SLOW, NIGHT = 5, 100
+NIGHT = 100
 
 
 def tiers() -> list[Any]:
@@ -40,8 +40,7 @@ def tiers() -> list[Any]:
         return [pytest.param(cells(int(os.environ["DAS_MATRIX_CELLS"]), FIRST), id="all")]
     return [
         pytest.param(QUICK, id="quick"),
-        pytest.param(cells(SLOW), id="slow", marks=pytest.mark.slow),
-        pytest.param(cells(NIGHT - SLOW, SLOW), id="night", marks=pytest.mark.nightly),
+        pytest.param(cells(NIGHT), id="night", marks=pytest.mark.nightly),
     ]
 
 
