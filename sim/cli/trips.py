@@ -52,7 +52,7 @@ def trip(
 
     print_description(found, report)
     if found["trains"] is not None:
-        from sim.runs.found import print_trains
+        from sim.runs.found_trains import print_trains
 
         print_trains(found["trains"])
     tell_written(out, plot)
@@ -81,7 +81,7 @@ def _look(
         options, read = open_trip(file, options, Path(folder))
         section, tried = None, None
         if trains is not None:
-            from sim.runs.found import described_trains
+            from sim.runs.found_trains import described_trains
 
             tried, section = described_trains(read, trains, options)
         elif options.vehicle is not None:

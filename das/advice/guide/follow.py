@@ -280,7 +280,7 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instru
     shown = memory.shown if memory.shown.mode in BRAKES else brake(planned_effort(scene, step), 0.0)
     soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
     low_mps = max(target_below(soon_mps), CREEP_MPS)
-    # No effort that is shown is as small as what he needs in the last metres: he would stop short of the mark.
+    # Where even the least effort shown is too much, he would stop short of the mark: a brief release is worth it.
     least_s = BRIEF_S if need >= STEP_RATIO else BRAKES_BACK_S
     if scene.ahead.is_due(state.braked_m, low_mps, least_s):
         return None

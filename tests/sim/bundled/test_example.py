@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import sim
+from das.advice.guide.timeline import STANDS_S
 from das.bus.session import endpoint, free_ports
 from das.command_line.process import EXIT_INTERRUPTED
 from das.domain.files.load import load_route, load_vehicle
@@ -70,6 +72,14 @@ def test_the_folder_holds_what_readme_lists(folder: Path) -> None:
     readme = (folder / "README.txt").read_text(encoding="utf-8")
     assert all(f"  {name}" in readme for name in FILES if name != "README.txt")
     assert {path.name for path in folder.iterdir()} >= set(FILES)
+
+
+@pytest.mark.slow
+def test_a_driver_who_brakes_early_for_his_stop_is_not_told_to_release_for_a_moment(folder: Path) -> None:
+    """Seed 2 brakes early for Bedorf; instructions of one second at odd speeds were shown to him once."""
+    found = sim.run_day(folder / "scenario.toml", 2, driver="human", advice="guide").outcome
+    assert found["shortest_instruction_s"] >= STANDS_S
+    assert (found["odd_speeds"], found["promises_kept_ratio"]) == (0, 1.0)
 
 
 def test_route_vehicle_scenario_and_plan_belong_together(folder: Path) -> None:
