@@ -10,7 +10,7 @@ from das.domain.errors import DasError
 from das.domain.journey import ANY_TIME, Window
 from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, through
-from das.solver.guide.policies import HIGH_RATIO, GuideFront, PolicyFrom
+from das.solver.guide.policies import GuideFront, PolicyFrom
 from das.solver.guide.schedule import Phase, PhaseKind, Prospect, Schedule, Scheduled, settled
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
@@ -18,9 +18,6 @@ from das.solver.state import State
 DEPARTS_WITHIN_M, DEPARTS_MPS = 50.0, 2.0
 """The distance from the start of a section (m) and the speed (m/s) up to which a train departs there: a driver who
 begins late has a new reference when the train has just begun to move."""
-DEAREST_RATIO = 0.25
-"""The largest price of a second of the reserve, as a share of the energy of the train's full power in a second: twice
-the price of a second with a buffer of 8 %."""
 KEPT_S = 10.0
 """The time (s) for which a new reference that is not necessary leaves the present one as it is."""
 
@@ -29,7 +26,7 @@ KEPT_S = 10.0
 class Wanted:
     """What a reference is made for: the train's state, the time left to the end (s), and a point with its window.
 
-    It arrives earlier by as much of `reserve_s` as costs no more than `DEAREST_RATIO`.
+    It arrives earlier by as much of `reserve_s` as costs no more than the price `GuideFront.dearest`.
     `point_m` is None without such a point; its `window` counts from now. `kept` is a reference, with its forecast, that
     is to be kept for the next `KEPT_S`; a phase that begins within `shown_s` is shown already. `told` is the phase that
     the train is in.
@@ -72,7 +69,7 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
     departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= DEPARTS_WITHIN_M
     if front.references is None or wanted.kept is not None or not departs:
         return None
-    left_s = _less_reserve_s(wanted, front.references.quickest_s(_dearest_w(front)))
+    left_s = _less_reserve_s(wanted, front.references.quickest_s(float(front.lambda_w[front.dearest])))
     try:
         found = front.references.departing(front.section, s_m, v_mps, left_s)
     except DasError:
@@ -86,18 +83,12 @@ def _aimed_s(front: GuideFront, wanted: Wanted, state: State, told: int) -> floa
     """The time left less the reserve (s): as much of it as there is for its price."""
     if wanted.reserve_s <= 0.0:
         return wanted.left_s
-    number = max(int(np.searchsorted(front.lambda_w, _dearest_w(front), side="right")) - 1, 0)
-    return _less_reserve_s(wanted, front.run(state, (PolicyFrom(state.first_node, number),), told).time_s)
+    return _less_reserve_s(wanted, front.run(state, (PolicyFrom(state.first_node, front.dearest),), told).time_s)
 
 
 def _less_reserve_s(wanted: Wanted, dearest_s: float) -> float:
     """The time left less the reserve (s), but no less than a run takes whose price of time is that of the reserve."""
     return min(max(wanted.left_s - wanted.reserve_s, dearest_s), wanted.left_s)
-
-
-def _dearest_w(front: GuideFront) -> float:
-    """The price of time (W) up to which a reserve is kept."""
-    return DEAREST_RATIO / HIGH_RATIO * float(front.lambda_w[-1])
 
 
 def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect) -> Scheduled:

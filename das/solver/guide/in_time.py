@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +19,11 @@ SLOWER = (4, 8, 16, 24, 32, 41)
 seconds: prices of the ladder from 0.9 to 0.3 of theirs."""
 ROUNDS = 2
 """The price behind a place depends on the speed there, which depends on that price: it is found in so many rounds."""
+
+STEEPNESS = 1.3
+"""The power of the price of time with which the time beyond the least falls, while only one run is known."""
+LEAST_SPARE_S = 0.1
+"""The least time (s) beyond the least by which two prices are compared."""
 
 Plan = tuple[PolicyFrom, ...]
 
@@ -39,6 +46,12 @@ class _Search:
         run = self._known[plan]
         self._found.append((run.passes_s(self._at_m) - self._time_s, run, plan))
         return self._found[-1][0]
+
+    @cached_property
+    def spare_s(self) -> float:
+        """The wanted time less that of the fastest run to the place (s)."""
+        elapsed_s = self._state.elapsed_s(self._state.fastest().speeds_mps)
+        return self._time_s - float(np.interp(self._at_m, self._state.node_m, elapsed_s))
 
     @property
     def is_near(self) -> bool:
@@ -84,10 +97,8 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
 
     The second price begins at a decision node between `first` and `last`.
     """
-    slow, quick, size = -1, len(front.lambda_w), len(front.lambda_w)
-    while quick - slow > 1 and not search.is_near:
-        middle = (slow + quick) // 2
-        slow, quick = (middle, quick) if search.late_s(PolicyFrom(first, middle)) > 0 else (slow, middle)
+    size = len(front.lambda_w)
+    slow, quick = _enclosing(search, front, first)
     price_w = float(front.lambda_w[min(quick, size - 1)])
     fills = [(quick, PolicyFrom(0, slow)), (slow, PolicyFrom(0, quick, anew=True))] if slow >= 0 else []
     fills += [(quick, PolicyFrom(0, number, anew=True)) for number in (max(quick - rungs, 0) for rungs in SLOWER)]
@@ -98,6 +109,32 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
             late = search.late_s(PolicyFrom(first, number), then._replace(node=middle)) > 0
             begin, end = (middle, end) if late == (number == quick) else (begin, middle)
     return price_w
+
+
+def _enclosing(search: _Search, front: GuideFront, first: int) -> tuple[int, int]:
+    """The numbers of two neighbouring prices, with the first late and with the second early, unless a run is near.
+
+    Each price costs a sweep. The time beyond the least falls about as a power of the price, so the next one tried is
+    where the line through the logarithms of two runs is in time; the middle one if two steps have not halved the rest.
+    """
+    slow, quick = -1, len(front.lambda_w)
+    known: dict[int, float] = {}
+    number = front.dearest if search.spare_s > 0.0 else quick - 1
+    widths = [quick]
+    while quick - slow > 1 and not search.is_near:
+        late_s = search.late_s(PolicyFrom(first, number))
+        known[number] = math.log(max(late_s + search.spare_s, LEAST_SPARE_S))
+        slow, quick = (number, quick) if late_s > 0.0 else (slow, number)
+        widths.append(quick - slow)
+        if len(widths) > 2 and widths[-1] > widths[-3] / 2:
+            number = (slow + quick) // 2
+            continue
+        slope = -STEEPNESS * math.log(front.settings.ladder_ratio)
+        if slow in known and quick in known:
+            slope = min((known[quick] - known[slow]) / (quick - slow), -1e-6)
+        off = math.log(max(search.spare_s, LEAST_SPARE_S)) - known[number]
+        number = min(max(number + round(off / slope), slow + 1), quick - 1)
+    return slow, quick
 
 
 def through(front: GuideFront, state: State, time_s: float, at_m: float, window: Window, told: int) -> GuideRun:

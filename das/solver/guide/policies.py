@@ -52,6 +52,9 @@ LOW_RATIO: Final = 0.001
 HIGH_RATIO: Final = 2.0
 """The highest price of time, as a multiple of the same power: no more is paid for a second, however late the train is.
 A weak train on a slow line needs almost as much to keep a timetable with a buffer of 8 %."""
+DEAREST_RATIO: Final = 0.25
+"""The price of a second of a reserve, as a share of the energy of the train's full power in a second: twice the price
+of a second with a buffer of 8 %."""
 
 Floats = NDArray[np.float64]
 SAME_MPS = 1e-6
@@ -193,6 +196,11 @@ class GuideFront:
     def power_w(self) -> float:
         """The traction power that can be used on the section, by which prices are counted (W)."""
         return usable_power_w(self.section)
+
+    @property
+    def dearest(self) -> int:
+        """The number of the highest price of time up to which a reserve is kept."""
+        return int(np.searchsorted(self.lambda_w, DEAREST_RATIO * self.power_w, side="right")) - 1
 
     @property
     def nbytes(self) -> int:

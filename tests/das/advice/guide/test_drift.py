@@ -8,7 +8,6 @@ import pytest
 
 from das.advice.advice import ReplanCause, Timetable
 from das.advice.goal import UNHURRIED_S, Goal, TrainState
-from das.advice.guide import planning
 from das.advice.guide.drift import BRAKING_RATIO, MARGIN_LEAST_S, MARGIN_MOST_S, RUNNING_S_PER_MIN, Drift, UsualLoss
 from das.advice.guide.keeping import ELSEWHERE_RATIO, ON_TIME_RATIO
 from das.cab.fronts import Fronts
@@ -16,6 +15,7 @@ from das.cab.legs import Legs
 from das.cab.preparation import Preparation
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
+from das.solver.guide import policies
 from das.solver.solve import usable_power_w
 from tests.support.bundled_sections import BUNDLED, Which, asked_s, section_of
 from tests.support.crossing import few
@@ -115,9 +115,9 @@ def test_a_reserve_is_bought_up_to_its_price_and_no_further(monkeypatch: pytest.
     """On the middle section with a buffer of 5 % a second of it soon costs a quarter of the power."""
     goal = goal_of(LINE, 0.05)
     kept = stood(waiting(LINE, goal, loses=True), LINE, goal)
-    assert kept.reference.lambda_w <= 1.03 * planning.DEAREST_RATIO * usable_power_w(section_of(LINE))
+    assert kept.reference.lambda_w <= 1.03 * policies.DEAREST_RATIO * usable_power_w(section_of(LINE))
     took_s = [stood(waiting(LINE, goal, loses=loses), LINE, goal).forecast.time_s for loses in (False, True)]
-    monkeypatch.setattr(planning, "DEAREST_RATIO", 2.0)
+    monkeypatch.setattr(policies, "DEAREST_RATIO", 2.0)
     took_s.append(stood(keeper_of(LINE, loses=True), LINE, goal).forecast.time_s)
     assert took_s[0] - 5.0 > took_s[1] > took_s[2] + 5.0
 

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,15 @@ from das.solver.guide.from_run import said_of, scheduled_run
 from das.solver.guide.in_time import in_time, lateness_s, through
 from das.solver.guide.policies import GuideFront, GuideRun, PolicyFrom, PolicySettings
 from das.solver.guide.schedule import Phase, PhaseKind
-from das.solver.kernels.guide_policy import CODE, HOLDS, KINDS, NO_INSTRUCTION, ON_CURVE, ROLLS_UP
+from das.solver.kernels.guide_policy import (
+    CODE,
+    HOLDS,
+    KINDS,
+    NO_INSTRUCTION,
+    ON_CURVE,
+    ROLLS_UP,
+    guide_sweep,
+)
 from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import trajectory_on
 from das.solver.solve import solve_front, usable_power_w
@@ -119,6 +128,25 @@ def test_with_a_low_price_of_changes_a_run_is_within_a_hundredth_of_the_optimum(
     run, _ = in_time(front, State.at(section), time_s)
     optimum = exact.trajectory(run.time_s).trajectory
     assert run.energy_j <= 1.01 * float(optimum.input_j(optimum.loss_j(section.loss)).sum())
+
+
+@at_points
+@pytest.mark.parametrize(("late", "most"), [(True, 1), (False, 14)], ids=["late", "in time"])
+def test_a_search_needs_few_policies(
+    monkeypatch: pytest.MonkeyPatch, route: Route, train: Vehicle, buffer_ratio: float, late: bool, most: int
+) -> None:
+    """A train that can only be late has one price of time; others no more than by halving: 8 and, for a gap, 6."""
+    section, _, _ = solved(route, train)
+    front, prices = GuideFront(section, threads=1), set()
+
+    def counted(*args: Any) -> Any:
+        prices.add(args[-2].time_w)
+        return guide_sweep(*args)
+
+    monkeypatch.setattr(policies, "guide_sweep", counted)
+    time_s = least_time_s(section, section.start_m, 0.0) * (0.99 if late else 1.0 + buffer_ratio)
+    in_time(front, State.at(section), time_s)
+    assert len(prices) <= most
 
 
 @at_points
