@@ -1,7 +1,6 @@
 """The functions of `import das`: few parameters, plain results, and one-line error messages.
 
-Each function imports the code that does the work only when it is called, so that loading a route does not load the
-compiled solver. The other names that `das` offers are defined where they belong, see `das.__init__`.
+Each imports the code that does the work only when it is called, so that loading a route loads no compiled solver.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""Reads an MCAP file record by record, with the library's own classes. Damaged ones are noted and skipped, never
-returned.
+"""Reads an MCAP file record by record, with the library's own classes; damaged records are noted and skipped.
 
-Chunks and attachments have checksums, and a complete file has one over all of its data and one over its index. Metadata
-get a checksum of their own here, because MCAP gives them none until the file is finished.
+Chunks, attachments, all data and the index have checksums; metadata get one of their own (`das.bus.sealing`).
 """
 
 from __future__ import annotations

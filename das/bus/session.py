@@ -1,11 +1,7 @@
 """The locked-down Zenoh session: loopback only, no scouting, explicit peers, and one ordered stream of messages.
 
-Zenoh's default session listens on every interface and multicasts. It is never opened here; config.py makes the
-configuration instead, also from a site's own file. Messages arrive through one subscriber, so that the messages of each
-sender keep their order. Only latched topics (journey, restrictions, targets, status) have subscribers of their own,
-which also fetch the last message that was sent before.
-
-Messages wait in order in a bounded inbox. If it is full, the oldest positions are dropped, never the newest journey.
+Messages arrive through one subscriber, so that those of each sender keep their order. Only latched topics (journey,
+restrictions, targets, status) have subscribers of their own, which also fetch the last message that was sent before.
 """
 
 from __future__ import annotations
@@ -145,13 +141,12 @@ def free_ports(count: int) -> list[int]:
     A closed connection is left on each: for that time the system gives such a port to nobody who asks for a free one,
     while a bus may listen on it.
     """
-    return [_set_aside() for _ in range(count)]
-
-
-def _set_aside() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()):
-        server.accept()[0].close()  # The side that closes first keeps the port.
-        return int(server.getsockname()[1])
+    ports = []
+    for _ in range(count):
+        with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()):
+            server.accept()[0].close()  # The side that closes first keeps the port.
+            ports.append(int(server.getsockname()[1]))
+    return ports
 
 
 def endpoint(port: int) -> str:
@@ -239,6 +234,7 @@ class Bus:
         self._declared: list[Any] = []
 
     def __enter__(self) -> Bus:
+        zenoh.try_init_log_from_env()  # With RUST_LOG set, Zenoh says on standard output whom it lets in, and what not.
         try:
             self._session = self._stack.enter_context(zenoh.open(self._config))
         except zenoh.ZError as error:

@@ -1,7 +1,4 @@
-"""The registry of topics, each with its message type and publisher, and the messages received on them.
-
-Publishing, recording and viewing read the registry.
-"""
+"""The registry of topics, each with its message type and publisher, and the messages received on them."""
 
 from __future__ import annotations
 

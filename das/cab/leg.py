@@ -67,6 +67,8 @@ class Leg:
         guide: bool = False,
     ) -> None:
         self.start, self.end = start, end
+        self.section = section
+        """The section with which the leg is planned now."""
         self.planner, self.display = Planner(PlanBasis(section=section)), Display()
         self.guide = Guide(section, None, guide_worker, drift) if guide else None
         self.arrival_ns: int | None = None
@@ -80,11 +82,6 @@ class Leg:
         self._arrived_ns: int | None = None
         self.progress = _Progress()
         """Progress of the train on the leg."""
-
-    @property
-    def section(self) -> Section:
-        """The section with which the leg is planned now."""
-        return self.planner.section
 
     def facts(self, refusal: str) -> LegFacts:
         """The facts on which `decide` rests; `refusal` says why the section cannot be driven, if it cannot."""
@@ -100,15 +97,11 @@ class Leg:
 
     def use(self, basis: PlanBasis) -> None:
         """Plan with another basis from now on."""
-        self.planner = Planner(basis)
-        self._lead(None)
+        self.planner, self.section = Planner(basis), basis.section
+        self.use_guide(None)
 
-    def use_guide(self, front: GuideFront) -> None:
-        """Lead the driver by these policies from now on."""
-        self._lead(front)
-
-    def _lead(self, front: GuideFront | None) -> None:
-        """Replace the guide by a successor that goes on where it ended, but has no reference if there is no front."""
+    def use_guide(self, front: GuideFront | None) -> None:
+        """Lead the driver by these policies from now on, where the guide ended; None: it has no reference yet."""
         if self.guide is not None:
             self.guide = self.guide.successor(self.section, front)
 
@@ -142,7 +135,8 @@ class Leg:
         """Bring the goal up to date: the arrival, and the next point ahead of the last known position."""
         if self.here is not None:
             self.progress.reached_m = self.here.s_m
-        passing = next((point for point in self.points if point.s_m > self.progress.reached_m), None)
+        points = self.points
+        passing = next((one for one in points if one.s_m > self.progress.reached_m), None) if points else None
         before = self.goal
         if self.arrival_ns == before.target_ns and passing == before.passing:
             return

@@ -63,11 +63,13 @@ class Legs:
     @property
     def current(self) -> Leg | None:
         """The leg the train is on; None without a journey."""
-        return self.legs[self.index] if self.legs else None
+        return self.legs[self._index or 0] if self.legs else None
 
     def take_news(self) -> list[News]:
         """The news since the last call."""
-        news = self.preparation.take_news() + [News(text, True) for text in self.last_words.take_news()]
+        news = self.preparation.take_news()
+        for text in self.last_words.take_news():
+            news.append(News(text, True))
         if self._accepted != self._accepted_reported:
             self._accepted_reported = self._accepted
             news.append(News(_in_words(self._accepted, self.situation.route.zone)))
@@ -78,8 +80,8 @@ class Legs:
         leg = self.current
         if leg is None:
             return advice
-        situation = self.situation.at(self._now_ns)
-        judged = self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
+        ends_m = leg.start.position_m, leg.end.position_m
+        judged = self.last_words.judged(advice, here, self.situation.at(self._now_ns), ends_m)
         if leg.guide is not None and judged.guide is not None and judged.replaced_parts:
             leg.guide.showing.has_shown(judged.guide.now, judged.time_ns)
         return judged
@@ -116,7 +118,8 @@ class Legs:
         free = replace(situation, restrictions=())
         s_m = -math.inf if moment is None else moment[0]
         going_on = [known[ends] for ends in pairwise(stop.position_m for stop in stops) if ends in known]
-        drift = _drift_of(going_on)
+        guide = going_on[0].guide if going_on else None
+        drift = Drift() if guide is None else guide.drift
         legs = [
             known.get((a.position_m, b.position_m)) or self._new_leg(free, (a, b), s_m, drift)
             for a, b in pairwise(stops)
@@ -214,12 +217,6 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
         leg.set_timetable(timetable, counts=leg is legs[-1])
 
 
-def _drift_of(legs: Sequence[Leg]) -> Drift:
-    """What is known of the driver of these legs; nothing if no leg of another journey goes on."""
-    guide = legs[0].guide if legs else None
-    return guide.drift if guide is not None else Drift()
-
-
 def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool]) -> int:
     """The index of the leg by position. At a stop it is the leg that ends there until the train stands, then the next.
 
@@ -227,8 +224,9 @@ def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool])
     position does not put a train that has begun a leg back on the leg before.
     """
     s_m, stands = moment
-    ends_m = [leg.section.end_m for leg in legs[:-1]]
-    index = sum(s_m >= end_m - (AT_STOP_M if stands else 0.0) for end_m in ends_m)
+    index, ends_m = 0, [leg.section.end_m for leg in legs[:-1]]
+    while index < len(ends_m) and s_m >= ends_m[index] - (AT_STOP_M if stands else 0.0):
+        index += 1
     if before is None:
         return index
     if before == index + 1 and s_m >= ends_m[index] - BACK_M:

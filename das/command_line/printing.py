@@ -1,7 +1,6 @@
 """What commands print: harmless text, tables with legends, warnings, and progress.
 
-Text that comes from a file, from the bus or from the user is never read as markup, and control characters in it are
-shown as escapes (`\\x1b`), so that no name of a stop can break a table or command the terminal.
+Text from files, from the bus or from the user is never read as markup, and control characters in it become escapes.
 """
 
 from __future__ import annotations
