@@ -141,10 +141,11 @@ def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: 
 def _bus_file(role: Role, train: str, ports: Mapping[Role, int], until: datetime) -> str:
     """The text of a role's bus file; its paths are relative to the file."""
     own, key = f"{role}.pem", f"{role}.key"
+    endpoint = {one: f"tls/127.0.0.1:{ports[one]}" for one in LISTENERS}
     config = {
         "metadata": {"das": {"train": train, "role": role}},
-        "listen": {"endpoints": [_endpoint(ports[role])] if role in LISTENERS else []},
-        "connect": {"endpoints": [_endpoint(ports[other]) for other in LISTENERS if other != role]},
+        "listen": {"endpoints": [endpoint[role]] if role in LISTENERS else []},
+        "connect": {"endpoints": [endpoint[other] for other in LISTENERS if other != role]},
         "transport": {
             "link": {
                 "protocols": ["tls"],
@@ -164,10 +165,6 @@ def _bus_file(role: Role, train: str, ports: Mapping[Role, int], until: datetime
     }
     head = f"// For tests and trials, not a public-key infrastructure. Valid until {until:%Y-%m-%d %H:%M} UTC."
     return f"{head}\n{json.dumps(config, indent=2)}\n"
-
-
-def _endpoint(port: int) -> str:
-    return f"tls/127.0.0.1:{port}"
 
 
 def _authority_of(train: str) -> str:

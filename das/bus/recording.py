@@ -187,8 +187,8 @@ def _read(scan: Scan) -> tuple[Raw, Health]:
     messages = raw.messages
     if raw.numbered:  # the recorder writes each message once: a repeated one is a damaged file's
         once: dict[tuple[int, int, int, bytes], records.Message] = {}
-        for one in messages:
-            once.setdefault((one.channel_id, one.sequence, one.log_time, one.data), one)
+        for message in messages:
+            once.setdefault((message.channel_id, message.sequence, message.log_time, message.data), message)
         messages = list(once.values())
     if twice := len(raw.messages) - len(messages):
         damage.append(Damage(start_byte=0, end_byte=0, what=f"{twice} messages that are in the file twice"))

@@ -234,7 +234,8 @@ class Bus:
         self._declared: list[Any] = []
 
     def __enter__(self) -> Bus:
-        zenoh.try_init_log_from_env()  # With RUST_LOG set, Zenoh says on standard output whom it lets in, and what not.
+        # With RUST_LOG set, Zenoh says on standard output whom it does not let in.
+        zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
         try:
             self._session = self._stack.enter_context(zenoh.open(self._config))
         except zenoh.ZError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 from das.advice.advice import Advice, Guidance, Timetable, Withdrawal
@@ -40,16 +40,6 @@ class NoPlanError(DasError):
     """No plan finishes the section from the state of the train."""
 
 
-@dataclass
-class _Progress:
-    """How far the train has come (m), whether it has stood clearly short of the stop where its leg begins, and whether
-    its driver is told that it is too fast."""
-
-    reached_m: float = -math.inf
-    stood_short: bool = False
-    too_fast: bool = False
-
-
 class Leg:
     """One section of the journey under way: it takes timetable, targets and delay, and advises for a known state.
 
@@ -80,8 +70,9 @@ class Leg:
         self.here: Estimate | None = None
         """The last state of the train on the leg; None if it cannot be used."""
         self._arrived_ns: int | None = None
-        self.progress = _Progress()
-        """Progress of the train on the leg."""
+        self.reached_m = -math.inf
+        """How far the train has come (m)."""
+        self._stood_short = self._too_fast = False
 
     def facts(self, refusal: str) -> LegFacts:
         """The facts on which `decide` rests; `refusal` says why the section cannot be driven, if it cannot."""
@@ -92,7 +83,7 @@ class Leg:
             departure_ns=goal.departure_ns,
             is_timed=goal.due_ns > 0,
             refusal=refusal,
-            stood_short=self.progress.stood_short,
+            stood_short=self._stood_short,
         )
 
     def use(self, basis: PlanBasis) -> None:
@@ -127,37 +118,34 @@ class Leg:
             return
         short_m = self.section.start_m - here.s_m
         if here.speed_mps < STANDSTILL_MPS:
-            self.progress.stood_short = short_m > SHORT_M
+            self._stood_short = short_m > SHORT_M
         elif short_m < AT_END_M:
-            self.progress.stood_short = False
+            self._stood_short = False
 
     def refresh_goal(self) -> None:
         """Bring the goal up to date: the arrival, and the next point ahead of the last known position."""
         if self.here is not None:
-            self.progress.reached_m = self.here.s_m
+            self.reached_m = self.here.s_m
         points = self.points
-        passing = next((one for one in points if one.s_m > self.progress.reached_m), None) if points else None
+        passing = next((one for one in points if one.s_m > self.reached_m), None) if points else None
         before = self.goal
         if self.arrival_ns == before.target_ns and passing == before.passing:
             return
-        behind = self._is_behind(passing)
-        if self.arrival_ns != before.target_ns or (passing != before.passing and not behind):
+        point, here = before.passing, self.here
+        # If the train has passed the goal's point and no other follows, the plan goes on.
+        is_behind = passing is None and point is not None and here is not None and here.s_m >= point.s_m
+        if self.arrival_ns != before.target_ns or (passing != point and not is_behind):
             self.planner.forget()
         self.goal = replace(before, target_ns=self.arrival_ns, passing=passing)
-
-    def _is_behind(self, passing: PassingTarget | None) -> bool:
-        """Whether the train has passed the goal's point and no other follows: then the plan goes on."""
-        before = self.goal.passing
-        return passing is None and before is not None and self.here is not None and self.here.s_m >= before.s_m
 
     def advise(self, here: Estimate) -> Advice:
         """The advice for a usable state, at its time; raises NoPlanError if no plan finishes the section from it."""
         planner = self.planner
         state = self._state(here)
         allowed_mps = planner.allowed_for(state)
-        self.progress.too_fast = is_too_fast(state.v_mps - allowed_mps, told=self.progress.too_fast)
+        self._too_fast = is_too_fast(state.v_mps - allowed_mps, told=self._too_fast)
         limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
-        place = SpeedsAllowed(allowed_mps, limit_mps, self.progress.too_fast)
+        place = SpeedsAllowed(allowed_mps, limit_mps, self._too_fast)
         scene = Scene(state, here, planner, self.goal, place)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -AT_STOP_M:
@@ -198,7 +186,7 @@ class Leg:
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
         """Withdraw the advice: the answer states the cause. The plan is forgotten, unless the display is only quiet."""
-        self.progress.too_fast = False
+        self._too_fast = False
         if not why.cause.is_quiet:
             self._forget()
         elif self.guide is not None:

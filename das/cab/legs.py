@@ -120,10 +120,13 @@ class Legs:
         going_on = [known[ends] for ends in pairwise(stop.position_m for stop in stops) if ends in known]
         guide = going_on[0].guide if going_on else None
         drift = Drift() if guide is None else guide.drift
-        legs = [
-            known.get((a.position_m, b.position_m)) or self._new_leg(free, (a, b), s_m, drift)
-            for a, b in pairwise(stops)
-        ]
+        legs = []
+        for a, b in pairwise(stops):
+            leg = known.get((a.position_m, b.position_m))
+            if leg is None:  # The section raises DasError if it cannot be driven even without restrictions.
+                section = free.section_ahead(a.position_m, b.position_m, s_m)
+                leg = Leg(a, b, section, self.preparation.guide_worker, drift, guide=self._guide)
+            legs.append(leg)
         _set_timetables(legs, timetables)
         for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
             leg.start, leg.end = start, end  # The places are the same; the names may differ.
@@ -143,14 +146,6 @@ class Legs:
         self.preparation.drop(self.legs)
         self.legs, self._index = (), None
 
-    def _new_leg(self, free: Situation, ends: tuple[Stop, Stop], s_m: float, drift: Drift) -> Leg:
-        """A leg between two stops that is not prepared yet, for a train at a position (m) with a driver.
-
-        Raises DasError if it cannot be driven even without restrictions.
-        """
-        section = free.section_ahead(ends[0].position_m, ends[1].position_m, s_m)
-        return Leg(*ends, section, self.preparation.guide_worker, drift, guide=self._guide)
-
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
         """Take over all restrictions known; plans keep to each of them as soon as it counts."""
         self.situation = replace(self.situation, restrictions=tuple(restrictions))
@@ -166,7 +161,7 @@ class Legs:
         try:
             for leg in self.legs[self.index : self.index + 2]:
                 start_m, end_m = leg.start.position_m, leg.end.position_m
-                now.between(start_m, end_m).section_ahead(start_m, end_m, leg.progress.reached_m)
+                now.between(start_m, end_m).section_ahead(start_m, end_m, leg.reached_m)
         except RunawayError:
             pass  # The leg refuses it by name.
         except DasError as error:

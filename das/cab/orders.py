@@ -24,8 +24,8 @@ def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
     """Whether all times of a journey are more than a day from the clock (ns since 1970; 0: not set, so False)."""
     if now_ns <= 0:
         return False
-    times_ns = (time_ns for stop in journey.stops for time_ns in (stop.arrival_ns, stop.departure_ns) if time_ns > 0)
-    return min((abs(time_ns - now_ns) for time_ns in times_ns), default=0) > DAY_NS
+    times_ns = (at_ns for stop in journey.stops for at_ns in (stop.arrival_ns, stop.departure_ns))
+    return min((abs(at_ns - now_ns) for at_ns in times_ns if at_ns > 0), default=0) > DAY_NS
 
 
 class Trains:

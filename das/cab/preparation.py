@@ -300,7 +300,7 @@ class Preparation:
     def _ensure(self, leg: Leg, one: _Prepared, situation: Situation, now_ns: int) -> None:
         """Bring a leg up to date with the situation: its safe limits at once, then its front."""
         wanted = situation.between(leg.start.position_m, leg.end.position_m)
-        if not wanted.is_like(one.situation) or leg.progress.reached_m >= one.held_from_m:
+        if not wanted.is_like(one.situation) or leg.reached_m >= one.held_from_m:
             _change_situation(leg, one, wanted)
         point = leg.goal.passing
         if point is not None and point != one.served:
@@ -377,7 +377,7 @@ def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
     one.give_up()
     try:
         start_m, end_m = leg.start.position_m, leg.end.position_m
-        leg.use_meanwhile(wanted.section_ahead(start_m, end_m, leg.progress.reached_m))
+        leg.use_meanwhile(wanted.section_ahead(start_m, end_m, leg.reached_m))
     except DasError as error:
         refusal = f"{why}: {error}"
         held_from_m = error.held_from_m if isinstance(error, RunawayError) else math.inf

@@ -72,6 +72,14 @@ EXIT_BAD_INPUT = 2
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
 
+def imported(where: str) -> Callable[..., Any]:
+    """The function "module:name"; the module is imported now, and Ctrl-C meanwhile ends the process in one line."""
+    module, _, name = where.partition(":")
+    with ended_by_signals():
+        function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    return function
+
+
 @dataclass(frozen=True, kw_only=True)
 class Entry:
     """One command of a program, or the word under which commands belong together: `das-sim experiment run`.
@@ -90,17 +98,10 @@ class Entry:
     entries: tuple[Entry, ...] = ()
     gone: Mapping[str, str] = field(default_factory=dict)
 
-    def function(self) -> Callable[..., Any]:
-        """Import the command's module and return its function."""
-        module, _, name = self.where.partition(":")
-        with ended_by_signals():
-            function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-        return function
-
     def load(self) -> TyperCommand | TyperGroup:
         """The command with its options and its help, or the group of the entries, none of which is imported yet."""
         if self.where:
-            return _command(self.name, self.function(), self.examples, [one.name for one in self.entries])
+            return _command(self.name, imported(self.where), self.examples, [one.name for one in self.entries])
         app = _typer(no_args_is_help=True, add_completion=False)
         app.callback(help=self.summary, epilog="-h after a command explains it.")(lambda: None)
         return _filled(app, self.name, self.entries, self.gone)

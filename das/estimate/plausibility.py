@@ -289,7 +289,8 @@ class SpeedScale:
 
     def _compare(self, fixes: list[PositionFix]) -> None:
         """Find the factor from the fixes of the last seconds; it is unchanged if they are inconclusive."""
-        way_m, all_m, ratios = 0.0, 0.0, []
+        way_m, all_m = 0.0, 0.0
+        ratios: list[float] = []
         for before, after in itertools.pairwise(fixes):
             way, mean_mps = after.s_m - before.s_m, 0.5 * (max(before.speed_mps, 0.0) + max(after.speed_mps, 0.0))
             said = mean_mps * (after.time_ns - before.time_ns) * NS

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.application import run_app, single_command
+from das.command_line.application import imported, run_app, single_command
 from das.command_line.options import (
     NODE_ENDPOINT,
     BusPlace,
@@ -175,9 +175,7 @@ def advise(options: NodeOptions) -> None:
 
     if not SLOWEST_HZ <= options.advice.rate <= FASTEST_HZ:
         raise DasError(f"--rate {options.advice.rate:g}: expected {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz")
-    from das.node.process import serve
-
-    serve(options)
+    imported("das.node.process:serve")(options)
 
 
 LAST_PORT = 65535

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.application import run_command, single_command
+from das.command_line.application import imported, run_command, single_command
 from das.command_line.options import RECORDER_ENDPOINT, BusPlace, WithParentOption, listen_option
 
 
@@ -73,9 +73,7 @@ def record(options: RecorderOptions) -> None:
     It receives messages from the processes to which it connects, by default the node. Each message is on the disk
     within a second.
     """
-    from das.recorder.process import record as run
-
-    run(options)
+    imported("das.recorder.process:record")(options)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
