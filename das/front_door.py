@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     _Word = TypeVar("_Word", bound=StrEnum)
 
 DRAWN_BUFFERS_PERCENT = tuple(range(31))
-"""Default buffers (%) of the points of a front: timetables have 3 to 10 %, and beyond 30 % further savings are
-small."""
+"""Default buffers (%) of the points of a front; timetables have 3 to 10 %."""
 
 
 def build_section(

@@ -34,8 +34,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link, umask
 
 FLUSH_EVERY_S = 0.5
-"""Interval (s) at which the recorder puts the messages received on disk, or up to 0.1 s later. So a kill loses at most
-1.0 s, even if a write takes a while."""
+"""Interval (s) of writing to the disk, at most 0.1 s late: a kill loses at most 1.0 s, even during a slow write."""
 CHUNK_BYTES = 1 << 18
 """Most bytes of a chunk, unpacked, before it is written; damage to one chunk loses no more."""
 LIBRARY = f"driver-advisory-system {__version__}"

@@ -252,8 +252,7 @@ def read_contents(path: Path) -> Contents:
 def _tell_drives_apart(found: Contents, sources: Sequence[str], *, numbered: bool) -> None:
     """Name the second drive of a train in a merged file "<train>-drive-2", and so on; the first keeps the train's name.
 
-    `sources` are the recordings (`RECORDING`) of the messages; messages of one recording may be several drives by
-    their running numbers, if it is `numbered`.
+    `sources` are the recordings of the messages; those of a `numbered` one may be several drives by their numbers.
     """
     for train in found.trains:
         of_source: dict[str, list[int]] = {}
@@ -328,10 +327,9 @@ class Stamped(NamedTuple):
 class Recording(Summary):
     """The contents of a recording for one train.
 
-    `messages` holds the messages by topic name, those of a topic in the order of their log times. `train` is the chosen
-    train, `trains` are all trains of the file. `metadata` holds texts by record name and key, `attachments` the names
-    of the attached files, `attached` the files themselves. `complete` is False for a file that was cut off. `health`
-    states damage and gaps of the file.
+    `messages` holds the messages by topic name in the order of their log times. `train` is the chosen train, `trains`
+    are all of the file. `metadata` holds texts by record name and key, `attachments` the names of the attached files,
+    `attached` the files. `complete` is False for a file that was cut off. `health` states damage and gaps.
     """
 
     path: Path
@@ -407,8 +405,7 @@ class Recording(Summary):
 def columns(messages: Sequence[Stamped], kind: type[Message], fields: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
     """Fields of messages of one kind as arrays, as `Recording.columns` describes them (default: all fields).
 
-    Empty arrays keep their type. Raises KeyError for a field that is not there, OverflowError for a number beyond
-    64 bits.
+    Empty arrays keep their type. Raises KeyError for an unknown field, OverflowError for a number beyond 64 bits.
     """
     known = kind.DESCRIPTOR.fields_by_name
     result: dict[str, NDArray[Any]] = {"log_time_ns": np.array([m.log_time_ns for m in messages], dtype=np.int64)}

@@ -286,8 +286,7 @@ class Operator:
     def counts(self, message: Heard) -> bool:
         """Whether a message counts; one that does not count waits while its publisher is present.
 
-        A message that cannot be read does not make its session the one that counts, nor does a repeated one while the
-        two contradict each other.
+        An unreadable message does not make its session the one that counts, nor does a repeated one in a contradiction.
         """
         source, before = message.source, self._said.get(message.source)
         takes_over = source != self.source and (self.source is None or self.is_gone(self.source))

@@ -76,8 +76,7 @@ class Learning:
     def news(self, now_ns: int) -> str:
         """The text of a change in the trust in the forces, or of an implausible mass; each is reported once.
 
-        It is empty if there is none. The next change waits for `REPORT_EVERY_S`, so that a sensor at the edge of a
-        bound causes few events.
+        It is empty if there is none. The next change waits for `REPORT_EVERY_S`: a sensor at a bound causes few events.
         """
         found = self._found
         doubt = found.remark()

@@ -28,8 +28,7 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 SHORT_M: Final = 15.0
-"""Distance before its stop (m) beyond which a train that stood and moves on is taken to move up to it, whatever the
-time: it is shown nothing until it is there."""
+"""Distance before its stop (m) beyond which a train that stood is moving up to it, and is shown nothing until there."""
 AHEAD_DEVIATIONS: Final = 2.0
 """Most standard deviations by which the train is assumed to be ahead of its estimated position."""
 LEAST_WAY_M = 2.0

@@ -38,8 +38,7 @@ Moment = tuple[float, bool] | None
 class Legs:
     """Takes over journey, restrictions and targets, prepares the legs, and knows which one the train is on.
 
-    A leg ends when the train stands at its stop. When the train is first located, its position alone decides which leg
-    it is on.
+    A leg ends when the train stands at its stop. At first, the position of the train alone decides which leg it is on.
     """
 
     def __init__(self, situation: Situation, preparation: Preparation, *, guide: bool = False) -> None:

@@ -148,8 +148,7 @@ def onboard_ladder(section: Section) -> NDArray[np.float64]:
 
 
 TRY_AGAIN_S = 10.0
-"""Time (s) after which a search that failed for an unforeseen reason is repeated; it is also repeated whenever
-something changes."""
+"""Time (s) after which a search that failed unforeseen is repeated; it also is whenever something changes."""
 
 
 class News(NamedTuple):
@@ -186,8 +185,7 @@ class _Prepared:
     ready: bool = False
     search: Future[_Answer] | None = None
     guide: Future[FoundGuide | str] | None = None
-    """The search for the guide's policies, which follows that for the front; a text says why there are
-    none."""
+    """The search for the guide's policies, after that for the front; a text says why there are none."""
     failed_ns: int | None = None
     """Time of the last search that failed for an unforeseen reason; None if it did not."""
 
@@ -264,8 +262,7 @@ class Preparation:
     def rehearse(self, section: Section) -> None:
         """Find the front of a section before there is a journey; raises DasError if there is none.
 
-        In the background the search for the guide's policies goes on afterwards, as for a leg under way:
-        the front alone is enough to advise.
+        In the background the search for the guide's policies goes on: the front alone is enough to advise.
         """
         began = self._stopwatch()
         self._fronts.find(section)

@@ -85,10 +85,9 @@ class Entry:
     """One command of a program, or the word under which commands belong together: `das-sim experiment run`.
 
     `name`: the word the user types. `summary`: its line in the program's help, and the first line of the docstring of
-    its function. `where`: module and function, like "precompute.cli.solve:solve"; the module is imported only when the
-    command is called. Empty for a word that only has `entries`, the commands that begin with it; where there is a
-    function as well, any other word is an argument of it. `examples`: command lines that a user can copy. `gone`: see
-    `application`.
+    its function. `where`: module and function, like "precompute.cli.solve:solve", imported only when the command is
+    called; empty for a word that only has `entries`, the commands that begin with it. `examples`: command lines that a
+    user can copy. `gone`: see `application`.
     """
 
     name: str

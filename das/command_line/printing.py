@@ -103,8 +103,7 @@ def new_table(
 def print_table(table: Table, legend: Mapping[str, str] | None = None) -> None:
     """Print a table, and below it a legend that explains the abbreviations in it.
 
-    All tables have the same narrow spaces between columns. Columns that do not wrap are never cut: the table becomes
-    wider than the terminal where it must.
+    Columns that do not wrap are never cut: the table becomes wider than the terminal where it must.
     """
     console = _plain_console()(highlight=False, markup=False, emoji=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:

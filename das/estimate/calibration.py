@@ -26,13 +26,11 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.line_profile import LineProfile
 
 SPEED_SD_MPS: Final = 0.05
-"""The least noise of a measured speed (one standard deviation); a window whose speeds scatter more is trusted
-less."""
+"""Least noise of a measured speed (one standard deviation); a window that scatters more is trusted less."""
 FORCE_SD_RATIO: Final = 0.02
 """The noise of each measured force, as a share of it (one standard deviation)."""
 FRICTION_SD_RATIO: Final = 0.1
-"""The standing error of the measured friction brake force, as a share of it (one standard deviation): the force is
-known from cylinder pressures only."""
+"""Standing error of the friction brake force, known from cylinder pressures only, as a share of it (one deviation)."""
 POSITION_M: Final = 40.0
 """Error (m) that a position may have; a window is left out whose positions and speeds disagree more about the
 distance run, or that may have come as near to a neutral section."""
@@ -155,8 +153,7 @@ SAMPLE_EVERY_NS: Final = round(0.9 / NS)
 LONGEST_GAP_NS: Final = round(2.5 / NS)
 """Longest gap (ns) between samples, and between the efforts around them, within a window."""
 SLOWEST_MPS: Final = 5.0
-"""Samples at lower speeds do not count: there brakes are being released, couplers stretch, and the resistance does
-not follow Davis."""
+"""Samples at lower speeds do not count: brakes are being released, and the resistance does not follow Davis."""
 ADHESION_RATIO: Final = 0.9
 """Share of the adhesion limit of a dry rail above which samples of forces do not count: wheels may slip."""
 STANDS_FOR_S: Final = 20.0
@@ -427,8 +424,7 @@ class Calibrator:
     def _learn(self, window: MeasuredWindow | None) -> None:
         """Learn from a window; compare a window of coasting with what windows under force gave.
 
-        A coasting train has 0 = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², whatever its force sensor
-        measures.
+        A coasting train has 0 = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², whatever is measured.
         """
         if window is None:
             return
@@ -504,8 +500,7 @@ class Recalibration:
     def due(self, estimates: Estimates, now_ns: int) -> Conditions | None:
         """Return other conditions to plan with from now on; None while those of the plan are near enough.
 
-        The conditions change at most once in `REPLAN_EVERY_S`. But as soon as the measured forces are doubted,
-        the conditions of the start are used again.
+        They change at most once in `REPLAN_EVERY_S`; as soon as the forces are doubted, those of the start are back.
         """
         if estimates.doubt is not None and self.conditions != self._planned:
             self.conditions = self._planned

@@ -11,11 +11,9 @@ from enum import IntEnum, StrEnum
 from typing import Final, NamedTuple
 
 LEAST_SD_M: Final = 0.5
-"""Least standard deviation (m) of a position; a smaller stated one is raised to it, as no receiver is believed to be
-better."""
+"""Least standard deviation (m) of a position, whatever the sender states."""
 LEAST_SD_MPS: Final = 0.02
-"""Least standard deviation (m/s) of a speed; a smaller stated one is raised to it, as no odometer is believed to be
-better."""
+"""Least standard deviation (m/s) of a speed, whatever the sender states."""
 SPEED_LATE_S: Final = 1.75
 """Delay (s) of a speed whose sender states no deviation: one standard deviation for receivers that filter their speeds
 (two recorded trips: 0.75 and 2.5 s)."""
@@ -101,8 +99,7 @@ class ProblemKind(StrEnum):
     MARKED_UNUSABLE = "marked-unusable"
     """The sender itself marked the fix as unusable. There is no value."""
     NOT_A_NUMBER = "not-a-number"
-    """The fix states an infinite position or speed, or neither of them, or no position while there is no estimate.
-    There is no value."""
+    """Position or speed is infinite, both are missing, or the position is while there is no estimate. No value."""
     SPEED_IMPOSSIBLE = "speed-impossible"
     """The train cannot have the speed of the fix. The value is that speed (m/s)."""
     POSITION_IMPOSSIBLE = "position-impossible"

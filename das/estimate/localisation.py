@@ -33,8 +33,7 @@ LARGEST_POSITION_SD_M: Final = 50.0
 LARGEST_SPEED_SD_MPS: Final = 2.0
 """Largest standard deviation (m/s) of the speed with which an estimate is used."""
 RECOVERED_RATIO: Final = 0.7
-"""Share of the limits below which an estimate that was too uncertain is used again, so that advice does not come and
-go."""
+"""Share of the limits below which a too uncertain estimate is used again, so that advice does not flicker."""
 CLOCK_FIXES: Final = 15
 """Number of fixes whose median is the difference, so that single ones that were held up do not count."""
 CLOCK_MEMORY_S: Final = 30.0
@@ -58,10 +57,9 @@ SPEED_DOUBTED_S = 0.5
 class ClockDifference:
     """The difference between the clock here and that of a sensor: the median delay from time stamp to reception.
 
-    A sensor's clock that is behind ours and messages that take long look alike. Only the difference is known: the train
-    may be anywhere on the way that it covers in that time. The median leaves out single messages that were held up. The
-    clock of a simulation stands still between ticks, so a message that comes before or between ticks counts as received
-    at the next tick.
+    A sensor's clock that is behind ours and messages that take long look alike: the train may be anywhere on the way
+    that it covers in that time. The median leaves out single messages that were held up. A simulation's clock stands
+    still between ticks, so a message that comes between ticks counts as received at the next one.
     """
 
     def __init__(self) -> None:
@@ -176,9 +174,8 @@ class Usability:
     def judge(self, x: Track, age_s: float, rejection: Problem | None) -> Problem | None:
         """Return why a state cannot be used, or None.
 
-        `age_s` is the age of its last fix, and `rejection` says why fixes that are newer were rejected. A state that
-        was stale is used again when fixes come often enough; one that was too uncertain, when it is well below the
-        limits.
+        `age_s` is the age of its last fix, `rejection` why newer fixes were rejected. A stale state is used again when
+        fixes come often enough; one that was too uncertain, when it is well below the limits.
         """
         rare = self._stale and min(self._intervals_s) > STALE_AFTER_S
         self._stale = age_s > STALE_AFTER_S or rare

@@ -38,8 +38,7 @@ STANDS_AFTER_S: Final = 2.0
 SETS_OFF_SDS: Final = 3.3
 """Standard deviations above which one speed ends a standstill: noise alone is that large once in 2 000 fixes."""
 CREEP_FIXES: Final = 5
-"""Number of speeds whose mean ends a standstill as well, where each alone is too slow to be distinguished from
-noise."""
+"""Number of speeds whose mean ends a standstill as well, where each alone may be noise."""
 FROZEN_WAY_M: Final = 2.0
 """Distance (m) by the measured speeds above which a position that stays the same is frozen."""
 COARSE_SDS: Final = 4.0
@@ -50,8 +49,7 @@ SILENCE_S: Final = 30.0
 AGREEING_FIXES: Final = 4
 """Rejected fixes in a row that, if they agree with each other, show that the estimate was wrong, not the fixes."""
 AGREEING_SPAN_S: Final = 2.0
-"""Least time (s) spanned by the rejected fixes that agree, because at 20 Hz four of them come within a fifth of a
-second."""
+"""Least time (s) that rejected fixes which agree span: at 20 Hz four of them come within 0.2 s."""
 STANDSTILL_MPS: Final = 0.3
 """Estimated or measured speed (m/s) below which a train counts as standing when stops and departures are judged."""
 
@@ -104,8 +102,7 @@ def _gate_m(x: Track, sds: Deviations) -> float:
 def follows(before: PositionFix, fix: PositionFix, fastest_mps: float) -> bool:
     """Return whether one train can have been at both fixes.
 
-    Between them it ran at speeds between the two measured ones; where none was measured, at any speed that the train
-    can have.
+    Between them it ran at speeds between the two measured ones; where none was measured, at any possible speed.
     """
     span_s, way_m = (fix.time_ns - before.time_ns) * NS, fix.s_m - before.s_m
     speeds = [x for x in (before.speed_mps, fix.speed_mps) if not math.isnan(x)] or [0.0, fastest_mps]
@@ -130,8 +127,7 @@ class Doubts:
     def add(self, fix: PositionFix) -> bool:
         """Add a rejected fix; return whether the estimate has to restart with it.
 
-        A fix that does not agree with the first and the last collected one replaces them all. A fix that is not newer
-        than the last one changes nothing.
+        One that does not agree with the first and the last replaces them all; one not newer than the last is ignored.
         """
         first, last = self._first, self._last
         if first is None or last is None:
@@ -254,8 +250,7 @@ class SpeedScale:
         self._unit_sd_ratio = 0.0
 
     def unit_sd_mps(self, speed_mps: float) -> float:
-        """Return one standard deviation of a speed (m/s) from the units that neither distance nor standstill has
-        excluded."""
+        """Return one standard deviation of a speed (m/s) from the units that are not excluded yet."""
         return 0.0 if self._confirmed or not self._fixes else self._unit_sd_ratio * speed_mps
 
     @property
@@ -266,8 +261,7 @@ class SpeedScale:
     def judge(self, fix: PositionFix) -> Problem | None:
         """Return the problem of a fix whose speed, like those before it, is a multiple of the one from the positions.
 
-        It remains a problem until the speeds match the distance again. Any fix may be given, also one that is rejected
-        elsewhere.
+        It remains one until the speeds match the distance again. Any fix may be given, also one rejected elsewhere.
         """
         fixes = self._fixes
         if fix.quality is Quality.INVALID or not abs(fix.s_m) <= LARGEST_M:

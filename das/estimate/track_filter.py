@@ -27,11 +27,9 @@ standard deviation for worn wheels (8 % between new and worn: 2.3 %), a diameter
 HARD_MPS2: Final = 1.0
 """Braking (m/s²) of which any train is about capable, whatever its traction."""
 EFFORT_LASTS_S: Final = 60.0
-"""Time (s) for which a driver holds an effort; the jerk density is 2·σ² over it, with σ half the hardest start or
-braking."""
+"""Time (s) for which a driver holds an effort; the jerk density is 2·σ² over it, σ half the hardest start or brake."""
 MANOEUVRE_SDS: Final = 3.0
-"""Deviation of a measured speed (standard deviations) above which the driver may have changed the effort: the
-acceleration counts as unknown again."""
+"""Deviation of a speed (standard deviations) above which the effort, and so the acceleration, may have changed."""
 WANDER_S = 30.0
 """Time constant (s) with which the errors of a receiver's position and speed wander (assumption)."""
 SCALE_WANDER_S = 3600.0

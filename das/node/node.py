@@ -16,8 +16,7 @@ from das.domain.clocks import WALL, Clocks
 from das.domain.units import NS
 
 LEAST_STEP_S = 0.05
-"""Step (s) of the wall clock against the monotonic clock from which it counts as set; a smaller one may come from the
-delay between the two readings."""
+"""Step (s) of the wall clock from which it counts as set; less may be the delay between reading two clocks."""
 
 
 class WallClock:
