@@ -45,7 +45,6 @@ class MeasuredWindow(NamedTuple):
 
     acceleration_mps2: float
     force_n: float
-    """The wheel force."""
     line_mps2: float
     """The force of gradients and curves divided by the mass of the train."""
     moving_n: float
@@ -62,12 +61,7 @@ class LineIntegral:
     """The forces of the line on a train, integrated along the way: a difference gives the mean over any stretch."""
 
     def __init__(
-        self,
-        route: Route,
-        vehicle: Vehicle,
-        train_length_m: float,
-        *,
-        speed_sd_mps: float = SPEED_SD_MPS,
+        self, route: Route, vehicle: Vehicle, train_length_m: float, *, speed_sd_mps: float = SPEED_SD_MPS
     ) -> None:
         """Integrate the line under a train; forces within the noise of its largest one count as none."""
         self._idle_n, self._speed_sd_mps = FORCE_SD_RATIO * vehicle.traction.max_force_n, speed_sd_mps
@@ -131,10 +125,7 @@ class LineIntegral:
 
 
 def _noise_mps(speed_mps: Floats) -> float:
-    """Return the noise of speeds (m/s, one standard deviation) from the median absolute second difference.
-
-    The median leaves out the few second differences that come from changing forces.
-    """
+    """Return the noise of speeds (m/s) from the median second difference, which leaves out changing forces."""
     bends = np.abs(np.diff(speed_mps, 2))
     return float(np.median(bends)) / (NORMAL_MAD * math.sqrt(6.0))
 
@@ -161,8 +152,7 @@ STANDS_FOR_S: Final = 20.0
 REPLAN_EVERY_S: Final = 120.0
 """Least time (s) between new plans that follow from the estimates."""
 CERTAIN_SDS: Final = 3.0
-"""Standard deviations beyond which a difference is no chance: of an estimate from the plan, of a force from the train's
-largest, of coasting from the measured forces, of the mass from the resistance."""
+"""Standard deviations beyond which a difference is no chance."""
 IN_A_ROW: Final = 3
 """Windows in a row that are no accident: surprising ones mean another resistance, coasting ones contradict forces."""
 LINE_SD_RATIO: Final = 2e-4
@@ -170,11 +160,9 @@ LINE_SD_RATIO: Final = 2e-4
 PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
 """Standard deviations of the two ratios before anything is measured."""
 CHANGE_SD: Final = MassAndResistance(0.05, 0.01)
-"""Standard deviations by which the ratios change: the mass at a stop (500 people in a train of 440 t are 9 %), the
-resistance from one window to the next (wind)."""
+"""Standard deviations of changes: of the mass at a stop (500 people in 440 t are 9 %), of the resistance by wind."""
 MODEL_SD: Final = MassAndResistance(0.005, 0.015)
-"""The uncertainty that no amount of measuring removes (one standard deviation): forces between samples are unknown,
-and so is the exact shape of the resistance."""
+"""Uncertainty that no measuring removes (one standard deviation): of forces between samples, of resistance."""
 USABLE_SD: Final = MassAndResistance(0.02, 0.08)
 """Largest standard deviations with which the estimates are usable."""
 STEP: Final = MassAndResistance(0.03, 0.05)
@@ -241,10 +229,6 @@ class Estimates:
     def planned_mass_ratio(self) -> float:
         """The mass ratio to plan with: never below 1, so that no plan counts on a lighter train's better brakes."""
         return max(self.mass_ratio, 1.0)
-
-    def applied(self, conditions: Conditions) -> Conditions:
-        """Return these conditions with the mass and the resistance to plan with."""
-        return replace(conditions, mass_ratio=self.planned_mass_ratio, resistance_ratio=self.resistance_ratio)
 
 
 class Belief(NamedTuple):
@@ -329,8 +313,7 @@ class Calibrator:
     """Estimates the mass and the running resistance of one train from measured positions and efforts.
 
     `vehicle` is the train as planned, with its load. Positions and efforts may come at moments of their own: a window
-    is used once its forces are known up to its last position. There is no clock and no randomness in it: the same
-    positions and efforts give the same estimates.
+    is used once its forces are known up to its last position. The same measurements give the same estimates.
     """
 
     def __init__(self, route: Route, vehicle: Vehicle, *, point_mass: bool = False) -> None:
@@ -419,15 +402,15 @@ class Calibrator:
         used = slips[-1] + 1 if slips.size else WINDOW_SAMPLES
         del self._places[:used]
         if not slips.size:
-            self._learn(self._line.window(time_ns * NS, s_m, speed_mps, electric_n + friction_n, friction_n))
+            window = self._line.window(time_ns * NS, s_m, speed_mps, electric_n + friction_n, friction_n)
+            if window is not None:
+                self._learn(window)
 
-    def _learn(self, window: MeasuredWindow | None) -> None:
+    def _learn(self, window: MeasuredWindow) -> None:
         """Learn from a window; compare a window of coasting with what windows under force gave.
 
         A coasting train has 0 = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², whatever is measured.
         """
-        if window is None:
-            return
         self._windows += 1
         self._moving_n += (window.moving_n - self._moving_n) / self._windows
         self._all.learn(window)
@@ -509,5 +492,7 @@ class Recalibration:
             return None
         if self._changed_ns is not None and abs(now_ns - self._changed_ns) * NS < REPLAN_EVERY_S:
             return None
-        self.conditions, self._changed_ns = estimates.applied(self.conditions), now_ns
+        mass, resistance = estimates.planned_mass_ratio, estimates.resistance_ratio
+        self.conditions = replace(self.conditions, mass_ratio=mass, resistance_ratio=resistance)
+        self._changed_ns = now_ns
         return self.conditions
