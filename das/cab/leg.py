@@ -70,7 +70,7 @@ class Leg:
         """The last state of the train on the leg; None if it cannot be used."""
         self._arrived_ns: int | None = None
         self.reached_m = -math.inf
-        """How far the train has come (m)."""
+        """Position (m) that the train has reached."""
         self._stood_short = self._too_fast = False
 
     def facts(self, refusal: str) -> LegFacts:
