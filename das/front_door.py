@@ -1,7 +1,6 @@
 """The functions of `import das`: few parameters, plain results, and one-line error messages.
 
-Each function imports the code that does the work only when it is called, so that loading a route does not load the
-compiled solver. The other names that `das` offers are defined where they belong, see `das.__init__`.
+Each imports the code that does the work only when it is called, so that loading a route loads no compiled solver.
 """
 
 from __future__ import annotations
@@ -38,8 +37,7 @@ if TYPE_CHECKING:
     _Word = TypeVar("_Word", bound=StrEnum)
 
 DRAWN_BUFFERS_PERCENT = tuple(range(31))
-"""Default buffers (%) of the points of a front: timetables have 3 to 10 %, and beyond 30 % further savings are
-small."""
+"""Default buffers (%) of the points of a front; timetables have 3 to 10 %."""
 
 
 def build_section(

@@ -1,7 +1,6 @@
-"""A table on disk: the finished references of a section for the cab, and its front of time and energy for people.
+"""A table on disk (one JSON file): finished references of a section for the cab, and its front for people.
 
-A table is one JSON file (docs/reference/tables.md). Every value of it is checked before anything uses it, and it serves
-only the section that it was made for.
+Every value of it is checked before it is used, and it serves only the section that it was made for.
 """
 
 from __future__ import annotations

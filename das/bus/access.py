@@ -1,34 +1,21 @@
-"""Access to the bus: what each role may publish, certificates for trials, and what Zenoh has refused.
+"""Access to the bus: what each role may publish, and certificates for trials.
 
 Peers talk to each other directly, so each one judges for itself: incoming messages (`ingress`) by the name in the
 sender's certificate, and its own messages (`egress`). The judgement of the receiver counts.
 
 `write_bus_folder` makes a test authority, certificates and bus files for trials: not a public-key infrastructure.
-
-Zenoh (1.5 to 1.10) reports refusals only in its log, at the lowest level, beside a line for each message that it lets
-in; and its Python package can write that log only to standard output. The processes that advise and record write
-nothing there themselves. With a bus file, `Refusals` turns their standard output into a pipe and reads that.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import re
-import sys
-import threading
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final, Self
-
-import zenoh
+from typing import Any, Final
 
 from das.bus.topics import TOPICS
-from das.command_line.printing import say
-from das.domain.clocks import WALL_NS
 from das.domain.errors import DasError
 from das.domain.files.writing import write_folder_whole
 
@@ -64,20 +51,6 @@ CLOCK_SLACK = timedelta(minutes=5)
 AUTHORITY = "ca.pem"
 MOST_LETTERS = 64
 """The longest common name of a certificate (RFC 5280, ub-common-name-length)."""
-LEVELS = (
-    "warn,zenoh::net::routing::hat=error,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::interceptor=trace"
-)
-"""The levels of Zenoh's log; the environment variable RUST_LOG replaces them."""
-ANSI = re.compile(rb"\x1b\[[0-9;]*m")
-LINE = re.compile(r"\S+Z +(?P<level>[A-Z]+) +(?:\S+ +)?ThreadId\((?P<thread>\d+)\) (?P<text>.*)")
-NAMED = r"(?P<session>[0-9a-f]{1,32})(?: on \S*CertCommonName\((?P<name>[^)]*)\)\S*)?"
-DENIAL = re.compile(NAMED + r" is unauthorized to (?P<what>[\w/ ]+) \((?P<flow>\w+)\) on (?P<key>\S+)")
-NOT_LET_IN = "zenoh_link_tls::unicast: "
-KEPT_OUT = "Msg intercepted!"
-WORTH_READING = (KEPT_OUT.encode(), b"unauthorized to", b"WARN", b"ERROR")
-MOST_KEPT = 100
-MOST_NAMES = 1_000
-LONGEST = 200
 
 
 def common_name(role: Role, train: str) -> str:
@@ -168,10 +141,11 @@ def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: 
 def _bus_file(role: Role, train: str, ports: Mapping[Role, int], until: datetime) -> str:
     """The text of a role's bus file; its paths are relative to the file."""
     own, key = f"{role}.pem", f"{role}.key"
+    endpoint = {one: f"tls/127.0.0.1:{ports[one]}" for one in LISTENERS}
     config = {
         "metadata": {"das": {"train": train, "role": role}},
-        "listen": {"endpoints": [_endpoint(ports[role])] if role in LISTENERS else []},
-        "connect": {"endpoints": [_endpoint(ports[other]) for other in LISTENERS if other != role]},
+        "listen": {"endpoints": [endpoint[role]] if role in LISTENERS else []},
+        "connect": {"endpoints": [endpoint[other] for other in LISTENERS if other != role]},
         "transport": {
             "link": {
                 "protocols": ["tls"],
@@ -193,86 +167,5 @@ def _bus_file(role: Role, train: str, ports: Mapping[Role, int], until: datetime
     return f"{head}\n{json.dumps(config, indent=2)}\n"
 
 
-def _endpoint(port: int) -> str:
-    return f"tls/127.0.0.1:{port}"
-
-
 def _authority_of(train: str) -> str:
     return f"DAS test authority of {train}"
-
-
-class Refusals:
-    """Finds refusals in Zenoh's log; `now_ns` is the clock (ns since 1970) that limits how many it reports a second."""
-
-    def __init__(self, now_ns: Callable[[], int] = WALL_NS) -> None:
-        from das.cab.outputs import Moderation  # Loads the solver, which readers of recordings do without.
-
-        self._now_ns = now_ns
-        self._news: deque[str] = deque(maxlen=MOST_KEPT)
-        self._moderation = Moderation()
-        self._denials: dict[str, str] = {}
-        self._names: dict[str, str] = {}
-
-    def listen(self) -> Self:
-        """Read the log from now on. Call it once, before the bus is opened, in a process without other output."""
-        pipe, output = os.pipe()
-        sys.stdout.flush()
-        os.dup2(output, 1)
-        os.close(output)
-        threading.Thread(target=self._follow, args=(pipe,), name="zenoh-log", daemon=True).start()
-        zenoh.init_log_from_env_or(LEVELS)
-        return self
-
-    def take(self) -> list[str]:
-        """The texts of refusals since the last call; all of them went to standard error as well."""
-        return [self._news.popleft() for _ in range(len(self._news))]
-
-    def _follow(self, pipe: int) -> None:
-        rest = b""
-        while block := os.read(pipe, 1 << 16):
-            whole, _, rest = (rest + block).rpartition(b"\n")
-            self.read(whole)
-
-    def read(self, lines: bytes) -> None:
-        """Take whole lines of the log, or none, and report how many texts were held back once their second is over."""
-        # Nearly all lines report that something is in order; blocks of only such lines are skipped.
-        if any(mark in lines for mark in WORTH_READING):
-            for line in ANSI.sub(b"", lines).decode(errors="replace").splitlines():
-                self._line(line)
-        self._report_suppressed()
-
-    def _line(self, line: str) -> None:
-        """Take one line. A denial counts only when a message is kept out: Zenoh also logs checks without a message."""
-        match = LINE.match(line)
-        if match is None:
-            return
-        thread, text = match["thread"], match["text"]
-        if denial := DENIAL.search(text):
-            who = self._name(denial["session"], denial["name"])
-            if denial["flow"] == "ingress":
-                self._denials[thread] = f"{who} may not {denial['what'].lower()} {denial['key']}"
-        elif KEPT_OUT in text:
-            if reason := self._denials.pop(thread, ""):
-                self._report(f"refused: {reason}")
-        elif match["level"] in ("WARN", "ERROR"):
-            text = text.replace(" Hint: increase the system open file limit.", "")
-            self._report(text.replace(NOT_LET_IN, "refused: a connection, "))
-
-    def _name(self, session: str, name: str | None) -> str:
-        """The name in the certificate of a session; for a key that was judged before, Zenoh logs only its number."""
-        if name is not None:
-            if len(self._names) >= MOST_NAMES:
-                self._names.clear()
-            self._names[session] = name
-        return self._names.get(session, session)
-
-    def _report(self, text: str) -> None:
-        # The sender chooses the key; it must not control the terminal.
-        text = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
-        if self._moderation.allows(self._now_ns()):
-            self._news.append(f"bus: {text}")
-            say(f"bus: {text}")
-
-    def _report_suppressed(self) -> None:
-        if suppressed := self._moderation.take_suppressed(self._now_ns()):
-            say(f"bus: {suppressed} more of these")

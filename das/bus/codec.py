@@ -18,7 +18,7 @@ from das.bus.topics import Received, Topic
 from das.cab import heard
 from das.cab.heard import Heard, Kind
 from das.cab.outputs import Estimated, Event, Output, Status
-from das.estimate.fix import Effort, PositionFix, Quality
+from das.estimate.estimate import Effort, PositionFix, Quality
 
 INPUT_TOPICS: Mapping[Kind, Topic] = {Kind(one.name): one for one in topics.TOPICS if one.name in list(Kind)}
 """The topic of each kind of message that the cab receives; they have the same names."""

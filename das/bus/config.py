@@ -1,7 +1,6 @@
 """The Zenoh configuration of a bus: locked down to this machine, or a site's own file, completed and checked.
 
-Zenoh's own defaults listen on every interface and look for others by multicast. Neither happens here unless a site's
-file asks for it, and then only over mutual TLS (or if the user allows an open bus).
+Zenoh's own defaults listen on every interface and look for others by multicast: neither happens here unasked.
 """
 
 from __future__ import annotations
@@ -97,7 +96,9 @@ class BusFile:
 
     def _text(self) -> str:
         text = self.path.read_text()
-        if _depth(text) > DEEPEST:  # Zenoh's parser would end the process
+        # Zenoh's parser would end the process; brackets in texts and comments count as well.
+        steps = ((letter in "[{") - (letter in "]}") for letter in text)
+        if max(accumulate(steps), default=0) > DEEPEST:
             raise DasError(f"{self.path}: not a Zenoh configuration: brackets are nested more than {DEEPEST} deep")
         return text
 
@@ -209,12 +210,6 @@ def _read(config: zenoh.Config, key: str) -> Any:
 
 def _dotted(key: str) -> str:
     return key.replace("/", ".")
-
-
-def _depth(text: str) -> int:
-    """How deep brackets are nested, including those in texts and comments."""
-    steps = ((letter in "[{") - (letter in "]}") for letter in text)
-    return max(accumulate(steps), default=0)
 
 
 def _texts(value: Any) -> Iterator[str]:

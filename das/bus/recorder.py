@@ -1,11 +1,8 @@
 """The recorder: all messages on the bus into one MCAP file, on disk within a second.
 
-The process around it is das-record (`das/recorder`). Log time is the clock of the simulation (the last Control
-message), or else the wall clock; publish time is the time that the message states.
-
-The schema of a topic holds the comment of each field, which begins with its unit in brackets. Protobuf compiles
-comments away. A recording keeps them in the place that protobuf has for them (`source_code_info`), so that the file
-itself states the units.
+Log time is the clock of the simulation (the last Control message), or else the wall clock; publish time is the time
+that the message states. The schema of a topic holds the comments of its fields, with their units, which protobuf
+compiles away; they stand in the place that protobuf has for them (`source_code_info`).
 """
 
 from __future__ import annotations
@@ -37,8 +34,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link, umask
 
 FLUSH_EVERY_S = 0.5
-"""Interval (s) at which the recorder puts the messages received on disk, or up to 0.1 s later. So a kill loses at most
-1.0 s, even if a write takes a while."""
+"""Interval (s) of writing to the disk, at most 0.1 s late: a kill loses at most 1.0 s, even during a slow write."""
 CHUNK_BYTES = 1 << 18
 """Most bytes of a chunk, unpacked, before it is written; damage to one chunk loses no more."""
 LIBRARY = f"driver-advisory-system {__version__}"
@@ -48,7 +44,7 @@ REPORT_EVERY_S = 1.0
 LAST_NS = 2**63 - 1
 """The latest time that the file can hold (ns since 1970); times beyond it stay in the message alone."""
 COMMENTS: Final = "das_comments.json"
-"""The file with the comments of das.proto by full field name; das/bus/generate.py writes it."""
+"""The file with the comments of das.proto by full field name; tests/support/generated_messages.py writes it."""
 SPAN: Final = (0, 0, 0)
 """A comment's place in das.proto: protobuf requires one, but recordings do not need it, so it is 0."""
 

@@ -1,8 +1,6 @@
-"""Reads an MCAP file record by record, with the library's own classes. Damaged ones are noted and skipped, never
-returned.
+"""Reads an MCAP file record by record, with the library's own classes; damaged records are noted and skipped.
 
-Chunks and attachments have checksums, and a complete file has one over all of its data and one over its index. Metadata
-get a checksum of their own here, because MCAP gives them none until the file is finished.
+Chunks, attachments, all data and the index have checksums; metadata get one of their own (`das.bus.sealing`).
 """
 
 from __future__ import annotations
@@ -42,8 +40,7 @@ MOST_EXPANSION: Final = 100
 ALWAYS_BYTES: Final = 4 << 20
 """Size (bytes) to which a file may always unpack, however small it is."""
 MOST_MESSAGES: Final = 2_000_000
-"""Largest number of messages that are read from a file (60 hours of recording); more would delay the reader too
-much."""
+"""Most messages that are read from a file (60 hours of recording), so that reading does not take too long."""
 SOMEWHERE: Final = "wrong checksum of the data, whose messages are intact"
 MOST_LISTED = 5
 """Largest number of damaged places that are listed one by one."""
@@ -56,8 +53,7 @@ class Damage:
     """A damaged stretch of a file.
 
     `what` describes it in words. `lost`: it contained messages, attachments or metadata, which are left out.
-    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0 if the file does not state
-    them.
+    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0: not stated.
     """
 
     start_byte: int

@@ -1,11 +1,7 @@
 """The locked-down Zenoh session: loopback only, no scouting, explicit peers, and one ordered stream of messages.
 
-Zenoh's default session listens on every interface and multicasts. It is never opened here; config.py makes the
-configuration instead, also from a site's own file. Messages arrive through one subscriber, so that the messages of each
-sender keep their order. Only latched topics (journey, restrictions, targets, status) have subscribers of their own,
-which also fetch the last message that was sent before.
-
-Messages wait in order in a bounded inbox. If it is full, the oldest positions are dropped, never the newest journey.
+Messages arrive through one subscriber, so that those of each sender keep their order. Only latched topics (journey,
+restrictions, targets, status) have subscribers of their own, which also fetch the last message that was sent before.
 """
 
 from __future__ import annotations
@@ -38,8 +34,7 @@ CONTROL_FACTOR = 10
 MOST_SENDERS = 100
 """Most senders whose newest state is remembered."""
 HEARTBEAT_S = 1.0
-"""Interval (s) at which a latched topic announces its last message, so that one lost when a link closed is fetched
-again."""
+"""Interval (s) at which a latched topic announces its last message, in case a closed link has lost it."""
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
 TOKENS = "/@adv/pub/"
 """A liveliness token has the key `<topic key>/@adv/pub/<session>/<publisher>/…`, with the session's name as in its time
@@ -49,10 +44,9 @@ stamps (`Received.source`). Zenoh withdraws the tokens of a session that is clos
 class Inbox:
     """The messages that Zenoh's threads received and nobody has taken out yet; `dropped` counts lost messages.
 
-    When it is full, the oldest message of a topic that is neither latched nor Control is dropped (position, delay, the
-    messages of a node). If there is none, a new message of a latched topic (journey, restrictions) replaces the one
-    before it. Control messages, and latched ones that replace none, are kept up to `CONTROL_FACTOR` times the capacity;
-    a simulation, which waits for each answer, never sends that many.
+    When it is full, the oldest message of a topic that is neither latched nor Control is dropped (a position, a delay).
+    If there is none, a new message of a latched topic replaces the one before it. Control messages, and latched ones
+    that replace none, are kept up to `CONTROL_FACTOR` times the capacity.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
@@ -142,16 +136,14 @@ class Inbox:
 def free_ports(count: int) -> list[int]:
     """Different TCP ports of 127.0.0.1 that no other program gets for a minute, unless it asks for their numbers.
 
-    A closed connection is left on each: for that time the system gives such a port to nobody who asks for a free one,
-    while a bus may listen on it.
+    A closed connection is left on each: a bus may listen there, but nobody who asks for a free port gets it.
     """
-    return [_set_aside() for _ in range(count)]
-
-
-def _set_aside() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()):
-        server.accept()[0].close()  # The side that closes first keeps the port.
-        return int(server.getsockname()[1])
+    ports = []
+    for _ in range(count):
+        with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()):
+            server.accept()[0].close()  # The side that closes first keeps the port.
+            ports.append(int(server.getsockname()[1]))
+    return ports
 
 
 def endpoint(port: int) -> str:
@@ -213,9 +205,8 @@ class Presences:
 class Bus:
     """A session for one train; use it with `with`, because a session left open makes the program hang at exit.
 
-    `listen` is the endpoint of this process, `connect` are those of the others; the bus tries again until they answer.
-    Or a site's `file` states both. `hear` names the topics to receive (none: receive nothing). `waiting` is the
-    capacity of the `Inbox`.
+    `listen` is the endpoint of this process, `connect` are those of the others, tried again until they answer; or a
+    site's `file` states both. `hear` names the topics to receive. `waiting` is the capacity of the `Inbox`.
     """
 
     def __init__(
@@ -239,6 +230,8 @@ class Bus:
         self._declared: list[Any] = []
 
     def __enter__(self) -> Bus:
+        # With RUST_LOG set, Zenoh says on standard output whom it does not let in.
+        zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
         try:
             self._session = self._stack.enter_context(zenoh.open(self._config))
         except zenoh.ZError as error:

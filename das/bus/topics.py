@@ -1,7 +1,4 @@
-"""The registry of topics, each with its message type and publisher, and the messages received on them.
-
-Publishing, recording and viewing read the registry.
-"""
+"""The registry of topics, each with its message type and publisher, and the messages received on them."""
 
 from __future__ import annotations
 
@@ -23,8 +20,7 @@ TRAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 class Topic:
     """One topic, with the key `<root>/<train>/<name>`.
 
-    A `latched` topic keeps its last message for subscribers that come late. All topics are reliable: publishers wait
-    rather than lose a message.
+    A `latched` topic keeps its last message for late subscribers. Publishers wait rather than lose a message.
     """
 
     name: str

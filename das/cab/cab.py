@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from das.advice import wording
-from das.advice.advice import Advice, Cause, Withdrawal
+from das.advice.advice import Advice, Cause, Source, Timetable, Withdrawal
+from das.advice.braking_model import BrakingBasis
+from das.advice.last_word import LastWord
+from das.advice.planner import PlanBasis
 from das.advice.quiet import Quiet
 from das.advice.reason import Reason
 from das.advice.regimes import Regime
-from das.cab.fronts import Fronts
 from das.cab.guard import Guard, off_route
 from das.cab.heard import (
     ClockSet,
@@ -27,21 +29,24 @@ from das.cab.heard import (
     RestrictionsHeard,
     TargetsHeard,
     judged,
-    kind_of,
 )
 from das.cab.learning import Learning
-from das.cab.leg import NoPlanError
+from das.cab.leg import Leg, NoPlanError
 from das.cab.legs import Legs
 from das.cab.orders import Post, is_of_another_day
 from das.cab.outputs import NodeState, Output, Reporting, Severity, Status
-from das.cab.preparation import Preparation
+from das.cab.preparation import Fronts, Preparation
 from das.cab.situation import Situation
 from das.cab.withdrawal import Trust, decide
+from das.domain.conditions import Conditions
 from das.domain.errors import DasError
+from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.calibration import Calibrator
-from das.estimate.estimate import Estimate
+from das.estimate.estimate import Estimate, PositionFix
 from das.estimate.localisation import Localisation
+from das.solver.guide.policies import GuideFront
+from das.solver.warm_up import warm_up as solve_tiny
 
 OVERDUE_PERIODS = 1.2
 """Least validity of advice, in advice periods."""
@@ -73,16 +78,6 @@ class CabSettings:
     """Whether there is a guide; if not, nothing is computed for it."""
 
 
-@dataclass(kw_only=True)
-class _Now:
-    """The present moment: the clock, the last journey, whether an answer is pending, whether the last one failed."""
-
-    clock_ns: int = 0
-    journey: JourneyHeard | None = None
-    news_pending: bool = False
-    failing: bool = False
-
-
 class Cab:
     """One train's on-board system: `hear` takes a message, `tick` gives the advice.
 
@@ -97,20 +92,24 @@ class Cab:
         """The legs of the journey under way."""
         self.here = Estimate(time_ns=0)
         """The estimated state of the train on which the last advice rests."""
-        calibrator = Calibrator(situation.route, situation.vehicle, point_mass=situation.point_mass)
-        self.learning = Learning(calibrator if settings.calibrate else None)
-        """The calibration of the train while driving."""
+        self.learning: Learning | None = None
+        """The calibration of the train while driving; None without it."""
+        if settings.calibrate:
+            calibrator = Calibrator(situation.route, situation.vehicle, point_mass=situation.point_mass)
+            self.learning = Learning(calibrator)
         self._post, self._settings = post, settings
         self._guard, self._reporting = Guard(), Reporting()
         self._localisation = Localisation(situation.vehicle)
         self._quiet = Quiet()
         self._trust = Trust(restrictions_received=settings.no_restrictions)
-        self._now = _Now()
+        self._clock_ns = 0
+        self._journey: JourneyHeard | None = None
+        self._news_pending = self._failing = False
 
     @property
     def urgent(self) -> bool:
         """Whether restrictions or targets have changed, or a front was found, since the last advice."""
-        return self._now.news_pending or (self.legs.preparation.has_answer and not self._now.failing)
+        return self._news_pending or (self.legs.preparation.has_answer and not self._failing)
 
     @property
     def searching(self) -> bool:
@@ -143,24 +142,24 @@ class Cab:
         if isinstance(message, PublisherSeen):
             waiting = self._guard.see(message)
             return self.hear(dataclasses.replace(waiting, heard_ns=message.heard_ns)) if waiting is not None else []
-        self._now.clock_ns = message.heard_ns or self._now.clock_ns
+        self._clock_ns = message.heard_ns or self._clock_ns
         if isinstance(message, JourneyHeard) and not message.heard_ns:  # There is no other time yet.
-            self._now.clock_ns = max(self._now.clock_ns, message.time_ns)
-        kind = kind_of(message)
+            self._clock_ns = max(self._clock_ns, message.time_ns)
+        kind = message.kind
         try:
             if self._guard.counts(message):
                 problem = self._guard.problem(message)
                 if problem:
-                    self._reporting.complain(self._now.clock_ns, problem)
+                    self._reporting.complain(self._clock_ns, problem)
                 else:
                     self._act(message)
             for news in self._guard.take_news():
-                self._reporting.complain(self._now.clock_ns, news)
+                self._reporting.complain(self._clock_ns, news)
         except (ArithmeticError, ValueError) as error:
             self._ignore(kind, f"a message was ignored ({error})")
         except Exception as error:
             self._lose(kind, self._unforeseen(error))
-        self._now.news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
+        self._news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
         return self._reporting.take()
 
     def tick(self, now_ns: int, *, dropped: int = 0) -> list[Output]:
@@ -171,8 +170,8 @@ class Cab:
         for message in self._guard.due(now_ns):
             for output in self.hear(dataclasses.replace(message, heard_ns=now_ns)):
                 self._reporting.add(output)
-        self._now.clock_ns = now_ns
-        self._now.news_pending = self._now.failing = False
+        self._clock_ns = now_ns
+        self._news_pending = self._failing = False
         try:
             self._judge_day(now_ns)
             self._answer(now_ns, dropped)
@@ -182,7 +181,7 @@ class Cab:
 
     def fail(self, now_ns: int, error: Exception) -> list[Output]:
         """Withdraw the advice because a tick failed, here or where its answer was used, and report the reason."""
-        self._now.failing = True
+        self._failing = True
         self._reporting.note_internal_error()
         text = self._unforeseen(error)
         self._reporting.add(self._status(now_ns, NodeState.WITHDRAWN, text, Cause.INTERNAL_ERROR))
@@ -190,7 +189,8 @@ class Cab:
         return self._reporting.take()
 
     def _act(self, message: Heard) -> None:
-        self.learning.receive(message)
+        if self.learning is not None:
+            self.learning.receive(message)
         if isinstance(message, JourneyHeard):
             self._begin(message)
         elif isinstance(message, PositionHeard):
@@ -201,14 +201,14 @@ class Cab:
         elif isinstance(message, RestrictionsHeard):
             self.legs.set_restrictions([judged(one) for one in message.restrictions])
             if astray := off_route(message.restrictions, self._post.route.length_m):
-                self._reporting.complain(self._now.clock_ns, astray)
+                self._reporting.complain(self._clock_ns, astray)
             self._trust = dataclasses.replace(self._trust, restrictions_received=True)
         elif isinstance(message, TargetsHeard):
             self.legs.set_targets([one._replace(reason=one.reason[:LONGEST_REASON]) for one in message.targets])
 
     def _begin(self, journey: JourneyHeard) -> None:
         """Take over a journey or refuse it; after a refusal there is no advice until another journey comes."""
-        self._now.journey = journey
+        self._journey = journey
         try:
             order = self._post.accept(journey)
             same = order.vehicle is self.legs.situation.vehicle
@@ -220,8 +220,9 @@ class Cab:
         if not same:
             self._localisation = Localisation(order.vehicle)
         self._trust = dataclasses.replace(self._trust, journey_refused="")
-        self.learning.set_vehicle(order.vehicle)
-        if not self._reporting.may_report(self._now.clock_ns):
+        if self.learning is not None:
+            self.learning.set_vehicle(order.vehicle)
+        if not self._reporting.may_report(self._clock_ns):
             return
         names = [stop.name for stop in order.stops]
         self._reporting.event(journey.time_ns, Severity.INFO, f"journey {' – '.join(names)}")
@@ -229,7 +230,7 @@ class Cab:
 
     def _judge_day(self, now_ns: int) -> None:
         """Judge the journey again if the clock has entered or left its day since the last judgement."""
-        journey = self._now.journey
+        journey = self._journey
         if journey is not None and is_of_another_day(journey, now_ns) != is_of_another_day(journey, journey.heard_ns):
             self._begin(dataclasses.replace(journey, heard_ns=now_ns))
 
@@ -238,38 +239,38 @@ class Cab:
         self._trust = dataclasses.replace(self._trust, journey_refused=why)
         self.legs.end()
         text = wording.withdrawal(Withdrawal(Cause.JOURNEY_REFUSED, why))
-        self._reporting.complain(self._now.clock_ns, text, Severity.ERROR)
-        if not known or self._reporting.may_report(self._now.clock_ns):
+        self._reporting.complain(self._clock_ns, text, Severity.ERROR)
+        if not known or self._reporting.may_report(self._clock_ns):
             self._reporting.add(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
     def _ignore(self, kind: Kind, why: str) -> None:
         """Report that a message was ignored; an ignored list of restrictions withdraws the advice."""
-        self._reporting.complain(self._now.clock_ns, f"{kind}: {why}")
+        self._reporting.complain(self._clock_ns, f"{kind}: {why}")
         if kind is Kind.RESTRICTION:
-            self._guard.lose_restrictions(why)
+            self._guard.unheeded = why
 
     def _lose(self, kind: Kind, fault: str) -> None:
         """Withdraw the next advice because a message of this kind caused an unforeseen error."""
         self._trust = dataclasses.replace(self._trust, internal_error=fault)
         if kind is Kind.JOURNEY:
-            self._refuse(self._now.clock_ns, fault)
+            self._refuse(self._clock_ns, fault)
         elif kind is Kind.RESTRICTION:
-            self._guard.lose_restrictions(fault)
+            self._guard.unheeded = fault
 
     def _unforeseen(self, error: Exception) -> str:
         """Report an unforeseen error and where it occurred; returns the reported text."""
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
         text = f"internal error: {what} ({Path(place.filename).name}:{place.lineno})"
-        self._reporting.complain(self._now.clock_ns, text, Severity.ERROR)
+        self._reporting.complain(self._clock_ns, text, Severity.ERROR)
         return text
 
     def _answer(self, now_ns: int, dropped: int) -> None:
         began = self._settings.stopwatch()
-        self.learning.tick(now_ns, contested=self._guard.has_rival_efforts(now_ns))
-        conditions = self.learning.due(now_ns)
-        if conditions is not None:
-            self.legs.set_conditions(conditions)
+        if self.learning is not None:
+            self.learning.tick(now_ns, contested=self._guard.has_rival_efforts(now_ns))
+            if conditions := self.learning.due(now_ns):
+                self.legs.set_conditions(conditions)
         advice = self._advise(now_ns)
         took_s = self._settings.stopwatch() - began
         self._trust = dataclasses.replace(self._trust, internal_error="")
@@ -280,7 +281,7 @@ class Cab:
                 reporting.complain(now_ns, text)
             else:
                 reporting.event(now_ns, Severity.INFO, text)
-        if text := self.learning.news(now_ns):
+        if self.learning is not None and (text := self.learning.news(now_ns)):
             reporting.complain(now_ns, text)
         reason = wording.words(advice.reason, zone=self._post.route.zone)
         reporting.changes(advice, reason)
@@ -288,8 +289,7 @@ class Cab:
         reporting.clocks(self.here)
         leg = self.legs.current
         reporting.plan(leg.planner.plan if leg is not None else None, now_ns)
-        estimated = self.learning.report(now_ns)
-        if estimated is not None:
+        if self.learning is not None and (estimated := self.learning.report(now_ns)):
             reporting.add(estimated)
         reporting.advices += 1
         status = self._status(now_ns, self._state(advice), reason, advice.cause)
@@ -304,14 +304,7 @@ class Cab:
             leg.see(self.here)
             self.legs.prepare(now_ns)
             facts = leg.facts(self.legs.preparation.refusal(leg))
-        trust = dataclasses.replace(
-            self._trust,
-            two_publishers=self._guard.rivals(now_ns),
-            unstamped=self._guard.unstamped(now_ns),
-            two_operators=self._guard.rival_operators(),
-            unheeded=self._guard.unheeded,
-            two_nodes=self._guard.rival_node(),
-        )
+        trust = dataclasses.replace(self._trust, **self._guard.doubts(now_ns))
         why = decide(self.here, trust, facts)
         if leg is None:
             assert why is not None
@@ -331,8 +324,7 @@ class Cab:
 
     def _lasting(self, advice: Advice) -> Advice:
         """The advice, valid at least until the next one should have come."""
-        period_s = OVERDUE_PERIODS * self._settings.advice_period_s
-        least_ns = advice.time_ns + round(period_s / NS)
+        least_ns = advice.time_ns + round(OVERDUE_PERIODS * self._settings.advice_period_s / NS)
         if advice.mode is Regime.NONE or advice.valid_until_ns >= least_ns:
             return advice
         return dataclasses.replace(advice, valid_until_ns=least_ns)
@@ -357,3 +349,21 @@ class Cab:
             solve_s=self.legs.preparation.solve_s,
             advices=self._reporting.advices,
         )
+
+
+def warm_up() -> None:
+    """Run planner, guide and last word on a tiny section, under way and braking for the stop."""
+    front = solve_tiny()
+    section = front.section
+    start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
+    leg = Leg(start, end, section, guide=True)
+    leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
+    leg.use_guide(GuideFront(section))
+    leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
+    vehicle = section.vehicle
+    basis = BrakingBasis(section.route, vehicle, section.brakes, (), Conditions(), section.start_m, section.end_m)
+    for tick, (s_m, speed_mps) in enumerate(((100.0, 10.0), (110.0, 10.0), (385.0, 5.0))):
+        localisation = Localisation(vehicle)
+        localisation.take(PositionFix(time_ns=tick, s_m=s_m, speed_mps=speed_mps))
+        here = localisation.at(tick)
+        LastWord().judge(leg.advise(here), here, basis)

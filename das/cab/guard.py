@@ -1,13 +1,14 @@
-"""The guard of the cab: it admits messages of sensible size and order, and only one publisher for each kind of message.
+"""The guard of the cab: it admits messages of sensible size and order, and one publisher for each kind of message.
 
-A publisher is a session on the bus, known by its name. For a state (journey, restrictions, targets) the first session
-counts until it is gone (`Operator`); for a measurement, until it is silent (`Publishers`).
+For a state (journey, restrictions, targets) the first session on the bus counts until it is gone (`Operator`); for a
+measurement, until it is silent (`Publishers`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 from das.advice import wording
 from das.advice.advice import Cause, Withdrawal
@@ -24,7 +25,6 @@ from das.cab.heard import (
     TargetsHeard,
     Unreadable,
     judged,
-    kind_of,
 )
 from das.domain.errors import DasError
 from das.domain.restriction import LONGEST_TEXT, Restriction
@@ -66,7 +66,7 @@ class Guard:
 
     def counts(self, message: Heard) -> bool:
         """Whether the sender of a message is the publisher that counts for its kind; `take_news` reports the others."""
-        kind, source = kind_of(message), message.source
+        kind, source = message.kind, message.source
         operator = self._operators.get(kind)
         if operator is None:
             return True
@@ -99,10 +99,6 @@ class Guard:
         elif seen.source not in self._nodes and len(self._nodes) < MOST_RIVALS:
             self._nodes.append(seen.source)
 
-    def rival_node(self) -> str:
-        """The name of another node that advises this train as well; empty if there is none."""
-        return self._nodes[0] if self._nodes else ""
-
     def take_news(self) -> list[str]:
         """The texts about publishers since the last call."""
         news, self._news = self._news, []
@@ -110,10 +106,10 @@ class Guard:
 
     def problem(self, message: Heard) -> str:
         """Why a message has to be ignored; empty if it is accepted."""
-        kind, now_ns = kind_of(message), message.heard_ns
+        kind, now_ns = message.kind, message.heard_ns
         if kind is Kind.RESTRICTION:
             return self._problem_of_restrictions(message)
-        found = self._problem_by_itself(message)
+        found = self._problem_by_itself(message) if isinstance(message, StateHeard | Unreadable) else ""
         measured = self._publishers.get(kind)
         if not found and measured is not None and not measured.counts(message.source, now_ns):
             second = f"one of a second publisher ({message.source or 'unnamed'})"
@@ -129,9 +125,10 @@ class Guard:
         newest of each kind waits here until the clock has reached it. And newer orders that overtake those of a
         publisher of which nobody can tell whether it is there.
         """
-        due = [one for one in self._early.values() if _ahead_s(one, now_ns) <= AHEAD_S]
-        for one in due:
-            del self._early[kind_of(one)]
+        due: list[StateHeard] = []
+        for one in tuple(self._early.values()):
+            if _ahead_s(one, now_ns) <= AHEAD_S:
+                due.append(self._early.pop(one.kind))
         for kind, operator in self._operators.items():
             if operator.turns_out_unannounced(now_ns):
                 self._news.append(
@@ -144,20 +141,23 @@ class Guard:
                 due.append(overtaking)
         return due
 
-    def rivals(self, now_ns: int) -> str:
-        """The two publishers that both state where the train is, so that one of them is wrong; else empty."""
-        return self._publishers[Kind.POSITION].contested(now_ns)
-
-    def unstamped(self, now_ns: int) -> bool:
-        """Whether positions come without their sender's time stamp, so that two senders could not be distinguished."""
-        return self._publishers[Kind.POSITION].unstamped(now_ns)
+    def doubts(self, now_ns: int) -> dict[str, Any]:
+        """The reasons to distrust the messages received so far, by the names of `das.cab.withdrawal.Trust`."""
+        positions = self._publishers[Kind.POSITION]
+        return {
+            "two_publishers": positions.contested(now_ns),
+            "unstamped": positions.unstamped(now_ns),
+            "two_operators": self._rival_operators(),
+            "unheeded": self.unheeded,
+            "two_nodes": self._nodes[0] if self._nodes else "",
+        }
 
     def has_rival_efforts(self, now_ns: int) -> bool:
         """Whether two publishers both state the wheel forces, or may do so unnoticed: then one of them may be wrong."""
         efforts = self._publishers[Kind.EFFORT]
         return bool(efforts.contested(now_ns)) or efforts.unstamped(now_ns)
 
-    def rival_operators(self) -> str:
+    def _rival_operators(self) -> str:
         """The two publishers that state different restrictions, and what has to be done if one is gone; else empty."""
         operator = self._operators[Kind.RESTRICTION]
         other = operator.contradiction()
@@ -166,10 +166,6 @@ class Guard:
         one_is_gone = operator.is_gone(operator.source) or operator.is_gone(other)
         cure = "; one of them is gone, the other has to send its list again" if one_is_gone else ""
         return f"{_named(operator.source)} and {_named(other)}{cure}"
-
-    def lose_restrictions(self, why: str) -> None:
-        """Treat the restrictions in force as unknown until a list is received that can be used."""
-        self.unheeded = why
 
     def _refuse_unstamped(self, kind: Kind) -> None:
         """Refuse a state without its sender's time stamp: two such senders could not be distinguished."""
@@ -180,13 +176,14 @@ class Guard:
 
     def _unheeded(self, why: str) -> str:
         """Lose the restrictions in force; returns in words that there is no advice because of that."""
-        self.lose_restrictions(why)
+        self.unheeded = why
         return wording.withdrawal(Withdrawal(Cause.RESTRICTIONS_UNHEEDED, why))
 
     def _problem_of_restrictions(self, message: Heard) -> str:
         """Like `problem`, for restrictions: there must be no advice until a list is received that can be used."""
+        assert isinstance(message, RestrictionsHeard | Unreadable)
         found = self._problem_by_itself(message)
-        if found or not isinstance(message, RestrictionsHeard):
+        if found or isinstance(message, Unreadable):
             return self._unheeded(found)
         received = list(message.restrictions)
         if found := self._replayed(message):
@@ -196,14 +193,13 @@ class Guard:
         self._in_force, self.unheeded = received, None
         return ""
 
-    def _problem_by_itself(self, message: Heard) -> str:
+    def _problem_by_itself(self, message: StateHeard | Unreadable) -> str:
         """Why a message has to be ignored, whatever came before it; empty if it does not have to be."""
-        kind, now_ns = kind_of(message), message.heard_ns
+        kind, now_ns = message.kind, message.heard_ns
         if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
             self._early[kind] = message
             return f"one from {_ahead_s(message, now_ns):.0f} s ahead of the clock"
-        found = self._problem_of_sense(message)
-        if found:
+        if found := _nonsense(message):
             self._early.pop(kind, None)
         return found
 
@@ -213,7 +209,7 @@ class Guard:
 
         The bus repeats the newest state, so one with an equal time is not rejected.
         """
-        kind, now_ns = kind_of(message), message.heard_ns
+        kind, now_ns = message.kind, message.heard_ns
         newest_ns = self._newest_ns.get(kind, message.time_ns)
         # If the clock was set back, the newest time from before must not shut anything out.
         was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > AHEAD_S
@@ -222,34 +218,6 @@ class Guard:
         self._newest_ns[kind] = message.time_ns
         self._early.pop(kind, None)
         return ""
-
-    def _problem_of_sense(self, message: Heard) -> str:
-        """Why a message is nonsense; empty if it makes sense."""
-        if isinstance(message, Unreadable):
-            return message.why or "a message that cannot be read"
-        if isinstance(message, RestrictionsHeard):
-            if len(message.restrictions) > MOST_RESTRICTIONS:
-                return f"{len(message.restrictions)} of them, more than {MOST_RESTRICTIONS}"
-            for one in message.restrictions:
-                try:
-                    judged(one)
-                except DasError:
-                    return described(one)
-            return ""
-        if isinstance(message, TargetsHeard):
-            if len(message.targets) > MOST_TARGETS:
-                return f"one of {len(message.targets)} targets, more than {MOST_TARGETS}"
-            return self._too_long(*(one.stop for one in message.targets))
-        if isinstance(message, JourneyHeard):
-            if len(message.stops) > MOST_STOPS:
-                return f"one of {len(message.stops)} stops, more than {MOST_STOPS}"
-            texts = (message.train, message.route_id, message.vehicle_id, message.load, message.level)
-            return self._too_long(*texts, *(stop.name for stop in message.stops))
-        return ""
-
-    def _too_long(self, *texts: str) -> str:
-        longest = max(map(len, texts), default=0)
-        return f"one with a name of {longest} letters" if longest > LONGEST_TEXT else ""
 
 
 class Publishers:
@@ -271,7 +239,7 @@ class Publishers:
             if self._source is not None:
                 self._rival, self._rival_ns = source, now_ns
             return False
-        if self._source is None or not self._within(now_ns, self._counted_ns):
+        if self._source is None or not _within(now_ns, self._counted_ns):
             self._source, self._rival = source, ""
         if source != self._source:
             self._rival, self._rival_ns = source, now_ns
@@ -281,16 +249,13 @@ class Publishers:
 
     def contested(self, now_ns: int) -> str:
         """The two publishers that both measure now, so that neither can be trusted; else empty."""
-        if self._rival and self._within(now_ns, self._rival_ns) and self._within(now_ns, self._counted_ns):
+        if self._rival and _within(now_ns, self._rival_ns) and _within(now_ns, self._counted_ns):
             return f"{self._source or 'unnamed'} and {self._rival}"
         return ""
 
     def unstamped(self, now_ns: int) -> bool:
         """Whether measurements come without their sender's time stamp now."""
-        return self._unstamped_ns is not None and self._within(now_ns, self._unstamped_ns)
-
-    def _within(self, now_ns: int, then_ns: int) -> bool:
-        return abs(now_ns - then_ns) * NS <= SILENT_S
+        return self._unstamped_ns is not None and _within(now_ns, self._unstamped_ns)
 
 
 class Operator:
@@ -321,8 +286,7 @@ class Operator:
     def counts(self, message: Heard) -> bool:
         """Whether a message counts; one that does not count waits while its publisher is present.
 
-        A message that cannot be read does not make its session the one that counts, nor does a repeated one while the
-        two contradict each other.
+        An unreadable message does not make its session the one that counts, nor does a repeated one in a contradiction.
         """
         source, before = message.source, self._said.get(message.source)
         takes_over = source != self.source and (self.source is None or self.is_gone(self.source))
@@ -401,6 +365,8 @@ class Operator:
 
     def contradiction(self) -> str | None:
         """A session that states other restrictions than the one that counts; None if no session does."""
+        if len(self._said) < 2 and not self._left:
+            return None
         return next((one for one in (*self._rivals(), *self._left) if self._differs(one)), None)
 
     def _rivals(self) -> list[str]:
@@ -410,6 +376,35 @@ class Operator:
     def _differs(self, source: str) -> bool:
         """Whether a session said other restrictions last than the one that counts."""
         return _places(self._said.get(source)) != _places(self._said.get(self.source))
+
+
+def _nonsense(message: StateHeard | Unreadable) -> str:
+    """Why a message makes no sense; empty if it does."""
+    if isinstance(message, Unreadable):
+        return message.why or "a message that cannot be read"
+    if isinstance(message, RestrictionsHeard):
+        if len(message.restrictions) > MOST_RESTRICTIONS:
+            return f"{len(message.restrictions)} of them, more than {MOST_RESTRICTIONS}"
+        for one in message.restrictions:
+            try:
+                judged(one)
+            except DasError:
+                return described(one)
+    if isinstance(message, TargetsHeard):
+        if len(message.targets) > MOST_TARGETS:
+            return f"one of {len(message.targets)} targets, more than {MOST_TARGETS}"
+        return _too_long(one.stop for one in message.targets)
+    if isinstance(message, JourneyHeard):
+        if len(message.stops) > MOST_STOPS:
+            return f"one of {len(message.stops)} stops, more than {MOST_STOPS}"
+        texts = (message.train, message.route_id, message.vehicle_id, message.load, message.level)
+        return _too_long((*texts, *(stop.name for stop in message.stops)))
+    return ""
+
+
+def _too_long(texts: Iterable[str]) -> str:
+    longest = max(map(len, texts), default=0)
+    return f"one with a name of {longest} letters" if longest > LONGEST_TEXT else ""
 
 
 def described(one: Restriction) -> str:
@@ -426,6 +421,10 @@ def off_route(received: Sequence[Restriction], length_m: float) -> str:
         return ""
     more = f" and {len(astray) - 1} more" if len(astray) > 1 else ""
     return f"{Kind.RESTRICTION}: {described(astray[0])}{more} is off the route (0 to {length_m:.0f} m)"
+
+
+def _within(now_ns: int, then_ns: int) -> bool:
+    return abs(now_ns - then_ns) * NS <= SILENT_S
 
 
 def _named(source: str | None) -> str:

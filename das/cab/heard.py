@@ -1,7 +1,6 @@
 """The messages that the cab receives, as frozen values. The bus's codec makes them; a simulation may do so as well.
 
-`heard_ns` is the clock at the moment of reception (ns since 1970; 0 while there is no clock yet). `source` names the
-session that sent the message, where that is known.
+`heard_ns` is the clock at reception (ns since 1970; 0: no clock yet), `source` the session that sent the message.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from enum import StrEnum
 from typing import ClassVar, Final, NamedTuple
 
 from das.domain.restriction import Restriction
-from das.estimate.fix import Effort, PositionFix
+from das.estimate.estimate import Effort, PositionFix
 
 UNSTAMPED: Final = "a sender without time stamps"
 """The source of a message without its sender's time stamp; two such senders cannot be distinguished."""
@@ -145,6 +144,11 @@ class Unreadable(Heard):
     told: Kind
     why: str = ""
 
+    @property
+    def kind(self) -> Kind:  # type: ignore[override]
+        """The kind of message that could not be read."""
+        return self.told
+
 
 @dataclass(frozen=True, kw_only=True)
 class PublisherSeen:
@@ -170,8 +174,3 @@ class ClockSet:
 
     step_s: float
     heard_ns: int = 0
-
-
-def kind_of(message: Heard) -> Kind:
-    """The kind of a message, also of one that could not be read."""
-    return message.told if isinstance(message, Unreadable) else message.kind

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 from das.advice.advice import Advice, Guidance, Timetable, Withdrawal
@@ -28,8 +28,7 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 SHORT_M: Final = 15.0
-"""Distance before its stop (m) beyond which a train that stood and moves on is taken to move up to it, whatever the
-time: it is shown nothing until it is there."""
+"""Distance before its stop (m) beyond which a train that stood is moving up to it, and is shown nothing until there."""
 AHEAD_DEVIATIONS: Final = 2.0
 """Most standard deviations by which the train is assumed to be ahead of its estimated position."""
 LEAST_WAY_M = 2.0
@@ -38,16 +37,6 @@ LEAST_WAY_M = 2.0
 
 class NoPlanError(DasError):
     """No plan finishes the section from the state of the train."""
-
-
-@dataclass
-class _Progress:
-    """How far the train has come (m), whether it has stood clearly short of the stop where its leg begins, and whether
-    its driver is told that it is too fast."""
-
-    reached_m: float = -math.inf
-    stood_short: bool = False
-    too_fast: bool = False
 
 
 class Leg:
@@ -67,6 +56,8 @@ class Leg:
         guide: bool = False,
     ) -> None:
         self.start, self.end = start, end
+        self.section = section
+        """The section with which the leg is planned now."""
         self.planner, self.display = Planner(PlanBasis(section=section)), Display()
         self.guide = Guide(section, None, guide_worker, drift) if guide else None
         self.arrival_ns: int | None = None
@@ -78,13 +69,9 @@ class Leg:
         self.here: Estimate | None = None
         """The last state of the train on the leg; None if it cannot be used."""
         self._arrived_ns: int | None = None
-        self.progress = _Progress()
-        """Progress of the train on the leg."""
-
-    @property
-    def section(self) -> Section:
-        """The section with which the leg is planned now."""
-        return self.planner.section
+        self.reached_m = -math.inf
+        """Position (m) that the train has reached."""
+        self._stood_short = self._too_fast = False
 
     def facts(self, refusal: str) -> LegFacts:
         """The facts on which `decide` rests; `refusal` says why the section cannot be driven, if it cannot."""
@@ -95,20 +82,16 @@ class Leg:
             departure_ns=goal.departure_ns,
             is_timed=goal.due_ns > 0,
             refusal=refusal,
-            stood_short=self.progress.stood_short,
+            stood_short=self._stood_short,
         )
 
     def use(self, basis: PlanBasis) -> None:
         """Plan with another basis from now on."""
-        self.planner = Planner(basis)
-        self._lead(None)
+        self.planner, self.section = Planner(basis), basis.section
+        self.use_guide(None)
 
-    def use_guide(self, front: GuideFront) -> None:
-        """Lead the driver by these policies from now on."""
-        self._lead(front)
-
-    def _lead(self, front: GuideFront | None) -> None:
-        """Replace the guide by a successor that goes on where it ended, but has no reference if there is no front."""
+    def use_guide(self, front: GuideFront | None) -> None:
+        """Lead the driver by these policies from now on, where the guide ended; None: it has no reference yet."""
         if self.guide is not None:
             self.guide = self.guide.successor(self.section, front)
 
@@ -134,36 +117,34 @@ class Leg:
             return
         short_m = self.section.start_m - here.s_m
         if here.speed_mps < STANDSTILL_MPS:
-            self.progress.stood_short = short_m > SHORT_M
+            self._stood_short = short_m > SHORT_M
         elif short_m < AT_END_M:
-            self.progress.stood_short = False
+            self._stood_short = False
 
     def refresh_goal(self) -> None:
         """Bring the goal up to date: the arrival, and the next point ahead of the last known position."""
         if self.here is not None:
-            self.progress.reached_m = self.here.s_m
-        passing = next((point for point in self.points if point.s_m > self.progress.reached_m), None)
+            self.reached_m = self.here.s_m
+        points = self.points
+        passing = next((one for one in points if one.s_m > self.reached_m), None) if points else None
         before = self.goal
         if self.arrival_ns == before.target_ns and passing == before.passing:
             return
-        behind = self._is_behind(passing)
-        if self.arrival_ns != before.target_ns or (passing != before.passing and not behind):
+        point, here = before.passing, self.here
+        # If the train has passed the goal's point and no other follows, the plan goes on.
+        is_behind = passing is None and point is not None and here is not None and here.s_m >= point.s_m
+        if self.arrival_ns != before.target_ns or (passing != point and not is_behind):
             self.planner.forget()
         self.goal = replace(before, target_ns=self.arrival_ns, passing=passing)
-
-    def _is_behind(self, passing: PassingTarget | None) -> bool:
-        """Whether the train has passed the goal's point and no other follows: then the plan goes on."""
-        before = self.goal.passing
-        return passing is None and before is not None and self.here is not None and self.here.s_m >= before.s_m
 
     def advise(self, here: Estimate) -> Advice:
         """The advice for a usable state, at its time; raises NoPlanError if no plan finishes the section from it."""
         planner = self.planner
         state = self._state(here)
         allowed_mps = planner.allowed_for(state)
-        self.progress.too_fast = is_too_fast(state.v_mps - allowed_mps, told=self.progress.too_fast)
+        self._too_fast = is_too_fast(state.v_mps - allowed_mps, told=self._too_fast)
         limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
-        place = SpeedsAllowed(allowed_mps, limit_mps, self.progress.too_fast)
+        place = SpeedsAllowed(allowed_mps, limit_mps, self._too_fast)
         scene = Scene(state, here, planner, self.goal, place)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -AT_STOP_M:
@@ -204,7 +185,7 @@ class Leg:
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
         """Withdraw the advice: the answer states the cause. The plan is forgotten, unless the display is only quiet."""
-        self.progress.too_fast = False
+        self._too_fast = False
         if not why.cause.is_quiet:
             self._forget()
         elif self.guide is not None:

@@ -38,8 +38,7 @@ Moment = tuple[float, bool] | None
 class Legs:
     """Takes over journey, restrictions and targets, prepares the legs, and knows which one the train is on.
 
-    A leg ends when the train stands at its stop. When the train is first located, its position alone decides which leg
-    it is on.
+    A leg ends when the train stands at its stop. At first, the position of the train alone decides which leg it is on.
     """
 
     def __init__(self, situation: Situation, preparation: Preparation, *, guide: bool = False) -> None:
@@ -63,11 +62,13 @@ class Legs:
     @property
     def current(self) -> Leg | None:
         """The leg the train is on; None without a journey."""
-        return self.legs[self.index] if self.legs else None
+        return self.legs[self._index or 0] if self.legs else None
 
     def take_news(self) -> list[News]:
         """The news since the last call."""
-        news = self.preparation.take_news() + [News(text, True) for text in self.last_words.take_news()]
+        news = self.preparation.take_news()
+        for text in self.last_words.take_news():
+            news.append(News(text, True))
         if self._accepted != self._accepted_reported:
             self._accepted_reported = self._accepted
             news.append(News(_in_words(self._accepted, self.situation.route.zone)))
@@ -78,8 +79,8 @@ class Legs:
         leg = self.current
         if leg is None:
             return advice
-        situation = self.situation.at(self._now_ns)
-        judged = self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
+        ends_m = leg.start.position_m, leg.end.position_m
+        judged = self.last_words.judged(advice, here, self.situation.at(self._now_ns), ends_m)
         if leg.guide is not None and judged.guide is not None and judged.replaced_parts:
             leg.guide.showing.has_shown(judged.guide.now, judged.time_ns)
         return judged
@@ -116,11 +117,15 @@ class Legs:
         free = replace(situation, restrictions=())
         s_m = -math.inf if moment is None else moment[0]
         going_on = [known[ends] for ends in pairwise(stop.position_m for stop in stops) if ends in known]
-        drift = _drift_of(going_on)
-        legs = [
-            known.get((a.position_m, b.position_m)) or self._new_leg(free, (a, b), s_m, drift)
-            for a, b in pairwise(stops)
-        ]
+        guide = going_on[0].guide if going_on else None
+        drift = Drift() if guide is None else guide.drift
+        legs = []
+        for a, b in pairwise(stops):
+            leg = known.get((a.position_m, b.position_m))
+            if leg is None:  # The section raises DasError if it cannot be driven even without restrictions.
+                section = free.section_ahead(a.position_m, b.position_m, s_m)
+                leg = Leg(a, b, section, self.preparation.guide_worker, drift, guide=self._guide)
+            legs.append(leg)
         _set_timetables(legs, timetables)
         for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
             leg.start, leg.end = start, end  # The places are the same; the names may differ.
@@ -140,14 +145,6 @@ class Legs:
         self.preparation.drop(self.legs)
         self.legs, self._index = (), None
 
-    def _new_leg(self, free: Situation, ends: tuple[Stop, Stop], s_m: float, drift: Drift) -> Leg:
-        """A leg between two stops that is not prepared yet, for a train at a position (m) with a driver.
-
-        Raises DasError if it cannot be driven even without restrictions.
-        """
-        section = free.section_ahead(ends[0].position_m, ends[1].position_m, s_m)
-        return Leg(*ends, section, self.preparation.guide_worker, drift, guide=self._guide)
-
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
         """Take over all restrictions known; plans keep to each of them as soon as it counts."""
         self.situation = replace(self.situation, restrictions=tuple(restrictions))
@@ -163,7 +160,7 @@ class Legs:
         try:
             for leg in self.legs[self.index : self.index + 2]:
                 start_m, end_m = leg.start.position_m, leg.end.position_m
-                now.between(start_m, end_m).section_ahead(start_m, end_m, leg.progress.reached_m)
+                now.between(start_m, end_m).section_ahead(start_m, end_m, leg.reached_m)
         except RunawayError:
             pass  # The leg refuses it by name.
         except DasError as error:
@@ -214,12 +211,6 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
         leg.set_timetable(timetable, counts=leg is legs[-1])
 
 
-def _drift_of(legs: Sequence[Leg]) -> Drift:
-    """What is known of the driver of these legs; nothing if no leg of another journey goes on."""
-    guide = legs[0].guide if legs else None
-    return guide.drift if guide is not None else Drift()
-
-
 def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool]) -> int:
     """The index of the leg by position. At a stop it is the leg that ends there until the train stands, then the next.
 
@@ -227,8 +218,9 @@ def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool])
     position does not put a train that has begun a leg back on the leg before.
     """
     s_m, stands = moment
-    ends_m = [leg.section.end_m for leg in legs[:-1]]
-    index = sum(s_m >= end_m - (AT_STOP_M if stands else 0.0) for end_m in ends_m)
+    index, ends_m = 0, [leg.section.end_m for leg in legs[:-1]]
+    while index < len(ends_m) and s_m >= ends_m[index] - (AT_STOP_M if stands else 0.0):
+        index += 1
     if before is None:
         return index
     if before == index + 1 and s_m >= ends_m[index] - BACK_M:

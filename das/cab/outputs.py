@@ -1,7 +1,4 @@
-"""The answers of the cab as frozen values. The node turns them into messages; a simulation takes them as they are.
-
-`Reporting` collects them. It limits the number of events, and reports plans only now and then.
-"""
+"""The answers of the cab as frozen values, and `Reporting`, which collects them and limits the number of events."""
 
 from __future__ import annotations
 

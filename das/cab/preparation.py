@@ -1,34 +1,154 @@
-"""Fronts for the legs of a journey: solved when they are needed, in the background or at once.
+"""Fronts for the legs of a journey: kept, or solved when they are needed, in the background or at once.
 
 If the situation of a leg changes (a restriction, another train, load or level, a new target), the advice follows the
-last plan under the new limits until the new front is found. The search runs in a thread, or at once where time
-stands still during a search, as in a simulation.
+last plan under the new limits until the new front is found.
 """
 
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from threading import Lock
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from das.advice.advice import Source
 from das.advice.goal import AT_STOP_M, PassingTarget
 from das.advice.planner import PlanBasis
 from das.advice.worker import Worker
-from das.cab.fronts import FoundGuide, Fronts
 from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
 from das.domain.errors import DasError, RunawayError
 from das.domain.units import NS
+from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.guide.policies import GuideFront
+from das.solver.guide.policies import DEFAULT, GuideFront
+from das.solver.guide.references import References
 from das.solver.section import Section
+from das.solver.solve import default_ladder, solve_ahead
+from das.table import OLD, Table, TableError, key_of, section_facts, section_sha256, table_name
+
+KEPT_BYTES = 60_000_000
+"""Total size (bytes) up to which fronts are kept (30 km take 18 MB); the newest front is always kept."""
+EVERY_MULTIPLIER = 3
+"""On board only every third of the solver's multipliers is solved. That takes 0.4 of the memory and costs 0.003 to
+0.03 % of the energy on average, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
+
+T = TypeVar("T")
+
+
+class _Kept(Generic[T]):
+    """Keeps results by key up to a size in all; the least recently used go first. Several threads may use it."""
+
+    def __init__(self, most_bytes: int, size: Callable[[T], int]) -> None:
+        self._most_bytes, self._size = most_bytes, size
+        self._lock = Lock()
+        self._known: OrderedDict[str, T] = OrderedDict()
+
+    def get(self, key: str) -> T | None:
+        with self._lock:
+            known = self._known.get(key)
+            if known is not None:
+                self._known.move_to_end(key)
+        return known
+
+    def put(self, key: str, found: T) -> T:
+        """Keep a result, drop the least recently used ones where the size is exceeded, and return the result."""
+        with self._lock:
+            self._known[key] = found
+            while len(self._known) > 1 and sum(map(self._size, self._known.values())) > self._most_bytes:
+                self._known.popitem(last=False)
+        return found
+
+
+class FoundGuide(NamedTuple):
+    """The policies of the guide on a section, and why a table made for the section cannot be used."""
+
+    front: GuideFront
+    notes: tuple[str, ...] = ()
+
+
+class Fronts:
+    """Finds the fronts of sections and the policies of the guide; several threads may use it."""
+
+    def __init__(self, tables: Path | None = None, *, threads: int = 2, kept_bytes: int = KEPT_BYTES) -> None:
+        """Look into a folder of tables; `notes` says what is wrong with it. DasError if there is no such folder."""
+        self.notes: list[str] = []
+        self._threads = threads
+        self._known = _Kept(kept_bytes, _size)
+        self._guides: _Kept[FoundGuide] = _Kept(kept_bytes, lambda guide: guide.front.nbytes)
+        self._folder, self._missed = tables, set[str]()
+        if tables is None:
+            return
+        if not tables.is_dir():
+            raise DasError(f"{tables}: no such folder of tables")
+        if any(tables.glob(OLD)):
+            self.notes.append(f"{tables}: tables of an earlier release, no longer usable; build them again")
+        elif not any(tables.glob("*.json")):
+            self.notes.append(f"{tables}: no table in this folder")
+
+    def find(self, section: Section, s_m: float | None = None) -> Front:
+        """The front of a section: kept, or solved now; raises as `solve_front` does.
+
+        For a train at a position (m), the line behind it is not solved; the answers are the same.
+        """
+        key = section_sha256(section)
+        s_m = section.start_m if s_m is None else s_m
+        known = self._known.get(key)
+        if known is not None:
+            known.cover(s_m)
+            return known
+        front = solve_ahead(section, s_m, threads=self._threads, lambda_w=onboard_ladder(section))
+        return self._known.put(key, front)
+
+    def find_guide(self, section: Section, s_m: float | None = None) -> FoundGuide:
+        """The policies of the guide on a section: kept, or begun now, with the finished references of its table.
+
+        For a train at a position (m), the line behind it is not solved; the answers are the same.
+        """
+        key = key_of(section, DEFAULT)
+        known = self._guides.get(key)
+        if known is not None:
+            known.front.cover(section.start_m if s_m is None else s_m)
+            return known
+        references, notes = self._references(section)
+        front = GuideFront(section, s_m=s_m, threads=self._threads, references=references)
+        return self._guides.put(key, FoundGuide(front, notes))
+
+    def _references(self, section: Section) -> tuple[References | None, tuple[str, ...]]:
+        """The references of a section's table; without a table that fits, None and why."""
+        if self._folder is None:
+            return None, ()
+        path = self._folder / table_name(section_facts(section))
+        try:
+            if path.exists():
+                return Table.read(path).references_for(section, DEFAULT), ()
+        except TableError as error:
+            return None, (f"{error}; references are solved instead",)
+        if section.name in self._missed:
+            return None, ()
+        self._missed.add(section.name)  # once is enough, however often restrictions change
+        return None, (f"{self._folder}: no table of {section.name}; references are solved instead",)
+
+
+def _size(front: Front) -> int:
+    return front.value_j.nbytes + front.time_to_go_s.nbytes
+
+
+def onboard_ladder(section: Section) -> NDArray[np.float64]:
+    """The multipliers of a front that is solved on board (W)."""
+    ladder, lowest = default_ladder(section), len(tol.LADDER_LOWEST_RATIOS)
+    return np.unique(np.concatenate((ladder[:lowest], ladder[lowest::EVERY_MULTIPLIER], ladder[-1:])))
+
 
 TRY_AGAIN_S = 10.0
-"""Time (s) after which a search that failed for an unforeseen reason is repeated; it is also repeated whenever
-something changes."""
+"""Time (s) after which a search that failed unforeseen is repeated; it also is whenever something changes."""
 
 
 class News(NamedTuple):
@@ -65,8 +185,7 @@ class _Prepared:
     ready: bool = False
     search: Future[_Answer] | None = None
     guide: Future[FoundGuide | str] | None = None
-    """The search for the guide's policies, which follows that for the front; a text says why there are
-    none."""
+    """The search for the guide's policies, after that for the front; a text says why there are none."""
     failed_ns: int | None = None
     """Time of the last search that failed for an unforeseen reason; None if it did not."""
 
@@ -143,8 +262,7 @@ class Preparation:
     def rehearse(self, section: Section) -> None:
         """Find the front of a section before there is a journey; raises DasError if there is none.
 
-        In the background the search for the guide's policies goes on afterwards, as for a leg under way:
-        the front alone is enough to advise.
+        In the background the search for the guide's policies goes on: the front alone is enough to advise.
         """
         began = self._stopwatch()
         self._fronts.find(section)
@@ -179,15 +297,15 @@ class Preparation:
     def _ensure(self, leg: Leg, one: _Prepared, situation: Situation, now_ns: int) -> None:
         """Bring a leg up to date with the situation: its safe limits at once, then its front."""
         wanted = situation.between(leg.start.position_m, leg.end.position_m)
-        if not wanted.is_like(one.situation) or leg.progress.reached_m >= one.held_from_m:
+        if not wanted.is_like(one.situation) or leg.reached_m >= one.held_from_m:
             _change_situation(leg, one, wanted)
         point = leg.goal.passing
         if point is not None and point != one.served:
             one.give_up()
         if one.search is None and not one.ready and (not one.refusal or one.failed_ns is not None):
             one.served = point
-            question = _Question.of(leg)
-            one.search = self._solver.submit(lambda: _search_front(self._fronts, question, self._stopwatch))
+            section, s_m = leg.section, _place_m(leg)
+            one.search = self._solver.submit(lambda: self._search_front(section, s_m, point))
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
         if one.guide is not None and one.guide.done():
@@ -211,8 +329,8 @@ class Preparation:
         why, one.why = one.why, ""
         self._news.append(News(f"{leg.start.name} – {leg.end.name}: solved" + (f" ({why})" if why else "")))
         if self._guide:
-            s_m = _Question.of(leg).s_m
-            one.guide = self.guide_worker.submit(lambda: _search_guide(self._fronts, section, s_m))
+            s_m = _place_m(leg)
+            one.guide = self.guide_worker.submit(lambda: self._search_guide(section, s_m))
 
     def _take_guide(self, leg: Leg, one: _Prepared, answer: FoundGuide | str) -> None:
         """Let the guide lead by the policies found; without any, the leg goes on without a guide."""
@@ -225,6 +343,30 @@ class Preparation:
             self._news.append(News(f"{leg.start.name} – {leg.end.name}: references from a table"))
         leg.use_guide(answer.front)
 
+    def _search_front(self, section: Section, s_m: float, point: PassingTarget | None) -> _Answer:
+        """Search for a front, and for policies if a point is to be passed that sets a time and is not reached yet.
+
+        Any error becomes part of the answer.
+        """
+        began = self._stopwatch()
+        found, passing, refusal, failed = None, None, "", False
+        try:
+            found = self._fronts.find(section, s_m)
+            if point is not None and point.s_m >= s_m + LEAST_WAY_M and (point.earliest_ns or point.latest_ns):
+                passing = self._fronts.find_guide(found.section, s_m).front
+        except DasError as error:
+            refusal = str(error)
+        except Exception as error:  # A thread must not die in silence: giving no advice is better.
+            refusal, failed = f"solving failed ({type(error).__name__}: {error})", True
+        return _Answer(found, passing, refusal, failed, self._stopwatch() - began)
+
+    def _search_guide(self, section: Section, s_m: float) -> FoundGuide | str:
+        """Search for the policies of a section; after an error, return its text."""
+        try:
+            return self._fronts.find_guide(section, s_m)
+        except Exception as error:  # Advice without a guide is better than a thread that dies in silence.
+            return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"
+
 
 def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
     """Take over another situation: its safe limits hold at once."""
@@ -232,7 +374,7 @@ def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
     one.give_up()
     try:
         start_m, end_m = leg.start.position_m, leg.end.position_m
-        leg.use_meanwhile(wanted.section_ahead(start_m, end_m, leg.progress.reached_m))
+        leg.use_meanwhile(wanted.section_ahead(start_m, end_m, leg.reached_m))
     except DasError as error:
         refusal = f"{why}: {error}"
         held_from_m = error.held_from_m if isinstance(error, RunawayError) else math.inf
@@ -248,45 +390,8 @@ def _release(leg: Leg, one: _Prepared) -> None:
     one.give_up()
 
 
-class _Question(NamedTuple):
-    """What a search starts from: the section, the point to pass, and the place of the train (m) when it began."""
-
-    section: Section
-    point: PassingTarget | None
-    s_m: float
-
-    @classmethod
-    def of(cls, leg: Leg) -> _Question:
-        section, here = leg.section, leg.here
-        inside = here is not None and section.start_m <= here.s_m < section.end_m - AT_STOP_M
-        return cls(section, leg.goal.passing, here.s_m if here is not None and inside else section.start_m)
-
-
-def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
-    """Search for a front, and for policies if there is a point to pass; any error becomes part of the answer."""
-    began = stopwatch()
-    found, passing, refusal, failed = None, None, "", False
-    try:
-        found = fronts.find(question.section, question.s_m)
-        passing = _passing(fronts, question, found.section)
-    except DasError as error:
-        refusal = str(error)
-    except Exception as error:  # A thread must not die in silence: giving no advice is better.
-        refusal, failed = f"solving failed ({type(error).__name__}: {error})", True
-    return _Answer(found, passing, refusal, failed, stopwatch() - began)
-
-
-def _search_guide(fronts: Fronts, section: Section, s_m: float) -> FoundGuide | str:
-    """Search for the policies of a section; after an error, return its text."""
-    try:
-        return fronts.find_guide(section, s_m)
-    except Exception as error:  # Advice without a guide is better than a thread that dies in silence.
-        return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"
-
-
-def _passing(fronts: Fronts, question: _Question, section: Section) -> GuideFront | None:
-    """The guide's policies if a point is to be passed; None if the point sets no time or is already reached."""
-    point = question.point
-    if point is None or point.s_m < question.s_m + LEAST_WAY_M or (point.earliest_ns or point.latest_ns) is None:
-        return None
-    return fronts.find_guide(section, question.s_m).front
+def _place_m(leg: Leg) -> float:
+    """The place of the train (m) from which a search starts: the start of the section, if it is not inside."""
+    section, here = leg.section, leg.here
+    inside = here is not None and section.start_m <= here.s_m < section.end_m - AT_STOP_M
+    return here.s_m if here is not None and inside else section.start_m

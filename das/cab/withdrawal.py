@@ -1,7 +1,4 @@
-"""The only place that decides whether there is advice, in a fixed order, from facts of the cab and of the leg.
-
-Every advice then passes the last word (`LastWords`), which replaces what is not safe.
-"""
+"""The only place that decides whether there is advice, in a fixed order; the last word then judges every advice."""
 
 from __future__ import annotations
 

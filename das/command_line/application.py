@@ -1,12 +1,7 @@
 """Programs with uniform command lines and a fast start: a command's module is imported when the command is called.
 
-A command takes frozen dataclasses, called groups; the fields of a group are options of the command. A group is declared
-once: the `Annotated` type of each field holds the type, spelling and help of the option. Any command that takes the
-group as a parameter has all of its options. Groups may hold groups.
-
-`application` makes a program of several commands, `single_command` a program that is one command. Both have `-h` and
-`--help`, `--version`, `--install-completion` and `--show-completion`, and print text without markup. `run_app` and
-`run_command` run them: errors of the user become one line and an exit code.
+A command takes frozen dataclasses, called groups; the fields of a group are options of the command, declared once: the
+`Annotated` type of a field holds type, spelling and help. Groups may hold groups.
 """
 
 from __future__ import annotations
@@ -20,6 +15,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from inspect import Parameter, Signature
 from types import MappingProxyType
@@ -31,13 +27,57 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from das import __version__
-from das.command_line.given import options_of
 from das.command_line.printing import one_line
 from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_signals, interrupted_by_termination
 from das.domain.errors import DasError, now_called
 
+_given: ContextVar[Mapping[str, str]] = ContextVar("given", default=MappingProxyType({}))
+"""The options that the user typed for the command that runs: each spelling of an option, with its words."""
+
+
+def is_given(option: str) -> bool:
+    """Whether the user typed an option of the command that runs, be it with its default value."""
+    return option in _given.get()
+
+
+def refuse_given(why: str, *options: str) -> None:
+    """Raise DasError for the first of some options that the user typed; `why` says what it needs.
+
+    Nothing is refused where a function is called without a command line.
+    """
+    for option in options:
+        if is_given(option):
+            raise DasError(f"{_given.get()[option]}: {why}")
+
+
+def _typed(context: typer.Context) -> dict[str, str]:
+    """The options that the user typed for the command of a context, with their words."""
+    found: dict[str, str] = {}
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is not None and source.name == "COMMANDLINE":
+            value = context.params.get(parameter.name or "")
+            found |= {option: _words(option, parameter.secondary_opts, value) for option in parameter.opts}
+    return found
+
+
+def _words(option: str, opposites: list[str], value: Any) -> str:
+    """An option as it was typed, with its value; a flag that was turned off has the word for that."""
+    if isinstance(value, bool) or value is None:
+        return opposites[0] if value is False and opposites else option
+    return f"{option} {' '.join(map(str, value)) if isinstance(value, list | tuple) else value}"
+
+
 EXIT_BAD_INPUT = 2
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
+
+
+def imported(where: str) -> Callable[..., Any]:
+    """The function "module:name"; the module is imported now, and Ctrl-C meanwhile ends the process in one line."""
+    module, _, name = where.partition(":")
+    with ended_by_signals():
+        function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    return function
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +85,9 @@ class Entry:
     """One command of a program, or the word under which commands belong together: `das-sim experiment run`.
 
     `name`: the word the user types. `summary`: its line in the program's help, and the first line of the docstring of
-    its function. `where`: module and function, like "precompute.cli.solve:solve"; the module is imported only when the
-    command is called. Empty for a word that only has `entries`, the commands that begin with it; where there is a
-    function as well, any other word is an argument of it. `examples`: command lines that a user can copy. `gone`: see
-    `application`.
+    its function. `where`: module and function, like "precompute.cli.solve:solve", imported only when the command is
+    called; empty for a word that only has `entries`, the commands that begin with it. `examples`: command lines that a
+    user can copy. `gone`: see `application`.
     """
 
     name: str
@@ -58,17 +97,10 @@ class Entry:
     entries: tuple[Entry, ...] = ()
     gone: Mapping[str, str] = field(default_factory=dict)
 
-    def function(self) -> Callable[..., Any]:
-        """Import the command's module and return its function."""
-        module, _, name = self.where.partition(":")
-        with ended_by_signals():
-            function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-        return function
-
     def load(self) -> TyperCommand | TyperGroup:
         """The command with its options and its help, or the group of the entries, none of which is imported yet."""
         if self.where:
-            return _command(self.name, self.function(), self.examples, [one.name for one in self.entries])
+            return _command(self.name, imported(self.where), self.examples, [one.name for one in self.entries])
         app = _typer(no_args_is_help=True, add_completion=False)
         app.callback(help=self.summary, epilog="-h after a command explains it.")(lambda: None)
         return _filled(app, self.name, self.entries, self.gone)
@@ -129,12 +161,15 @@ def single_command(name: str, function: Callable[..., Any], examples: Sequence[s
 
 
 class _Command(TyperCommand):
-    """A command whose function can refuse an option that was typed in vain (`das.command_line.given`)."""
+    """A command whose function can refuse an option that was typed in vain (`refuse_given`)."""
 
     def invoke(self, ctx: Any) -> Any:
         """Call the function; what the user typed is known meanwhile."""
-        with options_of(ctx):
+        before = _given.set(_typed(ctx))
+        try:
             return super().invoke(ctx)
+        finally:
+            _given.reset(before)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse what the user typed; DasError for an option or a word that has another name now."""
@@ -201,16 +236,12 @@ def _command(
 ) -> TyperCommand:
     app = _typer(add_completion=add_completion)
     more = f"\n\nMore commands: {name} {' | '.join(others)} (-h explains each)." if others else ""
-    epilog = _epilog(examples) + more
+    # The first character keeps typer from joining the lines.
+    epilog = "\b\n" + "\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples]) + more
     app.command(name, cls=_Command, epilog=epilog, context_settings=dict(HELP_OPTIONS))(with_options(function))
     command = get_command(app)
     assert isinstance(command, TyperCommand)
     return command
-
-
-def _epilog(examples: Sequence[str]) -> str:
-    """The examples, one per line; the first character keeps typer from joining the lines."""
-    return "\b\n" + "\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
 
 
 def _version_parameter() -> Any:

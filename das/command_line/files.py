@@ -1,7 +1,4 @@
-"""The files that commands read and write: warnings of unusual values, and refusals before long work starts.
-
-No output replaces an input or another output, and the suffix of a picture says its kind.
-"""
+"""The files that commands read and write: warnings of unusual values, and refusals before long work starts."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from das.command_line.given import refuse_given
+from das.command_line.application import refuse_given
 from das.command_line.printing import warn
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole

@@ -1,7 +1,6 @@
-"""Options that several commands have; each is declared once, here, with its type, spelling and help.
+"""Options that several commands have, declared once: type, spelling and help. Nothing heavy is imported here.
 
-Nothing heavy is imported: options are read before the modules that do a command's work. Where "default: …" is written
-in a help text, the option itself defaults to None.
+Where "default: …" is written in a help text, the option itself defaults to None.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """What commands print: harmless text, tables with legends, warnings, and progress.
 
-Text that comes from a file, from the bus or from the user is never read as markup, and control characters in it are
-shown as escapes (`\\x1b`), so that no name of a stop can break a table or command the terminal.
+Text from files, from the bus or from the user is never read as markup, and control characters in it become escapes.
 """
 
 from __future__ import annotations
@@ -104,8 +103,7 @@ def new_table(
 def print_table(table: Table, legend: Mapping[str, str] | None = None) -> None:
     """Print a table, and below it a legend that explains the abbreviations in it.
 
-    All tables have the same narrow spaces between columns. Columns that do not wrap are never cut: the table becomes
-    wider than the terminal where it must.
+    Columns that do not wrap are never cut: the table becomes wider than the terminal where it must.
     """
     console = _plain_console()(highlight=False, markup=False, emoji=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:

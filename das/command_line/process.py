@@ -63,10 +63,9 @@ def start_beside(module: str) -> None:
 def keep_bytecode(folder: Path = BYTECODE) -> None:
     """Keep bytecode in a folder of our own if Python was told to write none beside its sources.
 
-    PYTHONDONTWRITEBYTECODE, which containers often set, keeps folders of sources clean. But then every start compiles
-    the sources of numpy and numba again, which takes longer than all else that a command does at its start. Nothing
-    changes if PYTHONPYCACHEPREFIX says where bytecode belongs, if numba was installed with its bytecode, or if the
-    folder cannot be written to.
+    With PYTHONDONTWRITEBYTECODE, which containers often set, every start would compile the sources of numpy and numba
+    again, which takes longer than all else. Nothing changes if PYTHONPYCACHEPREFIX says where bytecode belongs, if
+    numba was installed with its bytecode, or if the folder cannot be written to.
     """
     if not sys.dont_write_bytecode or sys.pycache_prefix is not None or _has_bytecode():
         return
@@ -111,8 +110,7 @@ def _end_at_once(_number: int, _frame: FrameType | None) -> None:
 class StopFlag:
     """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; with `with_parent`, also when the parent ends.
 
-    `with_parent` is the parent's process id. The parent passes it, because it may end before its child can ask for the
-    id.
+    `with_parent` is the parent's process id, which it passes, because it may end before its child can ask.
     """
 
     def __init__(self, *, with_parent: int | None = None) -> None:
@@ -134,8 +132,7 @@ class StopFlag:
 def interrupted_by_termination() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end a block as Ctrl-C does, so that its child processes are stopped.
 
-    Afterwards signals are handled as before. In another thread than the main one nothing changes: Python gives signals
-    to the main thread only.
+    Afterwards signals are handled as before. In another thread nothing changes: Python gives signals to the main one.
     """
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:

@@ -196,20 +196,16 @@ def name_stops(axis: Any, stops: Sequence[tuple[str, float]]) -> None:
 
 def _panels(shown: _Runs) -> list[_Panel]:
     """The panels that are not empty."""
-    runs = shown.runs
+    runs, first = shown.runs, shown.runs[0]
+    rises_m = 0.0 if first.route is None else float(np.ptp(first.route.altitude_m(first.s_m)))
     wanted = (
         (True, _Panel(2.6, _speed)),
-        (_rises(runs[0]), _Panel(1.0, _altitude)),
+        (rises_m > LEAST_RISE_M, _Panel(1.0, _altitude)),
         (any(run.force_el_n is not None for run in runs), _Panel(1.6, _force)),
         (any(run.energy_j is not None for run in runs), _Panel(1.2, _energy)),
         (any(run.windows for run in runs) and shown.over is Over.DISTANCE, _Panel(1.8, _clock)),
     )
     return [panel for is_known, panel in wanted if is_known]
-
-
-def _rises(run: PlottedRun) -> bool:
-    """Whether the line under a run is known, and not flat."""
-    return run.route is not None and float(np.ptp(run.route.altitude_m(run.s_m))) > LEAST_RISE_M
 
 
 def _speed(axis: Any, shown: _Runs) -> None:

@@ -1,16 +1,14 @@
 """Online calibration: mass and running resistance of the train from how it moves under the forces that it measures.
 
-A Kalman filter of two unknowns, the ratios of mass and resistance to those of the planned train, learns from one window
-of samples after the other. Between windows the resistance drifts with the wind; the mass changes only where doors open.
-
-No motion under measured forces tells a wrong gain of the force sensor from another train, because a gain changes mass
-and resistance alike. Three things give a wrong sensor away: a force that the train cannot have; a coasting train on
-known gradients, where the force is zero whatever the gain is; and mass and resistance that are off by one and the same
-factor. Each is reported as a doubt (docs/explanation/calibration.md).
+A Kalman filter learns the ratios of both to those of the planned train from one window of samples after the other. A
+wrong gain of the force sensor changes both alike, as another train would; three things give it away, each reported as a
+doubt: a force that the train cannot have; coasting on known gradients, where the force is zero whatever the gain is;
+and mass and resistance that are off by the same factor (docs/explanation/calibration.md).
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -20,12 +18,116 @@ import numpy as np
 
 from das.domain.conditions import Conditions
 from das.domain.formulary import adhesion_coefficient
-from das.domain.route import Floats, Route
+from das.domain.route import NEUTRAL, Floats, Route
 from das.domain.units import NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
-from das.estimate.fix import OVERSPEED_RATIO, Effort
+from das.estimate.estimate import OVERSPEED_RATIO, Effort
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.estimate.window import FORCE_SD_RATIO, LineIntegral, MeasuredWindow
+from das.solver.line_profile import LineProfile
+
+SPEED_SD_MPS: Final = 0.05
+"""Least noise of a measured speed (one standard deviation); a window that scatters more is trusted less."""
+FORCE_SD_RATIO: Final = 0.02
+"""The noise of each measured force, as a share of it (one standard deviation)."""
+FRICTION_SD_RATIO: Final = 0.1
+"""Standing error of the friction brake force, known from cylinder pressures only, as a share of it (one deviation)."""
+POSITION_M: Final = 40.0
+"""Error (m) that a position may have; a window is left out whose positions and speeds disagree more about the
+distance run, or that may have come as near to a neutral section."""
+LINE_GRID_M: Final = 10.0
+"""The step with which the line is integrated along the way."""
+NORMAL_MAD = 0.6745
+"""The median absolute value of a normal variable, in standard deviations."""
+
+
+class MeasuredWindow(NamedTuple):
+    """Means over a window of samples, all with the same weights, and the variances of two of them."""
+
+    acceleration_mps2: float
+    force_n: float
+    line_mps2: float
+    """The force of gradients and curves divided by the mass of the train."""
+    moving_n: float
+    """The resistance c1·v + c2·v² of the train as planned."""
+    tunnel_n: float
+    """The additional resistance in tunnels, q·v²."""
+    acceleration_variance: float
+    force_variance: float
+    coasts: bool = False
+    """Whether no force was measured in the whole window."""
+
+
+class LineIntegral:
+    """The forces of the line on a train, integrated along the way: a difference gives the mean over any stretch."""
+
+    def __init__(
+        self, route: Route, vehicle: Vehicle, train_length_m: float, *, speed_sd_mps: float = SPEED_SD_MPS
+    ) -> None:
+        """Integrate the line under a train; forces within the noise of its largest one count as none."""
+        self._idle_n, self._speed_sd_mps = FORCE_SD_RATIO * vehicle.traction.max_force_n, speed_sd_mps
+        self._resistance = vehicle.resistance
+        breaks = route.breakpoints_m()
+        grid = np.arange(0.0, route.length_m + train_length_m, LINE_GRID_M)
+        ends = (grid, breaks, breaks + train_length_m, [route.length_m + train_length_m])
+        self._node_m = np.unique(np.concatenate(ends))
+        profile = LineProfile.on(route, vehicle, self._node_m, train_length_m)
+
+        def along(value: Floats) -> Floats:
+            return np.concatenate(([0.0], np.cumsum(value * profile.step_m)))
+
+        self._work_m2ps2 = along(profile.constant_n / vehicle.mass_kg)
+        self._tunnel = along(profile.tunnel_n_per_mps2)
+        self._neutral_m = along((profile.supply == NEUTRAL).astype(float))
+
+    def window(self, t: Floats, s: Floats, v: Floats, force: Floats, friction: Floats) -> MeasuredWindow | None:
+        """Return the means over a window, all with the weights that the slope of the speeds gives the accelerations.
+
+        Its samples, each (samples,), are times (s), positions of the head (m), speeds (m/s), whole wheel forces (N)
+        and the part of the friction brake in them (N).
+
+        The slope is Σc·v with c = (t − t̄)/Σ(t − t̄)². Summed by parts it is Σω·ā over the intervals between samples,
+        with ω = Δt·Σ_later c. The result is None if the positions do not fit the speeds, or near a neutral section.
+        """
+        off = t - t.mean()
+        scatter = float(off @ off)
+        share = np.diff(t) * np.cumsum((off / scatter)[::-1])[::-1][1:]
+        speed = 0.5 * (v[:-1] + v[1:])
+        way = speed * np.diff(t)
+        if abs(s[-1] - s[0] - way.sum()) > POSITION_M or self._in_neutral(float(s[0]), float(s[-1])):
+            return None
+        middle = 0.5 * (s[:-1] + s[1:])
+        weight = 0.5 * (np.append(share, 0.0) + np.append(0.0, share))
+        # An effort that changes between two samples may do so at any moment between them.
+        between = np.sum((share * np.diff(force)) ** 2) / 12.0
+        noise = np.sum((weight * FORCE_SD_RATIO * force) ** 2)
+        noise = noise + (FRICTION_SD_RATIO * weight @ friction) ** 2
+        r = self._resistance
+        return MeasuredWindow(
+            acceleration_mps2=float(off @ v) / scatter,
+            force_n=float(weight @ force),
+            line_mps2=float(share @ self._mean(self._work_m2ps2, middle, way)),
+            moving_n=float(share @ (r.c1_n_per_mps * speed + r.c2_n_per_mps2 * speed**2)),
+            tunnel_n=float(share @ (self._mean(self._tunnel, middle, way) * speed**2)),
+            acceleration_variance=max(_noise_mps(v), self._speed_sd_mps) ** 2 / scatter,
+            force_variance=float(between + noise),
+            coasts=bool((np.abs(force) <= self._idle_n).all() and (np.abs(friction) <= self._idle_n).all()),
+        )
+
+    def _mean(self, integral: Floats, middle_m: Floats, way_m: Floats) -> Floats:
+        """Return the means of an integrated quantity over stretches, given by their middles and lengths (m)."""
+        ahead, behind = (np.interp(middle_m + x * way_m, self._node_m, integral) for x in (0.5, -0.5))
+        return np.asarray((ahead - behind) / way_m)
+
+    def _in_neutral(self, from_m: float, to_m: float) -> bool:
+        """Whether the way between two positions of the head (m) comes near a neutral section."""
+        ends = np.interp([from_m - POSITION_M, to_m + POSITION_M], self._node_m, self._neutral_m)
+        return bool(ends[1] > ends[0])
+
+
+def _noise_mps(speed_mps: Floats) -> float:
+    """Return the noise of speeds (m/s) from the median second difference, which leaves out changing forces."""
+    bends = np.abs(np.diff(speed_mps, 2))
+    return float(np.median(bends)) / (NORMAL_MAD * math.sqrt(6.0))
 
 
 class MassAndResistance(NamedTuple):
@@ -42,8 +144,7 @@ SAMPLE_EVERY_NS: Final = round(0.9 / NS)
 LONGEST_GAP_NS: Final = round(2.5 / NS)
 """Longest gap (ns) between samples, and between the efforts around them, within a window."""
 SLOWEST_MPS: Final = 5.0
-"""Samples at lower speeds do not count: there brakes are being released, couplers stretch, and the resistance does
-not follow Davis."""
+"""Samples at lower speeds do not count: brakes are being released, and the resistance does not follow Davis."""
 ADHESION_RATIO: Final = 0.9
 """Share of the adhesion limit of a dry rail above which samples of forces do not count: wheels may slip."""
 STANDS_FOR_S: Final = 20.0
@@ -51,8 +152,7 @@ STANDS_FOR_S: Final = 20.0
 REPLAN_EVERY_S: Final = 120.0
 """Least time (s) between new plans that follow from the estimates."""
 CERTAIN_SDS: Final = 3.0
-"""Standard deviations beyond which a difference is no chance: of an estimate from the plan, of a force from the train's
-largest, of coasting from the measured forces, of the mass from the resistance."""
+"""Standard deviations beyond which a difference is no chance."""
 IN_A_ROW: Final = 3
 """Windows in a row that are no accident: surprising ones mean another resistance, coasting ones contradict forces."""
 LINE_SD_RATIO: Final = 2e-4
@@ -60,11 +160,9 @@ LINE_SD_RATIO: Final = 2e-4
 PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
 """Standard deviations of the two ratios before anything is measured."""
 CHANGE_SD: Final = MassAndResistance(0.05, 0.01)
-"""Standard deviations by which the ratios change: the mass at a stop (500 people in a train of 440 t are 9 %), the
-resistance from one window to the next (wind)."""
+"""Standard deviations of changes: of the mass at a stop (500 people in 440 t are 9 %), of the resistance by wind."""
 MODEL_SD: Final = MassAndResistance(0.005, 0.015)
-"""The uncertainty that no amount of measuring removes (one standard deviation): forces between samples are unknown,
-and so is the exact shape of the resistance."""
+"""Uncertainty that no measuring removes (one standard deviation): of forces between samples, of resistance."""
 USABLE_SD: Final = MassAndResistance(0.02, 0.08)
 """Largest standard deviations with which the estimates are usable."""
 STEP: Final = MassAndResistance(0.03, 0.05)
@@ -131,10 +229,6 @@ class Estimates:
     def planned_mass_ratio(self) -> float:
         """The mass ratio to plan with: never below 1, so that no plan counts on a lighter train's better brakes."""
         return max(self.mass_ratio, 1.0)
-
-    def applied(self, conditions: Conditions) -> Conditions:
-        """Return these conditions with the mass and the resistance to plan with."""
-        return replace(conditions, mass_ratio=self.planned_mass_ratio, resistance_ratio=self.resistance_ratio)
 
 
 class Belief(NamedTuple):
@@ -219,8 +313,7 @@ class Calibrator:
     """Estimates the mass and the running resistance of one train from measured positions and efforts.
 
     `vehicle` is the train as planned, with its load. Positions and efforts may come at moments of their own: a window
-    is used once its forces are known up to its last position. There is no clock and no randomness in it: the same
-    positions and efforts give the same estimates.
+    is used once its forces are known up to its last position. The same measurements give the same estimates.
     """
 
     def __init__(self, route: Route, vehicle: Vehicle, *, point_mass: bool = False) -> None:
@@ -309,16 +402,15 @@ class Calibrator:
         used = slips[-1] + 1 if slips.size else WINDOW_SAMPLES
         del self._places[:used]
         if not slips.size:
-            self._learn(self._line.window(time_ns * NS, s_m, speed_mps, electric_n + friction_n, friction_n))
+            window = self._line.window(time_ns * NS, s_m, speed_mps, electric_n + friction_n, friction_n)
+            if window is not None:
+                self._learn(window)
 
-    def _learn(self, window: MeasuredWindow | None) -> None:
+    def _learn(self, window: MeasuredWindow) -> None:
         """Learn from a window; compare a window of coasting with what windows under force gave.
 
-        A coasting train has 0 = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², whatever its force sensor
-        measures.
+        A coasting train has 0 = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², whatever is measured.
         """
-        if window is None:
-            return
         self._windows += 1
         self._moving_n += (window.moving_n - self._moving_n) / self._windows
         self._all.learn(window)
@@ -391,8 +483,7 @@ class Recalibration:
     def due(self, estimates: Estimates, now_ns: int) -> Conditions | None:
         """Return other conditions to plan with from now on; None while those of the plan are near enough.
 
-        The conditions change at most once in `REPLAN_EVERY_S`. But as soon as the measured forces are doubted,
-        the conditions of the start are used again.
+        They change at most once in `REPLAN_EVERY_S`; as soon as the forces are doubted, those of the start are back.
         """
         if estimates.doubt is not None and self.conditions != self._planned:
             self.conditions = self._planned
@@ -401,5 +492,7 @@ class Recalibration:
             return None
         if self._changed_ns is not None and abs(now_ns - self._changed_ns) * NS < REPLAN_EVERY_S:
             return None
-        self.conditions, self._changed_ns = estimates.applied(self.conditions), now_ns
+        mass, resistance = estimates.planned_mass_ratio, estimates.resistance_ratio
+        self.conditions = replace(self.conditions, mass_ratio=mass, resistance_ratio=resistance)
+        self._changed_ns = now_ns
         return self.conditions

@@ -1,4 +1,4 @@
-"""The estimate of where the train is and how fast it runs, with its uncertainty, and what can be wrong with it.
+"""What the sensors of a train measure, and the estimate made from it, with its uncertainty and what is wrong with it.
 
 Problems are data: the words for people are made in `das.advice.wording`.
 """
@@ -7,8 +7,88 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import NamedTuple
+from enum import IntEnum, StrEnum
+from typing import Final, NamedTuple
+
+LEAST_SD_M: Final = 0.5
+"""Least standard deviation (m) of a position, whatever the sender states."""
+LEAST_SD_MPS: Final = 0.02
+"""Least standard deviation (m/s) of a speed, whatever the sender states."""
+SPEED_LATE_S: Final = 1.75
+"""Delay (s) of a speed whose sender states no deviation: one standard deviation for receivers that filter their speeds
+(two recorded trips: 0.75 and 2.5 s)."""
+OVERSPEED_RATIO: Final = 1.3
+"""Multiple of the train's largest speed above which a speed is a fault of the sensor."""
+
+
+class Quality(IntEnum):
+    """The quality of a fix as its sender states it; the numbers are those of the bus message."""
+
+    UNKNOWN = 0
+    GOOD = 1
+    DEGRADED = 2
+    INVALID = 3
+
+
+class Deviations(NamedTuple):
+    """One standard deviation each of a measured position (m) and of a measured speed (m/s)."""
+
+    position_m: float
+    speed_mps: float
+
+
+USUAL: Final = {
+    Quality.GOOD: Deviations(5.0, 0.2),
+    Quality.UNKNOWN: Deviations(10.0, 0.3),
+    Quality.DEGRADED: Deviations(30.0, 0.5),
+}
+"""Standard deviations of a fix that states none, by its quality (assumptions)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionFix:
+    """The position of the train's head (m) and its speed (m/s) as sensors measured them at a time (ns since 1970)."""
+
+    time_ns: int
+    s_m: float
+    """The position on the route; NaN if it was not measured."""
+    speed_mps: float
+    """The speed; NaN if it was not measured."""
+    uncertainty_m: float = math.nan
+    """One standard deviation of the position; 0 or NaN if the sender states none."""
+    speed_uncertainty_mps: float = math.nan
+    """One standard deviation of the speed; 0 or NaN if the sender states none."""
+    quality: Quality = Quality.GOOD
+
+    def repeats(self, other: PositionFix) -> bool:
+        """Whether this fix states the same position and the same speed as another one."""
+        return self.s_m == other.s_m and self.speed_mps == other.speed_mps
+
+
+def deviations(fix: PositionFix) -> Deviations:
+    """Return the standard deviations of a fix: those that it states, otherwise those usual for its quality.
+
+    Raises ValueError for a fix that its sender marked as unusable: such a fix has no deviations.
+    """
+    if fix.quality not in USUAL:
+        raise ValueError("a fix marked as unusable has no deviations")
+    position_m, speed_mps = USUAL[fix.quality]
+    if fix.uncertainty_m > 0:
+        position_m = max(fix.uncertainty_m, LEAST_SD_M)
+    if fix.speed_uncertainty_mps > 0:
+        speed_mps = max(fix.speed_uncertainty_mps, LEAST_SD_MPS)
+    return Deviations(position_m, speed_mps)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """Measured wheel forces (N) of the motors and of the friction brake at a time (ns since 1970)."""
+
+    time_ns: int
+    force_el_n: float
+    """The force of the motors: traction is > 0, the electric brake < 0."""
+    force_friction_n: float
+    """The force of the friction brake, <= 0."""
 
 
 class ProblemKind(StrEnum):
@@ -19,8 +99,7 @@ class ProblemKind(StrEnum):
     MARKED_UNUSABLE = "marked-unusable"
     """The sender itself marked the fix as unusable. There is no value."""
     NOT_A_NUMBER = "not-a-number"
-    """The fix states an infinite position or speed, or neither of them, or no position while there is no estimate.
-    There is no value."""
+    """Position or speed is infinite, both are missing, or the position is while there is no estimate. No value."""
     SPEED_IMPOSSIBLE = "speed-impossible"
     """The train cannot have the speed of the fix. The value is that speed (m/s)."""
     POSITION_IMPOSSIBLE = "position-impossible"

@@ -1,7 +1,6 @@
 """Localisation: where the train is and how fast it runs, estimated from fixes (docs/explanation/localisation.md).
 
-It has no clock and no randomness: the same fixes give the same estimate, bit for bit. A fix that cannot be true is
-rejected with the reason, and the estimate is carried on without it until it is too old or too uncertain to be used.
+The same fixes give the same estimate, bit for bit. A fix that cannot be true is rejected with the reason.
 """
 
 from __future__ import annotations
@@ -9,24 +8,22 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
-from dataclasses import dataclass, replace
 from typing import Final
 
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.estimate import NO_POSITION_YET, Estimate, Problem, ProblemKind
-from das.estimate.fix import PositionFix, deviations
+from das.estimate.estimate import NO_POSITION_YET, Estimate, PositionFix, Problem, ProblemKind, deviations
 from das.estimate.plausibility import (
     EXPECTED_SLOW_MPS,
     SILENCE_S,
     SLOW_MPS,
     Doubts,
     FrozenReceiver,
+    SpeedScale,
     Standstill,
     impossible,
     surprise,
 )
-from das.estimate.speed_scale import SpeedScale
 from das.estimate.track_filter import Track, TrainMotion
 
 STALE_AFTER_S: Final = 3.0
@@ -36,8 +33,7 @@ LARGEST_POSITION_SD_M: Final = 50.0
 LARGEST_SPEED_SD_MPS: Final = 2.0
 """Largest standard deviation (m/s) of the speed with which an estimate is used."""
 RECOVERED_RATIO: Final = 0.7
-"""Share of the limits below which an estimate that was too uncertain is used again, so that advice does not come and
-go."""
+"""Share of the limits below which a too uncertain estimate is used again, so that advice does not flicker."""
 CLOCK_FIXES: Final = 15
 """Number of fixes whose median is the difference, so that single ones that were held up do not count."""
 CLOCK_MEMORY_S: Final = 30.0
@@ -54,15 +50,16 @@ JITTER_S: Final = 0.25
 """Largest deviation (s) of a time stamp from the rate of its receiver that is jitter."""
 LARGEST_STEP_S: Final = 5.0
 """After a larger step, the estimate restarts instead of going on."""
+SPEED_DOUBTED_S = 0.5
+"""Difference of the clocks (s) above which a train that slows down may still have the speed of its last fix."""
 
 
 class ClockDifference:
     """The difference between the clock here and that of a sensor: the median delay from time stamp to reception.
 
-    A sensor's clock that is behind ours and messages that take long look alike. Only the difference is known: the train
-    may be anywhere on the way that it covers in that time. The median leaves out single messages that were held up. The
-    clock of a simulation stands still between ticks, so a message that comes before or between ticks counts as received
-    at the next tick.
+    A sensor's clock that is behind ours and messages that take long look alike: the train may be anywhere on the way
+    that it covers in that time. The median leaves out single messages that were held up. A simulation's clock stands
+    still between ticks, so a message that comes between ticks counts as received at the next one.
     """
 
     def __init__(self) -> None:
@@ -135,13 +132,14 @@ class ClockSteps:
             self._spans_s.append(since_s)
         return step_s
 
-    @property
     def _usual_s(self) -> float | None:
         """The time between two time stamps at the receiver's steady rate; None if it has none."""
         if len(self._spans_s) < RATE_FIXES:
             return None
         usual_s = statistics.median(self._spans_s)
-        odd = sum(abs(span_s - max(round(span_s / usual_s), 1) * usual_s) > JITTER_S for span_s in self._spans_s)
+        odd = 0
+        for span_s in self._spans_s:
+            odd += abs(span_s - max(round(span_s / usual_s), 1) * usual_s) > JITTER_S
         return usual_s if odd <= ODD_FIXES else None
 
     def _step_s(self, since_s: float, fix: PositionFix, x: Track, span_s: float) -> float:
@@ -151,7 +149,7 @@ class ClockSteps:
         step counts only if the position is nearer to where the step puts it than to where the train would be without
         one, and if the train runs further in the time of the step than the receiver's error.
         """
-        usual_s = self._usual_s
+        usual_s = self._usual_s()
         if usual_s is None or abs(since_s - usual_s) <= JITTER_S:
             return 0.0
         off_m = fix.s_m - x.s - x.b - x.g * (x.v + 0.5 * x.a * span_s) * span_s
@@ -173,16 +171,11 @@ class Usability:
         """Take note of an accepted fix and of the time since the one before (s)."""
         self._intervals_s = (self._intervals_s[1], interval_s)
 
-    def is_ahead(self, age_s: float) -> bool:
-        """Whether a state of this age is too far ahead of the clock for a mere difference between clocks."""
-        return age_s < -STALE_AFTER_S
-
     def judge(self, x: Track, age_s: float, rejection: Problem | None) -> Problem | None:
         """Return why a state cannot be used, or None.
 
-        `age_s` is the age of its last fix, and `rejection` says why fixes that are newer were rejected. A state that
-        was stale is used again when fixes come often enough; one that was too uncertain, when it is well below the
-        limits.
+        `age_s` is the age of its last fix, `rejection` why newer fixes were rejected. A stale state is used again when
+        fixes come often enough; one that was too uncertain, when it is well below the limits.
         """
         rare = self._stale and min(self._intervals_s) > STALE_AFTER_S
         self._stale = age_s > STALE_AFTER_S or rare
@@ -191,46 +184,14 @@ class Usability:
         place_vague = position_sd_m > ratio * LARGEST_POSITION_SD_M
         speed_vague = speed_sd_mps > ratio * LARGEST_SPEED_SD_MPS
         self._vague = place_vague or speed_vague
-        if self.is_ahead(age_s):
+        if age_s < -STALE_AFTER_S:
             return Problem(ProblemKind.AHEAD_OF_CLOCK, -age_s)
         if self._stale:
-            return rejection or self._too_old(age_s)
+            rarely = Problem(ProblemKind.RARE, min(self._intervals_s))
+            return rejection or (Problem(ProblemKind.STALE, age_s) if age_s > STALE_AFTER_S else rarely)
         if place_vague:
             return Problem(ProblemKind.POSITION_UNCERTAIN, position_sd_m)
         return Problem(ProblemKind.SPEED_UNCERTAIN, speed_sd_mps) if speed_vague else None
-
-    def _too_old(self, age_s: float) -> Problem:
-        """Return the problem of a stale state: its last fix is too old, or its fixes come too rarely."""
-        if age_s > STALE_AFTER_S:
-            return Problem(ProblemKind.STALE, age_s)
-        return Problem(ProblemKind.RARE, min(self._intervals_s))
-
-
-@dataclass(kw_only=True)
-class _Tally:
-    """Counts since the localisation began; they go on when the estimate restarts."""
-
-    rejected: int = 0
-    """Fixes that were rejected."""
-    rejection: Problem | None = None
-    """Why the last of them was rejected."""
-    restarts: int = 0
-    """Restarts of the estimate where rejected fixes agreed."""
-
-
-class _Monitors:
-    """The monitors that watch the fixes of one estimate; they restart with each estimate."""
-
-    def __init__(self, fastest_mps: float) -> None:
-        self.doubts = Doubts(fastest_mps)
-        self.frozen = FrozenReceiver()
-        self.standstill = Standstill()
-        self.usability = Usability()
-        self.steps = ClockSteps()
-
-
-SPEED_DOUBTED_S = 0.5
-"""Difference of the clocks (s) above which a train that slows down may still have the speed of its last fix."""
 
 
 class Localisation:
@@ -240,7 +201,8 @@ class Localisation:
         self.received_any = False
         """Whether any fix was received, even an impossible one."""
         self._motion = TrainMotion(vehicle)
-        self._tally = _Tally()
+        self._rejected = self._restarts = 0
+        self._rejection: Problem | None = None
         self._clock = ClockDifference()
         self._scale = SpeedScale()
         self._forget()
@@ -250,16 +212,17 @@ class Localisation:
         self._track: Track | None = None
         self._time_ns = 0
         self._problem: Problem | None = None
-        self._monitors = _Monitors(self._motion.fastest_mps)
+        self._doubts, self._frozen = Doubts(self._motion.fastest_mps), FrozenReceiver()
+        self._standstill, self._usability, self._steps = Standstill(), Usability(), ClockSteps()
 
     @property
     def moment(self) -> tuple[float, bool] | None:
         """The position (m) at the last accepted fix, and whether the train stands there; None without a state."""
-        first = self._monitors.frozen.first
+        first = self._frozen.first
         if self._track is None or first is None:
             return None
         unmeasured = math.isnan(first.speed_mps) and self._track.v <= EXPECTED_SLOW_MPS
-        return self._track.s, self._monitors.standstill.stands or unmeasured
+        return self._track.s, self._standstill.stands or unmeasured
 
     def take(self, fix: PositionFix, received_ns: int = 0) -> None:
         """Accept or reject a fix; `received_ns` is the clock at its reception (ns since 1970; 0: not known).
@@ -270,7 +233,7 @@ class Localisation:
         other_unit = self._scale.judge(fix)
         x, span_s = self._track, (fix.time_ns - self._time_ns) * NS
         if x is not None:
-            step_s = self._monitors.steps.take(fix, x, span_s)
+            step_s = self._steps.take(fix, x, span_s)
             x, span_s = x._replace(ss=x.ss + (x.speed_mps * step_s) ** 2), span_s - step_s
             if span_s <= 0:
                 return
@@ -282,12 +245,12 @@ class Localisation:
             self._reject(other_unit)
             return
         problem = impossible(fix, fastest_mps=self._motion.fastest_mps, has_state=x is not None)
-        problem = problem or self._monitors.frozen.judge(fix)
+        problem = problem or self._frozen.judge(fix)
         if problem:
             self._reject(problem)
         elif x is not None:
             self._take_next(fix, x, span_s)
-        elif not self._monitors.doubts.outlast(fix.time_ns):
+        elif not self._doubts.outlast(fix.time_ns):
             self._begin(fix)
         else:
             self._reject(self._problem or NO_POSITION_YET)
@@ -305,45 +268,42 @@ class Localisation:
         self._clock.tick(now_ns)
         x = self._track
         if x is None:
-            return self._counted(now_ns, self._problem or NO_POSITION_YET)
+            return self._estimate(now_ns, self._problem or NO_POSITION_YET)
         age_s, fixed_mps = (now_ns - self._time_ns) * NS, x.v
-        if not self._monitors.standstill.stands:
+        if not self._standstill.stands:
             x = self._motion.carried_on(x, min(max(age_s, 0.0), SILENCE_S))
         if self._clock.doubt_s > SPEED_DOUBTED_S:
             x = x._replace(v=max(x.v, fixed_mps))
         x = x._replace(ss=x.ss + (x.speed_mps * self._clock.doubt_s) ** 2)
         unit_sd_mps, sensed_sd_mps = self._scale.unit_sd_mps(x.speed_mps), math.sqrt(x.speed_variance)
         x = x._replace(vv=x.vv + (unit_sd_mps / x.g) ** 2)
-        problem = self._monitors.usability.judge(x, age_s, self._problem)
+        problem = self._usability.judge(x, age_s, self._problem)
         if problem and problem.kind is ProblemKind.SPEED_UNCERTAIN and unit_sd_mps > sensed_sd_mps:
             problem = Problem(ProblemKind.SPEED_UNCONFIRMED, x.speed_mps)
-        found = self._estimate(now_ns, x, problem)
-        if self._monitors.usability.is_ahead(age_s):
+        found = self._estimate(now_ns, problem, x)
+        if age_s < -STALE_AFTER_S:
             self._forget()
         return found
 
-    def _counted(self, now_ns: int, problem: Problem | None) -> Estimate:
-        """Return an estimate without a state: only the problem and the counts."""
-        tally = self._tally
+    def _estimate(self, now_ns: int, problem: Problem | None, x: Track | None = None) -> Estimate:
+        """Return the estimate of a state; without one, only the problem and the counts."""
+        found: dict[str, float] = {}
+        if x is not None:
+            found = {
+                "s_m": x.s,
+                "speed_mps": min(x.speed_mps, self._motion.fastest_mps),
+                "position_sd_m": math.sqrt(x.ss),
+                "speed_sd_mps": SLOW_MPS if self._standstill.stands else math.sqrt(x.speed_variance),
+            }
         return Estimate(
             time_ns=now_ns,
+            fix_time_ns=0 if x is None else self._time_ns,
             problem=problem,
-            rejected=tally.rejected,
-            rejection=tally.rejection,
-            restarts=tally.restarts,
+            rejected=self._rejected,
+            rejection=self._rejection,
+            restarts=self._restarts,
             clock_off_s=self._clock.seconds,
-        )
-
-    def _estimate(self, now_ns: int, x: Track, problem: Problem | None) -> Estimate:
-        """Return the estimate of a state."""
-        stands = self._monitors.standstill.stands
-        return replace(
-            self._counted(now_ns, problem),
-            fix_time_ns=self._time_ns,
-            s_m=x.s,
-            speed_mps=min(x.speed_mps, self._motion.fastest_mps),
-            position_sd_m=math.sqrt(x.ss),
-            speed_sd_mps=SLOW_MPS if stands else math.sqrt(x.speed_variance),
+            **found,
         )
 
     def _take_next(self, fix: PositionFix, x: Track, span_s: float) -> None:
@@ -356,9 +316,9 @@ class Localisation:
             if not math.isnan(fix.s_m):
                 self._doubt(fix)
             return
-        stood = self._monitors.standstill.stands
-        self._monitors.standstill.notice(fix, sds.speed_mps, expected.v)
-        if self._monitors.standstill.stands:
+        stood = self._standstill.stands
+        self._standstill.notice(fix, sds.speed_mps, expected.v)
+        if self._standstill.stands:
             self._accept(fix, self._motion.stand(x, fix, span_s))
             return
         if stood:
@@ -368,25 +328,25 @@ class Localisation:
     def _begin(self, fix: PositionFix) -> None:
         """Begin the state from this fix alone."""
         state = self._motion.begin(fix)
-        self._monitors.standstill = Standstill()
-        self._monitors.standstill.notice(fix, deviations(fix).speed_mps, state.v)
+        self._standstill = Standstill()
+        self._standstill.notice(fix, deviations(fix).speed_mps, state.v)
         self._accept(fix, state, begins=True)
 
     def _accept(self, fix: PositionFix, state: Track, *, begins: bool = False) -> None:
         """Take over the state that results from an accepted fix."""
         if self._track is not None:
-            self._monitors.usability.accept((fix.time_ns - self._time_ns) * NS)
-        self._monitors.frozen.accept(fix, begins=begins)
+            self._usability.accept((fix.time_ns - self._time_ns) * NS)
+        self._frozen.accept(fix, begins=begins)
         self._track, self._time_ns, self._problem = state, fix.time_ns, None
-        self._monitors.doubts.clear()
+        self._doubts.clear()
 
     def _reject(self, problem: Problem) -> None:
         """Count a rejected fix, and keep why it was rejected."""
-        self._tally.rejected += 1
-        self._problem = self._tally.rejection = problem
+        self._rejected += 1
+        self._problem = self._rejection = problem
 
     def _doubt(self, fix: PositionFix) -> None:
         """Keep a rejected fix; if enough of them agree, the state was wrong and restarts from this fix."""
-        if self._monitors.doubts.add(fix):
-            self._tally.restarts += 1
+        if self._doubts.add(fix):
+            self._restarts += 1
             self._begin(fix)

@@ -1,18 +1,18 @@
-"""Whether a fix can be true: by itself, compared with the estimate, and after another fix.
+"""Whether a fix can be true, by itself, compared with the estimate, and after other fixes; whether the train stands.
 
-The module also judges whether the train stands, and whether a receiver has frozen, both by the measured speeds.
-Rejected fixes are collected: enough of them that agree with each other show that the estimate was wrong.
+Rejected fixes that agree with each other show that the estimate was wrong, not the fixes.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
+import statistics
 from collections import deque
 from typing import Final
 
 from das.domain.units import NS
-from das.estimate.estimate import Problem, ProblemKind
-from das.estimate.fix import Deviations, PositionFix, Quality, deviations
+from das.estimate.estimate import SPEED_LATE_S, Deviations, PositionFix, Problem, ProblemKind, Quality, deviations
 from das.estimate.track_filter import HARD_MPS2, Track, position_variance, speed_variance
 
 BACKWARDS_MPS: Final = -0.3
@@ -38,8 +38,7 @@ STANDS_AFTER_S: Final = 2.0
 SETS_OFF_SDS: Final = 3.3
 """Standard deviations above which one speed ends a standstill: noise alone is that large once in 2 000 fixes."""
 CREEP_FIXES: Final = 5
-"""Number of speeds whose mean ends a standstill as well, where each alone is too slow to be distinguished from
-noise."""
+"""Number of speeds whose mean ends a standstill as well, where each alone may be noise."""
 FROZEN_WAY_M: Final = 2.0
 """Distance (m) by the measured speeds above which a position that stays the same is frozen."""
 COARSE_SDS: Final = 4.0
@@ -50,8 +49,7 @@ SILENCE_S: Final = 30.0
 AGREEING_FIXES: Final = 4
 """Rejected fixes in a row that, if they agree with each other, show that the estimate was wrong, not the fixes."""
 AGREEING_SPAN_S: Final = 2.0
-"""Least time (s) spanned by the rejected fixes that agree, because at 20 Hz four of them come within a fifth of a
-second."""
+"""Least time (s) that rejected fixes which agree span: at 20 Hz four of them come within 0.2 s."""
 STANDSTILL_MPS: Final = 0.3
 """Estimated or measured speed (m/s) below which a train counts as standing when stops and departures are judged."""
 
@@ -104,8 +102,7 @@ def _gate_m(x: Track, sds: Deviations) -> float:
 def follows(before: PositionFix, fix: PositionFix, fastest_mps: float) -> bool:
     """Return whether one train can have been at both fixes.
 
-    Between them it ran at speeds between the two measured ones; where none was measured, at any speed that the train
-    can have.
+    Between them it ran at speeds between the two measured ones; where none was measured, at any possible speed.
     """
     span_s, way_m = (fix.time_ns - before.time_ns) * NS, fix.s_m - before.s_m
     speeds = [x for x in (before.speed_mps, fix.speed_mps) if not math.isnan(x)] or [0.0, fastest_mps]
@@ -130,8 +127,7 @@ class Doubts:
     def add(self, fix: PositionFix) -> bool:
         """Add a rejected fix; return whether the estimate has to restart with it.
 
-        A fix that does not agree with the first and the last collected one replaces them all. A fix that is not newer
-        than the last one changes nothing.
+        One that does not agree with the first and the last replaces them all; one not newer than the last is ignored.
         """
         first, last = self._first, self._last
         if first is None or last is None:
@@ -194,18 +190,14 @@ class FrozenReceiver:
     """Detects a frozen receiver: by its speeds the train moves on while the position stays the same."""
 
     def __init__(self) -> None:
-        self._first: PositionFix | None = None
+        self.first: PositionFix | None = None
+        """The first of the accepted fixes in a row that repeat each other; None before any fix was accepted."""
         self._repeated_ns = 0
         self._way_m = 0.0
 
-    @property
-    def first(self) -> PositionFix | None:
-        """The first of the accepted fixes in a row that repeat each other; None before any fix was accepted."""
-        return self._first
-
     def judge(self, fix: PositionFix) -> Problem | None:
         """Return the problem of a fix whose position stays the same although the speeds show that the train moves."""
-        first, silent_s = self._first, (fix.time_ns - self._repeated_ns) * NS
+        first, silent_s = self.first, (fix.time_ns - self._repeated_ns) * NS
         if first is None or fix.s_m != first.s_m or silent_s > SILENCE_S:
             self._way_m = 0.0
             return None
@@ -218,6 +210,106 @@ class FrozenReceiver:
 
     def accept(self, fix: PositionFix, *, begins: bool) -> None:
         """Take note of a fix that was accepted. `begins` says that the estimate restarts with it."""
-        if begins or self._first is None or not fix.repeats(self._first):
-            self._first = fix
+        if begins or self.first is None or not fix.repeats(self.first):
+            self.first = fix
         self._repeated_ns = fix.time_ns
+
+
+OFF_FACTOR: Final = 1.4
+"""Factor within which both the whole distance and the median step must yield the scale: a jump of the position, or a
+spinning wheel, affects only one of the two."""
+WINDOW_S: Final = 10.0
+"""Time (s) whose fixes are compared."""
+FIRST_WINDOW_S: Final = 60.0
+"""Time (s) whose fixes are compared until the speeds are confirmed; a slow train needs longer."""
+OTHER_UNIT_PROBABILITY: Final = 0.5
+"""Probability, before anything is compared, that a sender sends another unit."""
+LEAST_FIXES: Final = 4
+"""Least number of fixes that are compared, at any rate."""
+LONGEST_GAP_S: Final = 6.0
+"""After a longer time without a fix, the comparison restarts."""
+APART_SDS: Final = 4.0
+"""Standard deviations of the difference of two positions by which the distances by speeds and by positions must differ
+to detect another unit or to exclude all others permanently."""
+APART_LEAST_M: Final = 10.0
+"""Least difference (m) of the two distances, for any stated accuracy of the sensors."""
+FACTORS: Final = (3.6, 1.0 / 3.6, 1000.0, 0.001)
+"""Speeds in km/h for m/s, or m/s converted once too often; speeds in mm/s or positions in km, or the reverse."""
+NEAREST: Final = FACTORS[:2]
+"""Factors that are compared; the distance covered excludes all others much earlier."""
+
+
+class SpeedScale:
+    """Compares the measured speeds of the last seconds with the distance between the measured positions."""
+
+    def __init__(self) -> None:
+        self._fixes: deque[PositionFix] = deque()
+        self.factor = 1.0
+        """The factor by which the speeds are too high; 1 unless it is a known one."""
+        self._confirmed = False
+        self._unit_sd_ratio = 0.0
+
+    def unit_sd_mps(self, speed_mps: float) -> float:
+        """Return one standard deviation of a speed (m/s) from the units that are not excluded yet."""
+        return 0.0 if self._confirmed or not self._fixes else self._unit_sd_ratio * speed_mps
+
+    @property
+    def problem(self) -> Problem | None:
+        """The problem of every fix while the speeds are a multiple of those from the positions; else None."""
+        return Problem(ProblemKind.SPEED_UNIT, self.factor) if self.factor != 1.0 else None
+
+    def judge(self, fix: PositionFix) -> Problem | None:
+        """Return the problem of a fix whose speed, like those before it, is a multiple of the one from the positions.
+
+        It remains one until the speeds match the distance again. Any fix may be given, also one rejected elsewhere.
+        """
+        fixes = self._fixes
+        if fix.quality is Quality.INVALID or not abs(fix.s_m) <= LARGEST_M:
+            return self.problem
+        if fixes and not 0 < (fix.time_ns - fixes[-1].time_ns) * NS <= LONGEST_GAP_S:
+            if fix.time_ns == fixes[-1].time_ns:
+                return self.problem
+            fixes.clear()
+        if not abs(fix.speed_mps) <= LARGEST_M:
+            return self.problem
+        fixes.append(fix)
+        if abs(fix.speed_mps) <= EXPECTED_SLOW_MPS:
+            self._confirmed = True  # A train that stands has the same speed in every unit.
+        window_s = WINDOW_S if self._confirmed else FIRST_WINDOW_S
+        while len(fixes) > LEAST_FIXES and (fix.time_ns - fixes[1].time_ns) * NS >= window_s:
+            fixes.popleft()
+        self._compare(list(fixes))
+        return self.problem
+
+    def _compare(self, fixes: list[PositionFix]) -> None:
+        """Find the factor from the fixes of the last seconds; it is unchanged if they are inconclusive."""
+        way_m, all_m = 0.0, 0.0
+        ratios: list[float] = []
+        for before, after in itertools.pairwise(fixes):
+            way, mean_mps = after.s_m - before.s_m, 0.5 * (max(before.speed_mps, 0.0) + max(after.speed_mps, 0.0))
+            said = mean_mps * (after.time_ns - before.time_ns) * NS
+            way_m, all_m = way_m + way, all_m + said
+            ratios.append(said / way if way > 0 else math.inf)
+        error_m = max(APART_SDS * math.sqrt(2.0) * deviations(fixes[-1]).position_m, APART_LEAST_M)
+        self._weigh(way_m, all_m, error_m / APART_SDS)
+        if len(fixes) < LEAST_FIXES or way_m <= 0 or max(way_m, all_m) <= error_m:
+            return
+        each = statistics.median(ratios)
+        # Delayed speeds are too high while the train brakes, too low while it accelerates.
+        late_m = 2.0 * SPEED_LATE_S * (fixes[0].speed_mps - fixes[-1].speed_mps)
+        for factor in (1.0, *FACTORS):
+            sign = math.copysign(1.0, factor - 1.0)
+            told = factor == 1.0 or sign * (all_m - way_m) > error_m + max(sign * late_m, 0.0)
+            if told and all(1.0 / OFF_FACTOR < ratio / factor < OFF_FACTOR for ratio in (all_m / way_m, each)):
+                self.factor = factor
+
+    def _weigh(self, way_m: float, said_m: float, sd_m: float) -> None:
+        """Weigh the nearest other units by how well each explains the distance (Bayes), whose deviation is `sd_m`."""
+        least = 0.5 * ((way_m - said_m) / sd_m) ** 2
+        nearest, odds, squares = math.inf, 0.0, 0.0
+        for factor in NEAREST:
+            against = 0.5 * ((way_m - said_m / factor) / sd_m) ** 2 - least
+            odd = OTHER_UNIT_PROBABILITY / len(NEAREST) * math.exp(min(-against, 700.0))
+            nearest, odds, squares = min(nearest, against), odds + odd, squares + odd * (1.0 - 1.0 / factor) ** 2
+        self._confirmed |= self.factor == 1.0 and nearest > 0.5 * APART_SDS**2
+        self._unit_sd_ratio = math.sqrt(squares / (1.0 - OTHER_UNIT_PROBABILITY + odds))

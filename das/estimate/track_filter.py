@@ -1,18 +1,16 @@
 """A Kalman filter along the track for the position, speed and acceleration, and for the slow errors of the sensors.
 
-State x = (s, v, a, b, c, g): the position, the speed and the acceleration as the speeds are measured, and three errors.
-Between fixes the acceleration is a random walk driven by white jerk of density q. The errors b of the measured position
-and c of the measured speed wander (first-order Gauss–Markov with time constant τ and standard deviations σ_b and σ_c).
-So does, far more slowly, the way g that the train runs for each metre by its speeds: wheels wear, diameters are set
-wrong.
+State x = (s, v, a, b, c, g): position, speed and acceleration as the speeds are measured, and three errors. The errors
+b of the measured position and c of the measured speed wander (first-order Gauss–Markov with time constant τ and
+standard deviations σ_b and σ_c), and so does, far more slowly, the way g that the train runs for each metre by its
+speeds: wheels wear.
 
     s' = g·v, v' = a, a' = white noise of density q
     b(t + dt) = e^(−dt/τ)·b + noise of variance σ_b²·(1 − e^(−2·dt/τ)), c and g − 1 likewise
 
 Sensors measure s + b and v + c, each with fresh noise of its own (Bar-Shalom, Li & Kirubarajan, Estimation with
-Applications to Tracking and Navigation, 2001, sections 6.2.3, 8.3 and 10.3). The positions tell g, so that no speed
-outweighs them for long, however exact its sender says it is. The matrices are written out in floats, because calling a
-matrix library takes longer than all of the computation.
+Applications to Tracking and Navigation, 2001, sections 6.2.3, 8.3 and 10.3). The matrices are written out in floats,
+because calling a matrix library takes longer than all of the computation.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ import math
 from typing import Final, NamedTuple
 
 from das.domain.vehicle import Vehicle
-from das.estimate.fix import OVERSPEED_RATIO, SPEED_LATE_S, PositionFix, Quality, deviations
+from das.estimate.estimate import OVERSPEED_RATIO, SPEED_LATE_S, PositionFix, Quality, deviations
 
 SPEED_SCALE_SD: Final = 0.04
 """Every speed is wrong by a share that the positions have to tell, whatever deviation its sender states: one
@@ -29,11 +27,9 @@ standard deviation for worn wheels (8 % between new and worn: 2.3 %), a diameter
 HARD_MPS2: Final = 1.0
 """Braking (m/s²) of which any train is about capable, whatever its traction."""
 EFFORT_LASTS_S: Final = 60.0
-"""Time (s) for which a driver holds an effort; the jerk density is 2·σ² over it, with σ half the hardest start or
-braking."""
+"""Time (s) for which a driver holds an effort; the jerk density is 2·σ² over it, σ half the hardest start or brake."""
 MANOEUVRE_SDS: Final = 3.0
-"""Deviation of a measured speed (standard deviations) above which the driver may have changed the effort: the
-acceleration counts as unknown again."""
+"""Deviation of a speed (standard deviations) above which the effort, and so the acceleration, may have changed."""
 WANDER_S = 30.0
 """Time constant (s) with which the errors of a receiver's position and speed wander (assumption)."""
 SCALE_WANDER_S = 3600.0
@@ -155,16 +151,6 @@ def stand(x: Track, dt: float, wander_sd_m: float) -> Track:
     return predict(x._replace(**dict.fromkeys(moving, 0.0)), dt, 0.0, wander_sd_m, 0.0, math.sqrt(x.gg))
 
 
-def set_off(x: Track, speed_sd_mps: float, acceleration_sd_mps2: float) -> Track:
-    """Return the state of a train that stood and may be moving now: its speed and acceleration are unknown."""
-    return x._replace(vv=speed_sd_mps**2, aa=acceleration_sd_mps2**2)
-
-
-def unknown_acceleration(x: Track, acceleration_sd_mps2: float) -> Track:
-    """Return the state after the driver may have changed the effort: the acceleration is less certain."""
-    return x._replace(aa=x.aa + acceleration_sd_mps2**2)
-
-
 def position_variance(x: Track) -> float:
     """Return the variance of s + b (m²), without the fresh noise of a fix."""
     return x.ss + 2.0 * x.sb + x.bb
@@ -190,7 +176,8 @@ def with_speed(x: Track, speed_mps: float, variance_m2ps2: float) -> Track:
 def _corrected(x: Track, column: tuple[float, ...], innovation: float, variance: float) -> Track:
     """Return x ← x + k·y/S and P ← P − k·kᵀ/S, with the column k = P·Hᵀ, the innovation y and its variance S."""
     s, v, a, b, c, g = column
-    gain_s, gain_v, gain_a, gain_b, gain_c, gain_g = (one / variance for one in column)
+    gain_s, gain_v, gain_a = s / variance, v / variance, a / variance
+    gain_b, gain_c, gain_g = b / variance, c / variance, g / variance
     speed = x.v + gain_v * innovation
     return Track(
         s=x.s + gain_s * innovation,
@@ -252,11 +239,12 @@ class TrainMotion:
 
         The driver is expected to hold the effort; where the measured speed contradicts that, the effort is unknown.
         """
-        speed_wander_sd_mps = self._speed_wander_sd_mps(fix, x.a)
+        # A receiver that filters its speeds sends them late; who states a deviation states this error as well.
+        speed_wander_sd_mps = 0.0 if fix.speed_uncertainty_mps > 0 else abs(SPEED_LATE_S * x.a)
         y = self._predicted(x, fix, span_s, speed_wander_sd_mps)
         speed_sd_mps = deviations(fix).speed_mps
         if abs(fix.speed_mps - y.v - y.c) > MANOEUVRE_SDS * math.sqrt(speed_variance(y) + speed_sd_mps**2):
-            x = unknown_acceleration(x, self._acceleration_sd_mps2)
+            x = x._replace(aa=x.aa + self._acceleration_sd_mps2**2)
             y = self._predicted(x, fix, span_s, speed_wander_sd_mps)
         return y
 
@@ -272,7 +260,7 @@ class TrainMotion:
 
     def set_off(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected at a fix of a train that has set off since the last fix."""
-        x = set_off(x, deviations(fix).speed_mps, self._acceleration_sd_mps2)
+        x = x._replace(vv=deviations(fix).speed_mps ** 2, aa=self._acceleration_sd_mps2**2)
         return self._predicted(x, fix, span_s, 0.0)  # It stood: c begins at 0.
 
     def corrected(self, y: Track, fix: PositionFix) -> Track:
@@ -282,13 +270,6 @@ class TrainMotion:
         if not math.isnan(fix.speed_mps):
             y = with_speed(y, fix.speed_mps, sds.speed_mps**2)
         return y if math.isnan(fix.s_m) else with_position(y, fix.s_m, sds.position_m**2)
-
-    def _speed_wander_sd_mps(self, fix: PositionFix, a_mps2: float) -> float:
-        """Return the standard deviation of the part of a speed's error that wanders; 0 if the sender states its error.
-
-        A receiver that filters its speeds sends them late.
-        """
-        return 0.0 if fix.speed_uncertainty_mps > 0 else abs(SPEED_LATE_S * a_mps2)
 
     def _wandering_sd_m(self, fix: PositionFix) -> float:
         """Return the standard deviation of the part of a position's error that wanders.

@@ -3,50 +3,184 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from das.command_line.application import run_app, single_command
-from das.node.options import FASTEST_HZ, SLOWEST_HZ, AdviceGiven, LineServed, NodeOptions, NodePlace, TrainServed
+from das.command_line.application import imported, run_app, single_command
+from das.command_line.options import (
+    NODE_ENDPOINT,
+    BusPlace,
+    FromOption,
+    LevelOption,
+    LoadOption,
+    LossMapOption,
+    PointMassOption,
+    ReverseOption,
+    RouteOption,
+    TablesOption,
+    ToOption,
+    VehicleOption,
+    WithParentOption,
+    listen_option,
+)
+from das.domain.braking import REACTION_S
+
+FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
+"""The bounds of `--rate`, the rate of advice (Hz)."""
+
+
+class ClockKind(StrEnum):
+    """The clock that the node follows."""
+
+    WALL = "wall"
+    BUS = "bus"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineServed:
+    """The line on which the node advises."""
+
+    route: RouteOption
+    reverse: ReverseOption = False
+    from_stop: FromOption = None
+    to_stop: ToOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainServed:
+    """The train of the node, and other trains that a journey may name."""
+
+    vehicle: VehicleOption
+    load: LoadOption = None
+    level: LevelOption = None
+    loss_map: LossMapOption = None
+    point_mass: PointMassOption = False
+    other_vehicle: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--other-vehicle",
+            metavar="VEHICLE",
+            help="Another train that a journey may name, in addition to the bundled ones (may be repeated).",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodePlace(BusPlace):
+    """Where on the bus the node sends and receives."""
+
+    listen: Annotated[str | None, listen_option(NODE_ENDPOINT)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuideGiven:
+    """Whether the driver is led by the guide, and how drivers brake."""
+
+    guide: Annotated[
+        bool,
+        typer.Option(
+            "--guide/--no-guide",
+            help="Lead the driver along a reference plan that the guide keeps as long as possible.",
+        ),
+    ] = True
+    planning_brake: Annotated[
+        float | None,
+        typer.Option(
+            "--planning-brake",
+            metavar="M/S2",
+            min=0.1,
+            max=1.5,
+            help="Deceleration that plans assume for limits and stops: the usual one of local drivers "
+            "[default: the train's service deceleration].",
+            show_default=False,
+        ),
+    ] = None
+    reaction: Annotated[
+        float,
+        typer.Option(
+            "--reaction",
+            metavar="S",
+            min=0.0,
+            max=10.0,
+            help="Reaction time that plans allow for before braking.",
+        ),
+    ] = REACTION_S
+    below_limit: Annotated[
+        float,
+        typer.Option("--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin of plans below every limit."),
+    ] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdviceGiven:
+    """How the node advises."""
+
+    rate: Annotated[
+        float,
+        typer.Option(
+            "--rate",
+            metavar="HZ",
+            help=f"Rate of advice (Hz) with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}; with the "
+            "bus clock, the expected rate of Control messages.",
+        ),
+    ] = 1.0
+    clock: Annotated[
+        ClockKind,
+        typer.Option("--clock", help="wall: advise at --rate; bus: advise at every Control message of a simulation."),
+    ] = ClockKind.WALL
+    calibrate: Annotated[
+        bool,
+        typer.Option("--calibrate", help="Estimate mass and resistance from the measured efforts, and plan with them."),
+    ] = False
+    no_restrictions: Annotated[
+        bool,
+        typer.Option(
+            "--no-restrictions",
+            help="Advise without waiting for a list of temporary restrictions, at a site that has none.",
+        ),
+    ] = False
+    led: GuideGiven
+    tables: TablesOption = None
+    with_parent: WithParentOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeOptions:
+    """All options of das-node."""
+
+    line: LineServed
+    driven: TrainServed
+    place: NodePlace
+    advice: AdviceGiven
+
 
 EXAMPLES = (
     "das-node --route zurich-luzern --vehicle re460-ic --from 'Zürich HB' --to Zug --train IC1",
     "das-node --route route.toml --vehicle vehicle.toml --train IC1 --tables tables --calibrate",
     "das-node tls-init -h",
 )
+TLS_EXAMPLES = ("das-node tls-init bus-tls --train IC1",)
 
 
-def advise(line: LineServed, driven: TrainServed, place: NodePlace, advice: AdviceGiven) -> None:
+def advise(options: NodeOptions) -> None:
     """Advise a train: hear journey, position and delay on the bus, publish speed and force advice.
 
     The node advises only after it has heard a list of the temporary restrictions in force, possibly an empty one.
     """
     from das.domain.errors import DasError
 
-    if not SLOWEST_HZ <= advice.rate <= FASTEST_HZ:
-        raise DasError(f"--rate {advice.rate:g}: expected {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz")
-    from das.node.process import serve
-
-    serve(NodeOptions(line=line, driven=driven, place=place, advice=advice))
+    if not SLOWEST_HZ <= options.advice.rate <= FASTEST_HZ:
+        raise DasError(f"--rate {options.advice.rate:g}: expected {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz")
+    imported("das.node.process:serve")(options)
 
 
-tls_app = typer.Typer(
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
 LAST_PORT = 65535
 
 
-@tls_app.callback()
-def _several() -> None:
-    """Keep `tls-init` a word of the command line: typer drops the name of a command that is the only one."""
-
-
-@tls_app.command("tls-init", epilog="Example: das-node tls-init bus-tls --train IC1")
 def tls_init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to create; must not exist yet.")],
     train: Annotated[str, typer.Option(help="Train name, the second part of every key.")] = "train-1",
@@ -80,6 +214,7 @@ def tls_init(
 def main() -> None:
     """Entry point of das-node: run `tls-init` if that is the first word, else advise."""
     if sys.argv[1:2] == ["tls-init"]:
-        run_app(tls_app, "das-node")
+        del sys.argv[1]
+        run_app(single_command("das-node tls-init", tls_init, TLS_EXAMPLES), "das-node tls-init")
     else:
         run_app(single_command("das-node", advise, EXAMPLES), "das-node")

@@ -1,7 +1,4 @@
-"""The node connects the bus, a clock and the cab; the cab makes every decision.
-
-The clock is the wall clock, or the clock of a simulation, whose time the node receives on the bus.
-"""
+"""The node connects the bus, a clock (wall or simulation) and the cab; the cab makes every decision."""
 
 from __future__ import annotations
 
@@ -13,14 +10,13 @@ from das.bus.session import Bus
 from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, STATUS, TARGET, Received
 from das.cab.cab import Cab
 from das.cab.heard import ClockSet, Kind, NodeSeen, PublisherSeen
-from das.cab.outputs import Event, NodeState, Output, Severity, Status
+from das.cab.outputs import Event, NodeState, Output, Status
 from das.command_line.printing import say
 from das.domain.clocks import WALL, Clocks
 from das.domain.units import NS
 
 LEAST_STEP_S = 0.05
-"""Step (s) of the wall clock against the monotonic clock from which it counts as set; a smaller one may come from the
-delay between the two readings."""
+"""Step (s) of the wall clock from which it counts as set; less may be the delay between reading two clocks."""
 
 
 class WallClock:
@@ -175,7 +171,3 @@ class Node:
     def status(self, state: NodeState, reason: str) -> None:
         """Publish the state of the process, besides the outputs of the cab."""
         self.publish([Status(time_ns=self.clock.now_ns(), state=state, reason=reason)])
-
-    def event(self, text: str) -> None:
-        """Publish a warning about the process, for people to read."""
-        self.publish([Event(time_ns=self.clock.now_ns(), severity=Severity.WARNING, text=text)])

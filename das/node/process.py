@@ -1,7 +1,4 @@
-"""The process das-node: it builds the cab from its options and runs the node until stopped.
-
-`run` decides when to check for messages and when to advise.
-"""
+"""The process das-node: it builds the cab from its options and runs the node until stopped."""
 
 from __future__ import annotations
 
@@ -11,16 +8,14 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from das.bus.access import Refusals
 from das.bus.config import bus_options
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET
-from das.cab.cab import Cab, CabSettings, no_stopwatch
-from das.cab.fronts import Fronts
+from das.cab.cab import Cab, CabSettings, no_stopwatch, warm_up
 from das.cab.orders import Post, Trains
 from das.cab.outputs import NodeState
+from das.cab.preparation import Fronts
 from das.cab.situation import Situation
-from das.cab.warm_up import warm_up
 from das.command_line.files import load_route, load_vehicle, warn_of_braking, warn_unusual
 from das.command_line.options import NODE_ENDPOINT
 from das.command_line.printing import loading_solver, say
@@ -29,11 +24,10 @@ from das.domain.braking import SiteBraking
 from das.domain.clocks import MONOTONIC_S, WALL_STOPWATCH
 from das.domain.errors import DasError
 from das.domain.files.vehicles import read_loss_map
-from das.domain.route import Route, section_stops
+from das.domain.route import section_stops
 from das.domain.units import KMH
-from das.domain.vehicle import Vehicle
+from das.node.command import ClockKind, NodeOptions
 from das.node.node import BusClock, Node, WallClock
-from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, TrainServed
 
 LOOK_S = 0.1
 """Longest interval (s) between two checks of the clock and for messages."""
@@ -46,8 +40,7 @@ WAITING_SAID_EVERY_S = 1.0
 SWITCH_S = 0.0005
 """Python's switch interval (s): the time for which the thread that solves a front may delay the one that advises."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
-"""Parameter of glibc's mallopt, and the least size (bytes) of a block that is mapped, and goes back to the system when
-it is freed."""
+"""Parameter of glibc's mallopt: blocks of so many bytes go back to the system when they are freed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,10 +61,14 @@ class CabPlan:
 def plan_cab(options: NodeOptions) -> CabPlan:
     """Read the files named in the options. Raises DasError for anything unusable."""
     line, driven, advice = options.line, options.driven, options.advice
+    by_wall = advice.clock is ClockKind.WALL
     if advice.tables is not None and not advice.led.guide:
         raise DasError(f"--tables {advice.tables}: tables have the guide's departures: expected no --no-guide")
-    route, stops_m = _line(line)
-    base = _vehicle(driven)
+    route = load_route(line.route)
+    route = route.reversed() if line.reverse else route
+    start, end = section_stops(route, line.from_stop, line.to_stop)
+    base = load_vehicle(driven.vehicle)
+    base = base if driven.loss_map is None else base.with_loss_map(read_loss_map(driven.loss_map))
     started = base if driven.load is None else base.loaded(driven.load)
     trains = Trains(started, base, driven.other_vehicle or ())
     warn_unusual(*trains.known)
@@ -91,40 +88,19 @@ def plan_cab(options: NodeOptions) -> CabPlan:
             ),
         ),
         fronts=Fronts(advice.tables),
-        settings=_settings(advice),
-        stops_m=stops_m,
+        settings=CabSettings(
+            advice_period_s=1.0 / advice.rate,
+            no_restrictions=advice.no_restrictions,
+            calibrate=advice.calibrate,
+            background=by_wall,
+            guide=advice.led.guide,
+            stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
+        ),
+        stops_m=[x.position_m for x in route.stops if start.position_m <= x.position_m <= end.position_m],
     )
 
 
-def _line(line: LineServed) -> tuple[Route, list[float]]:
-    """The route in the direction of travel, and the positions (m) of the stops that the node serves."""
-    route = load_route(line.route)
-    route = route.reversed() if line.reverse else route
-    start, end = section_stops(route, line.from_stop, line.to_stop)
-    return route, [x.position_m for x in route.stops if start.position_m <= x.position_m <= end.position_m]
-
-
-def _vehicle(driven: TrainServed) -> Vehicle:
-    """The train before a load state is applied, with the loss map named in the options, if any."""
-    vehicle = load_vehicle(driven.vehicle)
-    return vehicle.with_loss_map(read_loss_map(driven.loss_map)) if driven.loss_map is not None else vehicle
-
-
-def _settings(advice: AdviceGiven) -> CabSettings:
-    by_wall = advice.clock is ClockKind.WALL
-    return CabSettings(
-        advice_period_s=1.0 / advice.rate,
-        no_restrictions=advice.no_restrictions,
-        calibrate=advice.calibrate,
-        background=by_wall,
-        guide=advice.led.guide,
-        stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
-    )
-
-
-def run(
-    node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float, seconds: Callable[[], float] = MONOTONIC_S
-) -> None:
+def run(node: Node, stop: StopFlag, period_s: float, seconds: Callable[[], float] = MONOTONIC_S) -> None:
     """Run the node until stopped. With the wall clock, advise once per period and whenever the situation changes.
 
     `seconds` never jump; they determine when a period is over.
@@ -138,8 +114,6 @@ def run(
         node.look_around()
         if received is not None:
             node.take(received)
-        for text in refusals.take() if refusals else ():
-            node.event(text)
         now = seconds()
         if by_wall and (now >= due or (node.cab.urgent and now - last >= LEAST_GAP_S)):
             node.tick(node.clock.now_ns())
@@ -168,7 +142,6 @@ def serve(options: NodeOptions) -> None:
     plan = plan_cab(options)
     heard = (JOURNEY, RESTRICTION, TARGET, POSITION, DELAY, CONTROL, *([EFFORT] if advice.calibrate else []))
     made = Bus(place.train, listen=listen, connect=place.connect or [], hear=heard, file=file)
-    refusals = Refusals().listen() if file else None
     with made as bus, contextlib.closing(plan.cab()) as cab:
         node = Node(bus, cab, WallClock() if advice.clock is ClockKind.WALL else BusClock())
         _begin(node, plan.stops_m)
@@ -176,7 +149,7 @@ def serve(options: NodeOptions) -> None:
         say(f"das-node {place.train}: {served.route.id}, {served.vehicle.id}, {where}")
         if not cab.has_journey:
             node.status(NodeState.WAITING, "waiting for a journey")
-        run(node, StopFlag(with_parent=advice.with_parent), refusals, 1.0 / advice.rate)
+        run(node, StopFlag(with_parent=advice.with_parent), 1.0 / advice.rate)
         node.status(NodeState.STOPPING, "stopped")
 
 

@@ -3,9 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
 
-from das.command_line.application import run_command, single_command
-from das.recorder.options import RecorderOptions
+import typer
+
+from das.command_line.application import imported, run_command, single_command
+from das.command_line.options import RECORDER_ENDPOINT, BusPlace, WithParentOption, listen_option
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderPlace(BusPlace):
+    """Where on the bus the recorder listens."""
+
+    listen: Annotated[str | None, listen_option(RECORDER_ENDPOINT)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileMade:
+    """The file to record into, and what it holds besides the messages."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="Recording (.mcap) to write; if it exists, a new one is written next to it [default: TRAIN.mcap].",
+        ),
+    ] = None
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the recording if it exists already.")] = False
+    metadata: Annotated[
+        str | None,
+        typer.Option("--metadata", metavar="JSON", help="JSON object of texts, stored as metadata record 'run'."),
+    ] = None
+    attach: Annotated[
+        list[Path] | None,
+        typer.Option("--attach", metavar="FILE", help="File to attach to the recording (may be repeated)."),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderOptions:
+    """All options of das-record."""
+
+    place: RecorderPlace
+    made: FileMade
+    start_ns: Annotated[
+        int | None,
+        typer.Option(
+            "--start-ns",
+            metavar="NS",
+            help="The run's clock before its first Control message, ns since 1970 [default: the time of day].",
+        ),
+    ] = None
+    with_parent: WithParentOption = None
+
 
 EXAMPLES = (
     "das-record --train IC1 -o ic1.mcap --connect tcp/127.0.0.1:7447 --connect tcp/127.0.0.1:7448",
@@ -19,9 +73,7 @@ def record(options: RecorderOptions) -> None:
     It receives messages from the processes to which it connects, by default the node. Each message is on the disk
     within a second.
     """
-    from das.recorder.process import record as run
-
-    run(options)
+    imported("das.recorder.process:record")(options)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from das import __version__
-from das.bus.access import Refusals
 from das.bus.config import BusFile, bus_options
 from das.bus.recorder import Recorder, RecordingFile
 from das.bus.sealing import MAGIC
@@ -20,7 +19,7 @@ from das.command_line.process import StopFlag
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from das.recorder.options import FileMade, RecorderOptions
+from das.recorder.command import FileMade, RecorderOptions
 
 MOST_WAITING = 20_000
 """Largest number of messages that may wait while the disk is slow; beyond it the oldest are lost and counted."""
@@ -82,8 +81,6 @@ def _bus(options: RecorderOptions) -> tuple[Bus, str]:
     listen = None if file else check_endpoint(RECORDER_ENDPOINT if place.listen is None else place.listen)
     alone = file is not None or place.listen is not None
     connect = [check_endpoint(one) for one in place.connect or ([] if alone else [NODE_ENDPOINT])]
-    if file is not None:
-        Refusals().listen()
     bus = Bus(place.train, listen=listen, connect=connect, hear=RECORDED, file=file, waiting=MOST_WAITING)
     listens = f"listening on {listen}, connecting to {' and '.join(connect) or 'nobody'}"
     return bus, f"on the bus of {file.path}" if file else listens

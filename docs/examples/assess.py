@@ -1,10 +1,10 @@
 import das
 from das.cab import heard, outputs
 from das.cab.cab import Cab, CabSettings
-from das.cab.fronts import Fronts
 from das.cab.orders import Post, Trains
+from das.cab.preparation import Fronts
 from das.cab.situation import Situation
-from das.estimate.fix import Effort, PositionFix
+from das.estimate.estimate import Effort, PositionFix
 
 S, zero = 10**9, 1_800_000_000 * 10**9  # Times are whole nanoseconds since 1970.
 route, train = das.load_route("flat-6km"), das.load_vehicle("re460-ic")

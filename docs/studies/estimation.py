@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from das.domain.files.load import load_vehicle
 from das.domain.units import NS
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from das.estimate.localisation import Localisation
 from sim.plant.kernels import PlantState
 

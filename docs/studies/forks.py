@@ -60,7 +60,7 @@ def main() -> None:
     if len(waiting) > available_cores():
         for module in IMPORTED:
             importlib.import_module(module)
-        importlib.import_module("das.cab.warm_up").warm_up()
+        importlib.import_module("das.cab.cab").warm_up()
     codes = [1] * len(waiting)
     running: dict[Any, tuple[int, ForkProcess]] = {}
     while waiting or running:

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 from typer.core import TyperCommand
-from typer.main import get_command
 
 import das.node.command
 import das.recorder.command
@@ -50,8 +49,7 @@ def commands() -> dict[str, Any]:
                 found[f"{program}-{entry.name}"] = entry.load()
             found |= {f"{program}-{entry.name}-{one.name}": one.load() for one in entry.entries}
     found["das-node"] = single_command("das-node", das.node.command.advise, ())
-    (tls_init,) = get_command(das.node.command.tls_app).commands.values()  # type: ignore[attr-defined]
-    found["das-node-tls-init"] = tls_init
+    found["das-node-tls-init"] = single_command("das-node tls-init", das.node.command.tls_init, ())
     found["das-record"] = single_command("das-record", das.recorder.command.record, ())
     return found
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.given import refuse_given
+from das.command_line.application import refuse_given
 from das.command_line.printing import busy, loading_solver
 from das.domain.errors import DasError
 from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from das.command_line.application import refuse_given
 from das.command_line.files import check_outputs, check_picture, load_route, load_vehicle
-from das.command_line.given import refuse_given
 from das.command_line.options import (
     FromOption,
     JsonOption,

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 
 import typer
 
+from das.command_line.application import is_given, refuse_given
 from das.command_line.files import load_route, load_vehicle
-from das.command_line.given import is_given, refuse_given
 from das.command_line.options import JsonOption, LoadOption, ModeOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, warn
 from das.domain.errors import DasError

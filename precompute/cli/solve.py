@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from das.command_line.given import refuse_given
+from das.command_line.application import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, steps_bar
 from precompute.baselines import Strategy

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from das.advice.wording import Language
-from das.command_line.given import refuse_given
+from das.command_line.application import refuse_given
 from das.command_line.options import JsonOption
 from das.command_line.printing import busy, loading_solver, say
 from das.domain.errors import DasError
@@ -154,7 +154,7 @@ def _drive_at_desk(
 def _driven(read: Scenario, asked: DayAsked, how: How, out: Path | None, factor: float) -> DayResult:
     """Prepare the day while the person reads the page, then let the person drive it."""
     with loading_solver():
-        from das.cab.warm_up import warm_up
+        from das.cab.cab import warm_up
         from sim.world.external import AT_THE_DESK, ExternalDriver
 
         warm_up()

@@ -12,8 +12,8 @@ from typing import Annotated, Final
 
 import typer
 
+from das.command_line.application import refuse_given
 from das.command_line.files import check_outputs, load_route, load_vehicle
-from das.command_line.given import refuse_given
 from das.command_line.options import FromOption, OverwriteOption, ReverseOption, ToOption
 from das.command_line.printing import busy, tell, typed
 from das.domain.errors import DasError

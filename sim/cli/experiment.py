@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from das.command_line.given import refuse_given
+from das.command_line.application import refuse_given
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption
 from das.command_line.printing import busy, paragraph
 from das.domain.errors import DasError

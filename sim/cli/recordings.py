@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from das.command_line.application import refuse_given
 from das.command_line.files import check_outputs
-from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, progress_bar, tell, typed
 from das.domain.files.writing import new_file
@@ -132,7 +132,7 @@ def reproduce(
     The exit code is 1 where something differs, 0 where nothing does.
     """
     with loading_solver():
-        from das.cab.warm_up import warm_up
+        from das.cab.cab import warm_up
         from sim.runs.reproduce import reproduce as run
 
         warm_up()

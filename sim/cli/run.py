@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from das.command_line.given import is_given, refuse_given
+from das.command_line.application import is_given, refuse_given
 from das.command_line.options import JsonOption
 from das.command_line.printing import loading_solver, one_line, say, typed
 from das.domain.errors import DasError
@@ -82,7 +82,7 @@ def run(
     recorded.check()
     listens = _driver_at(who, in_process, recorded.bus, driver_at)
     with loading_solver(LATE_KERNELS):
-        from das.cab.warm_up import warm_up
+        from das.cab.cab import warm_up
         from sim.drivers.own_class import driver_versions
         from sim.drivers.parameters import participant_of
         from sim.world.driving import How

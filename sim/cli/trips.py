@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from das.command_line.application import refuse_given
 from das.command_line.files import check_outputs, check_picture
-from das.command_line.given import refuse_given
 from das.command_line.options import (
     JsonOption,
     OutRecordingOption,
@@ -144,7 +144,7 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
 def load_solver() -> None:
     """Load the compiled solver, or compile it. A signal ends the process at once, so nothing may be open yet."""
     with loading_solver(LATE_KERNELS):
-        from das.cab.warm_up import warm_up
+        from das.cab.cab import warm_up
 
         warm_up()
 

@@ -22,7 +22,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from das.cab.warm_up import warm_up
+from das.cab.cab import warm_up
 from das.command_line.printing import progress_bar
 from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError

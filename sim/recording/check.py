@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from das import __version__
 from das.advice.regimes import Regime
 from das.bus import topics
-from das.bus.contents import Contents, read_contents
-from das.bus.recording import Recording, Stamped, recording_of
+from das.bus.recording import Contents, Recording, Stamped, read_contents, recording_of
 from das.bus.topics import TOPICS, Topic
 from das.cab.outputs import NodeState
 from das.domain.units import NS

@@ -19,8 +19,7 @@ from typing import Any, Final, TypeVar
 from mcap import records
 
 from das.bus import topics
-from das.bus.contents import Contents
-from das.bus.recording import Recording
+from das.bus.recording import Contents, Recording
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
 from das.domain.files.reading import read_toml

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Final
 
 from das.bus import topics
-from das.bus.contents import Contents, read_contents
 from das.bus.recorder import RecordingFile
-from das.bus.recording import Recording, recording_of
+from das.bus.recording import Contents, Recording, read_contents, recording_of
 from das.command_line.printing import warn
 from das.domain.clocks import Clocks
 from das.domain.errors import DasError

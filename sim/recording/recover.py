@@ -10,8 +10,8 @@ from mcap import records
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from das.bus.contents import RECOVERED, Raw, read_raw
 from das.bus.recorder import CHUNK_BYTES, LIBRARY, schema_of
+from das.bus.recording import RECOVERED, Raw, read_raw
 from das.bus.scanning import UNCHECKED, Health
 from das.bus.sealing import CHANNELS, NUMBERED, RECORDING, sealed
 from das.bus.topics import topic_of

@@ -12,15 +12,14 @@ from typing import Any, Final, NamedTuple
 from typer.exceptions import TyperException
 
 from das.bus import codec, topics
-from das.bus.contents import Contents, RecordedMessage
-from das.bus.recording import Stamped
+from das.bus.recording import Contents, RecordedMessage, Stamped
 from das.bus.topics import ADVICE, CONTROL, EFFORT, JOURNEY, RESTRICTION, STATUS, TARGET, Received, Topic
 from das.cab.cab import Cab
 from das.cab.outputs import NodeState, Output
 from das.command_line.application import single_command
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
-from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, NodePlace, TrainServed
+from das.node.command import AdviceGiven, ClockKind, LineServed, NodeOptions, NodePlace, TrainServed
 from sim.recording.check import restarts_of
 from sim.recording.inputs import AttachedFiles
 from sim.recording.opening import NODE_ARGUMENTS

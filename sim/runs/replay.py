@@ -22,13 +22,13 @@ from das.bus import codec, das_pb2
 from das.bus.codec import Outgoing
 from das.bus.config import bus_folder
 from das.bus.topics import LOCATION, LOG, SAVING, TRUTH, check_train_name
+from das.cab.cab import warm_up
 from das.cab.heard import DelayHeard, JourneyHeard, OrderedStop, PositionHeard, RestrictionsHeard
-from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.domain.files.load import load_journey, locate_journey
 from das.domain.journey import Call, Journey
 from das.domain.units import NS
-from das.estimate.fix import PositionFix, Quality
+from das.estimate.estimate import PositionFix, Quality
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solution import Solution

@@ -14,9 +14,8 @@ from typing import Any, Final, NamedTuple
 from google.protobuf.json_format import MessageToDict
 from google.protobuf.message import Message
 
-from das.bus.contents import Contents
 from das.bus.recorder import LAST_NS, message_time_ns
-from das.bus.recording import recording_of
+from das.bus.recording import Contents, recording_of
 from das.bus.topics import ADVICE, ESTIMATE, EVENT, PLAN, STATUS, TOPICS
 from das.cab.cab import no_stopwatch
 from das.domain.errors import DasError

@@ -17,7 +17,7 @@ from das.domain.errors import DasError, InputError
 from das.domain.files.foreign import TRIPS, refuse_foreign
 from das.domain.route import Floats
 from das.domain.units import KM, KMH, NS
-from das.estimate.fix import Quality
+from das.estimate.estimate import Quality
 from sim.recording.opening import open_recording
 from sim.trips.cells import (
     LATITUDE_NAMES,

@@ -12,7 +12,7 @@ from das.advice.last_word import LastWord
 from das.cab.leg import Leg
 from das.domain.conditions import Conditions
 from das.domain.units import NS
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from das.estimate.localisation import Localisation
 from das.solver.guide.from_run import scheduled_run
 from das.solver.guide.in_time import in_time

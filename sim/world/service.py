@@ -16,8 +16,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from das.advice.advice import Timetable
-from das.cab.fronts import Fronts
 from das.cab.heard import JourneyHeard, OrderedStop
+from das.cab.preparation import Fronts
 from das.domain.braking import USUAL, ServiceBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError, RunawayError

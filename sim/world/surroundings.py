@@ -23,7 +23,7 @@ from das.cab.heard import (
 from das.domain.restriction import Restriction
 from das.domain.route import Stretches
 from das.domain.units import KM, kmh
-from das.estimate.fix import LEAST_SD_M, LEAST_SD_MPS, Effort, PositionFix, Quality
+from das.estimate.estimate import LEAST_SD_M, LEAST_SD_MPS, Effort, PositionFix, Quality
 from sim.drive.calls import KeptCall
 from sim.drive.limits import BEYOND_M, OVER_MPS, Violations
 from sim.drivers.cab import AT_STOP_M, AdviceView, CabView

@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from das.bus.contents import read_contents
 from das.bus.recorder import RecordingFile
-from das.bus.recording import read_recording
+from das.bus.recording import read_contents, read_recording
 from das.domain.errors import DasError
 from sim.cli.recordings import check, export, reproduce
 from sim.cli.review import view

@@ -18,7 +18,7 @@ from das.bus import codec, das_pb2
 from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
 from das.cab.heard import DelayHeard, Heard, PositionHeard, RestrictionsHeard, ToldRestriction
-from das.estimate.fix import PositionFix, Quality
+from das.estimate.estimate import PositionFix, Quality
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.world.driving import How, OverBus, make_processes

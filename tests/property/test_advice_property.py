@@ -18,12 +18,12 @@ from das.advice.advice import Advice, Source, Timetable
 from das.advice.goal import AT_STOP_M
 from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
-from das.cab.fronts import onboard_ladder
+from das.cab.preparation import onboard_ladder
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import solve_front

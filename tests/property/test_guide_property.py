@@ -17,8 +17,8 @@ from das.advice.guide.follow import CREEP_MPS
 from das.advice.guide.guard import BRAKED_MPS
 from das.advice.planner import PlanBasis
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
-from das.cab.fronts import onboard_ladder
 from das.cab.leg import Leg
+from das.cab.preparation import onboard_ladder
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction

@@ -29,8 +29,7 @@ from typing import NamedTuple
 import pytest
 
 from das.advice.guide.planning import Wanted, departing
-from das.bus.contents import read_contents
-from das.bus.recording import recording_of
+from das.bus.recording import read_contents, recording_of
 from das.cab.situation import Situation
 from das.domain.errors import DasError
 from das.domain.files.load import load_journey, load_route, load_vehicle

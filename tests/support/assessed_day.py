@@ -13,7 +13,6 @@ import numpy as np
 from das.advice.advice import Advice
 from das.advice.regimes import Regime
 from das.cab.cab import Cab, CabSettings
-from das.cab.fronts import Fronts
 from das.cab.heard import (
     UNSTAMPED,
     EffortHeard,
@@ -28,10 +27,11 @@ from das.cab.heard import (
 )
 from das.cab.orders import Post, Trains
 from das.cab.outputs import Estimated, Event
+from das.cab.preparation import Fronts
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
-from das.estimate.fix import Effort, PositionFix
+from das.estimate.estimate import Effort, PositionFix
 from sim.drivers.cab import CabView
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge

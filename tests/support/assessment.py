@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from das.advice.advice import Cause
-from das.cab.fronts import Fronts
+from das.cab.preparation import Fronts
 from tests.support.advice_judge import MOVES_MPS, DayJudge, Judge, Problem
 from tests.support.assessed_day import AssessedDay, NeverArrivedError, Seen
 from tests.support.drawn_day import LINES, Drawn, Operators, Style, Upset, write_files

@@ -10,8 +10,8 @@ from das.bus import das_pb2
 from das.bus.session import Presence
 from das.bus.topics import ADVICE, CONTROL, EVENT, JOURNEY, POSITION, RESTRICTION, Topic, decoded
 from das.cab.cab import Cab, CabSettings
-from das.cab.fronts import Fronts
 from das.cab.orders import Post, Trains
+from das.cab.preparation import Fronts
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.node.node import BusClock, Node

@@ -9,9 +9,9 @@ import numpy as np
 
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from das.estimate.localisation import Localisation
-from das.estimate.speed_scale import SpeedScale
+from das.estimate.plausibility import SpeedScale
 from das.estimate.track_filter import WANDER_S
 from tests.support.making import make_train
 

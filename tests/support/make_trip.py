@@ -23,7 +23,7 @@ from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.fix import PositionFix, Quality
+from das.estimate.estimate import PositionFix, Quality
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.bundled.recorded_driver import DriverStyle, HurriedDriver

@@ -8,8 +8,7 @@ from das.advice.planner import PlanBasis
 from das.cab.leg import Leg, NoPlanError
 from das.cab.withdrawal import Trust, decide
 from das.domain.route import Stop
-from das.estimate.estimate import Estimate
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import Estimate, PositionFix
 from das.solver.front import Front
 from das.solver.section import Section
 from tests.support.fixes import believing

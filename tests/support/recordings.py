@@ -14,9 +14,8 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from das.bus import das_pb2, topics
-from das.bus.contents import read_contents
 from das.bus.recorder import RecordingFile
-from das.bus.recording import read_recording
+from das.bus.recording import read_contents, read_recording
 from das.bus.sealing import sealed
 from das.domain.errors import DasError
 

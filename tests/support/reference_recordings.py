@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from das.bus.codec import INPUT_TOPICS
-from das.bus.contents import RecordedMessage, read_contents
 from das.bus.recorder import RecordingFile, message_time_ns
+from das.bus.recording import RecordedMessage, read_contents
 from das.bus.topics import CONTROL, STATUS
-from das.cab.warm_up import warm_up
+from das.cab.cab import warm_up
 from das.domain.clocks import Clocks
 from das.domain.units import NS
 from sim.cli.trips import bundled_recording

@@ -8,7 +8,7 @@ from typing import Any
 
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.estimate.fix import LEAST_SD_M, LEAST_SD_MPS, PositionFix
+from das.estimate.estimate import LEAST_SD_M, LEAST_SD_MPS, PositionFix
 from sim.drivers.cab import AT_STOP_M, AdviceView, CabView, Driver
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge

@@ -10,17 +10,16 @@ from typing import Any
 from das.advice.advice import Advice, Timetable
 from das.advice.plan import Plan
 from das.advice.reason import ReasonCode
-from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.legs import Legs
-from das.cab.preparation import Preparation
+from das.cab.preparation import Fronts, Preparation
 from das.cab.situation import Situation
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from das.solver.section import Section, SectionOptions, build_section
 from tests.support.fixes import believing
 from tests.support.followed import after_a_second_mps

@@ -12,7 +12,7 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any, Final
 
-from das.cab.warm_up import warm_up
+from das.cab.cab import warm_up
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.files.reading import Fields
@@ -20,7 +20,7 @@ from das.domain.files.writing import toml_string
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
-from das.node.options import NodeOptions
+from das.node.command import NodeOptions
 from sim.drive.calls import KeptCall, calls
 from sim.drive.events import place_m
 from sim.drive.table import DriveTable

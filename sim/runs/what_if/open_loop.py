@@ -9,13 +9,13 @@ from typing import Any
 
 from das import __version__
 from das.bus import codec
-from das.bus.contents import RecordedMessage
 from das.bus.recorder import RecordingFile, message_time_ns
+from das.bus.recording import RecordedMessage
 from das.bus.restrictions import encode_restriction
 from das.bus.scanning import UNCHECKED
 from das.bus.topics import JOURNEY, RESTRICTION, STATUS
+from das.cab.cab import warm_up
 from das.cab.heard import RestrictionsHeard
-from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.node.process import CabPlan, plan_cab
 from sim.options import NodeSaid, WhatIfKind

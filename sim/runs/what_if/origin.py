@@ -10,8 +10,7 @@ from typing import Any
 
 from das.advice.advice import Timetable
 from das.bus import topics
-from das.bus.contents import Contents, RecordedMessage
-from das.bus.recording import Recording, recording_of
+from das.bus.recording import Contents, RecordedMessage, Recording, recording_of
 from das.domain.errors import DasError
 from sim.drivers.kinds import as_now_called
 from sim.options import WhatIfKind

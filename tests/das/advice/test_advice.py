@@ -24,7 +24,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH, NS
 from das.domain.vehicle import BrakePolicy
-from das.estimate.fix import PositionFix, Quality
+from das.estimate.estimate import PositionFix, Quality
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front

@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from das.bus.access import LISTENERS, Role, access_control, keys_of, write_bus_folder
 from das.bus.config import BusFile, BusFolder, bus_folder, bus_options
 from das.bus.topics import TOPICS, Topic
+from das.command_line.application import single_command
 from das.domain.errors import DasError, InputError
-from das.node.command import tls_app
+from das.node.command import tls_init
 
+TLS_INIT = single_command("tls-init", tls_init, ())
 PORTS = {role: 7447 + i for i, role in enumerate(LISTENERS)}
 
 
@@ -117,18 +118,20 @@ def test_the_network_needs_mutual_tls_or_the_users_word(tmp_path: Path) -> None:
     BusFile(path, insecure=True).config("T1")
 
 
-def test_tls_init_makes_a_folder_that_can_be_used_and_never_overwrites(tmp_path: Path) -> None:
+def test_tls_init_makes_a_folder_that_can_be_used_and_never_overwrites(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "bus"
-    done = CliRunner().invoke(tls_app, ["tls-init", str(folder), "--train", "T1", "--port", "8000"])
-    assert done.exit_code == 0
-    assert "not a public-key infrastructure" in done.output
-    assert "valid until" in done.output
+    TLS_INIT(args=[str(folder), "--train", "T1", "--port", "8000"], standalone_mode=False)
+    said = capsys.readouterr().out
+    assert "not a public-key infrastructure" in said
+    assert "valid until" in said
     for role in Role:
         assert stat.S_IMODE((folder / f"{role}.key").stat().st_mode) == 0o600
         BusFolder(folder).file(role).config("T1")
     before = (folder / "ca.pem").read_bytes()
-    again = CliRunner().invoke(tls_app, ["tls-init", str(folder)])
-    assert "exists already" in str(again.exception)
+    with pytest.raises(DasError, match="exists already"):
+        TLS_INIT(args=[str(folder)], standalone_mode=False)
     assert (folder / "ca.pem").read_bytes() == before
 
 
@@ -142,8 +145,8 @@ def test_tls_init_makes_a_folder_that_can_be_used_and_never_overwrites(tmp_path:
     ],
 )
 def test_tls_init_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str], said: str) -> None:
-    done = CliRunner().invoke(tls_app, ["tls-init", str(tmp_path / "bus"), *arguments])
-    assert said in str(done.exception)
+    with pytest.raises(DasError, match=said):
+        TLS_INIT(args=[str(tmp_path / "bus"), *arguments], standalone_mode=False)
     assert not (tmp_path / "bus").exists()
 
 

@@ -32,7 +32,7 @@ from das.cab.heard import (
     Unreadable,
 )
 from das.cab.outputs import Estimated, Event, NodeState, Severity, Status
-from das.estimate.fix import Effort, PositionFix, Quality
+from das.estimate.estimate import Effort, PositionFix, Quality
 
 NOW_NS = 1_800_000_000_000_000_000
 

@@ -12,10 +12,11 @@ from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 
-from das.bus import das_pb2, generate, topics
+from das.bus import das_pb2, topics
 from das.bus.recorder import COMMENTS, Recorder, RecordingFile, comments
 from das.bus.recording import read_recording
 from das.bus.topics import CONTROL, POSITION, RECORDER, decoded
+from tests.support import generated_messages
 from tests.support.driven_node import START_NS, TRAIN, S, Sink
 from tests.support.hand_clock import HandClock
 
@@ -110,8 +111,8 @@ def test_the_comment_of_every_number_begins_with_its_unit(message: Descriptor) -
 
 
 def test_the_generated_files_are_those_of_das_proto(tmp_path: Path) -> None:
-    """After a change of das.proto, `python -m das.bus.generate` writes them anew."""
-    assert generate.main(tmp_path) == 0
+    """After a change of das.proto, `python -m tests.support.generated_messages` writes them anew."""
+    assert generated_messages.main(tmp_path) == 0
     made, kept = tmp_path / "das" / "bus", files("das.bus")
     assert (made / COMMENTS).read_text(encoding="utf-8") == (kept / COMMENTS).read_text(encoding="utf-8")
     # Other versions of protoc write other text around the same description.

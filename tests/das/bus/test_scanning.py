@@ -15,10 +15,9 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from das.bus import contents, das_pb2, scanning, topics
-from das.bus.contents import read_contents, read_raw
+from das.bus import das_pb2, recording, scanning, topics
 from das.bus.recorder import RecordingFile
-from das.bus.recording import Recording, read_recording
+from das.bus.recording import Recording, read_contents, read_raw, read_recording
 from das.bus.scanning import UNCHECKED, Damage, Health
 from das.bus.sealing import MAGIC, sealed
 from das.domain.errors import DasError
@@ -238,7 +237,7 @@ def test_more_messages_than_a_recording_can_have_are_refused(tmp_path: Path, mon
 def test_a_file_that_would_fill_the_memory_is_refused(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(contents, "MOST_BYTES", whole.stat().st_size)
+    monkeypatch.setattr(recording, "MOST_BYTES", whole.stat().st_size)
     assert read_recording(whole).complete
     (tmp_path / "more.mcap").write_bytes(whole.read_bytes() + b"!")
     with pytest.raises(DasError, match=r"more.mcap: is larger than 0 MiB: cut it into shorter recordings"):
@@ -256,7 +255,7 @@ def test_a_file_cut_while_it_is_read_does_not_end_the_process(
         os.truncate(path, len(MAGIC))
         return scanning.Scan(data)
 
-    monkeypatch.setattr(contents, "Scan", cut_meanwhile)
+    monkeypatch.setattr(recording, "Scan", cut_meanwhile)
     assert messages_of(read_recording(path)) == messages_of(read_recording(whole))
 
 

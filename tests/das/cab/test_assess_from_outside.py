@@ -11,13 +11,13 @@ import pytest
 
 from das.advice import advice
 from das.cab import cab, heard, outputs
-from das.estimate import fix
+from das.estimate import estimate
 from docs.studies.reference import rows_of
 from tests.support.making import REPOSITORY
 
 CODE = (REPOSITORY / "docs" / "examples" / "assess.py").read_text(encoding="utf-8")
 ROWS = [re.findall(r"`(\w+)`", " ".join(row)) for row in rows_of("seam")[1:]]
-MODULES = (cab, heard, outputs, advice, fix)
+MODULES = (cab, heard, outputs, advice, estimate)
 PROMISED = 23
 """So many types are promised: a row that is taken away is noticed here."""
 

@@ -16,10 +16,10 @@ from das.advice.guide.guide import SAID_ANEW_S
 from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
 from das.advice.wording import words
-from das.cab.fronts import Fronts
 from das.cab.heard import Target
 from das.cab.leg import Leg
 from das.cab.orders import Trains
+from das.cab.preparation import Fronts
 from das.cab.situation import Situation
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
@@ -28,7 +28,7 @@ from das.domain.restriction import Restriction
 from das.domain.route import Route, Stop, Stretches
 from das.domain.units import NS
 from das.domain.vehicle import Load
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from tests.support.small_trips import (
     DUE,
     FRONTS,

@@ -8,8 +8,8 @@ import pytest
 from das.advice.advice import Source
 from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
-from das.cab.fronts import Fronts
 from das.cab.heard import Target
+from das.cab.preparation import Fronts
 from das.cab.situation import Situation
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.units import KMH

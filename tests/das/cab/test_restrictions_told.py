@@ -12,7 +12,7 @@ from das.bus import das_pb2
 from das.bus.topics import ADVICE, CONTROL, JOURNEY, POSITION, RESTRICTION, STATUS
 from das.cab.cab import CabSettings
 from das.cab.heard import PositionHeard, RestrictionsHeard
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from sim.world.loop import InProcess, Tick
 from tests.support.driven_node import START_NS, DrivenNode, S, journey, restrictions
 from tests.support.flat_days import FLAT, service_of

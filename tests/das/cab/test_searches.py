@@ -12,9 +12,8 @@ from das.advice.advice import Advice, Source
 from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
 from das.advice.wording import words
-from das.cab.fronts import Fronts
 from das.cab.heard import Target
-from das.cab.preparation import TRY_AGAIN_S
+from das.cab.preparation import TRY_AGAIN_S, Fronts
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction

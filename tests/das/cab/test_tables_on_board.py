@@ -13,7 +13,7 @@ import pytest
 from das.advice.advice import Source, Timetable
 from das.advice.guide.keeping import StandingReference
 from das.advice.regimes import Regime
-from das.cab.fronts import Fronts
+from das.cab.preparation import Fronts
 from das.domain.braking import SiteBraking
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction

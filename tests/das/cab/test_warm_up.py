@@ -10,7 +10,7 @@ import pytest
 
 WARMED = """
 import sys
-from das.cab.warm_up import warm_up
+from das.cab.cab import warm_up
 from das.command_line.printing import loading_solver
 with loading_solver():
     warm_up()
@@ -22,7 +22,7 @@ from numba.core.dispatcher import Dispatcher
 from das.bus import das_pb2
 from das.bus.topics import RESTRICTION, TARGET
 from das.cab.cab import CabSettings
-from das.cab.warm_up import warm_up
+from das.cab.cab import warm_up
 from tests.support.driven_node import START_NS, DrivenNode, S, restrictions
 
 def compiled():
@@ -48,7 +48,7 @@ print(*(name for _, name, _ in sorted(compiled() - before)))
 LATE = """
 import gc
 import das
-from das.cab.warm_up import warm_up
+from das.cab.cab import warm_up
 from das.offline import late_kernels
 from numba.core.dispatcher import Dispatcher
 from sim.plant.plant import COAST, Plant

@@ -13,7 +13,7 @@ from das.advice.regimes import Regime
 from das.cab.situation import Situation
 from das.domain.errors import DasError
 from das.domain.route import Route, Stop
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from tests.support.followed import after_a_second_mps
 from tests.support.making import flat, make_train
 from tests.support.small_trips import FRONTS, SmallTrip, ns

@@ -9,8 +9,7 @@ from typing import Annotated
 import pytest
 import typer
 
-from das.command_line.application import single_command
-from das.command_line.given import is_given, refuse_given
+from das.command_line.application import is_given, refuse_given, single_command
 from das.domain.errors import DasError
 from das.domain.files.load import locate_vehicle
 from sim.cli.trips import bundled_recording

@@ -32,10 +32,10 @@ from das.estimate.calibration import (
     Belief,
     Calibrator,
     Estimates,
+    LineIntegral,
     Recalibration,
 )
-from das.estimate.fix import Effort
-from das.estimate.window import LineIntegral
+from das.estimate.estimate import Effort
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge

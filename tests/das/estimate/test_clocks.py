@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from das.estimate import localisation
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from das.estimate.localisation import ClockDifference, Localisation
 from das.estimate.track_filter import WANDER_S
 from tests.support.crossing import crossed

@@ -11,15 +11,14 @@ from typing import Any, Final
 import numpy as np
 import pytest
 
-from das.estimate import fix as fix_module
+from das.estimate import estimate as estimate_module
 from das.estimate import localisation as localisation_module
-from das.estimate import plausibility, speed_scale, track_filter
-from das.estimate.estimate import Estimate
-from das.estimate.fix import USUAL, Deviations, PositionFix, Quality
+from das.estimate import plausibility, track_filter
+from das.estimate.estimate import USUAL, Deviations, Estimate, PositionFix, Quality
 from das.estimate.localisation import Localisation
 from tests.support.fixes import TRAIN, at, fixes, ns
 
-MODULES: Final = (fix_module, localisation_module, plausibility, speed_scale, track_filter)
+MODULES: Final = (estimate_module, localisation_module, plausibility, track_filter)
 ELSEWHERE: Final = ("STANDSTILL_MPS", "SPEED_DOUBTED_S", "CLOCK_FIXES", "CLOCK_MEMORY_S", "CLOCK_LARGEST_S")
 """Used by others only, or when times of reception are known: test_clocks.py."""
 NAMES: Final = sorted(

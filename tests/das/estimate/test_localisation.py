@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from das.advice import wording
 from das.domain.files.load import load_vehicle
 from das.domain.units import NS
-from das.estimate.estimate import Estimate, Problem
-from das.estimate.fix import OVERSPEED_RATIO, PositionFix, Quality, deviations
+from das.estimate.estimate import OVERSPEED_RATIO, Estimate, PositionFix, Problem, Quality, deviations
 from das.estimate.localisation import (
     LARGEST_POSITION_SD_M,
     LARGEST_SPEED_SD_MPS,

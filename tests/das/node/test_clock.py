@@ -9,8 +9,8 @@ from das.bus import das_pb2
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION
 from das.domain.clocks import Clocks
 from das.domain.units import NS
+from das.node.command import AdviceGiven
 from das.node.node import BusClock, Node, WallClock
-from das.node.options import AdviceGiven
 from das.node.process import run
 from tests.support.driven_node import START_NS, DrivenNode, S, Sink, journey, make_node
 
@@ -88,7 +88,7 @@ def test_a_node_advises_once_a_period_by_its_own_clock(rate_hz: float, count: in
     bus = QuietBus(time, 10.05)
     cab = make_node(bus).cab
     node = Node(bus, cab, WallClock(time.clocks))  # type: ignore[arg-type]
-    run(node, bus, None, 1.0 / rate_hz, time.clocks.seconds)  # type: ignore[arg-type]
+    run(node, bus, 1.0 / rate_hz, time.clocks.seconds)  # type: ignore[arg-type]
     advised_s = [(advice.time_ns - START_NS) * NS for advice in bus.of(ADVICE)]
     assert advised_s == pytest.approx([(number + 1) / rate_hz for number in range(count)], abs=0.01)
     assert AdviceGiven.rate == 1.0

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.application import Entry
+from das.command_line.application import Entry, imported
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from precompute.cli.program import COMMANDS, GONE, NAME
 from tests.support.benchmark import TRAIN
@@ -29,7 +29,7 @@ def test_every_command_explains_itself_within_80_columns_and_shows_examples(tmp_
     for words, entry in WORDS.items():
         out = printed(tmp_path, *words.split(), "--help")
         assert max(len(line) for line in out.splitlines()) <= 80, words
-        assert (inspect.getdoc(entry.function()) or "").splitlines()[0] == entry.summary
+        assert (inspect.getdoc(imported(entry.where)) or "").splitlines()[0] == entry.summary
         assert " ".join(entry.summary.split()) in " ".join(out.split())
         options = {name for parameter in entry.load().params for name in (*parameter.opts, *parameter.secondary_opts)}
         assert entry.examples, words
@@ -48,7 +48,7 @@ def test_options_have_a_help_of_a_sentence_and_one_spelling_in_all_commands() ->
             assert re.match(r"[A-Z].*(\.|\])\s*$", parameter.help or "", re.DOTALL), (words, parameter.name)
             if parameter.param_type_name == "option":
                 spellings.setdefault(parameter.name or "", set()).add(tuple(sorted(parameter.opts)))
-        assert len(inspect.signature(entry.function()).parameters) <= 6, words
+        assert len(inspect.signature(imported(entry.where)).parameters) <= 6, words
     assert {name: found for name, found in spellings.items() if len(found) > 1} == {}
     assert spellings["out"] == {("--out", "-o")}
     spelled = {name for found in spellings.values() for names in found for name in names}

@@ -13,9 +13,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from das.bus import das_pb2, topics
-from das.bus.contents import read_contents, read_raw
 from das.bus.recorder import RecordingFile
-from das.bus.recording import Recording, read_recording
+from das.bus.recording import Recording, read_contents, read_raw, read_recording
 from das.domain.errors import DasError
 from sim.cli.recordings import check
 from sim.recording.check import check_file

@@ -16,8 +16,8 @@ import pytest
 import typer
 
 from das.bus import das_pb2
-from das.bus.contents import RecordedMessage, read_contents
 from das.bus.recorder import RecordingFile
+from das.bus.recording import RecordedMessage, read_contents
 from das.bus.sealing import CHANNELS
 from das.bus.topics import ADVICE, EVENT, PLAN, POSITION, STATUS
 from das.domain.errors import DasError

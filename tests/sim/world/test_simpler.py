@@ -15,7 +15,7 @@ from das.advice.regimes import Regime
 from das.domain.braking import USUAL
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
-from das.estimate.fix import PositionFix
+from das.estimate.estimate import PositionFix
 from das.solver.front import Front
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front

@@ -10,9 +10,8 @@ from das.advice.advice import ReplanCause, Timetable
 from das.advice.goal import UNHURRIED_S, Goal, TrainState
 from das.advice.guide.drift import BRAKING_RATIO, MARGIN_LEAST_S, MARGIN_MOST_S, RUNNING_S_PER_MIN, Drift, UsualLoss
 from das.advice.guide.keeping import ELSEWHERE_RATIO, ON_TIME_RATIO
-from das.cab.fronts import Fronts
 from das.cab.legs import Legs
-from das.cab.preparation import Preparation
+from das.cab.preparation import Fronts, Preparation
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.guide import policies

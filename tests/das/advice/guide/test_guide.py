@@ -12,9 +12,8 @@ from das.advice.goal import Goal, PassingTarget, SpeedsAllowed, TrainState
 from das.advice.guide.guide import Guide, falling_limits
 from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
-from das.cab.fronts import Fronts
 from das.cab.leg import Leg
-from das.cab.preparation import Preparation
+from das.cab.preparation import Fronts, Preparation
 from das.cab.situation import Situation
 from das.domain.restriction import Restriction
 from das.estimate.estimate import Estimate

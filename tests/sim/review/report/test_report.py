@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from das.bus.contents import Contents
-from das.bus.recording import Recording
+from das.bus.recording import Contents, Recording
 from das.domain.errors import DasError
 from das.domain.units import KM
 from precompute.pdf import write_pdf

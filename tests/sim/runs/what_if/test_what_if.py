@@ -15,8 +15,7 @@ from tempfile import mkdtemp
 import numpy as np
 import pytest
 
-from das.bus.contents import read_contents
-from das.bus.recording import Recording, read_recording
+from das.bus.recording import Recording, read_contents, read_recording
 from das.bus.topics import ADVICE, JOURNEY, RESTRICTION
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_vehicle

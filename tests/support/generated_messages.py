@@ -1,4 +1,4 @@
-"""Generate das_pb2.py, das_pb2.pyi and das_comments.json from das.proto: python -m das.bus.generate.
+"""Generate das_pb2.py, das_pb2.pyi and das_comments.json from das.proto: python -m tests.support.generated_messages.
 
 It needs the dev dependencies. das_comments.json holds the comments of all fields, which das_pb2.py does not have.
 """
