@@ -65,15 +65,8 @@ def solve(
         refuse_given(f"needs --strategy {Strategy.OPTIMAL}", "--refine")
     with_refinement = is_refined(refine)
     files.check(*pose.inputs())
-    answer: Answer
-    if strategy is Strategy.OPTIMAL:
-        section, solved, min_time_s, solve_s = _solved_front(pose)
-        wanted_s = trip.wanted_s(min_time_s)
-        assert wanted_s is not None
-        ((answer, run_s),) = _runs(solved, [wanted_s], with_refinement)
-        solve_s += run_s
-    else:
-        section, answer, min_time_s, solve_s = _baseline(pose, trip, strategy)
+    solved = _optimal(pose, trip, with_refinement) if strategy is Strategy.OPTIMAL else _baseline(pose, trip, strategy)
+    section, answer, min_time_s, solve_s = solved
 
     from das.domain.files.writing import write_trajectory
     from precompute.cli import report
@@ -105,6 +98,14 @@ def _solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
         front = solve_front(section)
         min_time_s = front.fastest().time_s
     return section, front, min_time_s, time.perf_counter() - began
+
+
+def _optimal(pose: Pose, trip: TripTime, refine: bool) -> tuple[Section, Answer, float, float]:
+    section, front, min_time_s, front_s = _solved_front(pose)
+    wanted_s = trip.wanted_s(min_time_s)
+    assert wanted_s is not None
+    ((answer, run_s),) = _runs(front, [wanted_s], refine)
+    return section, answer, min_time_s, front_s + run_s
 
 
 def _baseline(pose: Pose, trip: TripTime, strategy: Strategy) -> tuple[Section, Answer, float, float]:

@@ -7,7 +7,7 @@ import json
 import math
 import stat
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -208,7 +208,8 @@ class Fields:
         A field with a default may be missing; `beside` are other keys that the table may have, `given` other fields.
         Raises InputError for any other key, and with the key of the file what the dataclass raises.
         """
-        wanted = {one.name: one.default for one in dataclasses.fields(kind) if "float" in str(one.type)}  # type: ignore[arg-type]
+        every = dataclasses.fields(kind)  # type: ignore[arg-type]
+        wanted = {one.name: one.default for one in every if "float" in str(one.type)}
         names = {field: _quantity_of(field) for field in wanted if field not in given}
         self.check_keys(["source", *beside, *self.quantity_keys(dict(names.values()))])
         values = dict(given)
@@ -216,8 +217,9 @@ class Fields:
             default = wanted[field]
             if default is dataclasses.MISSING or self.given_keys(name, dimension):
                 values[field] = self.quantity(name, dimension)
+        maker: Callable[..., Made] = kind
         try:
-            return kind(**values)
+            return maker(**values)
         except InputError as error:
             raise self.error(error.key, error.value, error.expected) from None
 
