@@ -44,8 +44,8 @@ from .front_door import (
 from .front_door import (
     to_pandas as to_pandas,
 )
-from .offline.journey.chains import Split as Split
-from .offline.journey.plan import JourneyPlan as JourneyPlan
+from .offline.chains import Split as Split
+from .offline.journey import JourneyPlan as JourneyPlan
 from .solver.front import Front as Front
 from .solver.section import Section as Section
 from .solver.solution import Solution as Solution

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     from das.domain.plotted import Plottable, PlottedFront, PlottedRun
     from das.drawing.picture import Picture
-    from das.offline.journey.chains import Split
-    from das.offline.journey.plan import JourneyPlan
+    from das.offline.chains import Split
+    from das.offline.journey import JourneyPlan
     from das.solver.front import Front
     from das.solver.section import Section
     from das.solver.solution import Solution
@@ -252,8 +252,8 @@ def plan_journey(
         >>> len(plan.sections), 0.0 <= plan.gap_ratio < 0.02
         (3, True)
     """
-    from das.offline.journey.chains import Split
-    from das.offline.journey.plan import JourneyPlanner
+    from das.offline.chains import Split
+    from das.offline.journey import JourneyPlanner
 
     losses = None if level is None else chosen(Level, vehicle.source, "level", level)
     shared = chosen(Split, journey.source, "split", split)

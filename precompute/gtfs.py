@@ -21,7 +21,7 @@ import typer
 from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError, InputError
-from das.domain.files.foreign import UNZIP_ERRORS, refuse_foreign
+from das.domain.files.load import UNZIP_ERRORS, refuse_foreign
 from das.domain.files.routes import MOST_STOPS
 from das.domain.journey import file_clock
 from das.domain.units import MEGABYTE
@@ -280,8 +280,6 @@ class _Run(NamedTuple):
 
 
 class _Feed(FeedTables):
-    """The trips of a feed."""
-
     def trip(self, wanted: TripChoice) -> FeedTrip:
         """The trip that is wanted; raises DasError if there is none or the choice is not clear."""
         stops = _Stops({row["stop_id"]: row for _, row in self.rows("stops.txt", ("stop_id",))})
@@ -329,24 +327,19 @@ class _Feed(FeedTables):
         if len(served) == 1:
             return served[0], (f"trip number {wanted.trip}: trip_id {served[0]['trip_id']}",)
         if not served:
-            known = [row["trip_id"] for _, row in zip(range(MOST_NAMED), self._all_trips(), strict=False)]
+            every = self.rows("trips.txt", ("trip_id",))
+            known = [row["trip_id"] for _, (_, row) in zip(range(MOST_NAMED), every, strict=False)]
             raise InputError(self.path, "--trip", wanted.trip, f"a trip_id of trips.txt, like {', '.join(known)} …")
         ids = ", ".join(row["trip_id"] for row in served[:MOST_NAMED])
-        raise InputError(
-            self.path, "--trip", wanted.trip, f"one trip; {len(served)} have this number: {ids}; or --date"
-        )
-
-    def _all_trips(self) -> Iterator[Row]:
-        return (row for _, row in self.rows("trips.txt", ("trip_id",)))
+        expected = f"one trip; {len(served)} have this number: {ids}; or --date"
+        raise InputError(self.path, "--trip", wanted.trip, expected)
 
     def _by_stops(self, wanted: TripChoice, stops: _Stops) -> tuple[Row, tuple[str, ...]]:
         """The first trip from one stop to another that departs at a time or later."""
         if wanted.from_stop is None or wanted.to_stop is None or wanted.at_s is None:
             raise DasError("give --trip ID, or --from STOP, --to STOP and --at HH:MM")
-        starts, ends = (
-            stops.named(self.path, "--from", wanted.from_stop),
-            stops.named(self.path, "--to", wanted.to_stop),
-        )
+        starts = stops.named(self.path, "--from", wanted.from_stop)
+        ends = stops.named(self.path, "--to", wanted.to_stop)
         at_intervals = {row["trip_id"] for _, row in self.rows("frequencies.txt", ("trip_id",))}
         days = self._services_before(wanted.day)
         found: list[tuple[float, str, Row]] = []
@@ -377,11 +370,9 @@ class _Feed(FeedTables):
                 departs[trip_id] = min(departs.get(trip_id, place), place)
             if row["stop_id"] in ends:
                 arrives[trip_id] = max(arrives.get(trip_id, sequence), sequence)
-        leaves_s = {
-            trip: departs_s for trip, (sequence, departs_s) in departs.items() if sequence < arrives.get(trip, -1)
-        }
+        leaves_s = {trip: at_s for trip, (sequence, at_s) in departs.items() if sequence < arrives.get(trip, -1)}
         buses = {row["route_id"] for _, row in self.rows("routes.txt", ("route_id",)) if _is_no_train(row)}
-        for row in self._all_trips():
+        for _, row in self.rows("trips.txt", ("trip_id",)):
             if row["trip_id"] in leaves_s and row.get("route_id") not in buses:
                 yield row, leaves_s[row["trip_id"]]
 
@@ -394,9 +385,8 @@ class _Feed(FeedTables):
                 continue
             sequence = _sequence(self.path, number, row)
             if sequence in found:
-                raise InputError(
-                    where, f"line {number} stop_sequence", row["stop_sequence"], "each number once in a trip"
-                )
+                key = f"line {number} stop_sequence"
+                raise InputError(where, key, row["stop_sequence"], "each number once in a trip")
             found[sequence] = number, row
             if len(found) > MOST_STOPS:
                 break
@@ -409,9 +399,8 @@ class _Feed(FeedTables):
             arrival_s = departure_s if math.isnan(arrival_s) else arrival_s
             departure_s = arrival_s if math.isnan(departure_s) else departure_s
             if arrival_s < before_s or departure_s < arrival_s:
-                raise InputError(
-                    where, f"line {number} arrival_time", row.get("arrival_time"), "times that do not fall"
-                )
+                key = f"line {number} arrival_time"
+                raise InputError(where, key, row.get("arrival_time"), "times that do not fall")
             before_s = before_s if math.isnan(departure_s) else departure_s
             name, latitude, longitude = stops.place(where, number, row["stop_id"])
             serves = not (row.get("pickup_type") == "1" and row.get("drop_off_type") == "1")
@@ -457,7 +446,6 @@ class _Feed(FeedTables):
         return min(found, default=None)
 
     def _no_run(self, trip: Row, stop: str, departs_s: tuple[float, float], wanted: TripChoice) -> str:
-        """Why a trip has no run at the wanted time or on the wanted day."""
         name, on = f"{self.path}: trip {trip['trip_id']}", "" if wanted.day is None else f" on {wanted.day}"
         if not _runs(trip, self._services(wanted.day)):
             known = "; ".join(self._days(trip)) or "no row of calendar.txt has its service_id"
@@ -486,7 +474,6 @@ class _Feed(FeedTables):
         return found
 
     def _line_of(self, trip: Row) -> tuple[Row, Row]:
-        """The route and the agency of a trip; empty rows where the feed lacks them."""
         routes = (row for _, row in self.rows("routes.txt", ("route_id",)) if row["route_id"] == trip.get("route_id"))
         route = next(routes, {})
         agencies = [row for _, row in self.rows("agency.txt", ())]
@@ -526,7 +513,6 @@ class _Feed(FeedTables):
         return found
 
     def _days(self, trip: Row) -> Iterator[str]:
-        """On which days a trip runs, in words."""
         for _, row in self.rows("calendar.txt", ("service_id",)):
             if row["service_id"] == trip.get("service_id"):
                 days = [name[:2].title() for name in WEEKDAYS if row.get(name) == "1"]
@@ -587,9 +573,8 @@ def check_ends(path: Path, trip_id: str, stops: Sequence[TripStop]) -> None:
     """Raise InputError for an end of a trip, or of a part of one, that has no time."""
     for stop in (stops[0], stops[-1]):
         if math.isnan(stop.departure_s):
-            raise InputError(
-                f"{path}: stop_times.txt", f"time of trip {trip_id} at {stop.name}", MISSING, "one: an end"
-            )
+            key = f"time of trip {trip_id} at {stop.name}"
+            raise InputError(f"{path}: stop_times.txt", key, MISSING, "one: an end")
 
 
 def _runs(trip: Row, services: set[str] | None) -> bool:

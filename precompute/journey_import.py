@@ -176,9 +176,8 @@ def _likeness(name: str, other: str) -> float:
     "South San Francisco Station" is more like the stop "South San Francisco" than like "San Francisco".
     """
     words, others = set(key_of(name).split()), set(key_of(other).split())
-    return (
-        len(words & others) / len(words | others) if words and others and (words <= others or others <= words) else 0.0
-    )
+    common = words & others
+    return len(common) / len(words | others) if common and common in (words, others) else 0.0
 
 
 def _away_m(stop: TripStop, other: Stop, route: Route) -> float:
@@ -208,9 +207,8 @@ def notes(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route |
         )
     rounded_s = _rounded_s(trip.stops, times)
     minutes = "all times are whole minutes: " if times.rounded_s is None and rounded_s else ""
-    late = (
-        f"may leave up to {rounded_s:g} s after each departure" if rounded_s else "leaves at each departure, no later"
-    )
+    may_leave = f"may leave up to {rounded_s:g} s after each departure"
+    late = may_leave if rounded_s else "leaves at each departure, no later"
     found.append(f"{minutes}the train {late} (--tolerance)")
     if any(not one.stop.serves for one in placement.stops):
         found.append("where nobody gets on or off, the train passes, and its time there is a wish")
@@ -260,9 +258,8 @@ def _point(one: Placed, times: TimesRead, rounded_s: float, *, first: bool, last
         yield f"position_km = {one.position_m / KM:.4f}"
     timed = not math.isnan(stop.departure_s)
     if passes:
-        yield from (
-            (f'time = "{file_clock(stop.departure_s)}"', "wish = true", f"tolerance_s = {TOLERANCE_S}") if timed else ()
-        )
+        if timed:
+            yield from (f'time = "{file_clock(stop.departure_s)}"', "wish = true", f"tolerance_s = {TOLERANCE_S}")
         return
     stands_s = stop.departure_s - stop.arrival_s if timed else 0.0
     if last:
@@ -285,5 +282,4 @@ def _rounded_s(stops: Sequence[TripStop], times: TimesRead) -> float:
 
 
 def _quoted(text: str) -> str:
-    """A text as a TOML string on one line."""
     return toml_string(tidy(text))

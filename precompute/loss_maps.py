@@ -15,7 +15,7 @@ from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError
 from das.domain.files.vehicles import read_loss_map
 from das.domain.levels import Level
-from das.domain.losses import EfficiencyLoss, LossMap, deviation_ratio, fit_error, fit_mean_efficiency, operating_points
+from das.domain.losses import EfficiencyLoss, LossMap, fit_mean_efficiency, operating_points
 from das.domain.units import KMH, KN, KW
 from das.domain.vehicle import Vehicle
 
@@ -57,6 +57,8 @@ def loss_map_summary(loss_map: LossMap, vehicle: Vehicle) -> dict[str, Any]:
     power_w, force_n = vehicle.traction.max_power_w, vehicle.traction.max_force_n
     points = operating_points(loss_map, power_w, force_n)
     full = points.power_w >= 0.99 * power_w
+    signs = (("driving", 1), ("braking", -1))
+    at_full = {name: points.loss_w[full & (np.sign(points.force_n) == sign)] for name, sign in signs}
     return {
         "coverage": {
             "speed_kmh": [float(loss_map.speed_mps[0] / KMH), float(loss_map.speed_mps[-1] / KMH)],
@@ -65,31 +67,36 @@ def loss_map_summary(loss_map: LossMap, vehicle: Vehicle) -> dict[str, Any]:
             "operating_points": len(points.loss_w),
         },
         "largest_loss_kw": float(points.loss_w.max() / KW),
-        "full_power_loss_kw": {
-            name: _mean_kw(points.loss_w[full & (np.sign(points.force_n) == sign)])
-            for name, sign in (("driving", 1), ("braking", -1))
-        },
+        "full_power_loss_kw": {name: float(x.mean() / KW) if len(x) else None for name, x in at_full.items()},
         "fits": {str(level): _fit_json(loss_map, vehicle, level is Level.L2) for level in (Level.L1, Level.L2)},
-        "best": {name: best_point(loss_map, vehicle, sign) for name, sign in (("driving", 1), ("braking", -1))},
+        "best": {name: best_point(loss_map, vehicle, sign) for name, sign in signs},
     }
-
-
-def _mean_kw(losses_w: Floats) -> float | None:
-    return float(losses_w.mean() / KW) if len(losses_w) else None
 
 
 def _fit_json(loss_map: LossMap, vehicle: Vehicle, with_idle: bool) -> dict[str, float | None]:
     fit = fit_mean_efficiency(loss_map, vehicle.traction.max_power_w, with_idle=with_idle)
-    error = fit_error(loss_map, fit, vehicle.traction.max_power_w)
     return {
         "mean_efficiency_ratio": 1.0 / (1.0 + fit.traction_ratio),
         "idle_kw": fit.idle_w / KW,
-        "error_mean_to_input_ratio": error.mean_to_input_ratio,
-        "error_mean_to_largest_ratio": error.mean_to_largest_ratio,
-        "error_rms_to_largest_ratio": error.rms_to_largest_ratio,
-        "error_largest_kw": error.largest_w / KW,
+        **fit_error(loss_map, fit, vehicle.traction.max_power_w),
         "cruising_deviation_ratio": cruising_deviation_ratio(loss_map, fit, vehicle),
         "cruising_absolute_deviation_ratio": cruising_deviation_ratio(loss_map, fit, vehicle, absolute=True),
+    }
+
+
+def fit_error(loss_map: LossMap, fit: EfficiencyLoss, max_power_w: float) -> dict[str, float]:
+    """The deviation of a fit from a map over the operating points it was fitted to (see `fit_mean_efficiency`).
+
+    Relative to the mean input power of the chain (the error of an energy) and to the largest loss of the map.
+    """
+    points = operating_points(loss_map, max_power_w)
+    residual = np.abs(points.loss_w - fit.loss_w(points.force_n, points.speed_mps))
+    largest = max(float(points.loss_w.max()), 1e-9)
+    return {
+        "error_mean_to_input_ratio": float(residual.mean() / points.input_w().mean()),
+        "error_mean_to_largest_ratio": float(residual.mean() / largest),
+        "error_rms_to_largest_ratio": float(np.sqrt((residual**2).mean()) / largest),
+        "error_largest_kw": float(residual.max()) / KW,
     }
 
 
@@ -104,7 +111,8 @@ def cruising_deviation_ratio(
     force = vehicle.resistance.force_n(speed)
     if not len(speed) or not loss_map.covers(force, speed).all():
         return None
-    deviation = deviation_ratio(loss_map, fit, force, speed)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        deviation = loss_map.loss_w(force, speed) / fit.loss_w(force, speed) - 1.0
     return float((np.abs(deviation) if absolute else deviation).mean())
 
 
@@ -152,10 +160,7 @@ def table(summary: dict[str, Any]) -> Table:
             level,
             f"{fit['mean_efficiency_ratio']:.4f}",
             f"{fit['idle_kw']:.1f}",
-            *(
-                f"{100 * fit[f'error_{name}_ratio']:.2f}"
-                for name in ("mean_to_input", "mean_to_largest", "rms_to_largest")
-            ),
+            *(f"{100 * fit[f'error_{x}_ratio']:.2f}" for x in ("mean_to_input", "mean_to_largest", "rms_to_largest")),
             f"{100 * cruising:+.2f}" if cruising is not None else "–",
             f"{100 * absolute:.2f}" if absolute is not None else "–",
         )
@@ -247,12 +252,8 @@ def draw_maps(loss_map: LossMap, vehicle: Vehicle) -> Picture:
         best = best_point(loss_map, vehicle, sign)
         if best is not None:
             left.plot(best["speed_kmh"], best["force_kn"], "x", color="black", markersize=8)
-            left.annotate(
-                f"{best['efficiency_ratio']:.1%}",
-                (best["speed_kmh"], best["force_kn"]),
-                xytext=(6, 6),
-                textcoords="offset points",
-            )
+            at = best["speed_kmh"], best["force_kn"]
+            left.annotate(f"{best['efficiency_ratio']:.1%}", at, xytext=(6, 6), textcoords="offset points")
     loss = draw_loss_map(right, loss_map, vehicle)
     right.set_title("loss, kW")
     right.set_ylabel("")

@@ -26,7 +26,7 @@ from das.domain.journey import Held, Passing, Window
 from das.domain.route import Route
 from das.domain.units import KM, KMH, kmh, kwh_words
 from das.drawing.colors import LIMIT, MODES
-from das.offline.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
+from das.offline.journey import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.guide.policies import GuideFront, PolicySettings
 from das.solver.guide.schedule import Prospect, Schedule
 from das.solver.section import Section, with_braking
@@ -315,7 +315,6 @@ KEY = {
 
 
 def _block(one: PlannedSheet, known: Sequence[Landmark], top_mps: float) -> str:
-    """A section: its stops and times, its picture, and its instructions."""
     plan, sheet = one.plan, one.sheet
     run_s = plan.arrival.time_s - plan.departure.time_s
     spare_s = run_s - plan.least_time_s
@@ -331,7 +330,6 @@ def _block(one: PlannedSheet, known: Sequence[Landmark], top_mps: float) -> str:
 
 
 def _rows(one: PlannedSheet, known: Sequence[Landmark]) -> Iterator[str]:
-    """The instructions and the passings of a section in the order of the line."""
     plan, lines = one.plan, said_lines(one.sheet)
     start_m = plan.start.position_m
     known = [*(one for one in known if abs(one.s_m - start_m) > AT_M), Landmark(start_m, "the departure")]

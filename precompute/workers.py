@@ -1,13 +1,8 @@
 """Workers for many jobs: processes of this machine, or the workers of an existing Dask cluster.
 
-They make tables (`precompute/tables`) and simulated days (`sim/experiment`). How to start a cluster:
-docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us: results travel to this machine. Only a few
-jobs are submitted at a time, so that few results wait there.
-
-If a process here dies, only the attempt of its own job is lost. Other pools were found unsuitable:
-`concurrent.futures` loses all jobs in flight if one worker dies, pebble 5.2 ends or hangs if a worker is
-killed between two jobs, and `distributed.LocalCluster` takes three times the memory, starts ten times slower and
-listens on eight ports.
+How to start a cluster: docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us. If a process here
+dies, only the attempt of its own job is lost: `concurrent.futures` then loses all jobs in flight, pebble 5.2 ends or
+hangs, and `distributed.LocalCluster` takes three times the memory, starts ten times slower and opens eight ports.
 """
 
 from __future__ import annotations
@@ -146,7 +141,6 @@ class _Pool(Generic[Job, Result]):
             self._workers.append(_Worker(process, mine))
 
     def _give(self) -> None:
-        """Give a job to each worker that has none."""
         for worker in self._workers:
             if worker.ready and worker.task is None and self._waiting:
                 worker.task = self._waiting.popleft()
@@ -189,7 +183,6 @@ class _Pool(Generic[Job, Result]):
 
 
 def _how_it_ended(exit_code: int | None) -> str:
-    """How a worker process ended, in words."""
     if exit_code == OUT_OF_MEMORY_EXIT:
         return "out of memory"
     if exit_code is not None and exit_code < 0:

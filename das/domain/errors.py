@@ -98,7 +98,6 @@ def shortened(text: str, most: int) -> str:
 
 
 def _shown(value: object) -> str:
-    """The `repr` of a value, shortened."""
     try:
         return shortened(repr(value), MOST_OF_A_VALUE)
     except (RecursionError, ValueError):  # nested too deeply, or an integer with too many digits

@@ -163,15 +163,13 @@ class Journey(Summary):
     def _check_ends(self, first: Call, last: Call) -> None:
         for key, call, unused in (("arrival", first, first.arrival), ("departure", last, last.departure)):
             if unused != ANY_TIME or call.dwell_s:
-                raise InputError(
-                    self.source, f"{key} or dwell of {call.name}", "given", "none at an end of the journey"
-                )
+                given = f"{key} or dwell of {call.name}"
+                raise InputError(self.source, given, "given", "none at an end of the journey")
+        begins, ends = "an earliest time: the journey begins there", "a latest time: the journey ends by then"
         if not math.isfinite(first.departure.earliest_s):
-            raise InputError(
-                self.source, f"departure of {first.name}", MISSING, "an earliest time: the journey begins there"
-            )
+            raise InputError(self.source, f"departure of {first.name}", MISSING, begins)
         if not math.isfinite(last.arrival.latest_s):
-            raise InputError(self.source, f"arrival at {last.name}", MISSING, "a latest time: the journey ends by then")
+            raise InputError(self.source, f"arrival at {last.name}", MISSING, ends)
 
     def _check_order(self) -> None:
         """Raise InputError for a latest time that earlier earliest times and dwells make impossible."""
@@ -211,9 +209,8 @@ def _check_point(source: str, point: Call | Passing) -> None:
         raise InputError(source, f"times of {point.name}", MISSING, "a time, because the passing is a wish")
     if not (0 <= point.lowest_mps <= point.highest_mps and point.highest_mps > 0 and point.lowest_mps < math.inf):
         shown = f"{point.lowest_mps / KMH:g} … {point.highest_mps / KMH:g} km/h"
-        raise InputError(
-            source, f"speeds of {point.name}", shown, "0 <= lowest speed <= highest speed, and highest speed > 0"
-        )
+        expected = "0 <= lowest speed <= highest speed, and highest speed > 0"
+        raise InputError(source, f"speeds of {point.name}", shown, expected)
 
 
 def clock(time_s: float) -> str:

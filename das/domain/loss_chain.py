@@ -1,13 +1,10 @@
 """A parametric loss chain from current collector to wheel: transformer, converter, motors, gear, auxiliaries.
 
-The measured maps of the paper are confidential; this module computes a map of the same kind from named components. Each
-component is a small dataclass with the textbook formula of its loss and the formula's source. The parameters are
-assumptions or results of the calibration; the vehicle's file states which (docs/explanation/loss-maps.md).
-
-Power is computed from the wheel to the line, so driving and braking differ without further assumptions. When driving, a
-component also carries the losses of the components nearer to the wheel; when braking, it carries less power than the
-wheel delivers. Symbols: F wheel force (traction > 0), v speed, f = F_shaft/F_rated torque and φ flux of the motors
-relative to their rated values, i motor current relative to the current at rated torque and flux.
+The measured maps of the paper are confidential; this chain gives a map of the same kind. Parameters are assumptions or
+results of the calibration; the vehicle's file states which (docs/explanation/loss-maps.md). Power is computed from the
+wheel to the line: when driving, a component also carries the losses of those nearer to the wheel, when braking it
+carries less power than the wheel delivers. Symbols: f = F_shaft/F_rated torque and φ flux of the motors relative to
+their rated values, i motor current relative to that at rated torque and flux.
 
 Sources: [S] Steimel, Electric Traction – Motive Power and Energy Supply (three-phase traction chain, pulse patterns,
 field weakening); [M] Mohan, Undeland, Robbins, Power Electronics (conduction, switching, GTO snubbers); [B] Bose,
@@ -230,7 +227,6 @@ class LossChain:
         return LossMap(name=name, speed_mps=speed, force_n=force, loss_w_table=table)
 
     def _moving_w(self, force: Floats, speed: Floats) -> dict[str, Floats]:
-        """Losses of a moving train, from the wheel to the line."""
         force, speed = np.broadcast_arrays(force, speed)
         wheel_power = force * speed
         drag = self.gear.drag_n(force, speed)

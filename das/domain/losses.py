@@ -93,13 +93,11 @@ class LossMap:
         _check_even("speed", self.name, self.speed_mps)
         _check_even("force", self.name, self.force_n)
         if self.speed_mps[0] != 0:
-            raise InputError(
-                self.name, "first speed (km/h)", float(self.speed_mps[0] / KMH), "a map that begins at 0 km/h"
-            )
-        if not (self.force_n <= 0).any() or not (self.force_n >= 0).any():
-            raise InputError(
-                self.name, "forces (N)", (float(self.force_n[0]), float(self.force_n[-1])), "a range that contains 0 N"
-            )
+            first_kmh = float(self.speed_mps[0] / KMH)
+            raise InputError(self.name, "first speed (km/h)", first_kmh, "a map that begins at 0 km/h")
+        ends_n = float(self.force_n[0]), float(self.force_n[-1])
+        if not ends_n[0] <= 0 <= ends_n[1]:
+            raise InputError(self.name, "forces (N)", ends_n, "a range that contains 0 N")
         if np.abs(self.force_n).min() > GRID_EVENNESS * (self.force_n[-1] - self.force_n[0]):
             raise InputError(self.name, "force", float(np.abs(self.force_n).min()), "0 N among the points of the grid")
         _check_losses(self)
@@ -127,10 +125,8 @@ class LossMap:
         low = np.interp(speed, self.speed_mps, self.force_low_n) - self.force_step_n - slack
         high = np.interp(speed, self.speed_mps, self.force_high_n) + self.force_step_n + slack
         on_axes = (force >= self.force_n[0] - slack) & (force <= self.force_n[-1] + slack)
-        result: NDArray[np.bool_] = (
-            (speed <= self.speed_mps[-1] * (1 + 1e-9)) & (force >= low) & (force <= high) & on_axes
-        )
-        return result
+        inside = (speed <= self.speed_mps[-1] * (1 + 1e-9)) & (force >= low) & (force <= high) & on_axes
+        return np.asarray(inside, dtype=np.bool_)
 
     def with_constant(self, power_w: float) -> LossMap:
         """The losses plus a constant power."""
@@ -149,10 +145,8 @@ class LossMap:
         j = np.minimum(y.astype(np.intp), len(self.force_n) - 2)
         a, b = x - i, y - j
         table = self.filled_w
-        loss = (1 - a) * ((1 - b) * table[i, j] + b * table[i, j + 1]) + a * (
-            (1 - b) * table[i + 1, j] + b * table[i + 1, j + 1]
-        )
-        return np.where(speed > 0, loss, 0.0)
+        slower, faster = ((1 - b) * table[row, j] + b * table[row, j + 1] for row in (i, i + 1))
+        return np.where(speed > 0, (1 - a) * slower + a * faster, 0.0)
 
 
 LossModel = EfficiencyLoss | LossMap
@@ -223,43 +217,6 @@ def operating_points(model: LossMap, max_power_w: float, max_force_n: float = np
     return OperatingPoints(force_n=force[use], speed_mps=speed[use], power_w=power[use], loss_w=model.loss_w_table[use])
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitError:
-    """The deviation of a fitted loss from a map over its operating points; residual = map − fit.
-
-    `mean_to_input_ratio`: mean |residual| over the mean input power of the chain, that is, the error of an energy.
-    `mean_to_largest_ratio`, `rms_to_largest_ratio`: mean |residual| and root mean square residual over the largest loss
-    of the map. `largest_w`: the largest |residual| (W).
-    """
-
-    mean_to_input_ratio: float
-    mean_to_largest_ratio: float
-    rms_to_largest_ratio: float
-    largest_w: float
-
-
-def fit_error(model: LossMap, fit: EfficiencyLoss, max_power_w: float) -> FitError:
-    """Error of a fit over the operating points it was fitted to (see `fit_mean_efficiency`)."""
-    points = operating_points(model, max_power_w)
-    residual = np.abs(points.loss_w - fit.loss_w(points.force_n, points.speed_mps))
-    largest = max(float(points.loss_w.max()), 1e-9)
-    return FitError(
-        mean_to_input_ratio=float(residual.mean() / points.input_w().mean()),
-        mean_to_largest_ratio=float(residual.mean() / largest),
-        rms_to_largest_ratio=float(np.sqrt((residual**2).mean()) / largest),
-        largest_w=float(residual.max()),
-    )
-
-
-def deviation_ratio(model: LossMap, fit: EfficiencyLoss, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
-    """(map − fit)/fit at each force (N) and speed (m/s), e.g. for forces equal to the running resistance (cruising).
-
-    Raises DasError for a state outside the map. If the fitted loss is 0, the deviation is inf or NaN.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(model.loss_w(force_n, speed_mps) / fit.loss_w(force_n, speed_mps) - 1.0, dtype=float)
-
-
 def _fit_line(x: Floats, y: Floats) -> tuple[float, float]:
     """Least squares y ≈ k·x + c with k, c >= 0: if one of them would be negative, it is 0."""
     k, c = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=1), y, rcond=None)[0]
@@ -278,9 +235,8 @@ def _check_even(what: str, name: str, axis: Floats) -> None:
     bad = np.flatnonzero(np.abs(steps - mean) > GRID_EVENNESS * abs(mean))
     if len(bad) or mean <= 0:
         where = int(bad[0]) if len(bad) else 0
-        raise InputError(
-            name, f"{what} step after {axis[where]:g}", float(steps[where]), f"an even grid, step {mean:g}"
-        )
+        key = f"{what} step after {axis[where]:g}"
+        raise InputError(name, key, float(steps[where]), f"an even grid, step {mean:g}")
 
 
 def _check_losses(loss_map: LossMap) -> None:
@@ -298,12 +254,9 @@ def _covered_range(loss_map: LossMap) -> tuple[Floats, Floats]:
     for i, row in enumerate(loss_map.loss_w_table):
         known = np.flatnonzero(np.isfinite(row))
         if len(known) < 2 or known[-1] - known[0] + 1 != len(known):
-            raise InputError(
-                loss_map.name,
-                f"forces at {loss_map.speed_mps[i] / KMH:g} km/h",
-                f"{len(known)} points",
-                "one unbroken range of at least two forces",
-            )
+            key = f"forces at {loss_map.speed_mps[i] / KMH:g} km/h"
+            expected = "one unbroken range of at least two forces"
+            raise InputError(loss_map.name, key, f"{len(known)} points", expected)
         low[i], high[i] = loss_map.force_n[known[0]], loss_map.force_n[known[-1]]
     return low, high
 

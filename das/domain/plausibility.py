@@ -6,9 +6,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Collection, Iterator
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -40,138 +39,89 @@ NOISY = "raw altitudes: noise of 4 m changed energies of four real sections by -
 """Effect of a line's kind of altitudes on energies; the figures are from docs/explanation/own-lines.md."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Range:
-    """A value from `least` to `most` is possible; a value outside `usual_least` to `usual_most` causes a warning."""
+class Check(NamedTuple):
+    """What messages call a value, its unit there and the size of that in SI, and the ranges (SI) of the value.
 
-    least: float = 0.0
-    usual_least: float = 0.0
-    usual_most: float
-    most: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class VehicleLimits:
-    """The limits of trains in SI units; each field has the name of its check."""
-
-    max_deceleration: Range = Range(usual_least=0.3, usual_most=1.6, most=3.0)
-    """Force of all brakes over mass, at most the train's largest deceleration (m/s²).
-
-    Assumption: magnetic track brakes stay below 3, service brakes of passenger trains below 1.6; with less than 0.3 a
-    train needs kilometres to stop."""
-    max_acceleration: Range = Range(usual_least=0.01, usual_most=1.6, most=3.0)
-    """Traction force over mass, at most the train's largest acceleration (m/s²).
-
-    With all axles driven, adhesion on a dry rail limits it to 3.2 (Curtius & Kniffler 1944, at standstill). Assumption:
-    metros reach 1.3."""
-    mass: Range = Range(least=1e3, usual_least=1e4, usual_most=1e7, most=2e7)
-    """Mass of the whole train (kg). Assumption: from a track trolley to the heaviest coal trains."""
-    max_speed: Range = Range(least=1.0, usual_least=5.0, usual_most=400 * KMH, most=600 * KMH)
-    """Top speed (m/s). The record of a wheeled train is 574.8 km/h (2007); none in service exceeds 400."""
-    power_per_mass: Range = Range(least=0.05, usual_least=0.2, usual_most=50.0, most=150.0)
-    """Traction power over mass (W/kg, the same as kW/t).
-
-    Assumption: a heavy freight train has 0.5, a high-speed train 25, a locomotive alone up to 75.
+    A value outside `possible` is refused, one outside `usual` causes a warning.
     """
-    brake_power_per_mass: Range = Range(usual_most=50.0, most=150.0)
-    """Power of the electric brake over mass (W/kg). Assumption: as for traction; a train may have none."""
-    resistance_per_weight: Range = Range(usual_least=0.0005, usual_most=0.1, most=1.0)
-    """Running resistance at the top speed over weight.
 
-    Assumption: 0.007 to 0.03 is usual; a resistance above the weight indicates a wrong unit."""
-    rotating_mass: Range = Range(usual_most=0.3, most=0.5)
-    """Rotating mass over mass. Assumption: 0.02 to 0.15 is usual, 0.3 is a light locomotive."""
-    length: Range = Range(usual_most=2e3, most=1e4)
-    """Length (m). Assumption: the longest train ever run was 7.4 km long; a length of 0 is a point."""
+    words: str
+    unit: str
+    si: float
+    possible: tuple[float, float]
+    usual: tuple[float, float]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RouteLimits:
-    """The limits of lines in SI units; each field has the name of its check."""
-
-    length: Range = Range(least=1.0, usual_least=10.0, usual_most=1e7, most=2e7)
-    """Length (m), at most half the Earth's circumference; the longest line, Moscow to Vladivostok, is 9 289 km."""
-    speed_limit: Range = Range(usual_least=3 * KMH, usual_most=400 * KMH, most=600 * KMH)
-    """Every speed limit (m/s). The bounds are those of a train's top speed."""
-    gradient: Range = Range(usual_most=0.08, most=0.2)
-    """Every gradient, up or down (m/m). Assumption: no adhesion railway exceeds 120 ‰, and few exceed 80 ‰."""
-    geometry_length: Range = Range(least=0.6, usual_least=0.95, usual_most=1.03, most=1.3)
-    """Length of the geometry on the map over the distance of its positions.
-
-    The chord of a 90° curve is 10 % shorter than the curve. Assumption: below 0.6 the polyline belongs to another
-    line."""
-    geometry_jump: Range = Range(usual_most=100.0, most=2000.0)
-    """Excess (m) of the map distance between two neighbouring points over the difference of their positions. A chord is
-    never longer than its track. Assumption: rounded positions explain up to 100 m."""
-    geometry_missing: Range = Range(usual_most=0.02, most=0.5)
-    """Share of the line before the first and after the last point of its geometry."""
-
-
-class Unit(NamedTuple):
-    """The unit in which messages show a value: `si` is its size in SI."""
-
-    name: str
-    si: float = 1.0
+OF_VEHICLES: Final = {
+    # Assumption: magnetic track brakes stay below 3, service brakes of passenger trains below 1.6; with less than 0.3 a
+    # train needs kilometres to stop. At most the train's largest deceleration.
+    "max_deceleration": Check("all brakes over mass", "m/s²", 1.0, (0.0, 3.0), (0.3, 1.6)),
+    # With all axles driven, adhesion on a dry rail limits it to 3.2 (Curtius & Kniffler 1944, at standstill).
+    # Assumption: metros reach 1.3. At most the train's largest acceleration.
+    "max_acceleration": Check("traction over mass", "m/s²", 1.0, (0.0, 3.0), (0.01, 1.6)),
+    # Mass of the whole train. Assumption: from a track trolley to the heaviest coal trains.
+    "mass": Check("mass", "t", TONNE, (1e3, 2e7), (1e4, 1e7)),
+    # The record of a wheeled train is 574.8 km/h (2007); none in service exceeds 400.
+    "max_speed": Check("max_speed", "km/h", KMH, (1.0, 600 * KMH), (5.0, 400 * KMH)),
+    # Assumption: a heavy freight train has 0.5, a high-speed train 25, a locomotive alone up to 75.
+    "power_per_mass": Check("traction power over mass", "kW/t", 1.0, (0.05, 150.0), (0.2, 50.0)),
+    # Assumption: as for traction; a train may have none.
+    "brake_power_per_mass": Check("electric brake power over mass", "kW/t", 1.0, (0.0, 150.0), (0.0, 50.0)),
+    # Assumption: 0.007 to 0.03 is usual; a resistance above the weight indicates a wrong unit.
+    "resistance_per_weight": Check("resistance at top speed over weight", "", 1.0, (0.0, 1.0), (0.0005, 0.1)),
+    # Assumption: 0.02 to 0.15 is usual, 0.3 is a light locomotive.
+    "rotating_mass": Check("rotating_mass_ratio", "", 1.0, (0.0, 0.5), (0.0, 0.3)),
+    # Assumption: the longest train ever run was 7.4 km long; a length of 0 is a point.
+    "length": Check("length", "m", 1.0, (0.0, 1e4), (0.0, 2e3)),
+}
+"""The checks of trains by name."""
+_OF_GEOMETRY = "geometry: length on the map over that of the positions"
+_OF_JUMPS = "geometry: map distance to the next point beyond that of the positions"
+OF_ROUTES: Final = {
+    # At most half the Earth's circumference; the longest line, Moscow to Vladivostok, is 9 289 km.
+    "length": Check("length", "km", KM, (1.0, 2e7), (10.0, 1e7)),
+    # Every speed limit. The bounds are those of a train's top speed.
+    "speed_limit": Check("speed_limits", "km/h", KMH, (0.0, 600 * KMH), (3 * KMH, 400 * KMH)),
+    # Every gradient, up or down. Assumption: no adhesion railway exceeds 120 ‰, and few exceed 80 ‰.
+    "gradient": Check("gradients", "‰", PERMILLE, (0.0, 0.2), (0.0, 0.08)),
+    # The chord of a 90° curve is 10 % shorter than the curve. Assumption: below 0.6 the polyline belongs to another
+    # line.
+    "geometry_length": Check(_OF_GEOMETRY, "", 1.0, (0.6, 1.3), (0.95, 1.03)),
+    # Between neighbouring points. A chord is never longer than its track. Assumption: rounded positions explain up to
+    # 100 m.
+    "geometry_jump": Check(_OF_JUMPS, "m", 1.0, (0.0, 2000.0), (0.0, 100.0)),
+    # Before the first and after the last point of the geometry.
+    "geometry_missing": Check("share of the line without geometry", "", 1.0, (0.0, 0.5), (0.0, 0.02)),
+}
+"""The checks of lines by name."""
+_LISTS = ("speed_limit", "gradient")
+"""Checks of a list: the message names the entry."""
+VEHICLE_CHECKS, ROUTE_CHECKS = tuple(OF_VEHICLES), tuple(OF_ROUTES)
+"""Names of the checks that a file can accept."""
 
 
 class Finding(NamedTuple):
-    """A value outside its range: names of the check and of the value, value and range (SI), and unit in messages."""
+    """A value outside its usual range: the name of its check, the check, its name in messages, and the value (SI)."""
 
-    check: str
+    name: str
+    check: Check
     key: str
     value: float
-    range: Range
-    unit: Unit
-
-    @property
-    def refused(self) -> bool:
-        """Whether the value is impossible."""
-        return not self.range.least <= self.value <= self.range.most
-
-    def expected(self) -> str:
-        """The possible range as text."""
-        return self._bounds(self.range.least, self.range.most)
 
     def in_words(self) -> str:
         """The value and the usual range as text."""
-        usual = self._bounds(self.range.usual_least, self.range.usual_most)
-        unit = f" {self.unit.name}" if self.unit.name else ""
-        return f"{self.key} = {self.shown():g}{unit}: {usual} is usual"
+        unit = self.check.unit
+        return f"{self.key} = {self.shown():g}{unit and f' {unit}'}: {self.bounds(self.check.usual)} is usual"
 
     def shown(self) -> float:
         """The value in the unit of messages, to four figures."""
-        return float(f"{self.value / self.unit.si:.4g}")
+        return float(f"{self.value / self.check.si:.4g}")
 
-    def _bounds(self, least: float, most: float) -> str:
-        unit = f" {self.unit.name}" if self.unit.name else ""
-        upper = f"at most {most / self.unit.si:g}{unit}"
-        return f"{least / self.unit.si:g} to {most / self.unit.si:g}{unit}" if least > 0 else upper
-
-
-_ACCELERATION, _RATIO = Unit("m/s²"), Unit("")
-_VEHICLE: Mapping[str, tuple[str, Unit]] = {
-    "max_deceleration": ("all brakes over mass", _ACCELERATION),
-    "max_acceleration": ("traction over mass", _ACCELERATION),
-    "mass": ("mass", Unit("t", TONNE)),
-    "max_speed": ("max_speed", Unit("km/h", KMH)),
-    "power_per_mass": ("traction power over mass", Unit("kW/t")),
-    "brake_power_per_mass": ("electric brake power over mass", Unit("kW/t")),
-    "resistance_per_weight": ("resistance at top speed over weight", _RATIO),
-    "rotating_mass": ("rotating_mass_ratio", _RATIO),
-    "length": ("length", Unit("m")),
-}
-_ROUTE: Mapping[str, tuple[str, Unit]] = {
-    "length": ("length", Unit("km", KM)),
-    "speed_limit": ("speed_limits", Unit("km/h", KMH)),
-    "gradient": ("gradients", Unit("‰", PERMILLE)),
-    "geometry_length": ("geometry: length on the map over that of the positions", _RATIO),
-    "geometry_jump": ("geometry: map distance to the next point beyond that of the positions", Unit("m")),
-    "geometry_missing": ("share of the line without geometry", _RATIO),
-}
-_LISTS = ("speed_limit", "gradient")
-"""Checks of a list: the message names the entry."""
-VEHICLE_CHECKS, ROUTE_CHECKS = tuple(_VEHICLE), tuple(_ROUTE)
-"""Names of the checks that a file can accept."""
+    def bounds(self, ends: tuple[float, float]) -> str:
+        """A range (SI) as text."""
+        least, most = (end / self.check.si for end in ends)
+        upper = f"{most:g}{self.check.unit and f' {self.check.unit}'}"
+        return f"{least:g} to {upper}" if least > 0 else f"at most {upper}"
 
 
 def check_vehicle(vehicle: Vehicle, accepted: Collection[str] = (), *, insist: str) -> Vehicle:
@@ -215,17 +165,13 @@ def energy_range(route: Route) -> str:
     `NOISE_OVER_M` removes more than `NOISE_CLIMB_RATIO` metres of climb per metre.
     """
     kind = route.altitudes
-    if kind is None and not route.gradients_ratio.value.any() and _states_its_altitudes(route):
+    may_be_level = route.illustrative or not route.source.lower().endswith(".toml")  # other formats cannot state it
+    if kind is None and not route.gradients_ratio.value.any() and not may_be_level:
         kind = Altitudes.NONE
     if kind is None and vanishing_climb_ratio(route) > NOISE_CLIMB_RATIO:
         kind = Altitudes.RAW
     words = {Altitudes.NONE: FLAT, Altitudes.RAW: NOISY, Altitudes.POINTS: FEW_POINTS, Altitudes.SMOOTHED: SMOOTHED}
     return "" if kind is None else words.get(kind, "")
-
-
-def _states_its_altitudes(route: Route) -> bool:
-    """Whether the format of the file can state that the real line is level, and the line represents a real one."""
-    return route.source.lower().endswith(".toml") and not route.illustrative
 
 
 def vanishing_climb_ratio(route: Route) -> float:
@@ -242,27 +188,25 @@ def vanishing_climb_ratio(route: Route) -> float:
 
 def _refuse(source: str, findings: Iterator[Finding], accepted: Collection[str], insist: str) -> None:
     for one in findings:
-        if one.refused and one.check not in accepted:
-            unit = f" ({one.unit.name})" if one.unit.name else ""
-            way = insist.format(check=one.check)
-            raise InputError(source, f"{one.key}{unit}", one.shown(), f"{one.expected()}; {way}")
+        least, most = one.check.possible
+        if not least <= one.value <= most and one.name not in accepted:
+            unit = f" ({one.check.unit})" if one.check.unit else ""
+            expected = f"{one.bounds(one.check.possible)}; {insist.format(check=one.name)}"
+            raise InputError(source, f"{one.key}{unit}", one.shown(), expected)
 
 
 def _of_vehicle(vehicle: Vehicle) -> Iterator[Finding]:
     """The unusual values of a train, then those of its load states for checks that found nothing before."""
     known = set()
     for name, train in (("", vehicle), *((name, vehicle.loaded(name)) for name in vehicle.loads)):
-        for check, value in _vehicle_values(train).items():
-            words, unit = _VEHICLE[check]
-            key = f"loads.{name}: {words}" if name else words
-            found = Finding(check, key, value, _range(VehicleLimits(), check), unit)
-            if not _is_usual(found) and (check, value) not in known:
-                known.add((check, value))
-                yield found
+        for of, value in _vehicle_values(train).items():
+            check = OF_VEHICLES[of]
+            if not check.usual[0] <= value <= check.usual[1] and (of, value) not in known:
+                known.add((of, value))
+                yield Finding(of, check, f"loads.{name}: {check.words}" if name else check.words, value)
 
 
 def _vehicle_values(train: Vehicle) -> dict[str, float]:
-    """The value of each check, in SI."""
     speeds_mps = np.linspace(0.0, train.max_speed_mps, SPEEDS)
     brakes_mps2 = float(train.brake_effort_n(speeds_mps).max()) / train.inertial_mass_kg
     traction_mps2 = float(train.traction_effort_n(speeds_mps).max()) / train.inertial_mass_kg
@@ -288,14 +232,11 @@ def _of_route(route: Route) -> Iterator[Finding]:
         "gradient": np.abs(route.gradients_ratio.value),
     }
     lists |= {check: np.array([value]) for check, value in _geometry_values(route).items()}
-    for check, values in lists.items():
-        words, unit = _ROUTE[check]
-        limits = _range(RouteLimits(), check)
-        beyond = np.flatnonzero((values < limits.least) | (values > limits.most))
-        unusual = np.flatnonzero((values < limits.usual_least) | (values > limits.usual_most))
+    for name, values in lists.items():
+        check = OF_ROUTES[name]
+        beyond, unusual = (np.flatnonzero((values < a) | (values > b)) for a, b in (check.possible, check.usual))
         for i in (*beyond[:1], *unusual[: 0 if len(beyond) else 1]):
-            key = words if len(values) == 1 and check not in _LISTS else f"{words}[{i}]"
-            yield Finding(check, key, float(values[i]), limits, unit)
+            yield Finding(name, check, f"{check.words}[{i}]" if name in _LISTS else check.words, float(values[i]))
 
 
 def _geometry_values(route: Route) -> dict[str, float]:
@@ -310,12 +251,3 @@ def _geometry_values(route: Route) -> dict[str, float]:
         "geometry_length": float(chords_m.sum()) / covered_m,
         "geometry_missing": max(1.0 - covered_m / route.length_m, 0.0),
     }
-
-
-def _range(limits: VehicleLimits | RouteLimits, check: str) -> Range:
-    found: Range = getattr(limits, check)
-    return found
-
-
-def _is_usual(one: Finding) -> bool:
-    return one.range.usual_least <= one.value <= one.range.usual_most

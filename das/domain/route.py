@@ -353,9 +353,8 @@ def _check_positions(
     if position_m[0] < 0:
         raise InputError(source, f"{key}[0] position", f"{position_m[0]:g} m", "a position >= 0 m")
     if position_m[-1] > length_m + POSITION_TOLERANCE_M:
-        raise InputError(
-            source, f"{key}[{len(position_m) - 1}] position", f"{position_m[-1]:g} m", f"at most {length_m:g} m"
-        )
+        last = f"{key}[{len(position_m) - 1}] position"
+        raise InputError(source, last, f"{position_m[-1]:g} m", f"at most {length_m:g} m")
 
 
 def _zones_reversed(zones: tuple[_Zone, ...], length_m: float) -> tuple[_Zone, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from operator import attrgetter
 from types import MappingProxyType
 
 import numpy as np
@@ -127,7 +128,7 @@ class Vehicle(Summary):
 
     def __post_init__(self) -> None:
         for key in (*_POSITIVE, *_NOT_NEGATIVE):
-            value, positive = _dig(self, key), key in _POSITIVE
+            value, positive = float(attrgetter(key)(self)), key in _POSITIVE
             if not np.isfinite(value) or value < 0 or (positive and value == 0):
                 raise InputError(self.source, key, value, f"a finite number {'> 0' if positive else '>= 0'}")
         for name, load in self.loads.items():
@@ -278,6 +279,11 @@ class Vehicle(Summary):
             resistance=replace(self.resistance, c0_n=self.resistance.c0_n * ratio),
         )
 
+    def with_load(self, load: Load) -> Vehicle:
+        """The train in a load state."""
+        train = self.with_mass(load.mass_kg)
+        return train if load.c0_n is None else replace(train, resistance=replace(train.resistance, c0_n=load.c0_n))
+
     def loaded(self, name: str) -> Vehicle:
         """The train in one of its load states or modes, or both ("empty+15kv"); DasError for an unknown name."""
         known = {*self.loads, *self.modes}
@@ -287,10 +293,9 @@ class Vehicle(Summary):
                 raise DasError(f"{self.source}: load {name!r}: expected at most one load state and one mode")
         for one in parts:
             if one not in known:
-                raise DasError(
-                    f"{self.source}: no load {one!r}; it has {', '.join((*self.loads, *self.modes)) or 'none'}"
-                )
-            train = _with_load(train, self.loads[one]) if one in self.loads else train.in_mode(one)
+                have = ", ".join((*self.loads, *self.modes)) or "none"
+                raise DasError(f"{self.source}: no load {one!r}; it has {have}")
+            train = train.in_mode(one) if one in self.modes else train.with_load(self.loads[one])
         return replace(train, id=f"{self.id}/{name}")
 
     def in_mode(self, name: str) -> Vehicle:
@@ -307,11 +312,6 @@ class Vehicle(Summary):
     def with_loss_map(self, loss_map: LossMap) -> Vehicle:
         """The train with `loss_map` in place of all its losses."""
         return replace(self, losses=MappingProxyType({Level.L3: loss_map}), default_level=Level.L3)
-
-
-def _with_load(vehicle: Vehicle, load: Load) -> Vehicle:
-    train = vehicle.with_mass(load.mass_kg)
-    return train if load.c0_n is None else replace(train, resistance=replace(train.resistance, c0_n=load.c0_n))
 
 
 def _check_resistance(vehicle: Vehicle) -> None:
@@ -348,9 +348,3 @@ _NOT_NEGATIVE = (
     *("electric_brake.max_force_n", "electric_brake.max_power_w", "friction_brake_force_n"),
     *("service_brake.build_up_s", "auxiliary_power_w", "comfort_power_w"),
 )
-
-
-def _dig(thing: object, path: str) -> float:
-    for name in path.split("."):
-        thing = getattr(thing, name)
-    return float(thing)  # type: ignore[arg-type]

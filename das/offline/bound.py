@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import NEUTRAL
-from das.offline.kernels.interior_point import best_bound
-from das.offline.kernels.relaxed_program import (
+from das.offline.bound_kernels import (
     FIXED_ROWS,
     Box,
     MapRows,
@@ -26,6 +25,7 @@ from das.offline.kernels.relaxed_program import (
     RelaxedEfforts,
     RelaxedMotion,
     RelaxedRun,
+    best_bound,
     loss_planes,
     row_hulls,
 )
@@ -66,11 +66,6 @@ class Task:
     allowed_s: float
     price_w: Floats | None = None
     """A price of time (W) of each interval that counts as energy, besides the price that the bound finds; None: 0."""
-
-    @property
-    def mean_price_w(self) -> float:
-        """Mean of `price_w` over the distance (W)."""
-        return 0.0 if self.price_w is None else float(self.price_w @ self.line.step_m / self.line.step_m.sum())
 
     @cached_property
     def high_w(self) -> Floats:
@@ -313,11 +308,6 @@ class MapPlanes:
         return Planes(*(np.ascontiguousarray(found[:, :, i]) for i in range(4)))
 
 
-def joined(planes: Planes, more: Planes) -> Planes:
-    """Two sets of planes as one."""
-    return Planes(*(np.concatenate(pair, axis=1) for pair in zip(planes, more, strict=True)))
-
-
 def _most_n(force_n: float, power_w: float, speed_mps: Floats) -> Floats:
     """The largest forces (N) at speeds, within a force and a power; at a stand the force alone."""
     by_power_n = np.divide(power_w, speed_mps, out=np.full_like(speed_mps, np.inf), where=speed_mps > 0.0)
@@ -439,7 +429,8 @@ def proven_for_map(task: Task, loss: LossMap, force_n: Floats, lambda_w: float) 
 
     After each search, planes that bound the energy from below are added near the relaxed run (cutting planes).
     """
-    maker, price_w = MapPlanes(task, loss), task.mean_price_w
+    maker, step_m = MapPlanes(task, loss), task.line.step_m
+    price_w = 0.0 if task.price_w is None else float(task.price_w @ step_m / step_m.sum())  # mean over the distance
     planes = maker.of_run(force_n, price_w + lambda_w)
     best = proven(task, planes, lambda_w)
     last = best
@@ -448,7 +439,8 @@ def proven_for_map(task: Task, loss: LossMap, force_n: Floats, lambda_w: float) 
         if not (np.isfinite(local).all() and np.isfinite(w).all()):
             break
         state = MeanSpeeds(np.clip(local[:, 0], task.low_tau, task.high_tau), w[:-1] + w[1:])
-        planes = joined(planes, maker.near(local[:, 1:2], state, price_w + last.lambda_w))
+        more = maker.near(local[:, 1:2], state, price_w + last.lambda_w)
+        planes = Planes(*(np.concatenate(pair, axis=1) for pair in zip(planes, more, strict=True)))
         last = proven(task, planes, last.lambda_w)
         gain_j = last.bound_j - best.bound_j
         best = max(best, last, key=lambda found: found.bound_j)
@@ -474,7 +466,7 @@ def first_run(program: Program, speeds_mps: Floats) -> RelaxedRun:
 def first_multipliers(program: Program, price: float) -> Multipliers:
     """Initial multipliers: the planes share the weight of the energy, the slowness has the price of time.
 
-    The multipliers of the other constraints follow from the slacks (see `das.offline.kernels.interior_point`).
+    The multipliers of the other constraints follow from the slacks (see `das.offline.bound_kernels`).
     """
     step, count = program.motion.step_m, program.planes.force.shape[1]
     rows = np.repeat(step[:, None], FIXED_ROWS + count, axis=1)
@@ -507,21 +499,19 @@ def certificate(solution: Solution) -> Certificate:
 
     If the run of least energy ends early, the bound holds for the time that was asked for.
     """
-    allowed_s = solution.time_s
-    if solution.saves_time:
-        allowed_s = max(allowed_s, solution.requested_s)
-    reason = _unkept(solution)
-    task = task_of(solution, allowed_s)
-    if reason:
-        return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=reason)
-    if fastest_is_ahead(task):
-        if math.isinf(solution.lambda_w):
-            return Certificate(bound_j=solution.balance.input, allowed_s=allowed_s)
-        task = behind_fastest(task)
-    bound_j = bound_of(task, solution.trajectory.force_el_n, min(solution.lambda_w, LARGEST_PRICE_W))
-    if not math.isfinite(bound_j):
-        return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=NOT_FOUND)
-    return Certificate(bound_j=bound_j, allowed_s=allowed_s)
+    allowed_s = max(solution.time_s, solution.requested_s) if solution.saves_time else solution.time_s
+    task, bound_j, reason = task_of(solution, allowed_s), math.nan, ""
+    if (task.speeds_mps > task.envelope_mps + tol.SPEED_TOLERANCE_MPS).any():
+        reason = "the run begins above the braking envelope"
+    elif not solution.feasible:
+        reason = "the run does not keep the limits or the speed at the end"
+    elif (is_ahead := fastest_is_ahead(task)) and math.isinf(solution.lambda_w):
+        bound_j = solution.balance.input
+    else:
+        task, price_w = behind_fastest(task) if is_ahead else task, min(solution.lambda_w, LARGEST_PRICE_W)
+        bound_j = bound_of(task, solution.trajectory.force_el_n, price_w)
+        reason = "" if math.isfinite(bound_j) else NOT_FOUND
+    return Certificate(bound_j=math.nan if reason else bound_j, allowed_s=allowed_s, reason=reason)
 
 
 def bound_of(task: Task, force_n: Floats, lambda_w: float) -> float:
@@ -546,13 +536,3 @@ def task_of(solution: Solution, allowed_s: float) -> Task:
     )
     envelope = section.envelope_mps[-len(run.v_mps) :]
     return Task(section=section, line=line, envelope_mps=envelope, speeds_mps=run.v_mps, allowed_s=allowed_s)
-
-
-def _unkept(solution: Solution) -> str:
-    """Which condition of the proof a run violates; empty if it meets them all."""
-    section, speeds = solution.section, solution.trajectory.v_mps
-    if (speeds > section.envelope_mps[-len(speeds) :] + tol.SPEED_TOLERANCE_MPS).any():
-        return "the run begins above the braking envelope"
-    if not solution.feasible:
-        return "the run does not keep the limits or the speed at the end"
-    return ""

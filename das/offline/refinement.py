@@ -2,7 +2,7 @@
 
 The table takes a decision every 150 m or more often, and among some two hundred speeds. A trajectory from it is near
 the optimum of the section, but not on it. `refined` lays a few lines beside the trajectory, finds the best one between
-them by a dynamic program on the section's own integration grid (`das.offline.kernels.tube`), lays narrower lines around
+them by a dynamic program on the section's own integration grid (`das.offline.tube_kernels`), lays narrower lines around
 that, and so on. The price of time is chosen again in every pass, so that the arrival stays the same.
 """
 
@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.offline.kernels.tube import SPECIALS, Tube, TubeMoves, fill_moves, tube_roll_out, tube_sweep
+from das.offline.tube_kernels import SPECIALS, Tube, TubeMoves, fill_moves, tube_roll_out, tube_sweep
 from das.solver import tolerances as tol
 from das.solver.kernels.driving import run_energy
 from das.solver.kernels.roll_out import blend_runs
@@ -190,9 +190,12 @@ class TubeSearch:
         slow = quick = None
         factor = FIRST_FACTOR
         for _ in range(MOST_TRIALS):
-            trial = self._trial(tube, moves, value, price_w)
-            if trial is None:
+            speeds, train = np.empty(len(tube.squared)), self.state.section.train
+            tube_sweep(price_w, moves, value)
+            energy_j, time_s = tube_roll_out(price_w, tube, self._line, train, self._loss, value, speeds)
+            if time_s <= 0:  # it does not reach the end
                 break
+            trial = TubeRun(speeds, energy_j, time_s, price_w)
             if trial.time_s > self.wanted_s:
                 slow = trial
             else:
@@ -200,20 +203,15 @@ class TubeSearch:
             if slow is not None and quick is not None:
                 if self._is_enclosed(slow, quick):
                     break
-                price_w = _between(slow, quick, self.wanted_s)
+                share = (slow.time_s - self.wanted_s) / (slow.time_s - quick.time_s)
+                price_w = slow.price_w + min(max(share, 0.1), 0.9) * (quick.price_w - slow.price_w)
                 continue
             if quick is not None and price_w <= 0.0:
                 break
-            price_w = price_w * factor if quick is None else _lower(price_w, factor)
+            lower_w = 0.0 if factor > 10.0 else price_w / factor
+            price_w = price_w * factor if quick is None else lower_w
             factor = factor**2
         return slow, quick
-
-    def _trial(self, tube: Tube, moves: TubeMoves, value: Floats, price_w: float) -> TubeRun | None:
-        """The trajectory of a price of time in a tube; None if it does not reach the end."""
-        speeds = np.empty(len(tube.squared))
-        tube_sweep(price_w, moves, value)
-        energy_j, time_s = tube_roll_out(price_w, tube, self._line, self.state.section.train, self._loss, value, speeds)
-        return TubeRun(speeds, energy_j, time_s, price_w) if time_s > 0 else None
 
     def _is_enclosed(self, slow: TubeRun, quick: TubeRun) -> bool:
         """Whether the prices of two trajectories are so near that next to nothing can be gained between them."""
@@ -252,17 +250,6 @@ class TubeSearch:
         if time_s < 0 or abs(speeds[-1] - quick.speeds_mps[-1]) > tol.SPEED_TOLERANCE_MPS:
             return None
         return self.known(speeds, slow.price_w + share * (quick.price_w - slow.price_w))
-
-
-def _between(slow: TubeRun, quick: TubeRun, wanted_s: float) -> float:
-    """A price between those of two trajectories, chosen according to their times."""
-    share = (slow.time_s - wanted_s) / (slow.time_s - quick.time_s)
-    return slow.price_w + min(max(share, 0.1), 0.9) * (quick.price_w - slow.price_w)
-
-
-def _lower(price_w: float, factor: float) -> float:
-    """A lower price of time: divided by the factor, or 0 if the factor has become large."""
-    return 0.0 if factor > 10.0 else price_w / factor
 
 
 def _knots(node_m: Floats, apart_m: float) -> NDArray[np.int64]:
@@ -331,25 +318,24 @@ def _in_order(count: int) -> list[tuple[int, int, int]]:
 def _refined(one: Solution, neighbours: tuple[Solution, Solution] | None, alone: RefinementSettings) -> Solution:
     if neighbours is not None:
         task = Refinement(one, NARROW)
-        start = _blend(task, *neighbours, TANGENT_RATIO)
+        start = _blend(task, *neighbours)
         if start is not None:
             return task.settled(task.search.best(min(task.given, start, key=lambda run: run.energy_j)))
     return refined(one, alone)
 
 
-def _blend(task: Refinement, quick: Solution, slow: Solution, tangent_ratio: float) -> TubeRun | None:
+def _blend(task: Refinement, quick: Solution, slow: Solution) -> TubeRun | None:
     """The blend of two neighbours that takes the wanted time; None if the front is no smooth curve between them."""
     if not quick.time_s < task.wanted_s < slow.time_s:
         return None
-    start = task.search.between(_as_run(slow), _as_run(quick))
+    later, sooner = (
+        TubeRun(one.trajectory.v_mps, one.balance.input, one.time_s, one.lambda_w) for one in (slow, quick)
+    )
+    start = task.search.between(later, sooner)
     if start is None:
         return None
     tangent_j = max(
         quick.balance.input - quick.lambda_w * (start.time_s - quick.time_s),
         slow.balance.input + slow.lambda_w * (slow.time_s - start.time_s),
     )
-    return start if start.energy_j - tangent_j <= tangent_ratio * abs(start.energy_j) else None
-
-
-def _as_run(one: Solution) -> TubeRun:
-    return TubeRun(one.trajectory.v_mps, one.balance.input, one.time_s, one.lambda_w)
+    return start if start.energy_j - tangent_j <= TANGENT_RATIO * abs(start.energy_j) else None

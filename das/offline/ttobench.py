@@ -81,6 +81,10 @@ def read_track(path: Path) -> Route:
     length_m = stops[-1]
     limits = _rows(fields, "speed limits", ("position", "length"), ("velocity", "speed"))
     gradients = _rows(fields, "gradients", ("position", "length"), ("slope", "gradient"))
+    ends = ("radius at start", "length"), ("radius at end", "length")
+    curves = _rows(fields, "curvatures", ("position", "length"), *ends) if fields.has("curvatures") else []
+    areas = ("length", "length"), ("cross section", "area")
+    tunnels = _rows(fields, "tunnels", ("position", "length"), *areas) if fields.has("tunnels") else []
     identity = _identity(fields)
     route = Route(
         id=identity,
@@ -91,22 +95,8 @@ def read_track(path: Path) -> Route:
         stops=tuple(Stop(name=f"stop {i}", position_m=x) for i, x in enumerate(stops, 1)),
         limits_mps=_stretches(limits),
         gradients_ratio=_stretches(gradients),
-        curvature_per_m=curvature_stretches(
-            str(path),
-            _rows(
-                fields, "curvatures", ("position", "length"), ("radius at start", "length"), ("radius at end", "length")
-            )
-            if fields.has("curvatures")
-            else [[0.0, np.inf, np.inf]],
-        ),
-        tunnels=tuple(
-            Tunnel(start_m=a, length_m=b, area_m2=c)
-            for a, b, c in (
-                _rows(fields, "tunnels", ("position", "length"), ("length", "length"), ("cross section", "area"))
-                if fields.has("tunnels")
-                else []
-            )
-        ),
+        curvature_per_m=curvature_stretches(str(path), curves or [[0.0, np.inf, np.inf]]),
+        tunnels=tuple(Tunnel(start_m=a, length_m=b, area_m2=c) for a, b, c in tunnels),
         altitude_at_start_m=_quantity(fields, "altitude", "length", 0.0),
     )
     return check_route(route, insist=INSIST)
@@ -248,4 +238,4 @@ def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, 
     if not fields.has("tunnel resistance"):
         return (), ()
     rows = _rows(fields, "tunnel resistance", ("cross section", "area"), ("coefficient", "resistance_2"))
-    return check_tunnel_resistance(fields, [(area, coefficient) for area, coefficient in rows])
+    return check_tunnel_resistance(fields, rows)

@@ -14,7 +14,7 @@ import numpy as np
 
 from das.domain.levels import Level
 from das.domain.loss_chain import LossChain
-from das.domain.losses import LossMap, fit_error, fit_mean_efficiency, operating_points
+from das.domain.losses import LossMap, fit_mean_efficiency, operating_points
 from das.domain.trajectory import Trajectory, consumed_j
 from das.domain.units import KMH, KW
 from das.domain.vehicle import Vehicle
@@ -32,7 +32,7 @@ from docs.studies.cases import (
     StudyCase,
 )
 from precompute.baselines import strategies as baselines
-from precompute.loss_maps import cruising_deviation_ratio
+from precompute.loss_maps import cruising_deviation_ratio, fit_error
 
 Figures = dict[str, float]
 """The value that a vehicle reaches, by target name."""
@@ -182,7 +182,7 @@ def map_figures(chain: LossChain, vehicle: Vehicle) -> Figures:
         1.0 / (1.0 + l2.traction_ratio),
         l2.idle_w / KW,
         l1.traction_ratio,
-        100 * fit_error(loss_map, l2, power_w).mean_to_input_ratio,
+        100 * fit_error(loss_map, l2, power_w)["error_mean_to_input_ratio"],
         100 * cruising if cruising is not None else NOT_PRINTED,
         full_power_loss_w(loss_map, vehicle) / KW,
         float(chain.loss_by_component_w(points.force_n, points.speed_mps)["auxiliaries"].max()) / KW,

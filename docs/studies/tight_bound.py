@@ -26,7 +26,7 @@ from das.offline.bound import (
     map_rows,
     task_of,
 )
-from das.offline.kernels.relaxed_program import MapRows, row_hulls
+from das.offline.bound_kernels import MapRows, row_hulls
 from das.solver import tolerances as tol
 from das.solver.kernels.forces import ELECTRIC, TRACTION
 from das.solver.kernels.tuples import TrainParams

@@ -487,7 +487,6 @@ def _time_s(section: Section, speeds: Floats) -> float:
 
 
 def _coasting(run: BaselineRun, section: Section) -> tuple[tuple[float, float], ...]:
-    """Begin and end (m) of each unbroken stretch of coasting."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], run.coasting, [False])).astype(np.int8)))
     return tuple((float(section.node_m[a]), float(section.node_m[b])) for a, b in edges.reshape(-1, 2))
 

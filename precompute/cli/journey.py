@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from das.domain.journey import Journey
     from das.domain.route import Route
     from das.domain.vehicle import Vehicle
-    from das.offline.journey.plan import JourneyPlan, JourneyPlanner
+    from das.offline.journey import JourneyPlan, JourneyPlanner
 
 ALL_STOPS = "stops"
 """The word that is given instead of a journey: call at all stops of the route."""
@@ -126,8 +126,8 @@ def journey(
     posed = TrainOnLine(where=where, driven=driven, world=world)
     files.check(journey, *posed.inputs())
     with loading_solver():
-        from das.offline.journey.chains import Split
-        from das.offline.journey.plan import JourneyPlanner
+        from das.offline.chains import Split
+        from das.offline.journey import JourneyPlanner
         from das.solver.warm_up import warm_up
 
         line = posed.route()
@@ -154,7 +154,6 @@ def journey(
 
 
 def _write(files: JourneyFiles, planner: JourneyPlanner, plan: JourneyPlan) -> None:
-    """Write the trajectory, the picture and the driver's sheet that were asked for."""
     if files.out is not None:
         from das.domain.files.writing import write_trajectory
 
@@ -169,7 +168,6 @@ def _write(files: JourneyFiles, planner: JourneyPlanner, plan: JourneyPlan) -> N
 
 
 def _write_sheet(path: Path, planner: JourneyPlanner, plan: JourneyPlan) -> None:
-    """Write the driver's sheet of a plan as HTML or PDF."""
     from das.domain.files.writing import write_whole
     from precompute.sheet import sheet_page, sheets_of
 
@@ -197,7 +195,6 @@ def _asked(name: str, line: Route, posed: TrainOnLine, stops: StopsOptions) -> t
 
 
 def _least_time_s(route: Route, train: Vehicle, options: TrainOptions) -> float:
-    """The sum of the least times of all sections of a route (s)."""
     from das.solver.section import build_section
     from precompute.baselines import strategies
 

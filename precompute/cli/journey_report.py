@@ -12,7 +12,7 @@ from das.domain.journey import Call, Journey, Passing, Window, clock
 from das.domain.route import Route
 from das.domain.units import KM, kmh
 from das.drawing.colors import BACKGROUND, GRID, INK, SEVERAL, SOFT
-from das.offline.journey.plan import JourneyPlanner
+from das.offline.journey import JourneyPlanner
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -55,11 +55,7 @@ def _words(window: Window) -> str:
 
 def as_dict(journey: Journey) -> dict[str, Any]:
     """The journey for programs: times (s) on its clock, None where a window is open."""
-    return {
-        "id": journey.id,
-        "name": journey.name,
-        "points": [_point(point) for point in journey.points],
-    }
+    return {"id": journey.id, "name": journey.name, "points": [_point(point) for point in journey.points]}
 
 
 def _point(point: Call | Passing) -> dict[str, Any]:
@@ -84,28 +80,22 @@ def _hurried(journey: Journey, route: Route | None) -> Iterator[str]:
     """Sections that no train can drive in the time that they have."""
     for start, end in pairwise(journey.calls):
         available_s = available(start, end)
-        least_s = (end.position_m - start.position_m) / FAST_MPS
-        if route is not None:
-            least_s = max(least_s, _least_s(route, start.position_m, end.position_m))
+        first_m, last_m = start.position_m, end.position_m
+        least_s = (last_m - first_m) / FAST_MPS
+        if route is not None:  # at the line's limits all the way
+            edges = [first_m, *(float(x) for x in route.limits_mps.start_m if first_m < x < last_m), last_m]
+            at_limits_s = sum((b - a) / float(route.limits_mps.at(a)) for a, b in pairwise(edges))
+            least_s = max(least_s, at_limits_s)
         if available_s < least_s:
-            way_m = end.position_m - start.position_m
-            speed = kmh(way_m / max(available_s, 1e-3))
-            yield (
-                f"{start.name} – {end.name}: {available_s:.0f} s for {way_m / KM:.1f} km: "
-                f"{speed:.0f} km/h on average, more than {'the limits allow' if route else 'a train runs'}"
-            )
+            way_m, allowed = end.position_m - start.position_m, "the limits allow" if route else "a train runs"
+            speed = f"{kmh(way_m / max(available_s, 1e-3)):.0f} km/h on average, more than {allowed}"
+            yield f"{start.name} – {end.name}: {available_s:.0f} s for {way_m / KM:.1f} km: {speed}"
 
 
 def available(start: Call, end: Call) -> float:
     """The longest time (s) between two stops that their windows leave; inf where one is open."""
     latest_s = min(end.arrival.latest_s, end.departure.latest_s - end.dwell_s)
     return latest_s - max(start.departure.earliest_s, start.arrival.earliest_s + start.dwell_s)
-
-
-def _least_s(route: Route, first_m: float, last_m: float) -> float:
-    """The time (s) over a section at the line's limits all the way."""
-    edges = [first_m, *(float(x) for x in route.limits_mps.start_m if first_m < x < last_m), last_m]
-    return sum((b - a) / float(route.limits_mps.at(a)) for a, b in pairwise(edges))
 
 
 def _without_dwell(journey: Journey) -> Iterator[str]:
@@ -132,16 +122,9 @@ def spare_times(planner: JourneyPlanner) -> list[dict[str, Any]]:
     found = []
     for section in planner.sections:
         least_s, left_s = float(section.least_s[-1]), available(section.start, section.end)
-        open_end = math.isinf(left_s)
-        found.append(
-            {
-                "from": section.start.name,
-                "to": section.end.name,
-                "least_s": least_s,
-                "available_s": None if open_end else left_s,
-                "spare_ratio": None if open_end else left_s / least_s - 1.0,
-            }
-        )
+        spare = (None, None) if math.isinf(left_s) else (left_s, left_s / least_s - 1.0)
+        ends = {"from": section.start.name, "to": section.end.name, "least_s": least_s}
+        found.append({**ends, "available_s": spare[0], "spare_ratio": spare[1]})
     return found
 
 
@@ -149,11 +132,8 @@ def spare_table(journey: Journey, rows: list[dict[str, Any]]) -> Table:
     """The least and the available time of each section."""
     found = new_table(journey.name, ("section",), ("least\ns", "available\ns", "spare\n%"))
     for row in rows:
-        left = (
-            ("…", "")
-            if row["available_s"] is None
-            else (f"{row['available_s']:.0f}", f"{100 * row['spare_ratio']:.1f}")
-        )
+        left_s, spare = row["available_s"], row["spare_ratio"]
+        left = ("…", "") if left_s is None else (f"{left_s:.0f}", f"{100 * spare:.1f}")
         found.add_row(f"{row['from']} – {row['to']}", f"{row['least_s']:.0f}", *left)
     return found
 
@@ -189,7 +169,10 @@ def draw_timetable(journey: Journey) -> Picture:
             axes.plot([middle_s], [place], "o", color=PASSING, markerfacecolor=face, markersize=5, zorder=5)
     _draw_scales(axes, journey, height_in)
     figure.text(0.02, 1.0 - 0.32 / height_in, journey.name, fontsize=12, color=INK, fontweight="bold")
-    _draw_key(figure, height_in, passings=bool(journey.passings))
+    words = [("arrival, not after", ARRIVAL), ("departure, from … until", DEPARTURE)]
+    words += [("passing (hollow: a wish)", PASSING)] if journey.passings else []
+    for i, (text, color) in enumerate((*words, ("as timed", SEVERAL[0]))):
+        figure.text(0.02 + 0.2 * i, 1.0 - 0.62 / height_in, f"▬ {text}", fontsize=8.5, color=color)
     return figure
 
 
@@ -241,7 +224,8 @@ def _draw_scales(axes: Any, journey: Journey, height_in: float) -> None:
     for point in sorted(points, key=lambda point: not isinstance(point, Call)):
         place = point.position_m / KM
         if all(abs(place - other) >= least for other, _ in kept):
-            kept.append((place, f"{_shortened(point.name)}  {place:.1f}"))
+            name = point.name if len(point.name) <= NAME_LETTERS else f"{point.name[: NAME_LETTERS - 1]}…"
+            kept.append((place, f"{name}  {place:.1f}"))
     axes.set_yticks([place for place, _ in kept], [name for _, name in kept], fontsize=8, color=INK)
     axes.set_ylim(last + 0.02 * (last - first), first - 0.02 * (last - first))
     low_s, high_s = axes.get_xlim()
@@ -254,16 +238,3 @@ def _draw_scales(axes: Any, journey: Journey, height_in: float) -> None:
     axes.tick_params(length=0)
     for side in axes.spines.values():
         side.set_visible(False)
-
-
-def _shortened(name: str) -> str:
-    """A name that fits beside the picture."""
-    return name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 1]}…"
-
-
-def _draw_key(figure: Any, height_in: float, *, passings: bool) -> None:
-    """What the colours mean, in one line below the title."""
-    words = [("arrival, not after", ARRIVAL), ("departure, from … until", DEPARTURE)]
-    words += [("passing (hollow: a wish)", PASSING)] if passings else []
-    for i, (text, color) in enumerate((*words, ("as timed", SEVERAL[0]))):
-        figure.text(0.02 + 0.2 * i, 1.0 - 0.62 / height_in, f"▬ {text}", fontsize=8.5, color=color)

@@ -14,7 +14,7 @@ from das.domain.errors import DasError
 from das.domain.journey import Held, clock
 from das.domain.plotted import PlottedFront
 from das.domain.units import KM, KMH, KW, in_kwh, kmh, kwh, kwh_figure, kwh_words
-from das.offline.journey.plan import JourneyPlan, JourneyPlanner, PassedAt, PlannedTime, SectionPlan
+from das.offline.journey import JourneyPlan, JourneyPlanner, PassedAt, PlannedTime, SectionPlan
 from das.solver.section import Section
 from das.solver.solution import Solution, plotted_on
 from precompute.baselines import Strategy
@@ -38,7 +38,7 @@ def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str
         "energy_stored_kwh": kwh(answer.balance.stored),
         "ledger_kwh": answer.balance.as_kwh(),
         "ledger_residual_ratio": answer.balance.residual_ratio,
-        **(_own(answer) if isinstance(answer, Baseline) else _proven(answer)),
+        **_certified(answer),
         "solve_s": solve_s,
     }
 
@@ -47,23 +47,20 @@ def _strategy(answer: Answer) -> str:
     return str(answer.strategy if isinstance(answer, Baseline) else Strategy.OPTIMAL)
 
 
-def _proven(solution: Solution) -> dict[str, Any]:
+def _certified(answer: Answer) -> dict[str, Any]:
+    if isinstance(answer, Baseline):
+        return {
+            **dict.fromkeys(("lambda_kw", "bound_kwh", "gap_ratio")),
+            "gap_reason": "a strategy other than optimal has no certificate",
+            "cruise_speed_mps": answer.cruise_speed_mps,
+            "coasting_m": [list(pair) for pair in answer.coasting_m],
+        }
     return {
-        "lambda_kw": _finite(solution.lambda_w / KW),
-        "bound_kwh": _finite(kwh(solution.bound_j)),
-        "gap_ratio": _finite(solution.gap_ratio),
-        "gap_reason": solution.gap_reason,
-        "cruise_speed_mps": None,
-        "coasting_m": None,
-    }
-
-
-def _own(run: Baseline) -> dict[str, Any]:
-    return {
-        **dict.fromkeys(("lambda_kw", "bound_kwh", "gap_ratio")),
-        "gap_reason": "a strategy other than optimal has no certificate",
-        "cruise_speed_mps": run.cruise_speed_mps,
-        "coasting_m": [list(pair) for pair in run.coasting_m],
+        "lambda_kw": _finite(answer.lambda_w / KW),
+        "bound_kwh": _finite(kwh(answer.bound_j)),
+        "gap_ratio": _finite(answer.gap_ratio),
+        "gap_reason": answer.gap_reason,
+        **dict.fromkeys(("cruise_speed_mps", "coasting_m")),
     }
 
 
@@ -157,10 +154,7 @@ _MARKS = {Held.FREE: " ", Held.EARLIEST: "≥", Held.LATEST: "≤", Held.FIXED: 
 
 
 class MissedWish(NamedTuple):
-    """A wish that a plan does not keep, and the energy (J) that keeping it would cost, NaN if it cannot be kept.
-
-    The times at the stops before and after it are those of the plan.
-    """
+    """A wish that a plan does not keep, and the energy (J) that keeping it would cost, NaN if it cannot be kept."""
 
     passed: PassedAt
     costs_j: float

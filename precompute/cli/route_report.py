@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -118,11 +118,8 @@ def _limits(route: Route) -> Iterator[str]:
     short = np.flatnonzero(lengths_m < SHORT_LIMIT_M)
     if len(short):
         i = int(short[0])
-        first_km = limits.start_m[i] / KM
-        yield (
-            f"speed_limits: {len(short)} shorter than {SHORT_LIMIT_M:g} m, the first at km {first_km:.3f}: "
-            f"{kmh(float(limits.value[i])):.0f} km/h on {lengths_m[i]:.0f} m"
-        )
+        first = f"km {limits.start_m[i] / KM:.3f}: {kmh(float(limits.value[i])):.0f} km/h on {lengths_m[i]:.0f} m"
+        yield f"speed_limits: {len(short)} shorter than {SHORT_LIMIT_M:g} m, the first at {first}"
     at_m = np.union1d(limits.start_m, curves.start_m)
     sideways_mps2 = limits.at(at_m) ** 2 * curves.at(at_m)
     worst = int(sideways_mps2.argmax())
@@ -135,13 +132,10 @@ def _limits(route: Route) -> Iterator[str]:
 
 def _gradients(route: Route) -> Iterator[str]:
     kinks = np.abs(np.diff(route.gradients_ratio.value))
-    large = np.flatnonzero(kinks > KINK_RATIO)
-    if len(large):
+    if count := int((kinks > KINK_RATIO).sum()):
         i = int(kinks.argmax())
-        yield (
-            f"gradients: {len(large)} kinks above {KINK_RATIO / PERMILLE:g} ‰, the largest at km "
-            f"{route.gradients_ratio.start_m[i + 1] / KM:.3f}: {kinks[i] / PERMILLE:.1f} ‰"
-        )
+        largest = f"km {route.gradients_ratio.start_m[i + 1] / KM:.3f}: {kinks[i] / PERMILLE:.1f} ‰"
+        yield f"gradients: {count} kinks above {KINK_RATIO / PERMILLE:g} ‰, the largest at {largest}"
 
 
 def _lacks(route: Route) -> Iterator[str]:
@@ -166,20 +160,33 @@ def draw_line(route: Route) -> Picture:
     """The picture of a line: its known quantities over the position, and its course on the map without tiles."""
     from das.drawing.picture import LEAST_RISE_M, explain, name_stops, new_figure
 
-    panels = [(2.2, _draw_limits)]
+    def limits(axis: Any) -> None:
+        speeds = kmh(route.limits_mps.value)
+        _draw_steps(axis, route.limits_mps, speeds, route, LIMIT, "limit, km/h")
+        axis.set_ylim(0, 1.1 * float(speeds.max()))
+
+    def gradients(axis: Any) -> None:
+        slopes = route.gradients_ratio.value / PERMILLE
+        _draw_steps(axis, route.gradients_ratio, slopes, route, INK, "gradient, ‰")
+        axis.axhline(0.0, color=GRID, linewidth=1.0)
+
+    def curves(axis: Any) -> None:
+        _draw_steps(axis, route.curvature_per_m, KM * route.curvature_per_m.value, route, INK, "curvature, 1/km")
+        axis.set_ylim(bottom=0)
+
+    panels: list[tuple[float, Callable[[Any], None]]] = [(2.2, limits)]
     if float(np.ptp(route.altitude_m(_edges(route.gradients_ratio, route)))) > LEAST_RISE_M:
-        panels += [(1.4, _draw_altitude), (1.2, _draw_gradients)]
+        panels += [(1.4, lambda axis: _draw_altitude(axis, route)), (1.2, gradients)]
     if route.curvature_per_m.value.any():
-        panels.append((1.0, _draw_curves))
+        panels.append((1.0, curves))
     has_map = len(route.geometry_position_m) > 1
     figure, axes = new_figure([height for height, _ in panels], below_in=MAP_IN if has_map else 0.0)
     over_distance = axes[: len(panels)]
     for axis, (_, draw) in zip(over_distance, panels, strict=True):
-        draw(axis, route)
+        draw(axis)
         for tunnel in route.tunnels:
-            axis.axvspan(
-                tunnel.start_m / KM, (tunnel.start_m + tunnel.length_m) / KM, color=INK, alpha=0.12, linewidth=0.0
-            )
+            ends_km = tunnel.start_m / KM, (tunnel.start_m + tunnel.length_m) / KM
+            axis.axvspan(*ends_km, color=INK, alpha=0.12, linewidth=0.0)
         for stop in route.stops:
             axis.axvline(stop.position_m / KM, color=INK, linewidth=0.6, alpha=0.35)
     over_distance[0].set_xlim(-0.01 * route.length_m / KM, 1.01 * route.length_m / KM)
@@ -197,15 +204,10 @@ def _edges(stretches: Stretches, route: Route) -> Floats:
     return np.append(stretches.start_m, route.length_m)
 
 
-def _draw_steps(axis: Any, stretches: Stretches, values: Floats, route: Route, color: str) -> None:
+def _draw_steps(axis: Any, stretches: Stretches, values: Floats, route: Route, color: str, label: str) -> None:
     at_km = _edges(stretches, route) / KM
     axis.step(at_km, np.append(values, values[-1]), where="post", color=color, linewidth=1.2)
-
-
-def _draw_limits(axis: Any, route: Route) -> None:
-    _draw_steps(axis, route.limits_mps, kmh(route.limits_mps.value), route, LIMIT)
-    axis.set_ylim(0, 1.1 * float(kmh(route.limits_mps.value).max()))
-    axis.set_ylabel("limit, km/h", color=INK)
+    axis.set_ylabel(label, color=INK)
 
 
 def _draw_altitude(axis: Any, route: Route) -> None:
@@ -218,18 +220,6 @@ def _draw_altitude(axis: Any, route: Route) -> None:
     axis.plot(at_m / KM, altitude_m, color=INK, linewidth=0.8)
     axis.set_ylim(bottom=low_m)
     axis.set_ylabel("altitude, m", color=INK)
-
-
-def _draw_gradients(axis: Any, route: Route) -> None:
-    _draw_steps(axis, route.gradients_ratio, route.gradients_ratio.value / PERMILLE, route, INK)
-    axis.axhline(0.0, color=GRID, linewidth=1.0)
-    axis.set_ylabel("gradient, ‰", color=INK)
-
-
-def _draw_curves(axis: Any, route: Route) -> None:
-    _draw_steps(axis, route.curvature_per_m, KM * route.curvature_per_m.value, route, INK)
-    axis.set_ylim(bottom=0)
-    axis.set_ylabel("curvature, 1/km", color=INK)
 
 
 def _draw_map(axis: Any, route: Route) -> None:

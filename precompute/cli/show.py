@@ -134,8 +134,7 @@ def _show(shown: ShownFile, files: ShowFiles) -> None:
 
 def _kind(source: str) -> str:
     """What a bundled name or a file is; DasError for what no command reads."""
-    from das.domain.files.foreign import foreign_format
-    from das.domain.files.load import catalogue
+    from das.domain.files.load import catalogue, foreign_format
 
     kinds = (JOURNEY, ROUTE, VEHICLE) if is_given("--route") else (ROUTE, VEHICLE, JOURNEY)
     for kind in kinds:
@@ -232,7 +231,7 @@ def _journey(source: str, on: OnRoute, of: OfTrain) -> ShownFile:
     if of.vehicle is not None and line is not None:
         train = load_vehicle(of.vehicle)
         with loading_solver():
-            from das.offline.journey.plan import JourneyPlanner
+            from das.offline.journey import JourneyPlanner
 
             planner = JourneyPlanner(found, line, train)
         spare = journey_report.spare_times(planner)
@@ -267,16 +266,28 @@ def print_catalogue(*, as_json: bool) -> None:
     from precompute.cli.vehicle_report import as_dict as of_vehicle
 
     routes = [_bundled(path, "route", of_route(load_route(name))) for name, path in catalogue("routes").items()]
-    vehicles = [
-        _bundled(path, "vehicle", of_vehicle(load_vehicle(name))) for name, path in catalogue("vehicles").items()
-    ]
+    trains = catalogue("vehicles").items()
+    vehicles = [_bundled(path, "vehicle", of_vehicle(load_vehicle(name))) for name, path in trains]
     if as_json:
         print(json.dumps({"routes": routes, "vehicles": vehicles}))
         return
-    _print_routes(routes)
-    _print_vehicles(vehicles)
+    table = _table("routes", ("km",), "stops")
+    for route in routes:
+        stops = ", ".join(stop["name"] for stop in route["stops"])
+        table.add_row(route["id"], route["name"], f"{route['length_m'] / KM:.1f}", stops)
+    print_table(table)
+    table = _table("vehicles", ("t", "m", "kW", "km/h"), "levels")
+    figures = {"mass_kg": TONNE, "length_m": 1.0, "max_power_w": KW, "max_speed_mps": KMH}
+    for train in vehicles:
+        numbers = (f"{train[key] / unit:.0f}" for key, unit in figures.items())
+        table.add_row(train["id"], train["name"], *numbers, " ".join(train["levels"]))
+    print_table(table, LEGEND)
     for one in (*routes, *vehicles):
-        paragraph(f"{one['id']}: {_beginning(one['source'])}", hanging="  ")
+        source = one["source"]
+        if len(source) > SHOWN_OF_A_SOURCE:  # whole sentences from its beginning
+            whole, end, _ = source[:SHOWN_OF_A_SOURCE].rpartition(". ")
+            source = f"{whole}{end.strip()} …"
+        paragraph(f"{one['id']}: {source}", hanging="  ")
         tell(f"  {one['file']}")
 
 
@@ -285,31 +296,6 @@ def _bundled(path: Path, table: str, facts: dict[str, Any]) -> dict[str, Any]:
     main = tomllib.loads(path.read_text(encoding="utf-8"))[table]
     source = " ".join(str(main.get("source") or main.get("description") or "").split())
     return {**facts, "source": source, "file": str(path)}
-
-
-def _beginning(source: str) -> str:
-    """Whole sentences from the beginning of a source."""
-    if len(source) <= SHOWN_OF_A_SOURCE:
-        return source
-    whole, end, _ = source[:SHOWN_OF_A_SOURCE].rpartition(". ")
-    return f"{whole}{end.strip()} …"
-
-
-def _print_routes(routes: list[dict[str, Any]]) -> None:
-    table = _table("routes", ("km",), "stops")
-    for route in routes:
-        stops = ", ".join(stop["name"] for stop in route["stops"])
-        table.add_row(route["id"], route["name"], f"{route['length_m'] / KM:.1f}", stops)
-    print_table(table)
-
-
-def _print_vehicles(vehicles: list[dict[str, Any]]) -> None:
-    table = _table("vehicles", ("t", "m", "kW", "km/h"), "levels")
-    figures = {"mass_kg": TONNE, "length_m": 1.0, "max_power_w": KW, "max_speed_mps": KMH}
-    for one in vehicles:
-        numbers = (f"{one[key] / unit:.0f}" for key, unit in figures.items())
-        table.add_row(one["id"], one["name"], *numbers, " ".join(one["levels"]))
-    print_table(table, LEGEND)
 
 
 def _table(title: str, figures: Sequence[str], last: str) -> Table:

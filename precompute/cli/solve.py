@@ -59,7 +59,10 @@ def solve(
     1.3 % that no run could save.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
-    _check_used(strategy)
+    if strategy is Strategy.FASTEST:
+        refuse_given("the fastest run has no time to keep", "--time", "--buffer")
+    if strategy is not Strategy.OPTIMAL:
+        refuse_given(f"needs --strategy {Strategy.OPTIMAL}", "--refine")
     with_refinement = is_refined(refine)
     files.check(*pose.inputs())
     solved = _optimal(pose, trip, with_refinement) if strategy is Strategy.OPTIMAL else _baseline(pose, trip, strategy)
@@ -82,17 +85,9 @@ def solve(
     files.tell()
 
 
-def _check_used(strategy: Strategy) -> None:
-    """Raise DasError for an option that a strategy does not use."""
-    if strategy is Strategy.FASTEST:
-        refuse_given("the fastest run has no time to keep", "--time", "--buffer")
-    if strategy is not Strategy.OPTIMAL:
-        refuse_given(f"needs --strategy {Strategy.OPTIMAL}", "--refine")
-
-
 def _solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
     """Section, front, least time (s), and the seconds the front took once everything was compiled."""
-    with loading_solver("das.offline.late_kernels"):
+    with loading_solver("precompute.late_kernels"):
         from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
 
@@ -225,7 +220,6 @@ def _runs(front: Front, times_s: list[float], refine: bool) -> list[tuple[Soluti
 
 
 def _refined(runs: list[Solution]) -> tuple[list[Solution], list[float]]:
-    """The runs, refined, and the seconds that each took."""
     with loading_solver():
         from das.offline.refinement import refined_runs, warm_up_refinement
 

@@ -72,7 +72,12 @@ def build(
     if as_json:
         print(json.dumps(report, ensure_ascii=False))
     else:
-        _print_report(report, folder)
+        for section in report["sections"]:
+            if section["reason"]:
+                print(f"{section['name']}: {section['status']}: {section['reason']}")
+        counts = ", ".join(f"{count} {status}" for status, count in report["counts"].items() if count)
+        size_mb = sum(section["size_bytes"] or 0 for section in report["sections"]) / MEGABYTE
+        print(f"{folder}: {counts or 'nothing to do'} ({size_mb:.1f} MB, {report['seconds']:.1f} s)")
     if report["counts"]["failed"] or report["counts"]["poison"]:
         raise typer.Exit(EXIT_SOME_FAILED)
 
@@ -121,11 +126,18 @@ def print_tables(folder: Path, *, as_json: bool) -> None:
         _facts(table) if table else {"name": path.name, "problem": problem, "size_bytes": 0}
         for path, table, problem in _checked(paths)
     ]
+    size_bytes = sum(row["size_bytes"] for row in rows)
     if as_json:
-        size_bytes = sum(row["size_bytes"] for row in rows)
         print(json.dumps({"tables": rows, "size_bytes": size_bytes}, ensure_ascii=False))
-    else:
-        _print_tables(rows, folder)
+        return
+    if whole := [row for row in rows if not row["problem"]]:
+        print(folder)
+        print_table(_printed(whole))
+        print(LEGEND)
+    for row in rows:
+        if row["problem"]:
+            print(row["problem"])
+    print(f"{len(rows)} tables, {size_bytes / MEGABYTE:.1f} MB")
 
 
 def _checked(paths: Sequence[Path]) -> Iterator[tuple[Path, Table | None, str | None]]:
@@ -141,15 +153,6 @@ def _checked(paths: Sequence[Path]) -> Iterator[tuple[Path, Table | None, str | 
             yield path, Table.read(path), None
         except TableError as error:
             yield path, None, str(error)
-
-
-def _print_report(report: dict[str, Any], folder: Path) -> None:
-    for section in report["sections"]:
-        if section["reason"]:
-            print(f"{section['name']}: {section['status']}: {section['reason']}")
-    counts = ", ".join(f"{count} {status}" for status, count in report["counts"].items() if count)
-    size_mb = sum(section["size_bytes"] or 0 for section in report["sections"]) / MEGABYTE
-    print(f"{folder}: {counts or 'nothing to do'} ({size_mb:.1f} MB, {report['seconds']:.1f} s)")
 
 
 def _facts(table: Table) -> dict[str, Any]:
@@ -172,18 +175,6 @@ def _facts(table: Table) -> dict[str, Any]:
         "front": front,
         "references": [{"time_s": x.time_s, "energy_j": x.energy_j, "phases": len(x.phases)} for x in references],
     }
-
-
-def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
-    whole = [row for row in rows if not row["problem"]]
-    if whole:
-        print(folder)
-        print_table(_printed(whole))
-        print(LEGEND)
-    for row in rows:
-        if row["problem"]:
-            print(row["problem"])
-    print(f"{len(rows)} tables, {sum(row['size_bytes'] for row in rows) / MEGABYTE:.1f} MB")
 
 
 def _printed(rows: list[dict[str, Any]]) -> PrintedTable:

@@ -81,10 +81,8 @@ def facts(train: Vehicle) -> list[str]:
         f"{kmh(train.max_speed_mps):.4g} km/h",
         f"traction: {shape}, at most {effort.max_force_n / KN:.4g} kN and {effort.max_power_w / KW:.5g} kW",
     ]
-    if train.modes:
-        lines.append(f"mode: {train.mode or 'none'}; it has {', '.join(train.modes)}")
-    if train.loads:
-        lines.append(f"loads: {', '.join(train.loads)}")
+    lines += [f"mode: {train.mode or 'none'}; it has {', '.join(train.modes)}"] if train.modes else []
+    lines += [f"loads: {', '.join(train.loads)}"] if train.loads else []
     return [*lines, f"losses: level {train.default_level}"]
 
 
@@ -118,7 +116,6 @@ def as_dict(train: Vehicle) -> dict[str, Any]:
 
 
 def _levels(train: Vehicle) -> list[str]:
-    """The loss levels that a train has data for, its default first."""
     found = []
     for level in sorted(Level, key=lambda one: one is not train.default_level):
         with contextlib.suppress(DasError):

@@ -1,17 +1,10 @@
 """Exact time–energy front of a section on the paper's grid (Nold & Corman 2024, section 4.1, figs. 3, 12, 13).
 
-From both ends, layer by layer, every undominated partial run is kept, until the two halves meet and are joined. So
-the result is the whole Pareto front of the grid, not only its supported points. A partial run (label) is dropped only
-where a bound proves that it cannot lead to the front:
-
-- *time*: the least time from and to every node, against the largest time asked for;
-- *dual bounds*: V(λ, node), the least energy + λ·time from the node to the other end, bounds every completion of a
-  label from below; known runs bound the front from above. A label is kept if, for at least one λ that bounds a stretch
-  of the front best, its energy + λ·time + V does not exceed what the known runs still allow there.
-
-The number of labels grows with the distance from their origin, so two halves have far fewer than a single pass. The
-known runs come from the sweeps (supported points, and switches between neighbouring λ) and from quick passes that
-keep one label per state and bucket of time; each pass tightens the bounds of the next.
+From both ends, layer by layer, every undominated partial run (label) is kept, until the two halves meet and are joined:
+the result is the whole Pareto front of the grid. A label is dropped only where its least time exceeds the time asked
+for, or where a dual bound proves it useless: V(λ, node), the least energy + λ·time from the node to the other end,
+bounds its completions from below, known runs bound the front from above. Known runs come from the sweeps and from quick
+passes that keep one label per state and bucket of time; each pass tightens the bounds of the next.
 """
 
 from __future__ import annotations
@@ -29,7 +22,7 @@ from das.domain.errors import DasError
 from das.domain.trajectory import Trajectory
 from das.solver.section import Section
 from das.solver.solution import trajectory_on
-from precompute.exact import kernels, label_kernels
+from precompute.exact import kernels
 from precompute.exact.grid import Graph, Grid, Layer, fastest_run, onward_arcs, totals, viable_layers
 
 Floats = NDArray[np.float64]
@@ -260,7 +253,7 @@ class Half:
 
         def block(part: tuple[int, int]) -> tuple[Ints, Ints, Labels32, Ints]:
             a, b = part
-            return label_kernels.merge_labels(  # type: ignore[no-any-return]
+            return kernels.merge_labels(  # type: ignore[no-any-return]
                 arcs.start[a : b + 1], arcs.other, there.speed[a:b], here.speed, onward,
                 before.offset, cost, before.time_ns, before.energy_mj, search.graph.unit_mps,
                 *search.graph.interval(k), search.graph.train(k), search.graph.section.loss_params,
@@ -286,7 +279,7 @@ class Half:
         cost = np.empty((len(labels.offset) - 1, len(lambda_w)))
 
         def block(part: tuple[int, int]) -> None:
-            label_kernels.least_costs(*part, labels.offset, labels.time_ns, labels.energy_mj, lambda_w, cost)
+            kernels.least_costs(*part, labels.offset, labels.time_ns, labels.energy_mj, lambda_w, cost)
 
         list(pool.map(block, _blocks(len(cost))))
         return cost
@@ -378,7 +371,7 @@ class Pass:
         def block(part: tuple[int, int]) -> Joined:
             found, least_mj, (state, stop) = _nothing(), known_mj, part
             while state < stop:
-                *runs, state = label_kernels.join_labels(
+                *runs, state = kernels.join_labels(
                     state, stop, a.offset, a.time_ns, a.energy_mj, b.offset, b.time_ns, b.energy_mj,
                     latest_ns, least_mj, origin_ns, width_ns,
                 )  # fmt: skip

@@ -81,15 +81,7 @@ class Graph:
                     f"expected a multiple of {grid.speed_kmh:g} km/h"
                 )
             lowest[where] = highest[where] = round(steps) * ratio
-        return cls(
-            section=section,
-            grid=grid,
-            line=line,
-            unit_mps=unit,
-            ratio=ratio,
-            lowest=lowest,
-            highest=highest,
-        )
+        return cls(section=section, grid=grid, line=line, unit_mps=unit, ratio=ratio, lowest=lowest, highest=highest)
 
     @property
     def intervals(self) -> int:

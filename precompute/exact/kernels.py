@@ -1,14 +1,17 @@
-"""Numba kernels of the exact front: segments of the paper's grid, the arcs between its states, and bounds.
+"""Numba kernels of the exact front: segments of the paper's grid, arcs between its states, bounds, and labels.
 
 Speeds are whole numbers u of the coasting sub-grid (0.01 km/h); those divisible by `ratio` are on the coarse grid.
 A state of an inner node is its index u − lowest. Times are integers of ns and energies of mJ: sums do not depend on
 their order, so that equal runs have equal labels and dominance needs no tolerance.
 
 Symbols as in `das.solver.kernels`; per interval k: h, g, q. `span` of a state is the range of coarse speeds it can
-reach, as first and last multiple of `ratio`; `coast` the speed it coasts to (-1: none).
+reach, as first and last multiple of `ratio`; `coast` the speed it coasts to (-1: none). Labels of a state lie one after
+the other, time rising and energy falling.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -201,3 +204,274 @@ def lower_hull(x, y):
         hull[n] = i
         n += 1
     return hull[:n]
+
+
+STRIDE = 16
+"""Number of labels that are examined together when halves are joined."""
+ROOM = 1 << 18
+"""Runs for which `join_labels` has room; it returns once half is used, so that its caller can drop dominated runs."""
+
+
+@kernel
+def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_energy, new_parent):
+    """Merge two undominated lists (time rising, energy falling) into an undominated one at `out`; returns its end."""
+    lowest = NEVER
+    while a < a_end or b < b_end:
+        if b >= b_end:
+            first = True
+        elif a >= a_end:
+            first = False
+        else:
+            first = time[a] < time[b] or (time[a] == time[b] and energy[a] <= energy[b])
+        i = a if first else b
+        if first:
+            a += 1
+        else:
+            b += 1
+        if energy[i] < lowest:
+            lowest = energy[i]
+            new_time[out] = time[i]
+            new_energy[out] = energy[i]
+            new_parent[out] = parent[i]
+            out += 1
+    return out
+
+
+@kernel
+def _merge_segments(end, count, time, energy, parent, new_time, new_energy, new_parent):
+    """Merge `count` undominated lists stored in sequence; returns length, times, energies and parents of the result.
+
+    Neighbours are merged in rounds, so that dominated labels are dropped early. Either set of arrays may hold the
+    result.
+    """
+    while count > 1:
+        merged = 0
+        begin = 0
+        out = 0
+        for k in range(0, count, 2):
+            middle = end[k]
+            last = end[k + 1] if k + 1 < count else middle
+            out = _merge_pair(begin, middle, middle, last, time, energy, parent, out, new_time, new_energy, new_parent)
+            begin = last
+            end[merged] = out
+            merged += 1
+        time, new_time = new_time, time
+        energy, new_energy = new_energy, energy
+        parent, new_parent = new_parent, parent
+        count = merged
+    return end[0], time, energy, parent
+
+
+@kernel
+def _envelope(lam, height, line, until):
+    """The upper envelope of the lines height[l] − lam[l]·t (lam rises): its lines by t, and the last t of each.
+
+    Returns the number of its lines.
+    """
+    n = 0
+    for l in range(lam.size - 1, -1, -1):
+        while n > 0:
+            crossing = (height[line[n - 1]] - height[l]) / (lam[line[n - 1]] - lam[l])
+            if n == 1 or crossing > until[n - 2]:
+                until[n - 1] = crossing
+                break
+            n -= 1
+        line[n] = l
+        until[n] = math.inf
+        n += 1
+    return n
+
+
+@kernel
+def merge_labels(
+    start,
+    other,
+    u,
+    other_u,
+    onward,
+    offset,
+    node_cost,
+    time,
+    energy,
+    unit,
+    h,
+    g,
+    q,
+    p,
+    c,
+    lam,
+    allowed,
+    beyond,
+    latest,
+    bucket_ns,
+):
+    """Labels of a block of states u from their neighbours' labels, without those dominated or excluded by bounds.
+
+    other[start[d]] … other[start[d + 1] − 1] are the rows of the neighbours of state d. `onward`: the labels go towards
+    the end of the section, and the neighbours lie behind; else the labels come from the end, and the neighbours lie
+    ahead. A neighbour i has the labels offset[i] … offset[i + 1] − 1 (time rising, energy falling) and node_cost[i, l],
+    the least energy + lam·time among them. A label is kept if, for some l, its energy + lam·time + beyond[d, l] does
+    not exceed allowed[l], and if its time does not exceed latest[d]. `lam` rises. `bucket_ns` > 0 keeps at most one
+    label per bucket of time (a heuristic that makes upper bounds quickly); 0 keeps all.
+
+    Returns times, energies, parents (label index) and the number of labels of each state.
+    """
+    m = lam.size
+    size = 1024
+    used = 0
+    out_time = np.empty(size, np.int64)
+    out_energy = np.empty(size, np.int64)
+    out_parent = np.empty(size, np.uint32)
+    counts = np.zeros(u.size, np.int64)
+    room = 4096
+    cand_time = np.empty(room, np.int64)
+    cand_energy = np.empty(room, np.int64)
+    cand_parent = np.empty(room, np.uint32)
+    new_time = np.empty(room, np.int64)
+    new_energy = np.empty(room, np.int64)
+    new_parent = np.empty(room, np.uint32)
+    height = np.empty(m)
+    line = np.empty(m, np.int64)
+    until = np.empty(m)
+    for d in range(u.size):
+        for l in range(m):
+            height[l] = allowed[l] - beyond[d, l]
+        lines = _envelope(lam, height, line, until)
+        segment_end = np.empty(start[d + 1] - start[d] + 1, np.int64)
+        n = 0
+        segments = 0
+        for x in range(start[d], start[d + 1]):
+            i = other[x]
+            v, w = u[d] * unit, other_u[i] * unit
+            dt, de = segment(w if onward else v, v if onward else w, h, g, q, p, c)
+            useful = False
+            for l in range(m):
+                if node_cost[i, l] <= height[l] - de / MJ - lam[l] * (dt / NS):
+                    useful = True
+                    break
+            if not useful:
+                continue
+            if n + offset[i + 1] - offset[i] > room:
+                room = 2 * (n + offset[i + 1] - offset[i])
+                cand_time = grown(cand_time, room)
+                cand_energy = grown(cand_energy, room)
+                cand_parent = grown(cand_parent, room)
+                new_time = np.empty(room, np.int64)
+                new_energy = np.empty(room, np.int64)
+                new_parent = np.empty(room, np.uint32)
+            k = 0
+            for a in range(offset[i], offset[i + 1]):
+                t = time[a] + dt
+                if t > latest[d]:
+                    break
+                seconds = t / NS
+                while k < lines - 1 and seconds > until[k]:
+                    k += 1
+                e = energy[a] + de
+                if e / MJ <= height[line[k]] - lam[line[k]] * seconds:
+                    cand_time[n] = t
+                    cand_energy[n] = e
+                    cand_parent[n] = a
+                    n += 1
+            if n > (segment_end[segments - 1] if segments > 0 else 0):
+                segment_end[segments] = n
+                segments += 1
+        if n == 0:
+            continue
+        n, merged_time, merged_energy, merged_parent = _merge_segments(
+            segment_end, segments, cand_time, cand_energy, cand_parent, new_time, new_energy, new_parent
+        )
+        if used + n > size:
+            size = 2 * (used + n)
+            out_time = grown(out_time, size)
+            out_energy = grown(out_energy, size)
+            out_parent = grown(out_parent, size)
+        begin = used
+        for a in range(n):
+            same = used > begin + 1 and bucket_ns > 0 and merged_time[a] // bucket_ns == out_time[used - 1] // bucket_ns
+            if same:
+                used -= 1
+            out_time[used] = merged_time[a]
+            out_energy[used] = merged_energy[a]
+            out_parent[used] = merged_parent[a]
+            used += 1
+        counts[d] = used - begin
+    return out_time[:used].copy(), out_energy[:used].copy(), out_parent[:used].copy(), counts
+
+
+@kernel
+def least_costs(begin, stop, offset, time, energy, lam, result):
+    """result[i, l] = least energy + lam·time (J) among the labels of states begin … stop − 1; `lam` rises.
+
+    The least lies at a corner of the labels' lower convex hull; the rising multipliers pass the corners from late to
+    early.
+    """
+    largest = 0
+    for i in range(begin, stop):
+        largest = max(largest, offset[i + 1] - offset[i])
+    hull = np.empty(largest, np.int64)
+    for i in range(begin, stop):
+        n = 0
+        for a in range(offset[i], offset[i + 1]):
+            while n > 1:
+                b, o = hull[n - 1], hull[n - 2]
+                if (energy[b] - energy[o]) / (time[b] - time[o]) < (energy[a] - energy[b]) / (time[a] - time[b]):
+                    break
+                n -= 1
+            hull[n] = a
+            n += 1
+        k = n - 1
+        for l in range(lam.size):
+            if n == 0:
+                result[i, l] = math.inf
+                continue
+            cost = energy[hull[k]] / MJ + lam[l] * (time[hull[k]] / NS)
+            while k > 0:
+                before = energy[hull[k - 1]] / MJ + lam[l] * (time[hull[k - 1]] / NS)
+                if before > cost:
+                    break
+                cost = before
+                k -= 1
+            result[i, l] = cost
+
+
+@kernel
+def join_labels(begin, stop, a_offset, a_time, a_energy, b_offset, b_time, b_energy, latest, known, origin, width):
+    """Runs made of a label from the start and one from the end that meet in one of the states begin … stop − 1.
+
+    known[x] is the least energy of a known run that takes at most origin + x·width. A run is left out if a known run
+    takes less energy and no more time, or if it takes longer than `latest`.
+
+    Returns times, energies, the two labels of each run, and the state from which the next call goes on.
+    """
+    size = ROOM
+    time = np.empty(size, np.int64)
+    energy = np.empty(size, np.int64)
+    first = np.empty(size, np.uint32)
+    second = np.empty(size, np.uint32)
+    used = 0
+    i = begin
+    while i < stop and used < ROOM // 2:
+        for a in range(a_offset[i], a_offset[i + 1]):
+            for block in range(b_offset[i], b_offset[i + 1], STRIDE):
+                end = min(block + STRIDE, b_offset[i + 1])
+                t = a_time[a] + b_time[block]
+                if t > latest:
+                    break
+                if a_energy[a] + b_energy[end - 1] > known[(t - origin) // width]:
+                    continue
+                if used + STRIDE > size:
+                    size *= 2
+                    time, energy = grown(time, size), grown(energy, size)
+                    first, second = grown(first, size), grown(second, size)
+                for b in range(block, end):
+                    t = a_time[a] + b_time[b]
+                    e = a_energy[a] + b_energy[b]
+                    if t <= latest and e <= known[(t - origin) // width]:
+                        time[used] = t
+                        energy[used] = e
+                        first[used] = a
+                        second[used] = b
+                        used += 1
+        i += 1
+    return time[:used].copy(), energy[:used].copy(), first[:used].copy(), second[:used].copy(), i

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from das.domain.errors import DasError
-from das.domain.files.foreign import ROUTES, refuse_foreign
+from das.domain.files.load import ROUTES, refuse_foreign
 from das.domain.plausibility import FLAT_ERROR, INSIST, check_route
 from das.domain.route import Altitudes, Route, Stop
 from das.domain.units import KM
@@ -88,7 +88,6 @@ def _from_map(order: ImportOrder, words: Words, maps: Sequence[Path], tables: Se
 
 
 def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
-    """The map with the stations of tables that have names and coordinates."""
     found = []
     for table in tables:
         if not table.names or not table.has("latitude", "longitude"):

@@ -6,15 +6,13 @@ points far apart (stations, summits) are joined by straight lines.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.errors import DasError
-from das.domain.route import Altitudes, Floats, Route, Zone
+from das.domain.route import Altitudes, Floats, Route
 from das.domain.units import PERMILLE
 from precompute.polylines import nearest_on_line
 from precompute.route_import.line import DECIMALS, ImportedLine, ImportOrder, stretches
@@ -39,7 +37,9 @@ def with_altitudes(line: ImportedLine, table: LineTable, order: ImportOrder) -> 
     Raises DasError or InputError for altitudes that are not of this line, or fewer than two.
     """
     at_m, altitude_m = _points(line.route, table)
-    inside = _bridged(at_m, line.structures)
+    inside = np.zeros(len(at_m), dtype=bool)  # in a tunnel or on a bridge
+    for zone in line.structures:
+        inside |= (at_m > zone.start_m) & (at_m < zone.start_m + zone.length_m)
     kept_m, kept_altitude_m = at_m[~inside], altitude_m[~inside]
     if len(kept_m) < 2:
         kept_m, kept_altitude_m, inside = at_m, altitude_m, np.zeros(len(at_m), dtype=bool)
@@ -63,16 +63,11 @@ def with_altitudes(line: ImportedLine, table: LineTable, order: ImportOrder) -> 
     }[kind]
     remark = f"Altitudes: {len(at_m)} of {table.path.name}, one in {spacing_m:.0f} m, {how}"
     remark += f"; {int(inside.sum())} in tunnels and on bridges left out." if inside.any() else "."
-    cap = (
-        f"Gradients above {cap_ratio / PERMILLE:g} ‰ were cut to it on {capped_m:.0f} m (--cap-permille)."
-        if capped_m
-        else ""
-    )
-    return replace(line, route=route).with_remarks(remark, cap)
+    cap = f"Gradients above {cap_ratio / PERMILLE:g} ‰ were cut to it on {capped_m:.0f} m (--cap-permille)."
+    return replace(line, route=route).with_remarks(remark, cap if capped_m else "")
 
 
 def _points(route: Route, table: LineTable) -> tuple[Floats, Floats]:
-    """Positions (m, rising) and altitudes (m) of a table on a line."""
     check_coordinates(table)
     rows = table.numbered("altitude")
     if not rows:
@@ -114,14 +109,6 @@ def _position_m(route: Route, table: LineTable, row: int) -> float | None:
         known = ", ".join(stop.name for stop in route.stops)
         raise table.error(row, "name", name, f"a stop of the line ({known}), or a position or coordinates beside it")
     return stops[0].position_m if stops else None
-
-
-def _bridged(at_m: Floats, structures: Sequence[Zone]) -> NDArray[np.bool_]:
-    """Whether each position is in a tunnel or on a bridge."""
-    inside = np.zeros(len(at_m), dtype=bool)
-    for zone in structures:
-        inside |= (at_m > zone.start_m) & (at_m < zone.start_m + zone.length_m)
-    return inside
 
 
 def _edges(length_m: float, smooth_m: float) -> Floats:

@@ -263,15 +263,13 @@ def route_toml(route: Route, remarks: Sequence[str] = ()) -> str:
         lines += ["", *_stop(stop)]
     limits, gradients, curves = route.limits_mps, route.gradients_ratio, route.curvature_per_m
     lines += _table("speed_limits", ("position_km", "limit_kmh"), (limits.start_m / KM, kmh(limits.value)))
-    lines += _table(
-        "gradients", ("position_km", "gradient_permille"), (gradients.start_m / KM, gradients.value / PERMILLE)
-    )
+    slopes = gradients.start_m / KM, gradients.value / PERMILLE
+    lines += _table("gradients", ("position_km", "gradient_permille"), slopes)
     if curves.value.any():
         with np.errstate(divide="ignore"):
             radius_m = 1.0 / curves.value
-        lines += _table(
-            "curves", ("position_km", "radius_start_m", "radius_end_m"), (curves.start_m / KM, radius_m, radius_m)
-        )
+        ends = curves.start_m / KM, radius_m, radius_m
+        lines += _table("curves", ("position_km", "radius_start_m", "radius_end_m"), ends)
     if route.tunnels:
         columns = [(x.start_m / KM, x.length_m / KM, x.area_m2) for x in route.tunnels]
         names = ("position_km", "length_km", "cross_section_m2")
@@ -280,7 +278,9 @@ def route_toml(route: Route, remarks: Sequence[str] = ()) -> str:
         taken = route.receptivity_ratio
         lines += _table("receptivity", ("position_km", "receptivity_ratio"), (taken.start_m / KM, taken.value))
     for key, zones in (("neutral_sections", route.neutral_sections), ("no_regeneration", route.no_regeneration)):
-        lines += _zones(key, zones)
+        if zones:
+            columns = [(zone.start_m / KM, zone.length_m) for zone in zones]
+            lines += _table(key, ("position_km", "length_m"), tuple(np.array(columns).T))
     if len(route.geometry_position_m):
         place = route.geometry_position_m / KM, route.geometry_latitude_deg, route.geometry_longitude_deg
         lines += _table("geometry", ("position_km", "latitude_deg", "longitude_deg"), place)
@@ -313,13 +313,6 @@ def _stop(stop: Stop) -> Iterator[str]:
     if stop.latitude_deg is not None and stop.longitude_deg is not None:
         yield f"latitude_deg = {_number(stop.latitude_deg)}"
         yield f"longitude_deg = {_number(stop.longitude_deg)}"
-
-
-def _zones(key: str, zones: Sequence[Zone]) -> list[str]:
-    if not zones:
-        return []
-    columns = np.array([(zone.start_m / KM, zone.length_m) for zone in zones]).T
-    return _table(key, ("position_km", "length_m"), tuple(columns))
 
 
 def _table(key: str, names: Sequence[str], columns: Iterable[Iterable[float]]) -> list[str]:

@@ -120,7 +120,6 @@ def _csv_table(path: Path) -> LineTable:
 
 
 def _column(path: Path, name: str) -> tuple[str, str]:
-    """Quantity and unit of a column; InputError for an unknown name."""
     plain = re.sub(r"[\s\[\]()]+", "_", name.strip().casefold()).strip("_")
     plain = ALIASES.get(plain, plain)
     if plain == "name" or plain in REMARKS:
@@ -149,9 +148,8 @@ def _value(path: Path, line: int, column: tuple[str, str], cell: str, table: Csv
 
 def _checked_name(path: Path, line: int, name: str) -> str:
     if len(name) > MOST_OF_A_NAME or not name.isprintable():
-        raise InputError(
-            path, f"line {line} name", name, f"at most {MOST_OF_A_NAME} characters without control characters"
-        )
+        expected = f"at most {MOST_OF_A_NAME} characters without control characters"
+        raise InputError(path, f"line {line} name", name, expected)
     return name
 
 
@@ -257,9 +255,8 @@ def _with_lengths(course: LineTable, length_m: float | None) -> LineTable:
     """A course whose positions are the lengths along it, or the same lengths up to that of the line (m)."""
     points = np.array(course.rows("latitude", "longitude"))
     if len(points) < len(course.lines) or not (points[1:] != points[:1]).any():
-        raise DasError(
-            f"{course.path}: without positions every row needs latitude and longitude, and there are two places or more"
-        )
+        needs = "without positions every row needs latitude and longitude, and there are two places or more"
+        raise DasError(f"{course.path}: {needs}")
     lengths_m = along_m(*points.T)
     scale = 1.0 if length_m is None else length_m / lengths_m[-1]
     return replace(course, numbers={**course.numbers, "position": tuple((scale * lengths_m).tolist())})
@@ -298,12 +295,8 @@ def _projected(table: LineTable, rows: Sequence[int], course: Course | None) -> 
         if None in place:
             raise table.error(i, "position", MISSING, "a position, or latitude and longitude, beside the other values")
     if course is None or len(course[0]) < 2:
-        raise table.error(
-            rows[0],
-            "position",
-            MISSING,
-            "a position, or a table of latitude_deg and longitude_deg: the course of the line",
-        )
+        expected = "a position, or a table of latitude_deg and longitude_deg: the course of the line"
+        raise table.error(rows[0], "position", MISSING, expected)
     found = projected_in_order(course, np.array(places, dtype=float), OFF_COURSE_M)
     for i, off_m in zip(rows, found.off_m.tolist(), strict=True):
         if off_m > OFF_COURSE_M:
@@ -313,7 +306,6 @@ def _projected(table: LineTable, rows: Sequence[int], course: Course | None) -> 
 
 
 def _stops(tables: Sequence[LineTable]) -> list[Stop]:
-    """The stops: rows with a name and a position, in order."""
     stops: list[Stop] = []
     for table in tables:
         for i, name in enumerate(table.names):

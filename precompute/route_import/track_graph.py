@@ -277,7 +277,6 @@ class _Search:
         raise DasError(self._no_way(nearest[1]))
 
     def _onward(self, directed: int) -> Iterator[int]:
-        """The directed pieces on which a train can go on."""
         vertex = self.heads[directed]
         ways = self.leaving[vertex]
         turns = [self._turn_cos(directed, onward) for onward in ways]
@@ -288,12 +287,10 @@ class _Search:
                 yield onward
 
     def _turn_cos(self, one: int, other: int) -> float:
-        """Cosine of the angle between the directions of two directed pieces."""
         cosine = (self.course[one >> 1] * self.course[other >> 1].conjugate()).real
         return -cosine if (one ^ other) & 1 else cosine
 
     def _way(self, state: int, before: dict[int, int]) -> FoundWay:
-        """The way that ends with a state."""
         count, states = len(self.heads), [state]
         while before[states[-1]] >= 0:
             states.append(before[states[-1]])
@@ -389,5 +386,4 @@ def _last(joined: dict[Key, Key], end: Key) -> Key:
 
 
 def _cells_around(key: Key, side: int) -> list[tuple[int, int]]:
-    """The square of a place, and those around it."""
     return [(key[0] // side + i, key[1] // side + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]

@@ -18,14 +18,14 @@ from typing import Any, Final
 from das.domain.earth import distances_m
 from das.domain.errors import DasError, InputError, seen
 from das.domain.files.reading import MOST_OF_A_NAME, Fields, read_json
-from das.domain.plausibility import RouteLimits
+from das.domain.plausibility import OF_ROUTES
 from das.domain.units import KM, KMH, MPH
 
 MOST_BYTES_OF_MAP: Final = 100_000_000
 """Largest file (bytes) of a map that is read."""
 MOST_VERTICES: Final = 2_000_000
 """Largest number of vertices of all tracks of a map. Assumption: the tracks of a large country have fewer."""
-FASTEST_MPS: Final = RouteLimits().speed_limit.most
+FASTEST_MPS: Final = OF_ROUTES["speed_limit"].possible[1]
 """Limit (m/s) above which it is taken as not known: a slip of the mapper."""
 TRACKS: Final = frozenset({"rail", "narrow_gauge", "light_rail", "subway", "tram", "preserved", "monorail"})
 """Values of `railway=*` that are tracks in use."""
@@ -197,12 +197,10 @@ def _tracks(things: Sequence[_Thing], told: bool) -> Iterator[TrackLine]:
 
 
 def _is_gone(thing: _Thing) -> bool:
-    """Whether a station or a track is no longer in use."""
     return any(thing.tags.get(key, "no") not in ("no", "") for key in ("disused", "abandoned", "razed"))
 
 
 def _place(thing: _Thing) -> MapPlace | None:
-    """The place of a thing with a name; None for a track, and for a thing without a name or a place."""
     ranks = [rank for (key, value), rank in STATIONS.items() if thing.tags.get(key) == value]
     plain = thing.point is not None and not thing.lines and not OTHER_THING & set(thing.tags)
     plain = plain and thing.tags.get("railway", "rail") in TRACKS
@@ -234,7 +232,6 @@ def _speeds_mps(text: str) -> list[float]:
 
 
 def _elements(fields: Fields) -> Iterator[_Thing]:
-    """The nodes, ways and relations of an answer of Overpass."""
     elements = [one for one in fields.data["elements"] if isinstance(one, dict)]
     points = {
         one["id"]: _key(fields, f"elements: node {one['id']}", one.get("lon"), one.get("lat"))
@@ -249,9 +246,8 @@ def _elements(fields: Fields) -> Iterator[_Thing]:
             continue
         lines = _way(fields, name, one, points) if one.get("type") == "way" else []
         centre = one.get("center")
-        point = (
-            _key(fields, f"{name} center", centre.get("lon"), centre.get("lat")) if isinstance(centre, dict) else None
-        )
+        at = (centre.get("lon"), centre.get("lat")) if isinstance(centre, dict) else None
+        point = _key(fields, f"{name} center", *at) if at else None
         if tags:
             yield _Thing(name=name, tags=tags, lines=lines, point=None if lines else point)
         for member in one.get("members") or () if one.get("type") == "relation" else ():
@@ -276,7 +272,6 @@ def _way(fields: Fields, name: str, way: Mapping[str, Any], points: Mapping[int,
 
 
 def _features(fields: Fields) -> Iterator[_Thing]:
-    """The features of a GeoJSON collection."""
     crs = fields.data.get("crs")
     if crs is not None and not re.search(r"CRS84|4326|WGS ?84", json.dumps(crs)[:500]):
         raise fields.error("crs", crs, "WGS 84 (EPSG:4326), the only one that GeoJSON has since RFC 7946")
@@ -421,24 +416,20 @@ def _one_station(the_map: TrackMap, wanted: str, found: Sequence[MapPlace]) -> t
     names = list(dict.fromkeys(place.name for place in kept if place.rank == kept[0].rank))
     if len({" ".join(_core(name)) or name for name in names}) > 1:
         raise DasError(f"{the_map.source}: {wanted!r} may be {_listed(names)}: give one of these names")
-    best = [place for place in kept if place.rank == kept[0].rank]
-    first, *others = best
+    first, *others = (place for place in kept if place.rank == kept[0].rank)
     for other in others:
         ends = first.latitude_deg, first.longitude_deg, other.latitude_deg, other.longitude_deg
         apart_m = float(distances_m(*ends))
         if apart_m > ONE_STATION_M:
-            places = " and ".join(
-                f"{wanted}={place.latitude_deg:.5f},{place.longitude_deg:.5f}" for place in (first, other)
-            )
+            both = (f"{wanted}={place.latitude_deg:.5f},{place.longitude_deg:.5f}" for place in (first, other))
+            places = " and ".join(both)
             raise DasError(f"{the_map.source}: {wanted!r} names places {apart_m / KM:.1f} km apart: give {places}")
     return kept
 
 
 def _unknown(the_map: TrackMap, wanted: str) -> str:
-    """The message for a name that no place has."""
-    names = sorted({place.name for place in the_map.places if place.rank <= 1}) or sorted(
-        {place.name for place in the_map.places}
-    )
+    stations = {place.name for place in the_map.places if place.rank <= 1}
+    names = sorted(stations or {place.name for place in the_map.places})
     if not names:
         return (
             f"{the_map.source}: no station {wanted!r}, for it names no stations at all: give "
@@ -446,8 +437,7 @@ def _unknown(the_map: TrackMap, wanted: str) -> str:
             "node[railway=station], or CSV with name, latitude_deg, longitude_deg)"
         )
     spelled = {" ".join(_words(name)): name for name in names}
-    near = difflib.get_close_matches(" ".join(_words(wanted)), list(spelled), 3, 0.6)
-    close = [spelled[one] for one in near]
+    close = [spelled[one] for one in difflib.get_close_matches(" ".join(_words(wanted)), list(spelled), 3, 0.6)]
     hint = f"; near: {_listed(close)}" if close else ""
     return f"{the_map.source}: no station {wanted!r}{hint}; it has {_listed(names)}"
 
@@ -465,7 +455,6 @@ def _words(name: str) -> list[str]:
 
 
 def _core(name: str) -> list[str]:
-    """The words of a name that are not generic."""
     return [word for word in _words(name) if word not in GENERIC]
 
 

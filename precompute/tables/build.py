@@ -38,10 +38,9 @@ class BuildStatus(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What became of a job.
+    """What became of a job: `reason` is why it failed (else empty), `seconds` how long its last attempt took.
 
-    `reason`: why it failed, else empty. `seconds`: how long its last attempt took. `attempts`: how many it took.
-    `size_bytes`: the size of its table, None if it has none.
+    `size_bytes` is the size of its table, None if it has none.
     """
 
     name: str
@@ -165,7 +164,6 @@ def solved(job: Job, folder: Path | None) -> tuple[Outcome, bytes]:
 
 
 def _outcome(made: Made[Job, tuple[Outcome, bytes]], folder: Path) -> Outcome:
-    """The outcome of a job; writes its table if its worker did not."""
     error = made.error
     if made.result is not None:
         outcome, content = made.result
@@ -181,8 +179,6 @@ def _outcome(made: Made[Job, tuple[Outcome, bytes]], folder: Path) -> Outcome:
 
 
 class _State:
-    """How far a build has come."""
-
     def __init__(self, plan: BuildPlan, folder: Path, facts: Mapping[str, Any]) -> None:
         self._plan, self._folder, self._facts = plan, folder, facts
         self._began_s = self._reported_s = time.perf_counter()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.errors import MISSING, DasError, InputError
@@ -33,18 +33,8 @@ class BuildPlan:
     settings: TableSettings
 
 
-class _Line(NamedTuple):
-    """A route in one direction with the stops between which sections lie."""
-
-    route: Route
-    stops: tuple[Stop, ...]
-
-
-class _Train(NamedTuple):
-    """A loaded train at one level of losses."""
-
-    vehicle: Vehicle
-    level: Level
+_Line = tuple[Route, tuple[Stop, ...]]
+"""A route in one direction with the stops between which sections lie."""
 
 
 def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
@@ -65,15 +55,15 @@ def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
     settings = replace(settings, refined=refined)
     site = _braking(fields)
     jobs: dict[str, Job] = {}
-    for line, train in product(lines, trains):
-        for start, end in pairwise(line.stops):
+    for (route, stops), (train, level) in product(lines, trains):
+        for start, end in pairwise(stops):
             job = Job(
-                route=line.route,
-                vehicle=train.vehicle,
-                level=train.level,
+                route=route,
+                vehicle=train,
+                level=level,
                 start_m=start.position_m,
                 end_m=end.position_m,
-                braking=None if site is None else site.of(train.vehicle),
+                braking=None if site is None else site.of(train),
                 settings=settings,
             )
             if job.name in jobs:
@@ -94,7 +84,6 @@ def _braking(fields: Fields) -> SiteBraking | None:
 
 
 def _entries(fields: Fields, key: str) -> Iterator[Fields]:
-    """The tables of an array of tables; none if the key is missing."""
     entries = fields.data.get(key, [])
     if not isinstance(entries, list):
         raise fields.error(key, entries, f"[[{key}]] tables")
@@ -112,7 +101,7 @@ def _lines(fields: Fields) -> list[_Line]:
         return [_journey_line(fields, route.reversed() if reverse else route)]
     stops = _stops(fields, route)
     ways = {False: (False,), True: (True,), "both": (False, True)}[reverse]
-    return [_reversed(route, stops) if backwards else _Line(route, stops) for backwards in ways]
+    return [_reversed(route, stops) if backwards else (route, stops) for backwards in ways]
 
 
 def _journey_line(fields: Fields, route: Route) -> _Line:
@@ -121,7 +110,7 @@ def _journey_line(fields: Fields, route: Route) -> _Line:
         if fields.has(key):
             raise fields.error(key, fields.data[key], "none beside journey, which has stops and a direction of its own")
     journey = _loaded(fields, "journey", "journeys", lambda name: load_journey(name, route))
-    return _Line(route, tuple(Stop(name=call.name, position_m=call.position_m) for call in journey.calls))
+    return route, tuple(Stop(name=call.name, position_m=call.position_m) for call in journey.calls)
 
 
 def _stops(fields: Fields, route: Route) -> tuple[Stop, ...]:
@@ -142,10 +131,10 @@ def _reversed(route: Route, stops: tuple[Stop, ...]) -> _Line:
     back = route.reversed()
     count = len(route.stops)
     places = [route.stops.index(stop) for stop in reversed(stops)]
-    return _Line(back, tuple(back.stops[count - 1 - place] for place in places))
+    return back, tuple(back.stops[count - 1 - place] for place in places)
 
 
-def _trains(fields: Fields) -> list[_Train]:
+def _trains(fields: Fields) -> list[tuple[Vehicle, Level]]:
     fields.check_keys(["vehicle", "loads", "levels", "loss_map"])
     vehicle = _loaded(fields, "vehicle", "vehicles", load_vehicle)
     if fields.has("loss_map"):
@@ -154,16 +143,13 @@ def _trains(fields: Fields) -> list[_Train]:
         vehicle = vehicle.with_loss_map(loss_map)
     loads = _texts(fields, "loads")
     loaded = [_in_plan(fields, "loads", name, vehicle.loaded) for name in loads] if loads else [vehicle]
-    levels = [_level(fields, name) for name in _texts(fields, "levels")] or [vehicle.default_level]
+    for name in _texts(fields, "levels"):
+        if name not in list(Level):
+            raise fields.error("levels", name, "one of " + ", ".join(Level))
+    levels = [Level(name) for name in _texts(fields, "levels")] or [vehicle.default_level]
     for level in levels:
         _in_plan(fields, "levels", level, vehicle.loss_model)
-    return [_Train(train, level) for train, level in product(loaded, levels)]
-
-
-def _level(fields: Fields, name: str) -> Level:
-    if name not in list(Level):
-        raise fields.error("levels", name, "one of " + ", ".join(Level))
-    return Level(name)
+    return list(product(loaded, levels))
 
 
 def _settings(fields: Fields) -> TableSettings:
@@ -201,7 +187,6 @@ def _buffers(fields: Fields) -> tuple[float, ...]:
 
 
 def _texts(fields: Fields, key: str) -> list[str]:
-    """A list of different texts; empty if the key is missing."""
     value = fields.data.get(key, [])
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value) or len(set(value)) < len(value):
         raise fields.error(key, value, "a list of different texts")

@@ -108,7 +108,7 @@ def front_facts(section: Section, settings: TableSettings, *, threads: int = 1) 
     runs = refined_runs(given, QUICK) if settings.refined else given
     proven = _to_be_proven(given, settings.proven)
     points = [
-        {"buffer_percent": buffer, **_run_facts(run, before), **_gap_facts(run, i in proven)}
+        {"buffer_percent": buffer, **_run_facts(run, before, i in proven)}
         for i, (buffer, run, before) in enumerate(zip(settings.buffers, runs, given, strict=True))
     ]
     return {"settings": settings.as_kept, "least_time_s": least_time_s, "front": points}
@@ -121,15 +121,11 @@ def _to_be_proven(runs: list[Solution], count: int) -> set[int]:
     return {on_time[round(i * (len(on_time) - 1) / max(wanted - 1, 1))] for i in range(wanted)}
 
 
-def _gap_facts(run: Solution, is_proven: bool) -> dict[str, Any]:
-    """The proven bound of a run in the table, or why there is none."""
-    if not is_proven:
-        return {"bound_j": None, "gap_ratio": None, "gap_reason": NOT_PROVEN}
-    return {"bound_j": _finite(run.bound_j), "gap_ratio": _finite(run.gap_ratio), "gap_reason": run.gap_reason}
-
-
-def _run_facts(run: Solution, before: Solution) -> dict[str, Any]:
+def _run_facts(run: Solution, before: Solution, is_proven: bool) -> dict[str, Any]:
     """A run in the table; `before` is the same one unrefined. λ is null for the fastest run."""
+    gap: dict[str, Any] = {"bound_j": None, "gap_ratio": None, "gap_reason": NOT_PROVEN}
+    if is_proven:
+        gap = {"bound_j": _finite(run.bound_j), "gap_ratio": _finite(run.gap_ratio), "gap_reason": run.gap_reason}
     return {
         "time_s": run.time_s,
         "fit": str(run.fit),
@@ -137,6 +133,7 @@ def _run_facts(run: Solution, before: Solution) -> dict[str, Any]:
         "energy_irreversible_j": run.balance.irreversible,
         "refinement_saved_j": before.balance.input - run.balance.input,
         "lambda_w": _finite(run.lambda_w),
+        **gap,
     }
 
 

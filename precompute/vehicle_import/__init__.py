@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from das.domain.errors import DasError
-from das.domain.files.foreign import VEHICLES, refuse_foreign
+from das.domain.files.load import VEHICLES, refuse_foreign
 from das.domain.files.reading import Fields, read_json
 from das.domain.files.vehicles import vehicle_of
 from das.domain.vehicle import Vehicle
@@ -75,13 +75,10 @@ def _read(source: Path, figures: Figures, train_id: str | None) -> ImportedTrain
     if train_id is not None and not is_stock:
         raise DasError(f"--train {train_id}: only a file of railtoolkit holds several trains")
     if suffix != ".json" and not is_stock and not fields.has("schema"):
-        raise DasError(
-            f"{source}: no rolling stock; expected a table of efforts as CSV, with its other figures as options"
-        )
-    if figures.given():
-        raise DasError(
-            f"--{next(iter(figures.given())).replace('_', '-')}: only a table needs it, {source.name} gives its own"
-        )
+        expected = "expected a table of efforts as CSV, with its other figures as options"
+        raise DasError(f"{source}: no rolling stock; {expected}")
+    for name in figures.given():
+        raise DasError(f"--{name.replace('_', '-')}: only a table needs it, {source.name} gives its own")
     if is_stock:
         return railtoolkit.read_rolling_stock(fields, train_id)
     if suffix == ".json" and osrd.is_rolling_stock(fields):

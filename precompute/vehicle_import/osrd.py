@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator
 
 from das.domain.errors import is_seen
-from das.domain.files.efforts import MOST_POINTS
 from das.domain.files.reading import LARGEST, MOST_OF_A_NAME, Fields, in_si
+from das.domain.files.vehicles import MOST_POINTS
 from das.domain.vehicle import Resistance
 from precompute.vehicle_import.train import ImportedTrain, Mode, Points, number_in_si
 
@@ -118,7 +118,6 @@ def _volts(name: str) -> float | None:
 
 
 def _points(fields: Fields) -> Points:
-    """The points of a curve: lists of speeds (m/s) and of largest efforts (N)."""
     speeds, efforts = (fields.rows(key, "a list of numbers", MOST_POINTS) for key in ("speeds", "max_efforts"))
     if len(speeds) != len(efforts):
         raise fields.error("max_efforts", f"{len(efforts)} numbers", f"{len(speeds)} numbers, one a speed")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from das.domain.errors import DasError
-from das.domain.files.efforts import MOST_POINTS
 from das.domain.files.reading import Fields, in_si
+from das.domain.files.vehicles import MOST_POINTS
 from das.domain.units import KMH, TONNE
 from das.domain.vehicle import Load, Resistance
 from precompute.vehicle_import.train import ImportedTrain, Mode, Points, number_in_si
@@ -46,9 +46,8 @@ def read_rolling_stock(fields: Fields, train_id: str | None = None) -> ImportedT
     mass_kg, load_kg = sum(masses_kg), sum(loads_kg)
     turning = [number_in_si(one, "rotation_mass", ("-", "ratio"), 1.09 if one in pulling else 1.06) for one in vehicles]
     passenger = any(one.text("vehicle_type") in _PASSENGER for one in vehicles)
-    braking = [
-        abs(number_in_si(one, "a_braking", ("m/s^2", "acceleration"))) for one in pulling if one.has("a_braking")
-    ]
+    braked = (one for one in pulling if one.has("a_braking"))
+    braking = [abs(number_in_si(one, "a_braking", ("m/s^2", "acceleration"))) for one in braked]
     usual_mps2 = PASSENGER_MPS2 if passenger else FREIGHT_MPS2
     limits = [number_in_si(one, "speed_limit", ("km/h", "speed")) for one in vehicles if one.has("speed_limit")]
     if not limits:
@@ -103,10 +102,8 @@ def _resistance(one: Fields, load_kg: float) -> Resistance:
     Coaches: (m + load)·g·(f0 + f1·v/100 km/h + f2·((v + w)/100 km/h)²); for freight wagons w = 0.
     """
     mass_kg, kind = number_in_si(one, "mass", ("t", "mass")), one.text("vehicle_type")
-    f0, f1, f2 = (
-        number_in_si(one, key, ("‰", "gradient"), 0.0)
-        for key in ("base_resistance", "rolling_resistance", "air_resistance")
-    )
+    keys = "base_resistance", "rolling_resistance", "air_resistance"
+    f0, f1, f2 = (number_in_si(one, key, ("‰", "gradient"), 0.0) for key in keys)
     if kind in _TRACTION:
         driven_kg = number_in_si(one, "mass_traction", ("t", "mass"), mass_kg / TONNE)
         weight_n = mass_kg * GRAVITY_MPS2

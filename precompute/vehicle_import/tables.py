@@ -11,8 +11,8 @@ from typing import Annotated
 import typer
 
 from das.domain.errors import MISSING, DasError, InputError
-from das.domain.files.efforts import MOST_POINTS
 from das.domain.files.reading import MOST_OF_A_NAME
+from das.domain.files.vehicles import MOST_POINTS
 from das.domain.units import FACTORS
 from das.domain.vehicle import Resistance
 from precompute.foreign_text import read_csv
@@ -86,16 +86,13 @@ def read_efforts(path: Path, figures: Figures) -> ImportedTrain:
     names, factors = _columns(path, header, width, figures.units)
     points = []
     for line, cells in body:
-        values = [
-            value * x for cell, x in zip(cells, factors, strict=False) if (value := table.number(cell)) is not None
-        ]
-        if not len(values) == len(cells) == width:
+        numbers = [table.number(cell) for cell in cells]
+        if None in numbers or len(numbers) != width:
             raise InputError(path, f"line {line}", ",".join(cells), f"{width} numbers")
-        points.append(values)
+        points.append([value * x for value, x in zip(numbers, factors, strict=True) if value is not None])
     if len(set(names)) < len(names):
-        raise InputError(
-            path, "header", ",".join(names), "a name of its own for each column, which is that of its mode"
-        )
+        expected = "a name of its own for each column, which is that of its mode"
+        raise InputError(path, "header", ",".join(names), expected)
     speeds, *forces = zip(*points, strict=True)
     curves = {name: tuple(zip(speeds, force, strict=True)) for name, force in zip(names[1:], forces, strict=True)}
     return _train(path, figures.given(), _modes(path, curves))
@@ -145,8 +142,6 @@ def _modes(path: Path, curves: Mapping[str, Points]) -> dict[str, Mode]:
 
 
 def _train(path: Path, given: Mapping[str, str], modes: dict[str, Mode]) -> ImportedTrain:
-    """The train of a table from the figures that options give."""
-
     def figure(key: str, dimension: str, default: str | None = None) -> float:
         value = given.get(key, default)
         if value is None:
@@ -180,7 +175,6 @@ def _train(path: Path, given: Mapping[str, str], modes: dict[str, Mode]) -> Impo
 
 
 def _davis(path: Path, value: object, mass_kg: float) -> Resistance:
-    """Davis' coefficients: three, separated by commas."""
     terms = value.split(",") if isinstance(value, str) else []
     if len(terms) != 3:
         expected = "three coefficients with their units, like 2.4 kN, 0.02 kN/(km/h), 0.0005 kN/(km/h)^2"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +22,7 @@ from das.domain.formulary import largest_power_w
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.units import FACTORS, KMH, KN, PERMILLE, STANDARD_GRAVITY_MPS2, TONNE, to_si
-from das.domain.vehicle import Load, Resistance, Vehicle
+from das.domain.vehicle import Load, Resistance
 
 EXAMPLES = {
     "mass": "440 t or 68000 kg",
@@ -102,7 +103,6 @@ def _order(found: re.Match[str]) -> int:
 
 
 def _parts(value: str) -> tuple[float | None, str]:
-    """A number and its unit; None for any other text."""
     found = _FIGURE.fullmatch(value) if len(value) <= LONGEST else None
     return (float(found[1]), found[2]) if found else (None, "")
 
@@ -228,69 +228,39 @@ def _losses_of(name: str, power_w: float) -> NamedLosses:
             f"--losses {name}: expected lossless, a mean efficiency like 0.85, or the vehicle whose efficiency the "
             f"train has ({error})"
         ) from None
-    level, loss = _constant_efficiency(vehicle)
-    idle_w = loss.idle_w * power_w / vehicle.traction.max_power_w
-    note = (
-        f"efficiency and idle power are those of {vehicle.id} (level {level}), the idle power scaled by the traction's"
-    )
-    driving, braking = 1.0 / (1.0 + loss.traction_ratio), 1.0 - loss.brake_ratio
-    return NamedLosses(
-        (
-            "[losses.own]",
-            f"traction_efficiency_ratio = {driving:.6g}",
-            f"brake_efficiency_ratio = {braking:.6g}",
-            f"idle_kw = {idle_w / KN:.6g}",
-        ),
-        note,
-    )
-
-
-def _constant_efficiency(vehicle: Vehicle) -> tuple[Level, EfficiencyLoss]:
     for level in (Level.OWN, Level.L2, Level.L1):
-        try:
+        with suppress(DasError):
             loss = vehicle.loss_model(level)
-        except DasError:
-            continue
-        if isinstance(loss, EfficiencyLoss):
-            return level, loss
+            if isinstance(loss, EfficiencyLoss):
+                driving, braking = 1.0 / (1.0 + loss.traction_ratio), 1.0 - loss.brake_ratio
+                idle_kw = loss.idle_w * power_w / vehicle.traction.max_power_w / KN
+                ratios = f"traction_efficiency_ratio = {driving:.6g}", f"brake_efficiency_ratio = {braking:.6g}"
+                scaled = f"{vehicle.id} (level {level}), the idle power scaled by the traction's"
+                note = f"efficiency and idle power are those of {scaled}"
+                return NamedLosses(("[losses.own]", *ratios, f"idle_kw = {idle_kw:.6g}"), note)
     raise DasError(f"--losses {vehicle.id}: it has no efficiency (levels own, l2 or l1)")
 
 
 def vehicle_text(train: ImportedTrain, losses: NamedLosses, made_by: str, accepted: Sequence[str] = ()) -> str:
     """The vehicle file of a train: what it was made from and by which command, what was assumed, and its figures."""
-    return "\n".join([*_head(train, losses, made_by), *_body(train, accepted), *losses.lines]) + "\n"
-
-
-def _head(train: ImportedTrain, losses: NamedLosses, made_by: str) -> Iterator[str]:
-    yield seen(f"# {train.name}. Made by {made_by} from {train.source}.")
-    for note in (*train.notes, losses.note):
-        yield seen(f"# Note: {note}.")
-    yield ""
+    head = [f"# {train.name}. Made by {made_by} from {train.source}."]
+    head += [f"# Note: {note}." for note in (*train.notes, losses.note)]
+    return "\n".join([*map(seen, head), "", *_body(train, accepted), *losses.lines]) + "\n"
 
 
 def _body(train: ImportedTrain, accepted: Sequence[str]) -> Iterator[str]:
-    yield from (
-        "schema_version = 1",
-        "",
-        "[vehicle]",
-        f"id = {_quoted(_WORDS_APART.sub('-', train.id))}",
-        f"name = {_quoted(train.name)}",
-    )
-    yield f"source = {_quoted(train.source)}"
+    yield from ("schema_version = 1", "", "[vehicle]", f"id = {_quoted(_WORDS_APART.sub('-', train.id))}")
+    yield from (f"name = {_quoted(train.name)}", f"source = {_quoted(train.source)}")
     if accepted:
         yield f"implausible_accepted = [{', '.join(map(_quoted, accepted))}]"
     if train.default:
         yield f"default_mode = {_quoted(train.default)}"
-    yield f"mass_t = {_number(train.mass_kg / TONNE)}"
-    yield f"rotating_mass_ratio = {_number(train.rotating_mass_ratio)}"
-    yield f"length_m = {_number(train.length_m)}"
-    yield f"max_speed_kmh = {_number(train.max_speed_mps / KMH)}"
-    yield f"max_deceleration_mps2 = {_number(train.deceleration_mps2)}"
-    yield from ("", "[resistance]", f"c0_n = {_number(train.resistance.c0_n)}")
-    yield f"c1_n_per_mps = {_number(train.resistance.c1_n_per_mps)}"
-    yield f"c2_n_per_mps2 = {_number(train.resistance.c2_n_per_mps2)}"
-    yield ""
-    yield from ("[service_brake]", f"deceleration_mps2 = {_number(train.deceleration_mps2)}", "")
+    figures = {"mass_t": train.mass_kg / TONNE, "rotating_mass_ratio": train.rotating_mass_ratio}
+    figures |= {"length_m": train.length_m, "max_speed_kmh": train.max_speed_mps / KMH}
+    yield from (f"{key} = {_number(x)}" for key, x in figures.items())
+    yield from (f"max_deceleration_mps2 = {_number(train.deceleration_mps2)}", "", "[resistance]")
+    yield from (f"{key} = {_number(x)}" for key, x in vars(train.resistance).items())
+    yield from ("", "[service_brake]", f"deceleration_mps2 = {_number(train.deceleration_mps2)}", "")
     inertial_kg = train.mass_kg * (1 + train.rotating_mass_ratio)
     rubs_n = inertial_kg * train.deceleration_mps2 + train.mass_kg * STANDARD_GRAVITY_MPS2 * STEEPEST_RATIO
     yield f"[friction_brake]  # assumed: enough for the deceleration on a descent of {STEEPEST_RATIO * 1000:g} ‰"

@@ -14,7 +14,7 @@ from das.bus.recording import Recording
 from das.bus.sealing import MAGIC
 from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
 from das.domain.errors import DasError, InputError
-from das.domain.files.foreign import TRIPS, refuse_foreign
+from das.domain.files.load import TRIPS, refuse_foreign
 from das.domain.route import Floats
 from das.domain.units import KM, KMH, NS
 from das.estimate.estimate import Quality

@@ -28,7 +28,7 @@ from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
-from das.offline.journey.plan import plan_journey
+from das.offline.journey import JourneyPlanner
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section, with_braking
 from das.solver.solution import Solution
@@ -321,7 +321,7 @@ def _planned_timetables(
     journey: Journey, zero_ns: int, route: Route, vehicle: Vehicle, level: Level | None, *, point_mass: bool
 ) -> tuple[Timetable, ...]:
     """The times of the least-energy plan of a journey, to 0.1 s; InfeasibleError, which names a window, without one."""
-    plan = plan_journey(journey, route, vehicle, level=level, point_mass=point_mass)
+    plan = JourneyPlanner(journey, route, vehicle, level=level, point_mass=point_mass).plan()
     return tuple(
         Timetable(
             departure_ns=zero_ns + round(round(section.departure.time_s, 1) / NS),

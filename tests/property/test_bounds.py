@@ -27,7 +27,7 @@ from das.offline.bound import (
     relaxation,
     task_of,
 )
-from das.offline.kernels.relaxed_program import (
+from das.offline.bound_kernels import (
     FIXED_ROWS,
     LOCAL,
     Multipliers,

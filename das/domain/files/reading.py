@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import stat
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -33,7 +34,22 @@ LARGEST_TIME_S = 1e10
 """Largest time (s) on a journey's clock, which may count from 1970."""
 LARGEST_LENGTH_M = 1e9
 """Largest position or length (m) in a file; `das.domain.plausibility` then applies narrower limits."""
+_DIMENSIONS = {
+    "hz_per_mps": "frequency_per_speed",
+    "n_per_mps2": "resistance_2",
+    "n_per_mps": "resistance_1",
+    "mps2": "acceleration",
+    "mps": "speed",
+    "ratio": "ratio",
+    "hz": "frequency",
+    "kg": "mass",
+    "n": "force",
+    "s": "time",
+    "w": "power",
+}
+"""Units at the end of the names of quantities in SI, the longer ones first, with their dimensions."""
 Kind = TypeVar("Kind", bound=StrEnum)
+Made = TypeVar("Made")
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:
@@ -186,6 +202,27 @@ class Fields:
         key, value = self.prefix + found[0], self.data[found[0]]
         return in_si(self.source, key, value, (unit, dimension), unbounded=unbounded)
 
+    def made(self, kind: type[Made], *beside: str, **given: object) -> Made:
+        """An instance of a dataclass from a table of its quantities: `mass_t = 440` for the field `mass_kg`.
+
+        A field with a default may be missing; `beside` are other keys that the table may have, `given` other fields.
+        Raises InputError for any other key, and with the key of the file what the dataclass raises.
+        """
+        every = dataclasses.fields(kind)  # type: ignore[arg-type]
+        wanted = {one.name: one.default for one in every if "float" in str(one.type)}
+        names = {field: _quantity_of(field) for field in wanted if field not in given}
+        self.check_keys(["source", *beside, *self.quantity_keys(dict(names.values()))])
+        values = dict(given)
+        for field, (name, dimension) in names.items():
+            default = wanted[field]
+            if default is dataclasses.MISSING or self.given_keys(name, dimension):
+                values[field] = self.quantity(name, dimension)
+        maker: Callable[..., Made] = kind
+        try:
+            return maker(**values)
+        except InputError as error:
+            raise self.error(error.key, error.value, error.expected) from None
+
     def within(self, name: str, dimension: str, default: float, ends: tuple[float, float]) -> float:
         """A finite quantity within its bounds (SI); InputError for any other."""
         value = self.quantity(name, dimension, default, unbounded=True)
@@ -235,16 +272,26 @@ class Fields:
         rows = table.rows("rows", "a list of rows", most)
         result: dict[str, list[float]] = {}
         for index, (name, dimension) in enumerate(wanted.items()):
-            unit = _column_unit(table, str(names[index]), name, dimension), dimension
-            result[name] = [
-                in_si(
-                    *(self.source, f"{table.prefix}rows[{i}].{name}", _cell(table, i, row, index)),
-                    unit,
-                    unbounded=name in unbounded,
-                )
-                for i, row in enumerate(rows)
-            ]
+            unit, free = _column_unit(table, str(names[index]), name, dimension), name in unbounded
+            keys = (f"{table.prefix}rows[{i}].{name}" for i in range(len(rows)))
+            cells = (_cell(table, i, row, index) for i, row in enumerate(rows))
+            found = zip(keys, cells, strict=True)
+            result[name] = [in_si(self.source, key, cell, (unit, dimension), unbounded=free) for key, cell in found]
         return result
+
+    def optional_rows(
+        self, key: str, wanted: Mapping[str, str], *, unbounded: Collection[str] = (), most: int = MOST_ROWS
+    ) -> list[tuple[float, ...]]:
+        """The rows of a list like that of `columns`; empty if the key is missing."""
+        if not self.has(key):
+            return []
+        return list(zip(*self.columns(key, wanted, unbounded=unbounded, most=most).values(), strict=True))
+
+
+def _quantity_of(field: str) -> tuple[str, str]:
+    """The name and the dimension of a quantity, of a field whose name ends in its unit."""
+    unit = next(unit for unit in _DIMENSIONS if field.endswith(f"_{unit}"))
+    return field.removesuffix(f"_{unit}"), _DIMENSIONS[unit]
 
 
 def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbounded: bool = False) -> float:

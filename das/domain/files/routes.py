@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -63,7 +64,11 @@ def read_route(path: Path) -> Route:
         gradients_ratio=_stretches(fields, "gradients", "gradient", "gradient"),
         curvature_per_m=_curvature(fields),
         tunnels=_tunnels(fields),
-        receptivity_ratio=_receptivity(fields),
+        receptivity_ratio=(
+            _stretches(fields, "receptivity", "receptivity", "ratio")
+            if fields.has("receptivity")
+            else Stretches.constant(1.0)
+        ),
         neutral_sections=_zones(fields, "neutral_sections"),
         no_regeneration=_zones(fields, "no_regeneration"),
         altitude_at_start_m=main.quantity("altitude_at_start", "length", 0.0),
@@ -97,31 +102,21 @@ def _time_zone(main: Fields) -> str:
 
 def _geometry(fields: Fields) -> tuple[Floats, Floats, Floats]:
     """Position (m), latitude and longitude (deg) of each point of the geometry; empty if the file has none."""
-    if not fields.has("geometry"):
-        return np.empty(0), np.empty(0), np.empty(0)
     wanted = {"position": "length", "latitude": "angle", "longitude": "angle"}
-    columns = fields.columns("geometry", wanted, most=MOST_POINTS)
-    return np.array(columns["position"]), np.array(columns["latitude"]), np.array(columns["longitude"])
+    rows = fields.optional_rows("geometry", wanted, most=MOST_POINTS)
+    position_m, latitude_deg, longitude_deg = (np.array([row[i] for row in rows]) for i in range(3))
+    return position_m, latitude_deg, longitude_deg
 
 
 def _curvature(fields: Fields) -> Stretches:
-    """Mean curvature of each stretch; a file without curves describes a straight line."""
-    rows = [[0.0, np.inf, np.inf]]
-    if fields.has("curves"):
-        wanted = {"position": "length", "radius_start": "length", "radius_end": "length"}
-        columns = fields.columns("curves", wanted, unbounded=("radius_start", "radius_end"))
-        rows = [list(row) for row in zip(*columns.values(), strict=True)]
-    return curvature_stretches(str(fields.source), rows)
+    wanted = {"position": "length", "radius_start": "length", "radius_end": "length"}
+    rows = fields.optional_rows("curves", wanted, unbounded=("radius_start", "radius_end"))
+    return curvature_stretches(str(fields.source), rows or [(0.0, np.inf, np.inf)])
 
 
 def _stops(fields: Fields) -> tuple[Stop, ...]:
-    entries = fields.data.get("stops", MISSING)
-    if not isinstance(entries, list):
-        raise fields.error("stops", entries, "a list of [[stops]]")
-    fields.check_count("stops", entries, MOST_STOPS)
     stops = []
-    for i, entry in enumerate(entries):
-        table = Fields.of(fields.source, entry, f"stops[{i}].")
+    for table in _tables(fields, "stops", needed=True):
         places = {"position": "length", "altitude": "length", "latitude": "angle", "longitude": "angle"}
         table.check_keys(["name", "source", *table.quantity_keys(places)])
         table.quantity("altitude", "length", 0.0)  # not used, but it must be readable
@@ -141,27 +136,14 @@ def _stretches(fields: Fields, key: str, name: str, dimension: str) -> Stretches
     return Stretches(start_m=np.array(columns["position"]), value=np.array(columns[name]))
 
 
-def _receptivity(fields: Fields) -> Stretches:
-    if not fields.has("receptivity"):
-        return Stretches.constant(1.0)
-    return _stretches(fields, "receptivity", "receptivity", "ratio")
-
-
 def _zones(fields: Fields, key: str) -> tuple[Zone, ...]:
-    if not fields.has(key):
-        return ()
-    columns = fields.columns(key, {"position": "length", "length": "length"})
-    return tuple(Zone(start_m=start, length_m=length) for start, length in zip(*columns.values(), strict=True))
+    rows = fields.optional_rows(key, {"position": "length", "length": "length"})
+    return tuple(Zone(start_m=start, length_m=length) for start, length in rows)
 
 
 def _tunnels(fields: Fields) -> tuple[Tunnel, ...]:
-    if not fields.has("tunnels"):
-        return ()
-    columns = fields.columns("tunnels", {"position": "length", "length": "length", "cross_section": "area"})
-    return tuple(
-        Tunnel(start_m=start, length_m=length, area_m2=area)
-        for start, length, area in zip(*columns.values(), strict=True)
-    )
+    rows = fields.optional_rows("tunnels", {"position": "length", "length": "length", "cross_section": "area"})
+    return tuple(Tunnel(start_m=start, length_m=length, area_m2=area) for start, length, area in rows)
 
 
 def read_journey(path: Path, route: Route | None) -> Journey:
@@ -191,8 +173,8 @@ def journey_of(fields: Fields, route: Route | None) -> Journey:
     )
 
 
-def _tables(fields: Fields, key: str) -> list[Fields]:
-    entries = fields.data.get(key, [])
+def _tables(fields: Fields, key: str, *, needed: bool = False) -> list[Fields]:
+    entries = fields.data.get(key, MISSING if needed else [])
     if not isinstance(entries, list):
         raise fields.error(key, entries, f"a list of [[{key}]]")
     fields.check_count(key, entries, MOST_STOPS)
@@ -289,7 +271,7 @@ def _time_s(fields: Fields, name: str, default: float) -> float:
     return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds or 0.0)
 
 
-def curvature_stretches(source: str, rows: list[list[float]]) -> Stretches:
+def curvature_stretches(source: str, rows: Sequence[Sequence[float]]) -> Stretches:
     """Mean |curvature| of each stretch from rows of position and signed radii at its start and end (m).
 
     A radius below 60 m is rejected: no main line has one, and the resistance formula has a pole at 55 m.

@@ -5,23 +5,161 @@ The formats are explained in docs/reference/file-formats.md.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
 from das.domain.braking import REACTION_S, SiteBraking
-from das.domain.errors import MISSING, InputError
-from das.domain.files.efforts import ReadEfforts, read_columns, read_efforts
-from das.domain.files.reading import Fields, in_si, read_toml, train_length_m
+from das.domain.effort import EffortCurve, EffortEnvelope, EffortMode
+from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.reading import MOST_BYTES, Fields, in_si, read_text, read_toml, train_length_m
 from das.domain.levels import Level
-from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
+from das.domain.loss_chain import Converter, LossChain
 from das.domain.losses import MOST_MAP_POINTS, EfficiencyLoss, LossMap, LossModel, check_map_size
 from das.domain.plausibility import ACCEPTED, INSIST, VEHICLE_CHECKS, check_vehicle
-from das.domain.units import KMH
+from das.domain.units import FACTORS, KMH, KN
 from das.domain.vehicle import BrakePolicy, Load, Resistance, ServiceBrake, Vehicle
+
+MOST_POINTS = 2000
+"""Largest number of points of an effort curve."""
+LEAST_APART_MPS = 1e-3
+"""Least difference (m/s) between two points of an effort curve."""
+HIGHEST_MPS, LARGEST_N = 250.0, 1e8
+"""Highest speed (m/s) and largest force (N) of a point of an effort curve."""
+_CURVE = {"speed": "speed", "force": "force"}
+_NO_EFFORT = EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
+
+
+def _read_efforts(fields: Fields, top_mps: float) -> tuple[dict[str, EffortMode], str, EffortMode]:
+    """The modes of a vehicle file for a top speed (m/s), the name of the default one, and its efforts.
+
+    A mode without its own efforts has those of the file. `[traction]` may be missing if `[vehicle]` names a
+    `default_mode`. Raises InputError for anything unusable.
+    """
+    main, table = fields.table("vehicle"), fields.optional_table("modes")
+    default = main.name("default_mode", "")
+    electric = _envelope(fields.table("electric_brake"), top_mps) if fields.has("electric_brake") else _NO_EFFORT
+    every = None if default and not fields.has("traction") else _traction(fields, top_mps)
+    modes = {name: _mode(table.table(name), every, electric, top_mps) for name in table.data}
+    if default and default not in modes:
+        raise main.error("default_mode", default, f"one of the modes {', '.join(modes) or '(the file has none)'}")
+    if every is None or default:
+        return modes, default, modes[default]
+    return modes, "", EffortMode(traction=every, electric_brake=electric)
+
+
+def _traction(fields: Fields, top_mps: float) -> EffortEnvelope:
+    traction = _envelope(fields.table("traction"), top_mps)
+    if traction.curve is not None and traction.curve.force_n[0] == 0:
+        raise fields.error("traction.curve", "0 kN at 0 km/h", "a force > 0; otherwise the train cannot start")
+    return traction
+
+
+def _mode(fields: Fields, every: EffortEnvelope | None, electric: EffortEnvelope, top_mps: float) -> EffortMode:
+    """One mode of a train; missing values are those of the rest of the file."""
+    voltage = {"voltage": "voltage"}
+    fields.check_keys(["source", "traction", "electric_brake", "weather", *fields.quantity_keys(voltage)])
+    if every is None or fields.has("traction"):
+        every = _traction(fields, top_mps)
+    if fields.has("electric_brake"):
+        electric = _envelope(fields.table("electric_brake"), top_mps)
+    return EffortMode(
+        traction=every,
+        electric_brake=electric,
+        voltage_v=fields.quantity("voltage", "voltage") if fields.given_keys("voltage", "voltage") else None,
+        weather=fields.name("weather", "") if fields.has("weather") else "",
+    )
+
+
+def _envelope(fields: Fields, top_mps: float) -> EffortEnvelope:
+    """Force and power, or an effort curve: the name of a CSV file, or a table in the file."""
+    if not fields.has("curve"):
+        return fields.made(EffortEnvelope)
+    fields.check_keys(["source", "curve"])
+    if isinstance(fields.data["curve"], str):
+        path = fields.source.parent / fields.text("curve")
+        rows = read_columns(path, "effort curve", _CURVE, MOST_POINTS)
+        curve = effort_curve(path, {f"line {line}": row for line, row in rows.items()}, top_mps)
+    elif isinstance(fields.data["curve"], Mapping):
+        columns = fields.columns("curve", _CURVE, most=MOST_POINTS)
+        points = zip(columns["speed"], columns["force"], strict=True)
+        curve = effort_curve(
+            fields.source, {f"{fields.prefix}curve.rows[{i}]": x for i, x in enumerate(points)}, top_mps
+        )
+    else:
+        raise fields.error("curve", fields.data["curve"], "the name of a CSV file, or a table of columns and rows")
+    return EffortEnvelope.of_curve(curve, top_mps)
+
+
+def effort_curve(source: Path | str, points: Mapping[str, Sequence[float]], top_mps: float) -> EffortCurve:
+    """The curve through points of speed (m/s) and force (N), each under its place in the file.
+
+    Raises InputError unless the speeds rise from 0 at least to the top speed (m/s) and the forces are possible.
+    """
+    before_mps = -LEAST_APART_MPS
+    for place, (speed_mps, force_n) in points.items():
+        shown = f"{speed_mps / KMH:g} km/h"
+        if before_mps < 0 and speed_mps != 0:
+            raise InputError(source, place, shown, "0 km/h as the first speed")
+        if not before_mps + LEAST_APART_MPS <= speed_mps <= HIGHEST_MPS:
+            expected = f"rising speeds of at most {HIGHEST_MPS / KMH:g} km/h, after {max(before_mps, 0) / KMH:g} km/h"
+            raise InputError(source, place, shown, expected)
+        if not 0 <= force_n <= LARGEST_N:
+            raise InputError(source, place, f"{force_n / KN:g} kN", f"a force from 0 to {LARGEST_N / KN:g} kN")
+        before_mps = speed_mps
+    if len(points) < 2 or before_mps < top_mps * (1 - 1e-9):
+        expected = f"at least 2 points, up to the top speed of {top_mps / KMH:g} km/h"
+        raise InputError(source, "last speed of the curve", f"{max(before_mps, 0) / KMH:g} km/h", expected)
+    speeds_mps, forces_n = zip(*points.values(), strict=True)
+    if max(forces_n) == 0:
+        raise InputError(source, "forces of the curve", "all 0", "a force > 0")
+    return EffortCurve(speed_mps=tuple(map(float, speeds_mps)), force_n=tuple(map(float, forces_n)))
+
+
+def read_columns(path: Path, what: str, columns: Mapping[str, str], most: int) -> dict[int, list[float]]:
+    """The rows (SI) of a CSV file whose header names columns with their units, each under its line number.
+
+    `what` is the kind of content, for messages; `columns` maps each name to its dimension, in the order of the file.
+    Raises DasError or InputError for anything unusable, and for more than `most` rows.
+    """
+    lines = list(enumerate(read_text(path, MOST_BYTES).splitlines(), 1))
+    header = [name.strip() for name in lines[0][1].split(",")] if lines else []
+    factors = [_factor(path, header, index, columns) for index in range(len(columns))]
+    if len(header) > len(columns):
+        raise InputError(path, f"column {len(columns) + 1}", header[len(columns)], f"only {', '.join(columns)}")
+    rows = {line: _row(path, line, text.split(","), factors) for line, text in lines[1:] if text.strip()}
+    if not rows:
+        raise DasError(f"{path}: empty {what}, expected rows of {', '.join(header)}")
+    if len(rows) > most:
+        raise InputError(path, "number of rows", len(rows), f"at most {most}")
+    return rows
+
+
+def _factor(path: Path, header: list[str], index: int, columns: Mapping[str, str]) -> float:
+    name, dimension = list(columns.items())[index]
+    column = header[index] if index < len(header) else ""
+    unit = column[len(name) + 1 :] if column.startswith(name + "_") else ""
+    if unit not in FACTORS[dimension]:
+        names = " or ".join(f"{name}_{u}" for u in FACTORS[dimension] if u.isidentifier() and u.islower())
+        raise InputError(path, f"column {index + 1}", column, names)
+    return FACTORS[dimension][unit]
+
+
+def _row(path: Path, line: int, row: list[str], factors: list[float]) -> list[float]:
+    if len(row) != len(factors):
+        raise InputError(path, f"line {line}", ",".join(row), f"{len(factors)} numbers")
+    try:
+        values = [float(cell) for cell in row]
+    except ValueError:
+        raise InputError(path, f"line {line}", ",".join(row), f"{len(factors)} numbers") from None
+    if not np.isfinite(values).all():
+        raise InputError(path, f"line {line}", ",".join(row), "finite numbers; leave out points not covered")
+    return [value * factor for value, factor in zip(values, factors, strict=True)]
+
 
 SCHEMA_VERSION = 1
 
@@ -34,8 +172,6 @@ _VEHICLE = {
     "auxiliary_power": "power",
     "comfort_power": "power",
 }
-_RESISTANCE = {"c0": "force", "c1": "resistance_1", "c2": "resistance_2"}
-_MAP_COLUMNS = {"speed": "speed", "force": "force", "loss": "power"}
 _SITE_BRAKING = {"planning_brake": "acceleration", "reaction": "time", "below_limit": "speed"}
 
 
@@ -62,14 +198,14 @@ def vehicle_of(fields: Fields, insist: str = INSIST % "vehicle") -> Vehicle:
 
 
 def _lossless(fields: Fields, insist: str) -> Vehicle:
-    """The vehicle without its losses."""
     main = fields.table("vehicle")
     main.check_keys(
         ["id", "name", "source", ACCEPTED, "rotating_mass_ratio", "default_mode", *main.quantity_keys(_VEHICLE)]
     )
     max_speed_mps = main.quantity("max_speed", "speed")
-    efforts = read_efforts(fields, max_speed_mps)
-    friction_n = _friction_brake_n(fields)
+    modes, mode, efforts = _read_efforts(fields, max_speed_mps)
+    friction_n = _alone(fields, "friction_brake", ("max_force", "force"), 0.0)
+    loads = fields.optional_table("loads")
     areas, coefficients = _tunnel_resistance(fields)
     vehicle = Vehicle(
         id=main.name("id"),
@@ -79,23 +215,23 @@ def _lossless(fields: Fields, insist: str) -> Vehicle:
         rotating_mass_ratio=main.quantity("rotating_mass", "ratio", 0.0),
         train_length_m=train_length_m(main.source, main.quantity("length", "length")),
         max_speed_mps=max_speed_mps,
-        resistance=_resistance(fields.table("resistance")),
+        resistance=fields.table("resistance").made(Resistance),
         traction=efforts.traction,
         electric_brake=efforts.electric_brake,
         friction_brake_force_n=friction_n,
-        brake_policy=_brake_policy(fields, efforts, friction_n),
+        brake_policy=_brake_policy(fields, friction_n, has_electric=efforts.electric_brake.max_force_n > 0),
         max_acceleration_mps2=main.quantity("max_acceleration", "acceleration", np.inf, unbounded=True),
         max_deceleration_mps2=main.quantity("max_deceleration", "acceleration", np.inf, unbounded=True),
-        service_brake=_service_brake(fields),
-        adhesive_mass_kg=_adhesive_mass(fields),
+        service_brake=fields.optional_table("service_brake").made(ServiceBrake),
+        adhesive_mass_kg=_alone(fields, "adhesion", ("adhesive_mass", "mass"), np.inf, unbounded=True),
         auxiliary_power_w=main.quantity("auxiliary_power", "power", 0.0),
         comfort_power_w=main.quantity("comfort_power", "power", 0.0),
         tunnel_area_m2=areas,
         tunnel_resistance_n_per_mps2=coefficients,
         default_level=Level.L0_REG,
-        loads=MappingProxyType(_loads(fields)),
-        modes=MappingProxyType(efforts.modes),
-        mode=efforts.mode,
+        loads=MappingProxyType({name: loads.table(name).made(Load) for name in loads.data}),
+        modes=MappingProxyType(modes),
+        mode=mode,
     )
     return check_vehicle(vehicle, main.names(ACCEPTED, VEHICLE_CHECKS), insist=insist)
 
@@ -108,64 +244,21 @@ def read_loss_chain(path: Path) -> LossChain:
     return read_chain(table)
 
 
-def _resistance(fields: Fields) -> Resistance:
-    fields.check_keys(["source", *fields.quantity_keys(_RESISTANCE)])
-    return Resistance(
-        c0_n=fields.quantity("c0", "force"),
-        c1_n_per_mps=fields.quantity("c1", "resistance_1"),
-        c2_n_per_mps2=fields.quantity("c2", "resistance_2"),
-    )
-
-
-def _friction_brake_n(fields: Fields) -> float:
-    """Largest force of the friction brake (N); 0 if the file has none."""
-    if not fields.has("friction_brake"):
-        return 0.0
-    table = fields.table("friction_brake")
-    table.check_keys(["source", *table.quantity_keys({"max_force": "force"})])
-    return table.quantity("max_force", "force")
-
-
-def _service_brake(fields: Fields) -> ServiceBrake:
-    """Service braking of the train; values missing in the file have the usual defaults."""
-    usual, table = ServiceBrake(), fields.optional_table("service_brake")
-    table.check_keys(["source", *table.quantity_keys({"deceleration": "acceleration", "build_up": "time"})])
-    return ServiceBrake(
-        deceleration_mps2=table.quantity("deceleration", "acceleration", usual.deceleration_mps2),
-        build_up_s=table.quantity("build_up", "time", usual.build_up_s),
-    )
-
-
-def _adhesive_mass(fields: Fields) -> float:
-    """Mass on the driven axles (kg); inf without a table, which means that adhesion is no limit."""
-    if not fields.has("adhesion"):
-        return np.inf
-    table = fields.table("adhesion")
-    table.check_keys(["source", *table.quantity_keys({"adhesive_mass": "mass"})])
-    return table.quantity("adhesive_mass", "mass", unbounded=True)
-
-
-def _loads(fields: Fields) -> dict[str, Load]:
-    loads, quantities, tables = {}, {"mass": "mass", "c0": "force"}, fields.optional_table("loads")
-    for name in tables.data:
-        table = tables.table(name)
-        table.check_keys(["source", *table.quantity_keys(quantities)])
-        loads[name] = Load(
-            mass_kg=table.quantity("mass", "mass"),
-            c0_n=table.quantity("c0", "force") if table.given_keys("c0", "force") else None,
-        )
-    return loads
+def _alone(fields: Fields, key: str, quantity: tuple[str, str], default: float, *, unbounded: bool = False) -> float:
+    """The one quantity of a table, or the default if the file has no such table."""
+    if not fields.has(key):
+        return default
+    table = fields.table(key)
+    table.check_keys(["source", *table.quantity_keys(dict([quantity]))])
+    return table.quantity(*quantity, unbounded=unbounded)
 
 
 def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    if not fields.has("tunnel_resistance"):
-        return (), ()
-    columns = fields.columns("tunnel_resistance", {"cross_section": "area", "coefficient": "resistance_2"})
-    return check_tunnel_resistance(fields, list(zip(*columns.values(), strict=True)))
+    rows = fields.optional_rows("tunnel_resistance", {"cross_section": "area", "coefficient": "resistance_2"})
+    return check_tunnel_resistance(fields, rows)
 
 
-def _brake_policy(fields: Fields, efforts: ReadEfforts, friction_n: float) -> BrakePolicy:
-    has_electric = efforts.electric_brake.max_force_n > 0
+def _brake_policy(fields: Fields, friction_n: float, *, has_electric: bool) -> BrakePolicy:
     if not fields.has("brakes"):
         if friction_n > 0:
             return BrakePolicy.BLENDED if has_electric else BrakePolicy.FRICTION
@@ -186,13 +279,11 @@ def read_losses(fields: Fields, vehicle: Vehicle) -> tuple[dict[Level, LossModel
         if fields.has(level):
             losses[level] = _efficiency_loss(fields.table(level))
     if fields.has(Level.L3):
-        table = fields.table(Level.L3)
-        losses[Level.L3] = _loss_map(table, vehicle)
+        losses[Level.L3] = _loss_map(fields.table(Level.L3), vehicle)
     return losses, fields.choice("default", Level, next(iter(losses), Level.L0_REG))
 
 
 def _loss_map(fields: Fields, vehicle: Vehicle) -> LossMap:
-    """The loss map of a CSV file, or one computed from a chain of components."""
     kind = fields.text("kind")
     if kind == "csv":
         fields.check_keys(["source", "kind", "path"])
@@ -229,68 +320,19 @@ def _efficiency(fields: Fields, name: str) -> float:
     return value
 
 
-_COMPONENTS: dict[str, tuple[type[Any], dict[str, str]]] = {
-    "auxiliaries": (Auxiliaries, {"base": "power", "fan": "power", "rated_heat": "power"}),
-    "transformer": (Transformer, {"no_load": "power", "copper": "power", "rated_power": "power"}),
-    "converter": (
-        Converter,
-        {
-            "fixed": "power",
-            "line": "ratio",
-            "line_brake": "ratio",
-            "conduction": "power",
-            "switching": "power",
-            "snubber": "power",
-            "asynchronous": "frequency",
-            "stator": "frequency_per_speed",
-        },
-    ),
-    "motors": (
-        Motors,
-        {
-            "base_speed": "speed",
-            "rated_force": "force",
-            "magnetising": "ratio",
-            "pull_out": "ratio",
-            "brake_current": "ratio",
-            "copper": "power",
-            "iron": "power",
-        },
-    ),
-    "gear": (Gear, {"mesh": "ratio", "churning": "power", "churning_speed": "speed"}),
-}
-"""Component of a loss chain → its class and its quantities (name → dimension)."""
-_SI_SUFFIX = {
-    "power": "w",
-    "ratio": "ratio",
-    "frequency": "hz",
-    "frequency_per_speed": "hz_per_mps",
-    "speed": "mps",
-    "force": "n",
-}
-
-
 def read_chain(fields: Fields) -> LossChain:
     """The parametric loss chain of a table `[losses.l3]`."""
-    fields.check_keys(["source", "kind", *_COMPONENTS])
-    return LossChain(**{name: _component(fields.table(name), name) for name in _COMPONENTS})
+    kinds = get_type_hints(LossChain)
+    fields.check_keys(["source", "kind", *kinds])
+    return LossChain(**{name: _component(fields.table(name), kind) for name, kind in kinds.items()})
 
 
-def _component(fields: Fields, name: str) -> Any:
-    made, quantities = _COMPONENTS[name]
-    clock = ["clock_speeds_kmh", "clock_pulses"] if made is Converter else []
-    fields.check_keys(["source", *fields.quantity_keys(quantities), *clock])
-    values: dict[str, object] = {
-        f"{quantity}_{_SI_SUFFIX[dimension]}": fields.quantity(quantity, dimension)
-        for quantity, dimension in quantities.items()
-    }
-    if clock:
-        values["clock_speeds_mps"] = tuple(x * KMH for x in _clock_numbers(fields, "clock_speeds_kmh"))
-        values["clock_pulses"] = _clock_numbers(fields, "clock_pulses")
-    try:
-        return made(**values)
-    except InputError as error:
-        raise InputError(fields.source, fields.prefix + error.key, error.value, error.expected) from None
+def _component(fields: Fields, kind: type[Any]) -> Any:
+    if kind is not Converter:
+        return fields.made(kind)
+    keys = "clock_speeds_kmh", "clock_pulses"
+    speeds, pulses = (_clock_numbers(fields, key) for key in keys)
+    return fields.made(kind, *keys, clock_speeds_mps=tuple(x * KMH for x in speeds), clock_pulses=pulses)
 
 
 def _clock_numbers(fields: Fields, key: str) -> tuple[float, ...]:
@@ -303,12 +345,7 @@ def _clock_numbers(fields: Fields, key: str) -> tuple[float, ...]:
 
 def read_loss_map(path: Path) -> LossMap:
     """Read a loss map; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
-    rows = read_columns(path, "loss map", _MAP_COLUMNS, MOST_MAP_POINTS)
-    return _to_map(path, rows)
-
-
-def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
-    """The loss map from rows of speed, force and loss (SI), each under its line number."""
+    rows = read_columns(path, "loss map", {"speed": "speed", "force": "force", "loss": "power"}, MOST_MAP_POINTS)
     data = np.array(list(rows.values()))
     speeds, i = np.unique(data[:, 0].round(9), return_inverse=True)
     forces, j = np.unique(data[:, 1].round(6), return_inverse=True)
@@ -348,14 +385,14 @@ def site_braking(fields: Fields) -> SiteBraking:
 
 
 def check_tunnel_resistance(
-    fields: Fields, rows: list[tuple[float, float]]
+    fields: Fields, rows: Iterable[Sequence[float]]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Cross sections (m²) and coefficients (N/(m/s)²), sorted; InputError for impossible values."""
-    rows = sorted(rows)
-    for i, (area, coefficient) in enumerate(rows):
-        if not 0 < area < np.inf or (i and area == rows[i - 1][0]):
+    ordered = sorted(tuple(row) for row in rows)
+    for i, (area, coefficient) in enumerate(ordered):
+        if not 0 < area < np.inf or (i and area == ordered[i - 1][0]):
             raise fields.error(f"tunnel resistance[{i}] cross section", area, "different finite areas > 0")
         if not 0 <= coefficient < np.inf:
             key = f"tunnel resistance[{i}] coefficient (N/(m/s)²)"
             raise fields.error(key, coefficient, "a finite number >= 0")
-    return tuple(row[0] for row in rows), tuple(row[1] for row in rows)
+    return tuple(row[0] for row in ordered), tuple(row[1] for row in ordered)

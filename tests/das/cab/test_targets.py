@@ -15,7 +15,7 @@ from das.advice.wording import words
 from das.cab.heard import Target
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.units import NS
-from das.offline.journey.plan import JourneyPlanner
+from das.offline.journey import JourneyPlanner
 from das.solver.guide.policies import LEAST_MPS, GuideFront
 from das.solver.section import build_section
 from das.solver.solve import solve_front
@@ -149,7 +149,7 @@ def test_targets_off_the_journey_are_ignored_and_reported() -> None:
 
 
 def test_a_passing_costs_what_the_planner_of_whole_journeys_says() -> None:
-    """Second witness: das.offline.journey.plan plans the same window from the start of the section."""
+    """Second witness: das.offline.journey plans the same window from the start of the section."""
     section = build_section(LINE, TRAIN, end_m=5000.0)
     least_s = solve_front(section).fastest().time_s
     total_s, to_point_s = 1.35 * least_s, 0.63 * 1.35 * least_s

@@ -49,7 +49,7 @@ LATE = """
 import gc
 import das
 from das.cab.cab import warm_up
-from das.offline import late_kernels
+from precompute import late_kernels
 from numba.core.dispatcher import Dispatcher
 from sim.plant.plant import COAST, Plant
 from sim.world import late_kernels as late_kernels_of_a_day

@@ -16,7 +16,8 @@ from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_vehicle
 from das.domain.files.vehicles import read_loss_map
 from das.domain.levels import Level
-from das.domain.losses import EfficiencyLoss, LossMap, deviation_ratio, fit_error, fit_mean_efficiency, operating_points
+from das.domain.losses import EfficiencyLoss, LossMap, fit_mean_efficiency, operating_points
+from precompute.loss_maps import fit_error
 from tests.das.domain.files.refusing import refused
 
 FORCES = np.linspace(-200e3, 200e3, 41)
@@ -241,21 +242,12 @@ def test_the_error_of_a_fit_is_counted_over_its_operating_points() -> None:
     error = fit_error(made, fit, POWER_W)
     use = (np.abs(force * speed) <= POWER_W) & (speed > 0)
     into = np.abs(force * speed) + np.where(force < 0, 0.0, table)
-    assert error.largest_w == pytest.approx(10e3)
-    assert error.mean_to_input_ratio == pytest.approx(10e3 / into[use].mean())
-    assert error.mean_to_largest_ratio == pytest.approx(10e3 / table[use].max())
-    assert error.rms_to_largest_ratio == pytest.approx(10e3 / table[use].max())
+    assert error["error_largest_kw"] == pytest.approx(10.0)
+    assert error["error_mean_to_input_ratio"] == pytest.approx(10e3 / into[use].mean())
+    assert error["error_mean_to_largest_ratio"] == pytest.approx(10e3 / table[use].max())
+    assert error["error_rms_to_largest_ratio"] == pytest.approx(10e3 / table[use].max())
     exact = map_of_losses(efficiency_table(0.8, 50e3)[2])
-    assert fit_error(exact, fit, POWER_W).rms_to_largest_ratio == pytest.approx(0.0, abs=1e-12)
-
-
-def test_the_deviation_along_a_line_is_relative_to_the_fit() -> None:
-    fit = EfficiencyLoss(traction_ratio=0.0, brake_ratio=0.0, idle_w=100e3)
-    force, speed = np.array([20e3, 50e3]), np.array([10.0, 30.0])
-    expected = (linear_in_each(force, speed) + 150e3) / 100e3 - 1
-    assert deviation_ratio(loss_map(), fit, force, speed) == pytest.approx(expected)
-    with pytest.raises(DasError, match="outside the loss map"):
-        deviation_ratio(loss_map(), fit, 300e3, 10.0)
+    assert fit_error(exact, fit, POWER_W)["error_rms_to_largest_ratio"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_virm6_map_gives_the_values_of_its_file(shared: Path) -> None:

@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,10 @@ from das.domain.errors import InputError
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from das.domain.plausibility import (
     ACCEPTED,
+    OF_ROUTES,
+    OF_VEHICLES,
     ROUTE_CHECKS,
     VEHICLE_CHECKS,
-    RouteLimits,
-    VehicleLimits,
     check_vehicle,
     energy_range,
     warnings_of,
@@ -102,12 +102,10 @@ WRONG_LINES = {
 
 
 def test_every_check_has_its_limits_and_its_file() -> None:
-    assert {one.name for one in fields(VehicleLimits)} == set(VEHICLE_CHECKS) == set(WRONG_TRAINS)
-    assert {one.name for one in fields(RouteLimits)} == set(ROUTE_CHECKS) == set(WRONG_LINES)
-    for limits in (VehicleLimits(), RouteLimits()):
-        for one in fields(limits):
-            found = getattr(limits, one.name)
-            assert 0 <= found.least <= found.usual_least < found.usual_most < found.most
+    assert set(OF_VEHICLES) == set(WRONG_TRAINS)
+    assert set(OF_ROUTES) == set(WRONG_LINES)
+    for found in (*OF_VEHICLES.values(), *OF_ROUTES.values()):
+        assert 0 <= found.possible[0] <= found.usual[0] < found.usual[1] < found.possible[1]
 
 
 Load = Callable[[str], Vehicle | Route]

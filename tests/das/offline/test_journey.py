@@ -23,8 +23,8 @@ from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
-from das.offline.journey.chains import Split
-from das.offline.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan, plan_journey
+from das.offline.chains import Split
+from das.offline.journey import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.section import SectionOptions, build_section
@@ -545,14 +545,6 @@ def test_a_route_of_stops_may_be_driven_in_one_journey_trajectory() -> None:
     assert (run.v_mps[standing], run.v_mps[standing + 1], run.force_el_n[standing]) == (0.0, 0.0, 0.0)
     spent_j = float(run.force_el_n @ np.diff(run.s_m) + run.loss_j(LOSSES).sum())
     assert spent_j == pytest.approx(plan.input_j, rel=1e-9)
-
-
-@pytest.mark.parametrize("split", list(Split))
-def test_one_call_plans_as_the_planner_does(split: Split) -> None:
-    asked = journey(start(), stop(4_000.0, 20.0), end(9_000.0, 480.0))
-    one, other = plan_journey(asked, HILLY, TRAIN, split=split), JourneyPlanner(asked, HILLY, TRAIN).plan(split)
-    assert np.array_equal(one.trajectory().v_mps, other.trajectory().v_mps)
-    assert (one.split, one.input_j) == (split, other.input_j)
 
 
 # --- wishes -----------------------------------------------------------------------------------------------------

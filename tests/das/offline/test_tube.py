@@ -10,8 +10,8 @@ import pytest
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.route import Zone
-from das.offline.kernels.tube import SPECIALS, Tube, TubeMoves, fill_moves
 from das.offline.refinement import TubeSearch
+from das.offline.tube_kernels import SPECIALS, Tube, TubeMoves, fill_moves
 from das.solver.section import Section, build_section
 from das.solver.solution import trajectory_on
 from das.solver.state import State, fastest

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from das.domain.errors import DasError
-from das.domain.files.foreign import foreign_format
-from das.domain.files.load import catalogue, load_journey, load_route, load_vehicle
+from das.domain.files.load import catalogue, foreign_format, load_journey, load_route, load_vehicle
 from sim.trips.record import read_trip
 from sim.world.scenario import bundled_scenarios, load_scenario
 from tests.support.feeds import write_feed

@@ -1,16 +1,16 @@
-"""Chains of a journey's spans, the fronts of their sections, and how a span shares its time.
+"""The sections and the timeline of a journey, and its chains of spans with the fronts of their sections.
 
-A *span* lies between two neighbouring tight times, and it has one price of time λ. Spans that meet at a stop do not
-depend on each other. Spans that meet at a tight passing share the speed there and form a *chain*. A chain is solved by
-one sweep from its end to its beginning: the cost of driving a span in its time, as a function of the speed at the
-span's beginning, is the end value of the span before.
+The passing points of a section are nodes, where the bounds of their speeds are enforced. A *span* lies between two
+neighbouring tight times, and it has one price of time λ. Spans that meet at a stop do not depend on each other. Spans
+that meet at a tight passing share the speed there and form a *chain*, which is solved by one sweep from its end to its
+beginning: the cost of driving a span in its time, by the speed at its beginning, is the end value of the span before.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from itertools import pairwise
 
@@ -18,14 +18,278 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
-from das.domain.journey import clock
-from das.offline.journey.sections import JourneySection, Stretch, Tight, TightSpan, Timeline, WaitLink
+from das.domain.journey import Call, Journey, Passing, Window, clock
+from das.domain.levels import Level
+from das.domain.route import Route, Stretches
+from das.domain.units import KMH
+from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.section import Section
+from das.solver.kernels.driving import FULL_BRAKES, braking_envelope, climbing_floor
+from das.solver.kernels.roll_out import fastest_roll_out
+from das.solver.kernels.tuples import LineArrays
+from das.solver.line_profile import LineProfile
+from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
 from das.solver.solve import default_ladder, solve_front
 from das.solver.state import fastest, least_time_s
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JourneySection:
+    """A section between two stops of a journey.
+
+    `passings` are those whose windows and speeds are enforced; `wishes` are only reported.
+    `places` holds the integration nodes of the start, the passings and the end, `least_s` the times at which the
+    fastest trajectory reaches them and `fastest_mps` its speeds at all nodes.
+    """
+
+    start: Call
+    end: Call
+    passings: tuple[Passing, ...]
+    wishes: tuple[Passing, ...]
+    whole: Section
+    places: tuple[int, ...]
+    least_s: Floats
+    fastest_mps: Floats
+
+    def part(self, first: int, last: int, least_end_mps: float = 0.0) -> Section:
+        """The section between two places; if the last is a passing, it may end at any speed >= `least_end_mps`.
+
+        Its start and end speeds remain those of the whole section; a front answers for any speed at its beginning.
+        """
+        whole, a, b = self.whole, self.places[first], self.places[last]
+        of_intervals = [field.name for field in fields(LineProfile) if field.name != "node_m"]
+        of_nodes = ("node_m", "floor_mps", "envelope_mps")
+        inside = (whole.decision >= a) & (whole.decision <= b)
+        found = replace(
+            whole,
+            **{name: getattr(whole, name)[a:b] for name in of_intervals},
+            **{name: getattr(whole, name)[a : b + 1] for name in of_nodes},
+            decision=whole.decision[inside] - a,
+        )
+        rises = least_end_mps > found.floor_mps[-1]
+        return replace(found, floor_mps=_run_up(whole, b, least_end_mps)[a:]) if rises else found
+
+
+def build_journey_sections(
+    journey: Journey, route: Route, vehicle: Vehicle, *, level: Level | None = None, point_mass: bool = False
+) -> tuple[JourneySection, ...]:
+    """The sections of a journey on a route.
+
+    Raises as `build_section` does, and InfeasibleError if a passing's speeds cannot be kept.
+    """
+    journey.check_on(route)
+    sections = []
+    for start, end in pairwise(journey.calls):
+        inside = (start.position_m, end.position_m)
+        passings = tuple(point for point in journey.passings if inside[0] < point.position_m < inside[1])
+        sections.append(_journey_section(route, vehicle, start, end, passings, level, point_mass))
+    return tuple(sections)
+
+
+def _journey_section(
+    route: Route,
+    vehicle: Vehicle,
+    start: Call,
+    end: Call,
+    inside: tuple[Passing, ...],
+    level: Level | None,
+    point_mass: bool,
+) -> JourneySection:
+    passings = tuple(passing for passing in inside if not passing.wish)
+    limits = route.limits_mps
+    start_m = np.unique(np.concatenate((limits.start_m, [passing.position_m for passing in passings])))
+    section = build_section(  # breakpoints, and so decision nodes, at the passings
+        replace(route, limits_mps=Stretches(start_m=start_m, value=limits.at(start_m))),
+        vehicle,
+        level=level,
+        start_m=start.position_m,
+        end_m=end.position_m,
+        options=SectionOptions(point_mass=point_mass),
+    )
+    nodes = section.node_m
+    inner = [int(np.argmin(np.abs(nodes - passing.position_m))) for passing in passings]
+    # From the last to the first: a speed ahead bounds those before it.
+    for node, passing in zip(reversed(inner), reversed(passings), strict=True):
+        section = _bounded(section, node, passing)
+    speeds = np.zeros(len(nodes))
+    time_s = fastest_roll_out(section.for_kernels, section.envelope_mps, section.train, speeds)
+    if not 0 <= time_s < np.inf:
+        raise InfeasibleError(f"{section.name}: the train stalls on the way, or the section is too short to move")
+    for node, passing in zip(inner, passings, strict=True):
+        if speeds[node] < section.floor_mps[node] - tol.SPEED_TOLERANCE_MPS:
+            raise _speed_error(section, passing, 0.0, float(speeds[node]))
+    places = [0, *inner, len(nodes) - 1]
+    return JourneySection(
+        start=start,
+        end=end,
+        passings=passings,
+        wishes=tuple(passing for passing in inside if passing.wish),
+        whole=section,
+        places=tuple(places),
+        least_s=section.elapsed_s(speeds)[places],
+        fastest_mps=speeds,
+    )
+
+
+def _bounded(section: Section, node: int, passing: Passing) -> Section:
+    """The section with a passing's speeds enforced at an integration node: envelope and floor before the node change.
+
+    At the node, the floor is below the envelope by at least the ratio `PASSING_BAND_RATIO`, so that the speed grid
+    there has several speeds.
+    """
+    possible = float(section.floor_mps[node]), float(section.envelope_mps[node])
+    lowest, highest = max(passing.lowest_mps, possible[0]), min(passing.highest_mps, possible[1])
+    if lowest > highest:
+        raise _speed_error(section, passing, *possible)
+    envelope, floor = section.envelope_mps.copy(), section.floor_mps.copy()
+    if highest < envelope[node]:
+        before = slice(None, node)
+        line = LineArrays(*(array[before] for array in section.for_kernels))
+        limit = section.limit_mps[before]
+        envelope[: node + 1], stuck = braking_envelope(line, limit, highest, section.train, FULL_BRAKES)
+        if stuck >= 0:
+            raise InfeasibleError(
+                f"{section.route.source}: passing {passing.name} at {highest / KMH:.1f} km/h: the train cannot brake "
+                f"to it on the descent at {section.node_m[stuck]:.0f} m"
+            )
+    section = replace(section, envelope_mps=envelope)
+    if passing.lowest_mps > floor[node]:
+        floor[: node + 1] = _run_up(section, node, min(lowest, highest * (1.0 - tol.PASSING_BAND_RATIO)))
+    return replace(section, floor_mps=np.minimum(floor, envelope))
+
+
+def _run_up(section: Section, node: int, least_mps: float) -> Floats:
+    """The slowest speeds up to an integration node from which the train still reaches it at `least_mps`."""
+    before = slice(None, node)
+    envelope = section.envelope_mps[: node + 1].copy()
+    envelope[-1] = least_mps
+    line = LineArrays(*(array[before] for array in section.for_kernels))
+    run_up: Floats = climbing_floor(line, envelope, 0.0, section.train)
+    return np.maximum(run_up, section.floor_mps[: node + 1])
+
+
+def _speed_error(section: Section, passing: Passing, lowest_mps: float, highest_mps: float) -> InfeasibleError:
+    wanted = f"{passing.lowest_mps / KMH:.1f} … {passing.highest_mps / KMH:.1f} km/h"
+    return InfeasibleError(
+        f"{section.route.source}: passing {passing.name} at {wanted}: possible there are "
+        f"{lowest_mps / KMH:.1f} … {highest_mps / KMH:.1f} km/h"
+    )
+
+
+Tight = tuple[int, float]
+"""An event of the timeline and the time (s) it is held at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimelineEvent:
+    """An event of a journey: what happens, and the window in which it may happen."""
+
+    what: str
+    window: Window
+
+
+@dataclass(frozen=True)
+class WaitLink:
+    """The train stands between two events, for at least this time (s)."""
+
+    least_s: float
+
+
+@dataclass(frozen=True)
+class DriveLink:
+    """The train runs between two events, from a place of a section to the next place."""
+
+    section: int
+    place: int
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Part of a section, from one of its places to another."""
+
+    section: int
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class TightSpan:
+    """The part of a journey between two tight events: stretches and waits.
+
+    `last_wait` is the index of the link of the last wait, or -1 if there is no wait.
+    """
+
+    begin: Tight
+    end: Tight
+    stretches: tuple[Stretch, ...]
+    least_wait_s: float
+    last_wait: int
+
+    @property
+    def time_s(self) -> float:
+        """Time (s) between the two events."""
+        return self.end[1] - self.begin[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timeline:
+    """All events of a journey in order, with the links between them: `links[i]` from event i to event i + 1.
+
+    The first event is the earliest departure, the last the latest arrival; the train may wait after the one and
+    before the other. `departures[i]` is the event with which section i begins.
+    """
+
+    events: tuple[TimelineEvent, ...]
+    links: tuple[WaitLink | DriveLink, ...]
+    departures: tuple[int, ...]
+
+    @classmethod
+    def of(cls, sections: Sequence[JourneySection]) -> Timeline:
+        begin_s, end_s = sections[0].start.departure.earliest_s, sections[-1].end.arrival.latest_s
+        events = [TimelineEvent(what="the earliest departure", window=Window(earliest_s=begin_s, latest_s=begin_s))]
+        links: list[WaitLink | DriveLink] = []
+        departures = []
+        for i, section in enumerate(sections):
+            links.append(WaitLink(section.start.dwell_s))
+            departures.append(len(events))
+            events.append(TimelineEvent(what=f"departure from {section.start.name}", window=section.start.departure))
+            events += [TimelineEvent(what=f"passing {x.name}", window=x.window) for x in section.passings]
+            events.append(TimelineEvent(what=f"arrival at {section.end.name}", window=section.end.arrival))
+            links += [DriveLink(i, place) for place in range(len(section.places) - 1)]
+        links.append(WaitLink(0.0))
+        events.append(TimelineEvent(what="the latest arrival", window=Window(earliest_s=end_s, latest_s=end_s)))
+        return cls(events=tuple(events), links=tuple(links), departures=tuple(departures))
+
+    def is_passing(self, event: int) -> bool:
+        """Whether the train is under way at an event."""
+        return all(isinstance(link, DriveLink) for link in self.links[max(event - 1, 0) : event + 1])
+
+    def span(self, begin: Tight, end: Tight) -> TightSpan:
+        """The span between two tight events."""
+        links = dict(enumerate(self.links[begin[0] : end[0]], begin[0]))
+        waits = {i: link.least_s for i, link in links.items() if isinstance(link, WaitLink)}
+        places: dict[int, list[int]] = {}
+        for link in links.values():
+            if isinstance(link, DriveLink):
+                places.setdefault(link.section, []).append(link.place)
+        return TightSpan(
+            begin=begin,
+            end=end,
+            stretches=tuple(Stretch(section, inside[0], inside[-1] + 1) for section, inside in places.items()),
+            least_wait_s=sum(waits.values()),
+            last_wait=max(waits, default=-1),
+        )
+
+    def describe(self, tight: Tight) -> str:
+        """An event and the bound it is held at; the ends of the timeline are named by the stops there."""
+        index, time_s = tight
+        event = self.events[min(max(index, 1), len(self.events) - 2)]
+        return f"{event.what} ({event.window.held_at(time_s, tol.TIME_TOLERANCE_S)} {clock(time_s)})"
+
 
 Floats = NDArray[np.float64]
 
@@ -216,19 +480,13 @@ class Chains:
             self._solved[key] = self._solve([self.timeline.span(a, b) for a, b in pairwise(tight)], split)
         return self._solved[key]
 
-    def late(self, begin: Tight, end: Tight, by_s: float) -> InfeasibleError:
-        """The error for an end that is too early by `by_s` seconds."""
+    def missed(self, begin: Tight, end: Tight, late_s: float) -> InfeasibleError:
+        """The error for an end that every run misses by `late_s` seconds (early < 0)."""
+        run = "the fastest run" if late_s > 0 else "even the slowest run in time for what follows"
+        kind = "tight" if late_s > 0 else "late"
         return InfeasibleError(
-            f"{self.source}: {self.timeline.describe(end)} is {by_s:.1f} s too tight: after "
-            f"{self.timeline.describe(begin)} the fastest run is there at {clock(end[1] + by_s)}"
-        )
-
-    def early(self, begin: Tight, end: Tight, by_s: float) -> InfeasibleError:
-        """The error for an end that is too late by `by_s` seconds."""
-        return InfeasibleError(
-            f"{self.source}: {self.timeline.describe(end)} is {by_s:.1f} s too late: after "
-            f"{self.timeline.describe(begin)} even the slowest run in time for what follows is there at "
-            f"{clock(end[1] - by_s)}"
+            f"{self.source}: {self.timeline.describe(end)} is {abs(late_s):.1f} s too {kind}: after "
+            f"{self.timeline.describe(begin)} {run} is there at {clock(end[1] + late_s)}"
         )
 
     def lowest(self, span: TightSpan) -> int:
@@ -250,16 +508,12 @@ class Chains:
         parts: Parts = {}
         ahead: Ahead | None = None
         for span in reversed(spans):
-            self._add_parts(parts, span, ahead)
+            for stretch in span.stretches:
+                if not self.fronts.is_whole(stretch):
+                    parts[stretch] = self.fronts.part(stretch, ahead if stretch is span.stretches[-1] else None)
             if span is not spans[0]:
                 ahead = self._ahead(span, parts)
         return parts
-
-    def _add_parts(self, parts: Parts, span: TightSpan, ahead: Ahead | None) -> None:
-        """Add the fronts of a span's stretches that are not whole; `ahead` follows a passing at the span's end."""
-        for stretch in span.stretches:
-            if not self.fronts.is_whole(stretch):
-                parts[stretch] = self.fronts.part(stretch, ahead if stretch is span.stretches[-1] else None)
 
     def _ahead(self, span: TightSpan, parts: Parts) -> Ahead:
         """The cost of driving a span in its time, by the speed at the passing before it: the largest dual over λ."""
@@ -283,7 +537,7 @@ class Chains:
         low, high = float(front.section.floor_mps[0]), float(section.fastest_mps[section.places[stretch.first]])
         by_s = late_s(front, high, left_s)
         if by_s > tol.TIME_TOLERANCE_S:
-            raise self.late(span.begin, span.end, by_s)
+            raise self.missed(span.begin, span.end, by_s)
         if late_s(front, low, left_s) <= 0.0:
             return low
         while high - low > tol.PASSING_SPEED_STEP_MPS:
@@ -313,9 +567,9 @@ class Chains:
         total_s = sum(by_column, np.full(len(ladder_w) + 1, span.least_wait_s))
         too_late_s, slack_s = float(total_s[-1]) - span.time_s, span.time_s - float(total_s[lowest])
         if too_late_s > tol.TIME_TOLERANCE_S:
-            raise self.late(span.begin, span.end, too_late_s)
+            raise self.missed(span.begin, span.end, too_late_s)
         if slack_s > tol.TIME_TOLERANCE_S and span.last_wait < 0:
-            raise self.early(span.begin, span.end, slack_s)
+            raise self.missed(span.begin, span.end, -slack_s)
         if slack_s >= 0:
             return [float(time_s[lowest]) for time_s in by_column], float(ladder_w[lowest]), slack_s
         if split is Split.PROPORTIONAL:
@@ -349,7 +603,6 @@ class Chains:
 
 
 def _grid_mps(section: Section, node: int) -> Floats:
-    """The speeds (J + 1,) of a node of a section."""
     return np.linspace(section.floor_mps[node], section.envelope_mps[node], section.speed_steps + 1)
 
 

@@ -93,7 +93,6 @@ class Pairs(NamedTuple):
 
 @kernel
 def _room_for(count):
-    """Arrays for this number of pairs."""
     rows = np.empty((7, count))
     return Pairs(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6])
 
@@ -381,7 +380,6 @@ def tube_roll_out(price, tube, line, p, c, value, v):
 
 @kernel
 def _record(kind, k, start, landing, tube, line, p, c, v):
-    """Fill in the speeds of a move."""
     i0, i1 = tube.knot[k], tube.knot[k + 1]
     here, there = start - tube.squared[i0], landing - tube.squared[i1]
     v0 = math.sqrt(start)

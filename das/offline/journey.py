@@ -24,14 +24,23 @@ from das.domain.summary import Summary, needs
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import Vehicle
 from das.offline.bound import NOT_FOUND, Certificate, Task, behind_fastest, bound_of, fastest_is_ahead
-from das.offline.journey.chains import Chains, DrivenStretch, Solved, Split
-from das.offline.journey.sections import DriveLink, JourneySection, Tight, Timeline, WaitLink, build_journey_sections
+from das.offline.chains import (
+    Chains,
+    DriveLink,
+    DrivenStretch,
+    JourneySection,
+    Solved,
+    Split,
+    Tight,
+    Timeline,
+    WaitLink,
+    build_journey_sections,
+)
 from das.solver import tolerances as tol
 from das.solver.section import Section
 from das.solver.solution import plotted_on, trajectory_on
 
 Floats = NDArray[np.float64]
-
 
 NO_PRICE: Final = (
     "a part of the journey has no price of time: it is run as fast as possible, or its time is not split optimally"
@@ -55,7 +64,7 @@ class PricedTimeline:
         The bound is the least of energy + price·time of every section, less the prices times the longest times that the
         windows allow (`docs/explanation/bounds.md`). Windows count with the tolerance to which a plan keeps them.
         """
-        allowed_s = self._end_s() - self._begin_s()
+        allowed_s = self._allowed_s
         if not np.isfinite(self.price_w).all():
             return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=NO_PRICE)
         total_j = -self._most_for_time_j()
@@ -64,11 +73,9 @@ class PricedTimeline:
         reason = "" if math.isfinite(total_j) else NOT_FOUND
         return Certificate(bound_j=total_j if not reason else math.nan, allowed_s=allowed_s, reason=reason)
 
-    def _begin_s(self) -> float:
-        return self.timeline.events[0].window.earliest_s
-
-    def _end_s(self) -> float:
-        return self.timeline.events[-1].window.latest_s
+    @property
+    def _allowed_s(self) -> float:
+        return self.timeline.events[-1].window.latest_s - self.timeline.events[0].window.earliest_s
 
     def _most_for_time_j(self) -> float:
         """The largest sum of prices times the times between events that the windows allow (J)."""
@@ -95,24 +102,20 @@ class PricedTimeline:
         for link, price in zip(self.timeline.links, self.price_w, strict=True):
             if isinstance(link, DriveLink) and link.section == index:
                 price_w[journey_section.places[link.place] : journey_section.places[link.place + 1]] = price
-        others_s = sum(_quickest_s(other) for other in self.sections if other is not journey_section)
+        wholes = (other.whole for other in self.sections if other is not journey_section)  # none is faster than this:
+        others_s = sum(float(one.elapsed_s(one.envelope_mps + tol.SPEED_TOLERANCE_MPS)[-1]) for one in wholes)
         waits_s = sum(link.least_s for link in self.timeline.links if isinstance(link, WaitLink))
         task = Task(
             section=section,
             line=section,
             envelope_mps=section.envelope_mps,
             speeds_mps=run.v_mps,
-            allowed_s=self._end_s() - self._begin_s() - others_s - waits_s + 2 * tol.TIME_TOLERANCE_S,
+            allowed_s=self._allowed_s - others_s - waits_s + 2 * tol.TIME_TOLERANCE_S,
             price_w=price_w,
         )
         if fastest_is_ahead(task):
             task = behind_fastest(task)
         return bound_of(task, run.force_el_n, 0.0)
-
-
-def _quickest_s(section: JourneySection) -> float:
-    """The time (s) of a section along its envelope; no run is faster."""
-    return float(section.whole.elapsed_s(section.whole.envelope_mps + tol.SPEED_TOLERANCE_MPS)[-1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,31 +263,11 @@ class JourneyPlan(Summary):
         return _joined([(section.departure.time_s, section.trajectory) for section in self.sections])
 
 
-def plan_journey(
-    journey: Journey,
-    route: Route,
-    vehicle: Vehicle,
-    *,
-    level: Level | None = None,
-    point_mass: bool = False,
-    split: Split = Split.EQUAL_MARGINAL,
-) -> JourneyPlan:
-    """Plan a journey of a train on a route: when the train is where, with the least total energy.
-
-    `level` is the level of losses (default: the vehicle's). `point_mass` takes the train's length as 0. `split` says
-    how the time between two tight times is shared; only the default is the optimum.
-
-    Raises what `build_section` raises, and InfeasibleError where the windows or the speeds of the passings cannot be
-    kept. The error names the window and by how many seconds it is missed. To plan the same journey several times, use
-    `JourneyPlanner`.
-    """
-    return JourneyPlanner(journey, route, vehicle, level=level, point_mass=point_mass).plan(split)
-
-
 class JourneyPlanner:
     """Plans a journey of a train on a route, with one split of the time or with several.
 
-    Raises what `build_section` raises, and InfeasibleError where no run can keep a time or the speeds of a passing.
+    `level` is the level of losses (default: the vehicle's). `point_mass` takes the train's length as 0. Raises what
+    `build_section` raises, and InfeasibleError where no run can keep a time or the speeds of a passing.
     """
 
     def __init__(
@@ -303,27 +286,23 @@ class JourneyPlanner:
         self._check_reachable()
 
     def plan(self, split: Split = Split.EQUAL_MARGINAL) -> JourneyPlan:
-        """Plan the journey: every time lies in its window, and `split` shares the time between two tight times.
+        """Plan the journey: every time lies in its window, and `split` shares the time between two tight times (only
+        the default is the optimum).
 
         Runs take their times to within `JOURNEY_TIME_TOLERANCE_S`; windows are kept to within `TIME_TOLERANCE_S`.
         Raises InfeasibleError where the windows cannot be kept; it names the window and by how many seconds it is
         missed.
         """
-        solved = self._solve(split)
+        solved, timeline = self._solve(split), self.chains.timeline
+        price_w = np.full(len(timeline.links), math.nan)
+        for part in solved:
+            price_w[part.span.begin[0] : part.span.end[0]] = part.lambda_w
         return JourneyPlan(
             journey=self.journey,
             split=split,
             sections=self._section_plans(solved),
-            priced=self._priced(solved),
+            priced=PricedTimeline(sections=self.sections, timeline=timeline, price_w=price_w),
         )
-
-    def _priced(self, solved: Sequence[Solved]) -> PricedTimeline:
-        """The timeline with the price of time (W) of every link: that of the span in which the link lies."""
-        timeline = self.chains.timeline
-        price_w = np.full(len(timeline.links), math.nan)
-        for part in solved:
-            price_w[part.span.begin[0] : part.span.end[0]] = part.lambda_w
-        return PricedTimeline(sections=self.sections, timeline=timeline, price_w=price_w)
 
     def fastest_j(self) -> float:
         """Energy of the journey if every section is driven as fast as possible and the train waits at stops; windows of
@@ -361,17 +340,17 @@ class JourneyPlanner:
         for i, event in enumerate(timeline.events):
             if i:
                 link = timeline.links[i - 1]
-                reached_s += self._least_s(link) if isinstance(link, DriveLink) else link.least_s
+                if isinstance(link, WaitLink):
+                    reached_s += link.least_s
+                else:
+                    least_s = self.sections[link.section].least_s
+                    reached_s += float(least_s[link.place + 1] - least_s[link.place])
             if reached_s > event.window.latest_s + tol.TIME_TOLERANCE_S:
                 latest = (i, event.window.latest_s)
-                raise self.chains.late(since, latest, reached_s - event.window.latest_s)
+                raise self.chains.missed(since, latest, reached_s - event.window.latest_s)
             if event.window.earliest_s > reached_s:
                 reached_s = event.window.earliest_s
                 since = (i, reached_s)
-
-    def _least_s(self, way: DriveLink) -> float:
-        least_s = self.sections[way.section].least_s
-        return float(least_s[way.place + 1] - least_s[way.place])
 
     def _solve(self, split: Split) -> tuple[Solved, ...]:
         """Solve all spans; in each, hold the time that is furthest outside its window at the bound it violates; repeat.
@@ -408,7 +387,7 @@ class JourneyPlanner:
         return tuple(solved)
 
     def _section_plans(self, solved: Sequence[Solved]) -> tuple[SectionPlan, ...]:
-        event_s = _event_times(solved)
+        event_s = np.concatenate([span.event_s[:-1] for span in solved] + [solved[-1].event_s[-1:]])
         runs = [(self.chains.fronts.drive(run), span.lambda_w) for span in solved for run in span.runs]
         plans = []
         for index, section in enumerate(self.sections):
@@ -458,11 +437,6 @@ def _passed(
         timing = PlannedTime(time_s=departure_s + time_s, held=Held.FREE)
         wishes.append(PassedAt(passing=passing, timing=timing, speed_mps=speed_mps))
     return tuple(sorted((*enforced, *wishes), key=lambda x: x.passing.position_m))
-
-
-def _event_times(solved: Sequence[Solved]) -> Floats:
-    """When every event of the timeline takes place."""
-    return np.concatenate([span.event_s[:-1] for span in solved] + [solved[-1].event_s[-1:]])
 
 
 def _driven(section: JourneySection, speeds: Floats) -> tuple[Trajectory, EnergyBalance]:

@@ -1,1 +1,0 @@
-"""Time–energy optimisation of a journey of several sections."""
