@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from das.advice.advice import Source, Timetable
-from das.advice.braking_model import BrakingBasis
-from das.advice.last_word import LastWord
+from das.advice.last_word import BrakingBasis, LastWord
 from das.advice.planner import PlanBasis
 from das.cab.leg import Leg
 from das.domain.conditions import Conditions
