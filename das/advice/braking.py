@@ -1,8 +1,7 @@
 """Braking ahead: where a train must begin to brake, and with what effort it keeps the limits and the stop ahead.
 
-A braking effort is the braking force as a share of what the motors can brake with at the present speed. So one effort
-serves from the start of braking to its end: its force grows along the power hyperbola as the train slows down. An
-effort above 1 uses the friction brake as well.
+A braking effort is a share of the motors' braking force at the present speed, and so serves from the start of braking
+to its end; an effort above 1 uses the friction brake as well.
 """
 
 from __future__ import annotations
@@ -39,13 +38,11 @@ LEAST_MPS2 = 0.02
 BRAKED_MORE = 1.1
 """Factor on the effort needed with which a train above its plan brakes, so that it need not brake harder later."""
 AT_MARK_M = 10.0
-"""Distance from a stop (m) below which the driver sees the mark, and the uncertainty of the position no longer
-counts."""
+"""Distance from a stop (m) below which the driver sees the mark, whatever the uncertainty of the position."""
 ALIKE = 0.9
 """Share of the largest effort from which several places to brake for count as equal."""
 RIVALS = 0.8
-"""Share of the largest deceleration from which the effort for a place ahead is computed, where only distance with a
-working brake counts."""
+"""Share of the largest deceleration, over the distance with a working brake, from which an effort is computed."""
 
 
 def braking_mode(effort: float) -> Regime:
@@ -67,10 +64,7 @@ NOTHING = NeededBrake(0.0)
 
 
 class BrakingAhead:
-    """The braking that the limits and the stop ahead need from a train on a section.
-
-    The envelope of the section, its highest planned speeds, contains the braking curves.
-    """
+    """The braking that the limits and the stop ahead need; the section's envelope contains the braking curves."""
 
     def __init__(self, section: Section) -> None:
         self.section = section
@@ -90,10 +84,7 @@ class BrakingAhead:
         largest if none is enough."""
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
-        """Whether a train that keeps its speed will be above a braking curve within a time (s).
-
-        If the train exceeds only the limit at its own position, there is nothing ahead to brake for; see `back_under`.
-        """
+        """Whether a train that keeps its speed will be above a braking curve ahead within a time (s)."""
         least_mps = self.lowest_mps(s_m, v_mps * within_s)
         if v_mps <= least_mps + ABOVE_MPS:
             return False
@@ -104,17 +95,11 @@ class BrakingAhead:
         return math.sqrt(kernels.lowest_w(s_m, s_m + way_m, self.section.node_m, self._planned_w))
 
     def allowed_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) from which full braking keeps every limit and the stop, wherever the train may be.
-
-        The train may be ahead of its estimated position, as `feared_m` says.
-        """
+        """The highest speed (m/s) from which full braking keeps every limit and the stop, from `feared_m` on."""
         return float(np.interp(self.feared_m(s_m), self.section.node_m, self.section.allowed_mps))
 
     def feared_m(self, s_m: float) -> float:
-        """The furthest position (m) of a train whose estimated position is `s_m`: ahead by the planned deviation.
-
-        Close to the stop the driver sees the mark, and the estimate is trusted.
-        """
+        """The furthest position (m) of a train estimated at `s_m`: ahead by the planned deviation, but for the mark."""
         planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
         return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
 
@@ -123,10 +108,7 @@ class BrakingAhead:
         return len(self.section.node_m) - 1 - _interval(self.section, s_m)
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
-        """Where (m) a train with these speeds at the nodes ahead meets a braking curve; else the end of the section.
-
-        A train above the limit at its own position is assumed to slow down to that limit first.
-        """
+        """Where (m) a train with these speeds ahead, less its excess here, meets a braking curve; else the end."""
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
@@ -144,8 +126,8 @@ class BrakingAhead:
 
     def rolling_mps(self, s_m: float, v_mps: float, braked_n: float = 0.0) -> Floats:
         """The speeds (m/s) at all nodes ahead of a train that coasts from here, or brakes with a force (N, > 0)."""
-        section, here = self.section, _interval(self.section, s_m)
-        train, speeds = section.train, np.full(len(section.node_m) - here - 1, v_mps)
+        section, train, here = self.section, self.section.train, _interval(self.section, s_m)
+        speeds = np.full(len(section.node_m) - here - 1, v_mps)
         step_m = section.step_m[here:].copy()
         step_m[0] = section.node_m[here + 1] - s_m
         for _ in range(2):  # First with the running resistance at the present speed, then at the speeds just found.
@@ -193,8 +175,7 @@ class BrakingAhead:
     def _effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
         section = self.section
         stops = target_mps <= SPEED_SLACK_MPS
-        to_m = to_m + STOP_SLACK_M if stops else to_m
-        target_mps = 0.0 if stops else target_mps + SPEED_SLACK_MPS
+        to_m, target_mps = (to_m + STOP_SLACK_M, 0.0) if stops else (to_m, target_mps + SPEED_SLACK_MPS)
         if to_m <= s_m:
             return self.largest(s_m, v_mps)
         first = _interval(section, s_m)
@@ -254,7 +235,6 @@ class BrakingAhead:
 
 
 def _interval(section: Section, s_m: float) -> int:
-    """The interval of a section at a position."""
     return min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), len(section.step_m) - 1)
 
 

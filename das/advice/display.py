@@ -15,12 +15,12 @@ from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, SpeedsAllowe
 from das.advice.plan import HOLD_S, Floats, Place, Plan
 from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
-from das.advice.regimes import BRAKES, EFFORT_ORDER, Regime, departure_regime
+from das.advice.regimes import BRAKES, Regime, departure_regime
 from das.advice.shown import lever_ratio, steady_step, step_below
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
-from das.solver.kernels.forces import brake_limit
 from das.solver.solution import Fit
+from das.solver.state import least_time_s
 
 VALID_FOR_S: Final = 3.0
 """Time (s) for which advice is valid."""
@@ -87,11 +87,8 @@ class Display:
         return self._advice(scene, mode=Regime.STOP, reason=reason, **STANDING)
 
     def departing(self, scene: Scene, plan: Plan) -> Advice:
-        """The advice for a standing train that is due to depart: stand until cleared, then depart as shown.
-
-        Speed, force and horizon are those of a standing train, so that a driver who follows them does not depart.
-        """
-        self._show(Regime.STOP, scene.state.now_ns)  # Otherwise a mode from before the stop might be shown on.
+        """The advice for a train due to depart: to stand, by speed, force and horizon, and then depart as shown."""
+        self._show(Regime.STOP, scene.state.now_ns)  # No mode from before the stop is shown any more.
         moving = self.following(scene, plan)
         self._show(Regime.DEPART, scene.state.now_ns)
         run, place = plan.solution.trajectory, plan.at(scene.state.s_m)
@@ -116,17 +113,15 @@ class Display:
     def braking(self, scene: Scene, reason: Reason) -> Advice:
         """The advice to brake fully, without a plan: to the stop at the section's end, or down to what is allowed."""
         state, planner = scene.state, scene.planner
-        train, v_mps = planner.section.train, state.v_mps
-        available_n = float(brake_limit(max(v_mps, 0.1), train, train.friction_force_n))
-        slowed_n = planner.section.resistance_n(state.s_m, v_mps)
-        most_n = max(min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg - slowed_n), 0.0)
+        train, ahead, v_mps = planner.section.train, planner.ahead, state.v_mps
+        most_n = -ahead.force_n(ahead.full(state.s_m, v_mps), state.s_m, v_mps)
         self._show(Regime.FRICTION_BRAKE if train.friction_force_n > 0 else Regime.FULL_BRAKE, state.now_ns)
         allowed = planner.allowed_mps(state.s_m)
-        seconds = np.arange(1, HORIZON_S + 1)
-        speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
+        speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * np.arange(1, HORIZON_S + 1), 0.0)
         # The lowest speed allowed on the way to each point: the horizon never tells the driver to speed up again.
         way_m = np.cumsum(0.5 * (np.append(v_mps, speeds[:-1]) + speeds))
-        there = np.minimum.accumulate([planner.lowest_allowed_mps(state.s_m, state.s_m + one) for one in way_m])
+        lowest = [planner.lowest_allowed_mps(state.s_m, state.s_m + one) for one in way_m]
+        there = np.minimum(np.minimum.accumulate(lowest), allowed)
         return self._advice(
             scene,
             mode=self._mode,
@@ -134,8 +129,8 @@ class Display:
             advised_speed_mps=min(v_mps, allowed),
             advised_force_n=-most_n,
             advised_force_ratio=lever_ratio(-most_n, planner.section.largest_n(v_mps)),
-            horizon_speed_mps=tuple(np.minimum(speeds, np.minimum(there, allowed)).tolist()),
-            horizon_force_n=tuple(np.where(speeds > np.minimum(there, allowed), -most_n, 0.0).tolist()),
+            horizon_speed_mps=tuple(np.minimum(speeds, there).tolist()),
+            horizon_force_n=tuple(np.where(speeds > there, -most_n, 0.0).tolist()),
             next_mode=Regime.STOP,
             source=Source.FALLBACK,
             reason=reason,
@@ -149,7 +144,6 @@ class Display:
         too_fast = excess_mps > OVERSPEED_MPS
         mode, following = self._instructed(plan, place, scene, too_fast=too_fast)
         advised = min(place.speed_mps, allowed)
-        shown_mps = self.displayed(advised, allowed)
         speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
         arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
         if math.isfinite(late_s):
@@ -161,7 +155,7 @@ class Display:
             scene,
             mode=mode,
             advised_speed_mps=advised,
-            display_speed_mps=shown_mps,
+            display_speed_mps=self.displayed(advised, allowed),
             advised_force_n=force_n,
             advised_force_ratio=lever_ratio(force_n, planner.section.largest_n(place.speed_mps)),
             horizon_speed_mps=tuple(speeds.tolist()),
@@ -177,7 +171,6 @@ class Display:
         )
 
     def _advice(self, scene: Scene, source: Source | None = None, **fields: Any) -> Advice:
-        """The advice of a scene: where the train is, for how long it is valid, and these fields."""
         state, here, planner = scene.state, scene.here, scene.planner
         return Advice(
             time_ns=state.now_ns,
@@ -209,14 +202,10 @@ class Display:
         self._mode, self._mode_since_ns = mode, now_ns
 
     def _follow_mode(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> Regime:
-        """Choose the mode to show, and remember its force: those of the plan, or of stronger braking if needed."""
-        shown_n = float(plan.shown_force_n[place.interval])
-        eased = too_fast and shown_n > 0  # The plan begins on the braking curve; a train above it gets no traction.
-        wanted = Regime.COAST if eased else Regime(int(plan.modes[place.interval]))
-        planned, planned_n = wanted, 0.0 if eased else shown_n
-        wanted, shown_n = braked_enough(
-            planned, planned_n, scene.state, scene.planner, place.speed_mps, too_fast=too_fast
-        )
+        wanted, shown_n = Regime(int(plan.modes[place.interval])), float(plan.shown_force_n[place.interval])
+        if too_fast and shown_n > 0:  # The plan begins on the braking curve; a train above it gets no traction.
+            wanted, shown_n = Regime.COAST, 0.0
+        wanted, shown_n = braked_enough(wanted, shown_n, scene.state, scene.planner, place.speed_mps, too_fast=too_fast)
         mode = self.held_mode(wanted, scene.state.now_ns)
         if mode is wanted:
             self._force_n = shown_n
@@ -225,8 +214,7 @@ class Display:
     def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, Instruction]:
         """The mode to show and the next change: those of the guide once its instruction is due, else of the plan."""
         guide = scene.guide
-        waits = guide is None or guide.now.mode is Regime.DEPART or guide.now.in_s > 0.0
-        if guide is not None and not waits:
+        if guide is not None and guide.now.mode is not Regime.DEPART and guide.now.in_s <= 0.0:
             return self._as_guided(guide, plan, scene, place, too_fast=too_fast)
         mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
         if guide is not None and guide.now.in_s > 0.0:
@@ -238,8 +226,7 @@ class Display:
     ) -> tuple[Regime, Instruction]:
         """The mode and the next change of the guide's instruction, with the force that keeps to its reference.
 
-        A braking effort is a share of the motors' brake, whose force grows as the train slows down. The advised force
-        stays constant until the advice expires, so that a larger one may be needed.
+        A larger force may be needed to brake: it is constant until the advice expires, while the guide's effort grows.
         """
         state, mode, self._force_n = scene.state, guide.now.mode, guide.reference_force_n
         if mode in BRAKES:
@@ -255,19 +242,14 @@ class Display:
         return self._mode, Instruction(mode=Regime.STOP, way_m=end_m - state.s_m, in_s=left_s)
 
     def held_mode(self, wanted: Regime, now_ns: int) -> Regime:
-        """The mode to show, given the wanted one.
-
-        A new mode is shown only after the last one was shown for a while, or if it has less traction or more braking.
-        """
-        urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)
+        """The mode to show: the wanted one if the last one was shown for `HOLD_S`, or it brakes more or pulls less."""
         held_s = (now_ns - self._mode_since_ns) * NS
         settled = self._mode in (Regime.NONE, Regime.STOP, Regime.DEPART) or not 0 <= held_s < HOLD_S
-        if wanted is not self._mode and (urgent or settled):
+        if wanted is not self._mode and (settled or wanted > self._mode):
             self._show(wanted, now_ns)
         return self._mode
 
     def _next_change(self, plan: Plan, shown: Regime, state: TrainState, place: Place) -> Instruction:
-        """The change to the mode after the one shown."""
         run, planned = plan.solution.trajectory, int(plan.modes[place.interval])
         change = int(plan.next_change[place.interval])
         mode = Regime(int(plan.modes[change])) if change < len(plan.modes) else Regime.STOP
@@ -284,7 +266,6 @@ class Display:
         return self._shown_mps
 
     def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> Reason:
-        """The reason of the advice."""
         planner, goal = scene.planner, scene.goal
         basis, fit = planner.basis, plan.solution.fit
         if scene.allowed.too_fast:
@@ -322,17 +303,14 @@ class Display:
 def _buffer_ratio(scene: Scene) -> float:
     """The buffer: time left divided by the least driving time, minus 1; NaN if hardly any driving time is left."""
     state, planner, goal = scene.state, scene.planner, scene.goal
-    least_s = planner.least_time_s(state.s_m, state.v_mps)
+    least_s = least_time_s(planner.section, state.s_m, state.v_mps)
     return goal.left_s(state.now_ns) / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan
 
 
 def braked_enough(
     mode: Regime, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
 ) -> tuple[Regime, float]:
-    """The mode and force (N) to show: those given, or those of the braking that the limits and the stop need.
-
-    Braking is needed if it is due soon, or if the train is too fast.
-    """
+    """The mode and force (N) to show: those given, or of braking that is due soon or that a too fast train needs."""
     ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
     pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2
@@ -363,9 +341,8 @@ def kept_behind(
 ) -> Floats:
     """The horizon speeds of a train that is too fast, lowered to what is allowed on the way to the planned positions.
 
-    The plan brakes from the train's speed, while the horizon shows no speed above the allowed one. A driver who follows
-    the horizon therefore falls behind the planned positions `planned_m`, and may still be under a lower limit that the
-    plan has already left.
+    The plan brakes from the train's speed, and so may already have left a lower limit under which a driver who follows
+    the horizon still is.
     """
     kept, at_m, before = speeds_mps.copy(), state.s_m, advised_mps
     for i, to_m in enumerate(planned_m.tolist()):

@@ -11,8 +11,7 @@ from das.domain.journey import Window
 from das.domain.units import NS
 
 LONGEST_RATIO: Final = 2.5
-"""Longest plan as a multiple of the least time from its state. With more time left, the train arrives early and waits
-at the stop instead of crawling (without idle losses, a crawl would need the least energy)."""
+"""Longest plan as a multiple of the least time from its state: with more time left, the train waits at the stop."""
 AT_END_M: Final = 1.0
 """Distance from the end of the section (m) below which nothing is planned any more: the train is to stop."""
 AT_STOP_M: Final = 50.0
@@ -24,8 +23,7 @@ OVERSPEED_ENDS_MPS: Final = 0.15
 COASTS_IN_S: Final = 5.0
 """Time (s) within which coasting down to a limit is advised; otherwise the limit is held, or the train brakes."""
 UNHURRIED_S: Final = 0.5
-"""Delay (s) with which a plan arrives. The build-up of effort costs as much, and making up for it would cost 0.4 % of
-the energy on 6 km."""
+"""Delay (s) with which a plan arrives: making up for the build-up of effort costs 0.4 % of the energy on 6 km."""
 DEVIATION_NAMED_S: Final = 5.0
 """Earliness or lateness (s) from which the reason of the advice states it."""
 
@@ -51,10 +49,8 @@ class PassingTarget:
 
 
 class TrainState(NamedTuple):
-    """A train at a moment: time (ns since 1970), position (m) and speed (m/s).
-
-    `ahead_m` is an extra distance (m): the train may be this much further ahead than the plans for braking assume.
-    """
+    """A train at a moment: time (ns since 1970), position (m), speed (m/s), and how much further ahead it may be (m)
+    than the plans for braking assume."""
 
     now_ns: int
     s_m: float
@@ -68,10 +64,7 @@ class TrainState(NamedTuple):
 
 
 class SpeedsAllowed(NamedTuple):
-    """The bounds on an instruction where the train is: the highest safe speed, and the limit over the train (m/s).
-
-    `too_fast`: the driver is told that the train is too fast.
-    """
+    """The highest safe speed and the limit over the train (m/s), and whether the driver is told that he is too fast."""
 
     allowed_mps: float
     limit_mps: float
@@ -79,10 +72,7 @@ class SpeedsAllowed(NamedTuple):
 
 
 def is_too_fast(excess_mps: float, *, told: bool) -> bool:
-    """Whether a driver is told that his train is too fast, by its speed above the allowed one (m/s).
-
-    `told`: he is told so already.
-    """
+    """Whether a driver is told that his train is this much too fast (m/s); `told`: he is told so already."""
     return excess_mps > (OVERSPEED_ENDS_MPS if told else OVERSPEED_MPS)
 
 
@@ -119,12 +109,7 @@ class Goal:
     def waits(self, state: TrainState) -> bool:
         """Whether there is a point ahead that may not be passed yet."""
         point = self.passing
-        return (
-            point is not None
-            and point.earliest_ns is not None
-            and point.s_m > state.s_m
-            and (point.earliest_ns > state.now_ns)
-        )
+        return point is not None and point.s_m > state.s_m and (point.earliest_ns or 0) > state.now_ns
 
     def aimed_s(self, now_ns: int) -> float:
         """The time (s) that a plan made now may take to the end of the section."""

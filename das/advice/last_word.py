@@ -1,49 +1,60 @@
 """The last word: it judges every advice once more before the advice is sent, and replaces what is not safe.
 
-The rule: assume that the driver does what is shown until the advice expires, and then brakes fully, wherever the train
-may really be. Then the train exceeds no limit by more than `LIMIT_TOLERANCE_MPS` and passes no stop by more than
-`STOP_TOLERANCE_M`. Speeds shown for places further ahead are no higher than allowed there. The judgement uses its own
-model, `das.advice.braking_model`, and shares nothing with the planner, the guide or the display.
+The rule: a driver who does what is shown until the advice expires, and then brakes fully, wherever the train may be,
+exceeds no limit by more than `LIMIT_TOLERANCE_MPS` and passes no stop by more than `STOP_TOLERANCE_M`. The model of
+line and train is its own: it shares no code with the solver, so that an error there is not repeated here.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.advice import last_word_kernels as kernels
-from das.advice import wording
-from das.advice.advice import Advice, Cause, Guidance, Instruction, Source, Withdrawal
-from das.advice.braking_model import (
-    LONGEST_S,
-    STOPPED_MPS,
-    BrakingBasis,
-    BrakingModel,
-    Consequences,
-    Doing,
-    Excess,
-    Needed,
-)
+from das.advice.advice import Advice, Cause, Guidance, Instruction, Source
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
 from das.advice.shown import SAME_READING_MPS, step_below, target_below
-from das.domain.units import NS
+from das.domain.conditions import Conditions
+from das.domain.restriction import Restriction
+from das.domain.route import Route
+from das.domain.units import NS, STANDARD_GRAVITY_MPS2
+from das.domain.vehicle import BrakePolicy, Vehicle
 from das.estimate.estimate import Estimate
 
-MAY_BE_UNKNOWN = (
-    "next_change_m",
-    "next_change_s",
-    "predicted_deviation_s",
-    "buffer_ratio",
-    "energy_to_go_j",
-)
-"""Figures of advice that may be unknown (NaN), but never infinite."""
-
+Floats = NDArray[np.float64]
+LIMIT_TOLERANCE_MPS = 0.5
+"""Half of the 1 m/s by which no train may ever exceed a limit or braking curve; the other half is for the driver."""
+STOP_TOLERANCE_M = 5.0
+"""Half of the 10 m by which no train may ever pass a stop; the driver finds the mark by eye, from about 2 m/s on."""
+STEP_M = 20.0
+"""Longest step (m) of the braking curve, which also has a step wherever a limit or the supply changes."""
+BEYOND_TOP_MPS = 20.0
+"""Speed above the train's top speed (m/s) up to which forces are tabulated."""
+BEHIND_M = 100.0
+"""Distance before the section (m) at which the model begins: a train about to depart may still stand there."""
+SDS_AHEAD = 2.0
+"""Standard deviations by which the train is assumed to be ahead of its estimated position."""
+BY_EYE_M = 10.0
+"""Distance (m) from which the driver sees the mark: nearer to it, the estimated position counts."""
+HELD_ABOVE_MPS = 1.0
+"""Largest excess over the allowed speed (m/s) at which a driver may be told to hold a lower speed and not to brake."""
+BACK_IN_S = 5.0
+"""Time (s) in which strong enough braking brings a train back under a limit."""
+FULL_RATIO = 0.97
+"""Share of the full braking force from which braking counts as full: nothing stronger can be asked for."""
+FORCE_RATIO = 1.02
+"""Multiple of the largest force at a speed up to which a force counts as available: the difference is rounding."""
+LONGEST_S = 30.0
+"""Longest time (s) ahead for which announced braking is judged; later braking will be judged again."""
+STOPPED_MPS = 0.1
+"""Speed (m/s) below which a train counts as standing."""
 _STANDS = (Regime.STOP, Regime.DEPART)
 
 
@@ -56,7 +67,6 @@ class Part(StrEnum):
     DISPLAY_SPEED = "displayed speed"
     HORIZON = "horizon"
     LIMIT = "limit"
-    FIGURES = "infinite figures"
     GUIDE = "guide"
     GUIDE_SPEED = "speed of the guide"
     GUIDE_NEXT = "next instruction"
@@ -76,7 +86,7 @@ class Act(NamedTuple):
 
 
 class LastWord:
-    """Judges each advice by itself. All it remembers is the braking model of the last section and train."""
+    """Judges each advice by itself; only the braking model of the last section and train is remembered."""
 
     def __init__(self) -> None:
         self._basis: BrakingBasis | None = None
@@ -87,7 +97,14 @@ class LastWord:
         if advice.mode is Regime.NONE:
             return advice, ()
         if not _finite(here.s_m, here.speed_mps, here.position_sd_m):
-            return _withdrawn(advice), (Act(Part.STATE, here.speed_mps, math.nan),)
+            withdrawn = Advice(
+                time_ns=advice.time_ns,
+                position_time_ns=advice.position_time_ns,
+                cause=Cause.POSITION_REJECTED,
+                reason=Reason.of_text("no advice: position or speed unknown"),
+                valid_until_ns=advice.time_ns,
+            )
+            return withdrawn, (Act(Part.STATE, here.speed_mps, math.nan),)
         if self._model is None or basis != self._basis:
             self._basis, self._model = basis, BrakingModel(basis)
         return _Judgement(advice, here, self._model).result()
@@ -98,15 +115,18 @@ class _Judgement:
 
     def __init__(self, advice: Advice, here: Estimate, model: BrakingModel) -> None:
         self._advice, self._model = advice, model
-        self._train = Consequences(model, here, (advice.valid_until_ns - advice.time_ns) * NS)
-        self._told_from_m = advice.s_m
-        """Distances in the advice count from here: the start of the section for a train just before it."""
-        self._bound_mps = model.bound_mps(self._train.ahead_m)
+        self._v_mps, self._s_m = max(here.speed_mps, 0.0), here.s_m
+        self._valid_s = min(max((advice.valid_until_ns - advice.time_ns) * NS, kernels.STEP_S), LONGEST_S)
+        deviation_m = SDS_AHEAD * here.position_sd_m
+        self._behind_m = here.s_m - deviation_m
+        self._ahead_m = min(here.s_m + deviation_m, max(here.s_m, model.end_m - BY_EYE_M))
+        """The furthest position (m) at which the train may be."""
+        self._told_from_m = advice.s_m  # Distances in the advice count from here.
+        self._bound_mps = model.bound_mps(self._ahead_m)
         self._acts: list[Act] = []
 
     def result(self) -> tuple[Advice, tuple[Act, ...]]:
         """The advice as it may be sent, and the replacements made in it."""
-        self._judge_figures()
         self._judge_effort()
         self._judge_speeds()
         self._judge_horizon()
@@ -117,25 +137,18 @@ class _Judgement:
         self._acts.append(act)
         self._advice = replace(self._advice, **changes)
 
-    def _judge_figures(self) -> None:
-        """Replace infinite figures by NaN: not known."""
-        infinite = [name for name in MAY_BE_UNKNOWN if math.isinf(getattr(self._advice, name))]
-        if infinite:
-            self._replace(Act(Part.FIGURES, math.inf, math.nan), **dict.fromkeys(infinite, math.nan))
-
     # --- the full advice ---------------------------------------------------------------------------------------------
 
     def _judge_effort(self) -> None:
-        """Judge the advised force, together with the speeds and forces shown for the next seconds."""
         advice = self._advice
-        if advice.mode in _STANDS and self._train.v_mps < STOPPED_MPS:
+        if advice.mode in _STANDS and self._v_mps < STOPPED_MPS:
             return
         shown = advice.advised_speed_mps, advice.advised_force_n, advice.advised_force_ratio
         if not _finite(*shown, *advice.horizon_speed_mps, *advice.horizon_force_n) or not advice.horizon_speed_mps:
-            self._brake(Excess(self._train.v_mps, math.nan))
+            self._brake(Excess(self._v_mps, math.nan))
             return
-        excess = self._train.unavailable(advice.advised_force_n, min(self._train.v_mps, advice.advised_speed_mps))
-        excess = excess or self._train.excess(list(self._shown()), self._train.valid_s)
+        excess = self._unavailable(advice.advised_force_n, min(self._v_mps, advice.advised_speed_mps))
+        excess = excess or self._excess(list(self._shown()), self._valid_s)
         if excess is not None:
             self._brake(excess)
 
@@ -150,7 +163,7 @@ class _Judgement:
         forces = (advice.advised_force_n, *advice.horizon_force_n)
         holds = advice.mode in (Regime.CRUISE, Regime.STOP)
         changes_s = advice.next_change_s if _finite(advice.next_change_s) else math.inf
-        for k in range(min(math.ceil(self._train.valid_s) + 1, len(speeds) - 1)):
+        for k in range(min(math.ceil(self._valid_s) + 1, len(speeds) - 1)):
             to_mps, changed = speeds[k + 1], k > 0 and k + 0.5 > changes_s
             then_n = forces[min(k, len(forces) - 1)]
             kept_n = min(forces[0], then_n) if forces[0] < 0 else forces[0]
@@ -160,23 +173,19 @@ class _Judgement:
             yield Doing(until_s, force_n, to_mps if holds else speed_mps, holds)
 
     def _brake(self, excess: Excess) -> None:
-        """Replace the whole advice by braking as strong as needed."""
-        force_n, needed = self._train.braking()
-        allowed_mps, v_mps = self._model.allowed_mps(self._train.ahead_m), self._train.v_mps
-        seconds = max(len(self._advice.horizon_speed_mps), 1)
-        mode = self._train.mode_of(force_n)
-        most_n = self._model.most_brake_n(v_mps)
+        force_n, needed = self._braking()
+        shown_mps = min(self._v_mps, self._model.allowed_mps(self._ahead_m))
         self._replace(
             Act(Part.EFFORT, excess.value_mps, excess.bound_mps, instead_n=force_n),
-            mode=mode,
+            mode=self._mode_of(force_n),
             next_mode=Regime.STOP,
             next_change_m=math.nan,
             next_change_s=math.nan,
-            advised_speed_mps=min(v_mps, allowed_mps),
-            display_speed_mps=step_below(min(v_mps, allowed_mps)),
+            advised_speed_mps=shown_mps,
+            display_speed_mps=step_below(shown_mps),
             advised_force_n=force_n,
-            advised_force_ratio=force_n / most_n if most_n > 0 else 0.0,
-            **self._train.braked_horizon(force_n, needed.speed_mps, seconds),
+            advised_force_ratio=self._lever_ratio(force_n),
+            **self._braked_horizon(force_n, needed.speed_mps, max(len(self._advice.horizon_speed_mps), 1)),
             source=Source.FALLBACK,
             reason=self._reason(needed) if force_n < 0 else NO_REASON,
         )
@@ -185,26 +194,21 @@ class _Judgement:
         """Why the train must brake: it is too fast already, or for the limit or the stop that needs it."""
         if needed.at_m >= self._model.end_m:
             return Reason(code=ReasonCode.STOP, stop=self._model.end_stop)
-        if needed.speed_mps < self._model.limit_mps(self._train.ahead_m):
+        if needed.speed_mps < self._model.limit_mps(self._ahead_m):
             return Reason(code=ReasonCode.LIMIT, speed_mps=needed.speed_mps, at_m=needed.at_m)
-        excess_mps = self._train.v_mps - needed.speed_mps
+        excess_mps = self._v_mps - needed.speed_mps
         return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps) if excess_mps > 0 else NO_REASON
 
     def _judge_speeds(self) -> None:
-        """Judge the speeds shown for the present position, and the limit."""
-        advice, allowed_mps = self._advice, self._model.allowed_mps(self._train.ahead_m)
-        for part, name, shown_mps in (
-            (Part.ADVISED_SPEED, "advised_speed_mps", advice.advised_speed_mps),
-            (Part.DISPLAY_SPEED, "display_speed_mps", advice.display_speed_mps),
-        ):
-            if math.isnan(shown_mps) and part is not Part.ADVISED_SPEED:
-                continue  # This speed is not shown.
+        advice, allowed_mps = self._advice, self._model.allowed_mps(self._ahead_m)
+        for part, name in ((Part.ADVISED_SPEED, "advised_speed_mps"), (Part.DISPLAY_SPEED, "display_speed_mps")):
+            shown_mps = getattr(advice, name)
             if not shown_mps <= self._bound_mps + SAME_READING_MPS:
                 instead_mps = allowed_mps if part is Part.ADVISED_SPEED else step_below(allowed_mps)
                 self._replace(Act(part, shown_mps, self._bound_mps, instead_mps), **{name: instead_mps})
-        limit_mps = self._model.highest_limit_mps(self._train.behind_m - 1.0, self._train.ahead_m + 1.0)
-        if self._train.s_m < self._model.end_m and not advice.limit_mps <= limit_mps + SAME_READING_MPS:
-            instead_mps = self._model.limit_mps(self._train.ahead_m)
+        limit_mps = self._model.highest_limit_mps(self._behind_m - 1.0, self._ahead_m + 1.0)
+        if self._s_m < self._model.end_m and not advice.limit_mps <= limit_mps + SAME_READING_MPS:
+            instead_mps = self._model.limit_mps(self._ahead_m)
             self._replace(Act(Part.LIMIT, advice.limit_mps, limit_mps, instead_mps), limit_mps=instead_mps)
 
     def _judge_horizon(self) -> None:
@@ -212,7 +216,7 @@ class _Judgement:
         advice, (nodes_m, places, _) = self._advice, self._model.line
         speeds = np.array(advice.horizon_speed_mps, dtype=float)
         kept = np.empty(len(speeds))
-        begin = self._train.s_m, advice.advised_speed_mps, SAME_READING_MPS
+        begin = self._s_m, advice.advised_speed_mps, SAME_READING_MPS
         first, bound_mps = kernels.keep_horizon(nodes_m, places, speeds, *begin, kept)
         if first >= 0:
             forces = tuple(n if k < first else min(n, 0.0) for k, n in enumerate(advice.horizon_force_n))
@@ -222,7 +226,6 @@ class _Judgement:
     # --- the guide ---------------------------------------------------------------------------------------------------
 
     def _judge_guide(self) -> None:
-        """Judge the guide's present instruction, with its force and the reference's, and those that it announces."""
         guide = self._advice.guide
         if guide is None or guide.now.mode in (Regime.NONE, *_STANDS):
             return
@@ -241,11 +244,11 @@ class _Judgement:
         """
         now = guide.now
         if not _finite(guide.force_n, guide.reference_force_n, now.speed_mps, now.way_m, now.in_s, guide.target_m):
-            return Excess(self._train.v_mps, math.nan)
-        by_eye = now.mode in BRAKES and math.isnan(guide.lever_ratio) and not self._train.sees_only_mark
-        for force_n in {self._train.by_eye_n() if by_eye else guide.force_n, guide.reference_force_n}:
-            excess = self._train.unavailable(force_n, self._train.v_mps)
-            excess = excess or self._train.excess(self._led(guide, force_n), self._train.valid_s)
+            return Excess(self._v_mps, math.nan)
+        by_eye = now.mode in BRAKES and math.isnan(guide.lever_ratio) and not self._sees_only_mark
+        for force_n in {self._by_eye_n() if by_eye else guide.force_n, guide.reference_force_n}:
+            excess = self._unavailable(force_n, self._v_mps)
+            excess = excess or self._excess(self._led(guide, force_n), self._valid_s)
             if excess is not None:
                 return excess
         return None
@@ -257,24 +260,25 @@ class _Judgement:
         """
         now, following = guide.now, guide.following
         after = following[0] if following and _finite(following[0].in_s, following[0].speed_mps) else None
-        waiting = [Doing(now.in_s, 0.0, self._train.v_mps, True)] if now.in_s > 0 else []
+        waiting = [Doing(now.in_s, 0.0, self._v_mps, True)] if now.in_s > 0 else []
         # The effort shown stays the same, so the braking force grows with that of the motors.
-        of_n = self._model.electric_n(self._train.v_mps)
+        of_n = self._model.force_n(kernels.ELECTRIC, self._v_mps)
         doing = _instructed(now, force_n, math.inf if after is None else after.in_s)
         doings = [*waiting, doing._replace(of_n=of_n)]
         if after is None:
             return doings
-        most_n = self._train.brake_n(-1.0) if after.mode in BRAKES else self._model.traction_n(self._train.v_mps)
-        brakes = after.mode in BRAKES and _finite(after.effort_ratio)
-        return [*doings, _instructed(after, self._train.brake_n(after.effort_ratio) if brakes else most_n, math.inf)]
+        if after.mode in BRAKES:
+            then_n = self._brake_n(after.effort_ratio if _finite(after.effort_ratio) else -1.0)
+        else:
+            then_n = self._model.force_n(kernels.TRACTION, self._v_mps)
+        return [*doings, _instructed(after, then_n, math.inf)]
 
     def _safe_guide(self, guide: Guidance) -> Guidance:
         """The guide's advice with the least change that is safe.
 
-        That is without what it announces; or to go no faster than is allowed here, for an instruction that would only
-        become unsafe because the train speeds up; or to brake as strongly as needed.
+        That is without what it announces; or no faster than is allowed here; or to brake as strongly as needed.
         """
-        held_mps = step_below(min(guide.now.speed_mps, self._model.allowed_mps(self._train.ahead_m)))
+        held_mps = step_below(min(guide.now.speed_mps, self._model.allowed_mps(self._ahead_m)))
         now = Instruction(mode=Regime.CRUISE, speed_mps=held_mps)
         held = replace(guide, now=now, force_n=0.0, reference_force_n=0.0, lever_ratio=math.nan)
         choices = [replace(guide, following=()), held, replace(held, following=())]
@@ -284,15 +288,11 @@ class _Judgement:
         return next(safe, None) or self._braked_guide(guide)
 
     def _braked_guide(self, guide: Guidance) -> Guidance:
-        """The guide's advice, replaced by an instruction to brake as strongly as needed.
-
-        The announced instructions that come after this braking are kept.
-        """
-        force_n, needed = self._train.braking()
-        way_m, scale_n = max(needed.at_m - self._train.s_m, 0.0), self._train.brake_n(1.0)
-        most_n = self._model.most_brake_n(self._train.v_mps)
+        """To brake as strongly as needed; announced instructions that come after this braking are kept."""
+        force_n, needed = self._braking()
+        way_m, scale_n = max(needed.at_m - self._s_m, 0.0), self._brake_n(1.0)
         now = Instruction(
-            mode=self._train.mode_of(force_n),
+            mode=self._mode_of(force_n),
             speed_mps=step_below(needed.speed_mps),
             effort_ratio=force_n / scale_n if scale_n > 0 else 0.0,
         )
@@ -301,10 +301,10 @@ class _Judgement:
             now=now,
             following=tuple(one for one in guide.following if one.way_m > way_m),
             target_m=way_m,
-            target_s=2.0 * way_m / max(self._train.v_mps + needed.speed_mps, STOPPED_MPS),
+            target_s=2.0 * way_m / max(self._v_mps + needed.speed_mps, STOPPED_MPS),
             force_n=force_n,
             reference_force_n=force_n,
-            lever_ratio=force_n / most_n if most_n > 0 else 0.0,
+            lever_ratio=self._lever_ratio(force_n),
             reason=self._reason(needed),
         )
 
@@ -316,10 +316,9 @@ class _Judgement:
         """
         guide, model = self._advice.guide, self._model
         assert guide is not None
-        leads = now.mode in (*BRAKES, Regime.COAST)
-        ahead_m = self._train.ahead_m, self._told_from_m + now.way_m
         ends_m = min([guide.target_m, *(one.way_m for one in guide.following[:1] if _finite(one.way_m))])
-        places_m = (self._told_from_m + ends_m,) if leads else ahead_m
+        leads = now.mode in (*BRAKES, Regime.COAST)
+        places_m = [self._told_from_m + (ends_m if leads else now.way_m), *([] if leads else [self._ahead_m])]
         bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SAME_READING_MPS
         if not now.speed_mps <= bound_mps:
             rounded = target_below if now.mode is Regime.COAST else step_below
@@ -358,31 +357,283 @@ class _Judgement:
         led, now = self._led(guide, guide.force_n)[:-1], guide.now
         if now.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
             led[-1] = led[-1]._replace(holds=True)  # He accelerates to that speed and then holds it.
-        excess = self._train.excess(led, in_s, in_s)
-        if excess is None or now.mode is not Regime.COAST or now.speed_mps <= self._train.v_mps:
+        excess = self._excess(led, in_s, in_s)
+        if excess is None or now.mode is not Regime.COAST or now.speed_mps <= self._v_mps:
             return excess
         # He rolls up to that speed and is then told to hold it: he is no faster than one who holds it at once.
-        return self._train.excess([*led[:-1], led[-1]._replace(speed_mps=now.speed_mps, holds=True)], in_s, in_s)
+        return self._excess([*led[:-1], led[-1]._replace(speed_mps=now.speed_mps, holds=True)], in_s, in_s)
+
+    # --- what happens to a train from the furthest place where it may be, if its driver does what is shown -----------
+
+    def _excess(self, doings: Sequence[Doing], lasts_s: float, since_s: float = 0.0) -> Excess | None:
+        """The first speed between `since_s` and `lasts_s` that is too high if the driver does `doings`, or None."""
+        done = np.array(doings, dtype=float)
+        tuned = FULL_RATIO, HELD_ABOVE_MPS, STOPPED_MPS, BACK_IN_S
+        found = kernels.first_excess(*self._model.train, done, self._ahead_m, self._v_mps, since_s, lasts_s, tuned)
+        return Excess(*found) if found[0] >= 0 else None
+
+    def _braking(self) -> tuple[float, Needed]:
+        """The braking force (N, <= 0) needed from here, and the speed and place that need it.
+
+        If the constant force computed from the needed deceleration does not suffice, all brakes are applied fully.
+        """
+        model, v_mps = self._model, self._v_mps
+        needed = model.needed(self._ahead_m, v_mps, self._valid_s)
+        wanted_n = needed.rate_mps2 * model.mass_kg - model.resisting_n(self._ahead_m, v_mps)
+        most_n = model.force_n(kernels.MOST, v_mps)
+        force_n = -min(max(wanted_n, 0.0), most_n)
+        doing = Doing(math.inf, force_n, needed.speed_mps)
+        return (force_n if self._excess([doing], self._valid_s) is None else -most_n), needed
+
+    @property
+    def _sees_only_mark(self) -> bool:
+        """Whether no limit below the train's speed begins before the stop."""
+        nodes_m, places, _ = self._model.line
+        ahead = (nodes_m[:-1] > self._ahead_m) & (nodes_m[:-1] < self._model.end_m)
+        return not (places[kernels.LIMIT][ahead] < self._v_mps).any()
+
+    def _by_eye_n(self) -> float:
+        """The wheel force (N, <= 0) of a driver who sees nothing but his mark and brakes evenly to it."""
+        model, v_mps = self._model, self._v_mps
+        way_m = max(model.end_m - self._ahead_m, 0.5)
+        wanted_n = model.mass_kg * v_mps**2 / (2.0 * way_m) - model.resisting_n(self._ahead_m, v_mps)
+        return -min(max(wanted_n, 0.0), model.force_n(kernels.MOST, v_mps))
+
+    def _mode_of(self, force_n: float) -> Regime:
+        """The mode of a braking force (N, <= 0) here; the friction brake if the electric brake is not enough."""
+        if force_n >= 0:
+            return Regime.COAST
+        nodes_m, places, _ = self._model.line
+        has_motors = places[kernels.MOTORS, kernels.interval(nodes_m, self._ahead_m)] > 0
+        electric_n = self._model.force_n(kernels.ELECTRIC, self._v_mps) if has_motors else 0.0
+        if -force_n > electric_n * FORCE_RATIO:
+            return Regime.FRICTION_BRAKE
+        return Regime.FULL_BRAKE if -force_n >= FULL_RATIO * electric_n else Regime.REDUCED_BRAKE
+
+    def _unavailable(self, force_n: float, v_mps: float) -> Excess | None:
+        """An excess if the train does not have this force (N) at the speed `v_mps`, so that no driver can apply it.
+
+        The forces are those of this very speed: at a step of an effort curve, the table's may be a tenth off.
+        """
+        vehicle = self._model.vehicle
+        most_n = float(vehicle.traction_effort_n(v_mps) if force_n > 0 else vehicle.brake_effort_n(v_mps))
+        return Excess(self._v_mps, math.nan) if abs(force_n) > FORCE_RATIO * most_n + 1.0 else None
+
+    def _braked_horizon(self, force_n: float, to_mps: float, seconds: int) -> dict[str, tuple[float, ...]]:
+        """The horizon fields of advice, by name, for braking with a force (N) to a speed, within what is allowed."""
+        model, s_m, v_mps = self._model, self._ahead_m, self._v_mps
+        doing = np.array(Doing(math.inf, force_n, to_mps), dtype=float)
+        speeds: list[float] = []
+        forces: list[float] = []
+        for _ in range(seconds):
+            for _ in range(round(1.0 / kernels.STEP_S)):
+                after_mps = float(kernels.after_step(*model.line, model.mass_kg, doing, s_m, v_mps))
+                s_m, v_mps = s_m + 0.5 * (v_mps + after_mps) * kernels.STEP_S, after_mps
+            forces.append(force_n if v_mps > to_mps else 0.0)
+            speeds.append(min(v_mps, model.allowed_mps(s_m), *speeds[-1:]))
+        return {"horizon_speed_mps": tuple(speeds), "horizon_force_n": tuple(forces)}
+
+    def _lever_ratio(self, force_n: float) -> float:
+        """A braking force (N, <= 0) as a share of the force of all brakes at the train's speed."""
+        most_n = self._model.force_n(kernels.MOST, self._v_mps)
+        return force_n / most_n if most_n > 0 else 0.0
+
+    def _brake_n(self, effort_ratio: float) -> float:
+        """The braking force (N) of an effort: a share of the motors' brake now, or of all brakes if there is none."""
+        electric_n = self._model.force_n(kernels.ELECTRIC, self._v_mps)
+        return effort_ratio * (electric_n or self._model.force_n(kernels.MOST, self._v_mps))
 
 
 def _instructed(one: Instruction, force_n: float, until_s: float) -> Doing:
-    """What a driver does who follows an instruction with a wheel force (N) until a time (s)."""
     if one.mode is Regime.CRUISE:
         return Doing(until_s, 0.0, one.speed_mps, True)
     return Doing(until_s, 0.0, 0.0) if one.mode is Regime.COAST else Doing(until_s, force_n, one.speed_mps)
 
 
-def _withdrawn(advice: Advice) -> Advice:
-    """No advice: without position and speed the advice cannot be judged."""
-    why = Withdrawal(Cause.POSITION_REJECTED, wording.NOTHING_TO_JUDGE_BY)
-    return Advice(
-        time_ns=advice.time_ns,
-        position_time_ns=advice.position_time_ns,
-        cause=why.cause,
-        reason=Reason.of_text(wording.withdrawal(why)),
-        valid_until_ns=advice.time_ns,
-    )
-
-
 def _finite(*values: float) -> bool:
     return all(map(math.isfinite, values))
+
+
+# --- the model of line and train: the highest speeds from which full braking is still in time -------------------------
+
+
+class BrakingBasis(NamedTuple):
+    """What the highest speeds depend on: line, train, brakes, restrictions, conditions, and the ends of the section."""
+
+    route: Route
+    vehicle: Vehicle
+    brakes: BrakePolicy
+    restrictions: tuple[Restriction, ...]
+    conditions: Conditions
+    start_m: float
+    end_m: float
+    point_mass: bool = False
+
+
+class Needed(NamedTuple):
+    """The deceleration (m/s²) that a train needs, the speed (m/s) that it must slow down to, and where (m)."""
+
+    rate_mps2: float
+    speed_mps: float
+    at_m: float
+
+
+class BrakingModel:
+    """Limits, full braking and forces of one train on one section.
+
+    The train uses the brakes that its policy names, without the electric brake where the line does not take its power.
+    Where mass or resistance were measured, the model is cautious: the train is never lighter, and never has more
+    resistance, than its file says. Gradients and curves are averaged over the length of the train.
+    """
+
+    def __init__(self, basis: BrakingBasis) -> None:
+        measured = basis.conditions
+        careful = replace(
+            measured, mass_ratio=max(measured.mass_ratio, 1.0), resistance_ratio=min(measured.resistance_ratio, 1.0)
+        )
+        train, self.end_m = careful.train(basis.vehicle), basis.end_m
+        self.vehicle = train
+        self.end_stop = basis.route.stop_name_at(basis.end_m)
+        length_m = 0.0 if basis.point_mass else train.train_length_m
+        nodes_m = _nodes(basis, length_m)
+        limit_mps = np.minimum(_limits(basis, nodes_m, length_m), train.max_speed_mps)
+        places = np.empty((kernels.PLACES, len(nodes_m) - 1))
+        places[kernels.LIMIT] = np.where(nodes_m[:-1] < basis.end_m, limit_mps, 0.0)
+        places[kernels.LINE] = _line_mps2(basis, nodes_m, length_m) * (train.mass_kg / train.inertial_mass_kg)
+        supply = basis.route.supply().minimum(nodes_m[:-1], nodes_m[1:])
+        places[kernels.MOTORS] = (supply >= 0) | (basis.brakes is BrakePolicy.FRICTION)
+        places[kernels.ALLOWED + 2] = places[kernels.LIMIT] ** 2
+        # The model ends where the tolerance beyond the stop ends; there the train stands at the latest.
+        places[kernels.BOUND + 2] = (limit_mps + LIMIT_TOLERANCE_MPS) ** 2
+        self.line = nodes_m, places, _forces_n(train)
+        self.train = *self.line, train.inertial_mass_kg, min(train.max_deceleration_mps2, 1e6)
+        """The model as the kernels take it: the arrays of `line`, then the train's mass and largest deceleration."""
+        for row in (kernels.ALLOWED, kernels.BOUND):
+            kernels.fill_curve(*self.train, row)
+
+    @property
+    def mass_kg(self) -> float:
+        """The inertial mass (kg) of the train, with its rotating parts."""
+        return self.train[3]
+
+    def limit_mps(self, s_m: float) -> float:
+        """The limit over the train (m/s) with its head at a position; 0 beyond the end of the section."""
+        nodes_m, places, _ = self.line
+        return float(places[kernels.LIMIT, kernels.interval(nodes_m, s_m)])
+
+    def highest_limit_mps(self, from_m: float, to_m: float) -> float:
+        """The highest limit over the train (m/s) with its head anywhere between two positions."""
+        nodes_m, places, _ = self.line
+        return float(kernels.highest_limit(nodes_m, places, from_m, to_m))
+
+    def allowed_mps(self, s_m: float) -> float:
+        """The highest speed (m/s) at a position from which full braking keeps every limit and the stop."""
+        return float(kernels.speed_at(*self.line[:2], kernels.ALLOWED, s_m))
+
+    def bound_mps(self, s_m: float) -> float:
+        """The highest speed (m/s) at a position from which full braking keeps limits and stop within the tolerances."""
+        return float(kernels.speed_at(*self.line[:2], kernels.BOUND, s_m))
+
+    def force_n(self, row: int, v_mps: float) -> float:
+        """The force (N, >= 0) at a speed in a row of the table of forces, as `TRACTION`, `ELECTRIC` or `MOST`."""
+        return float(kernels.force_at(self.line[2], row, v_mps))
+
+    def resisting_n(self, s_m: float, v_mps: float) -> float:
+        """The resistance (N) at a position and speed: running resistance, gradient and curves."""
+        return float(kernels.resisting(*self.line, self.mass_kg, s_m, v_mps))
+
+    def needed(self, s_m: float, v_mps: float, within_s: float) -> Needed:
+        """The least constant deceleration from here that keeps every limit ahead and the stop.
+
+        A train above the limit where it is comes down to that limit within `within_s` as well.
+        """
+        nodes_m, places, _ = self.line
+        i, here_mps = int(kernels.interval(nodes_m, s_m)), self.limit_mps(s_m)
+        found = Needed(max((v_mps - here_mps) / within_s, 0.0), here_mps, s_m)
+        limits_mps, begins_m = places[kernels.LIMIT, i + 1 :], nodes_m[i + 1 : -1]
+        if len(begins_m):
+            rates = (v_mps**2 - limits_mps**2) / (2.0 * np.maximum(begins_m - s_m, 0.1))
+            k = int(np.argmax(rates))
+            if rates[k] > found.rate_mps2:
+                found = Needed(float(rates[k]), float(limits_mps[k]), float(begins_m[k]))
+        return found
+
+
+def _forces_n(train: Vehicle) -> Floats:
+    """The forces (N) of a train at speeds 0.1 m/s apart, in the rows that the kernels name."""
+    speeds = np.arange(0.0, train.max_speed_mps + BEYOND_TOP_MPS, 1.0 / kernels.STEPS_PER_MPS)
+    electric_n, both_n = train.electric_brake_effort_n(speeds), train.brake_effort_n(speeds)
+    friction_n = np.minimum(train.friction_brake_force_n, both_n)
+    blends = train.brake_policy is not BrakePolicy.ELECTRIC
+    rows = {
+        kernels.TRACTION: train.traction_effort_n(speeds),
+        kernels.ELECTRIC: electric_n,
+        kernels.MOST: both_n,
+        kernels.BRAKE: both_n if blends else electric_n,
+        kernels.BRAKE_WITHOUT_MOTORS: friction_n if blends else np.zeros(len(speeds)),
+        kernels.RUNNING: train.resistance.force_n(speeds),
+    }
+    return np.array([rows[row] for row in range(len(rows))])
+
+
+def _nodes(basis: BrakingBasis, length_m: float) -> Floats:
+    """The nodes (m): every place where a limit or the supply changes, and more in between."""
+    route, last_m = basis.route, basis.end_m + STOP_TOLERANCE_M
+    begins_m = basis.start_m - BEHIND_M
+    rising_m = [route.limits_mps.start_m, *(np.array([x.end_m]) for x in basis.restrictions)]
+    zones = (*route.neutral_sections, *route.no_regeneration)
+    found = np.concatenate(
+        (
+            *rising_m,
+            *(places_m + length_m for places_m in rising_m),
+            [x.start_m for x in basis.restrictions],
+            [edge_m for zone in zones for edge_m in (zone.start_m, zone.start_m + zone.length_m)],
+            np.arange(begins_m, last_m, STEP_M),
+            [basis.end_m, last_m],
+        )
+    )
+    found = np.unique(found[(found >= begins_m) & (found <= last_m)])
+    apart = np.concatenate((np.diff(found) > 1e-3, [True]))
+    return np.asarray(found[apart])
+
+
+def _limits(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
+    """For each interval, the lowest limit (m/s) over the whole train, with the restrictions in force."""
+    from_m, to_m = nodes_m[:-1], nodes_m[1:]
+    limit = basis.route.limits_mps.minimum(from_m - length_m, to_m)
+    middle_m = 0.5 * (from_m + to_m)
+    for one in basis.restrictions:
+        inside = (middle_m > one.start_m) & (middle_m < one.end_m + length_m)
+        limit = np.where(inside, np.minimum(limit, one.limit_mps), limit)
+    return limit
+
+
+def _line_mps2(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
+    """The deceleration (m/s², uphill > 0) of a train by gradient and curves, averaged over its length."""
+    found, middle_m = np.zeros(len(nodes_m) - 1), 0.5 * (nodes_m[:-1] + nodes_m[1:])
+    resistance = basis.vehicle.line_resistance_mps2(basis.route)
+    for stretches, factor in ((basis.route.gradients_ratio, STANDARD_GRAVITY_MPS2), (resistance, 1.0)):
+        over = stretches.mean(middle_m - length_m, middle_m) if length_m > 0 else stretches.at(middle_m)
+        found += factor * over
+    return found
+
+
+class Doing(NamedTuple):
+    """What the driver does until a time (s): he applies a wheel force (N) to reach a speed (m/s).
+
+    `holds`: he then holds the speed, with whatever force that takes. `of_n` > 0: the braking force is a share of the
+    electric brake, whose force (N) at the start this is, and grows with it as the train slows down; 0: it is constant.
+    """
+
+    until_s: float
+    force_n: float
+    speed_mps: float
+    holds: bool = False
+    of_n: float = 0.0
+
+
+class Excess(NamedTuple):
+    """A speed (m/s) that is too high, and the highest safe speed (m/s) there (NaN: it could not be judged)."""
+
+    value_mps: float
+    bound_mps: float

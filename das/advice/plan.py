@@ -21,8 +21,7 @@ CRUISE_ACCELERATION_MPS2: Final = 0.02
 RIPPLE_MPS: Final = 2.0 * KMH
 """Range of speeds (m/s) that counts as one speed to hold: no driver holds a speed more closely."""
 HOLD_S: Final = 3.0
-"""Least duration (s) of a mode before a new one is shown; a mode with less traction or more braking is shown
-immediately."""
+"""Least duration (s) of a mode before one with more traction or less braking is shown."""
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int64]
@@ -31,8 +30,7 @@ Modes = NDArray[np.int64]
 def classify_modes(solution: Solution, section: Section) -> Modes:
     """The mode of each interval of a trajectory, from its acceleration and its share of the available force.
 
-    A stretch between two stretches of cruising counts as cruising too if the speed hardly changes in it
-    (`RIPPLE_MPS`). A driver who is told to hold the speed needs no alternating advice to coast and to accelerate.
+    A stretch between two stretches of cruising counts as cruising too if its speed changes by less than `RIPPLE_MPS`.
     """
     run, train, vehicle = solution.trajectory, section.train, section.vehicle
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
@@ -52,12 +50,8 @@ def classify_modes(solution: Solution, section: Section) -> Modes:
             force < -idle,
         ],
         [
-            Regime.FRICTION_BRAKE,
-            Regime.CRUISE,
-            Regime.FULL_TRACTION,
-            Regime.REDUCED_TRACTION,
-            Regime.FULL_BRAKE,
-            Regime.REDUCED_BRAKE,
+            *(Regime.FRICTION_BRAKE, Regime.CRUISE, Regime.FULL_TRACTION),
+            *(Regime.REDUCED_TRACTION, Regime.FULL_BRAKE, Regime.REDUCED_BRAKE),
         ],
         Regime.COAST,
     )
@@ -66,17 +60,8 @@ def classify_modes(solution: Solution, section: Section) -> Modes:
 
 
 def without_short(modes: Modes, t_s: Floats) -> Modes:
-    """The modes of the intervals; each mode too short for a driver to follow is replaced by the one before it.
-
-    Consecutive replaced modes last less than `HOLD_S` together. Braking is never replaced.
-    """
+    """The modes of the intervals; others than brakes that last less than `HOLD_S` become the one before them."""
     return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), HOLD_S))
-
-
-def next_changes(modes: Modes) -> Modes:
-    """For each interval, the index of the next one with another mode (the number of intervals if there is none)."""
-    changes = np.append(np.flatnonzero(np.diff(modes)) + 1, len(modes))
-    return np.asarray(changes[np.searchsorted(changes, np.arange(len(modes)), side="right")])
 
 
 class Place(NamedTuple):
@@ -89,8 +74,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A solution from the train's state, with derived quantities for the advice; arrays hold a value for each
-    interval."""
+    """A solution from the train's state, with a value of each quantity of the advice for each interval."""
 
     made_ns: int
     solution: Solution
@@ -114,6 +98,7 @@ class Plan:
         planned = classify_modes(solution, section)
         modes = without_short(planned, run.t_s)
         force_n = run.force_el_n + run.force_friction_n
+        changes = np.append(np.flatnonzero(np.diff(modes)) + 1, len(modes))
         before = np.maximum.accumulate(np.where(modes == planned, np.arange(len(modes)), 0))
         return cls(
             made_ns=now_ns,
@@ -121,7 +106,7 @@ class Plan:
             force_n=force_n,
             shown_force_n=np.minimum(force_n, force_n[before]),
             modes=modes,
-            next_change=next_changes(modes),
+            next_change=changes[np.searchsorted(changes, np.arange(len(modes)), side="right")],
             energy_j=energy_j,
             energy_after_j=np.append(energy_j[:0:-1].cumsum()[::-1], 0.0),
             speed_w=run.v_mps**2,

@@ -1,12 +1,11 @@
-"""The planner of a section: it makes the plan for a state and a goal, without a bus, a clock or randomness.
+"""The planner of a section: its plan is the optimal trajectory from the train's state, or keeps the guide's reference.
 
-A plan is the optimal trajectory from the train's state, or the trajectory that keeps the guide's reference. While the
-train stays near the plan, the plan is kept, so that the advice does not follow every deviation of the driver. A train
-that leaves this band gets a new plan from where it is. The same inputs give the same plans, bit for bit.
+A plan is kept while the train stays near it. The same inputs give the same plans, bit for bit.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -53,11 +52,10 @@ PASSED_M: Final = 5.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlanBasis:
-    """What the plans of a section are made from.
+    """The basis of a section's plans.
 
-    `front` is the section's front of optimal trajectories. While it is None (not known yet), the plan is the fastest
-    safe trajectory, nowhere faster than `before`, the plan that the train has followed so far. `passing` holds the
-    guide's policies if a point must be passed in a window of time.
+    `front` holds the optimal trajectories. While it is not known yet (None), the plan is the fastest safe trajectory,
+    nowhere faster than `before`, the last plan. `passing` holds the guide's policies for a point's window of time.
     """
 
     section: Section
@@ -106,7 +104,8 @@ class Planner:
         self._finished = reference is not None and reference.finished
         if self.plan is None or schedule is not self._schedule or not self._follows(self.plan, state):
             self._schedule = schedule
-            planned, v_mps = self._planned_mps(state.s_m), state.v_mps
+            section, v_mps = self.section, state.v_mps
+            planned = float(kernels.allowed(section.node_m, self._planned_w, section.limit_mps, state.s_m))
             eased = planned < v_mps <= planned + OVERSPEED_EASED_MPS
             at_least_s = BRAKED_EARLY_S if self._brakes_early(state) else 0.0
             start = state._replace(v_mps=planned) if eased else state
@@ -122,33 +121,17 @@ class Planner:
         section = self.section
         return float(kernels.allowed(section.node_m, self.allowed_w, section.limit_mps, s_m))
 
-    def _planned_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) that a plan may have at a position: below the allowed one by a reserve."""
-        section = self.section
-        return float(kernels.allowed(section.node_m, self._planned_w, section.limit_mps, s_m))
-
     def allowed_for(self, state: TrainState) -> float:
         """The highest speed (m/s) allowed for a train whose true position may be ahead of the estimated one."""
-        feared_m = self.ahead.feared_m(state.braked_m)
-        if feared_m <= state.s_m:
-            return self.allowed_mps(state.s_m)
-        return self.lowest_allowed_mps(state.s_m, feared_m)
+        return self.lowest_allowed_mps(state.s_m, self.ahead.feared_m(state.braked_m))
 
     def lowest_allowed_mps(self, from_m: float, to_m: float) -> float:
         """The lowest allowed speed (m/s) between two positions (m); 0 from the end of the section on."""
-        if to_m >= self.section.end_m:
-            return 0.0
-        nodes = self.section.node_m
-        between = nodes[(nodes > from_m) & (nodes < to_m)]
-        return min(self.allowed_mps(float(s_m)) for s_m in (from_m, *between, to_m))
+        return math.sqrt(kernels.lowest_w(from_m, to_m, self.section.node_m, self.allowed_w))
 
     def limit_mps(self, s_m: float) -> float:
         """The speed limit (m/s) over the train."""
         return float(self.section.limit_mps[kernels.interval(self.section.node_m, s_m)])
-
-    def least_time_s(self, s_m: float, v_mps: float) -> float:
-        """The time (s) that the fastest trajectory from a state takes to the end of the section."""
-        return least_time_s(self.section, s_m, v_mps)
 
     def _follows(self, plan: Plan, state: TrainState) -> bool:
         here = plan.at(state.s_m)
@@ -168,8 +151,7 @@ class Planner:
         ahead = self.section.node_m > s_m + AT_END_M
         way_m = self.section.node_m[ahead] - s_m
         falls = v_mps**2 - self._planned_w[ahead] > 2.0 * BRAKING_AHEAD_MPS2 * way_m
-        brakes = bool(np.any(falls))
-        self._braked_early = brakes and (slower or self._braked_early)
+        self._braked_early = bool(np.any(falls)) and (slower or self._braked_early)
         return self._braked_early
 
     def _solution(self, state: TrainState, goal: Goal, at_least_s: float) -> Solution:
@@ -181,10 +163,8 @@ class Planner:
         if front is None:
             return self._cautious(state)
         least_s = least_time_s(self.section, state.s_m, state.v_mps)
-        at_least = least_s + at_least_s if at_least_s else 1e-3
-        left_s = max(goal.aimed_s(state.now_ns), at_least)
-        asked_s = min(left_s, LONGEST_RATIO * least_s)
-        free = front.trajectory(asked_s, state.s_m, state.v_mps, tolerance_s=TOLERANCE_S)
+        left_s = max(goal.aimed_s(state.now_ns), least_s + at_least_s if at_least_s else 1e-3)
+        free = front.trajectory(min(left_s, LONGEST_RATIO * least_s), state.s_m, state.v_mps, tolerance_s=TOLERANCE_S)
         window = self._window(free, state, goal.passing)
         if window is None or self.basis.passing is None:
             return free

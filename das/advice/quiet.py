@@ -19,18 +19,15 @@ BRAKES_MPS2: Final = 0.2
 BRAKES_S: Final = 3.0
 """Time (s) for which that deceleration, the mean since the brake began, must last."""
 STEADY_RATIO: Final = 0.5
-"""Share of `BRAKES_MPS2` by which a brake slows the train in every second; a measured speed that jumps does so only
-once."""
+"""Share of `BRAKES_MPS2` by which a brake slows the train in every second; a speed that jumps does so only once."""
 HOLDS_MPS: Final = 5.0 * KMH
-"""Loss of speed (m/s) above which a driver who is told to hold a speed brakes against the advice: one who holds it
-wanders by a little less, and corrects that with the brake."""
+"""Loss of speed (m/s) above which a driver who is told to hold a speed brakes against that: less is a correction."""
 RELEASED_MPS2: Final = 0.1
 """Unexplained deceleration (m/s²) up to which a driver has released the brake."""
 RELEASED_S: Final = 2.0
 """Time (s) over which that deceleration is averaged, so that the noise of the speed does not count."""
 SETTLED_S: Final = 5.0
-"""Time (s) after an advised brake within which braking does not count: a driver reacts late, and the brakes need time
-to release."""
+"""Time (s) after an advised brake within which braking does not count: drivers react and brakes release late."""
 BRAKES_AHEAD_S: Final = 20.0
 """Time (s) before an announced brake within which a driver who brakes earlier does not act against the advice."""
 SAMPLED_S: Final = 0.75
@@ -42,11 +39,7 @@ SLOWING: Final = frozenset({*BRAKES, Regime.COAST})
 
 
 class _Sample(NamedTuple):
-    """A time (s), the speed (m/s), and the speed that the train would have without resistance since the first sample.
-
-    Where a gradient accelerates the train, that is not corrected: a driver who brakes there to hold his speed does not
-    slow down.
-    """
+    """A time (s), the speed (m/s), and the speed without what resistance took away since the first sample (m/s)."""
 
     time_s: float
     v_mps: float
@@ -58,10 +51,8 @@ class _Sample(NamedTuple):
 
 
 class Quiet:
-    """Sees at each advice whether the driver brakes against it, or the train stands where it has no stop.
-
-    A driver brakes against the advice if he brakes while it tells him to accelerate or to hold a speed.
-    """
+    """Sees at each advice whether the driver brakes though he is to accelerate or to hold a speed, or the train stands
+    where it has no stop."""
 
     def __init__(self) -> None:
         self._samples: deque[_Sample] = deque()
@@ -86,7 +77,7 @@ class Quiet:
             on_line = section.start_m + AT_STOP_M < here.s_m < section.end_m - AT_STOP_M
             return Cause.STANDS_ON_LINE if on_line else Cause.NONE
         self._sample(here, section)
-        shown = _modes(advice)
+        shown = {advice.mode} if advice.guide is None else {advice.mode, advice.guide.now.mode}
         if shown & BRAKES:
             self._advised_s = here.time_ns * NS
         if self._against:
@@ -117,10 +108,7 @@ class Quiet:
             samples.popleft()
 
     def _brakes(self, *, holds: bool) -> bool:
-        """Whether the driver brakes, and began no sooner than he releases an advised brake.
-
-        A driver who is told to hold a speed, and `holds` it, brakes a little now and then.
-        """
+        """Whether the driver brakes, and began after an advised brake; one who `holds` a speed may brake a little."""
         began, now = self._began, self._samples[-1]
         if began is None or began.time_s < self._advised_s + SETTLED_S:
             return False
@@ -129,19 +117,11 @@ class Quiet:
         return slowed and lasts and began.braked_mps2(now) > BRAKES_MPS2
 
     def _released(self) -> bool:
-        """Whether the driver has released the brake: the train slows down no more than resistance explains."""
         first, last = self._samples[0], self._samples[-1]
         return first is not last and first.braked_mps2(last) <= RELEASED_MPS2
 
     def _brakes_soon(self, advice: Advice) -> bool:
         """Whether the advice itself announces a brake for soon, which the driver may begin early."""
-        announced = [(advice.next_mode, advice.next_change_s)]
-        if advice.guide is not None:
-            announced += [(one.mode, one.in_s) for one in advice.guide.following]
+        following = () if advice.guide is None else advice.guide.following
+        announced = [(advice.next_mode, advice.next_change_s), *((one.mode, one.in_s) for one in following)]
         return any(mode in BRAKES and in_s <= BRAKES_AHEAD_S for mode, in_s in announced)
-
-
-def _modes(advice: Advice) -> set[Regime]:
-    """The modes that the displays show: of the full advice, and of the guide."""
-    shown = {advice.mode}
-    return shown if advice.guide is None else shown | {advice.guide.now.mode}

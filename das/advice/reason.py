@@ -55,9 +55,8 @@ class ReasonCode(IntEnum):
 class Reason:
     """A reason: its code, and the figures and names that the code needs; the others are NaN, 0 or empty.
 
-    `late_s` is how late the train arrives (early < 0). Beside a limit, a stop or a point it is NaN if the arrival is
-    not worth saying. `stop` is the name of a stop. `text` is a text that is not made here: what the operator says about
-    a point, or an error message.
+    `late_s` is how late the train arrives (early < 0; NaN: not worth saying). `text` is what the operator says about a
+    point, or an error message.
     """
 
     code: ReasonCode = ReasonCode.NONE

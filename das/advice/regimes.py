@@ -48,20 +48,6 @@ KIND_OF: Final[dict[int, InstructionKind]] = {
 FULL_RATIO: Final = 0.97
 """Share of the largest effort from which an effort that the guide shows counts as full."""
 
-EFFORT_ORDER = (
-    Regime.FULL_TRACTION,
-    Regime.REDUCED_TRACTION,
-    Regime.CRUISE,
-    Regime.NONE,
-    Regime.STOP,
-    Regime.DEPART,
-    Regime.COAST,
-    Regime.REDUCED_BRAKE,
-    Regime.FULL_BRAKE,
-    Regime.FRICTION_BRAKE,
-)
-"""The modes from most traction to most braking; a change to a later one is never delayed."""
-
 ROLLING = np.array([Regime.REDUCED_TRACTION, Regime.COAST], dtype=np.int64)
 """Modes that count as cruising if they lie between two stretches of cruising and the speed hardly changes."""
 

@@ -1,7 +1,4 @@
-"""What a driver reads, decided on board, once: speeds in whole km/h, and efforts on the controller's scale.
-
-Displays, pictures, simulated drivers and the review show these figures as they are.
-"""
+"""What a driver reads, decided on board, once: speeds in whole km/h, and efforts on the controller's scale."""
 
 from __future__ import annotations
 
@@ -20,8 +17,7 @@ SPEED_STEP_MPS: Final = 1.0 * KMH
 TARGET_STEP_MPS: Final = 5.0 * KMH
 """Step (m/s) of the speeds that a driver is told to reach or to hold, unless they are limits."""
 STOP_BY_EYE_M: Final = 300.0
-"""Distance from the stop (m) below which a driver brakes by eye: he sees the platform, and no effort is shown to him,
-unless a lower limit lies before it."""
+"""Distance from the stop (m) below which a driver brakes by eye, with no effort shown, if no lower limit is ahead."""
 SAME_READING_MPS: Final = 0.5 * KMH
 """Largest excess over the allowed speed (m/s) that looks the same to a driver."""
 
@@ -34,8 +30,7 @@ def step_below(speed_mps: float) -> float:
 def steady_step(speed_mps: float, shown_mps: float) -> float:
     """A speed (m/s) that changes all the time, rounded down to a whole step; a step shown stays while it is near.
 
-    It is near if its middle is at most `SPEED_BAND_RATIO` steps from the speed. `shown_mps` is NaN if no step is
-    shown yet.
+    `shown_mps` is the step shown (NaN: none), near if its middle is at most `SPEED_BAND_RATIO` steps from the speed.
     """
     away_mps = abs(speed_mps - (shown_mps + 0.5 * SPEED_STEP_MPS))
     return shown_mps if away_mps <= SPEED_BAND_RATIO * SPEED_STEP_MPS else step_below(speed_mps)
@@ -56,9 +51,8 @@ def lever_ratio(force_n: float, largest_n: tuple[float, float]) -> float:
 def as_read(guidance: Guidance, largest_n: tuple[float, float], *, sees_mark: bool = False) -> Guidance:
     """The guide's advice as a driver reads it: rounded speeds, and the effort of the instruction.
 
-    An acceleration keeps its effort up to its speed. A speed to hold has none, nor has the end of a brake for a stop.
-    `largest_n` are the forces (N) that traction and both brakes can give at the train's speed. `sees_mark`: the driver
-    is nearer than `STOP_BY_EYE_M` to his stop, and no lower limit lies before it.
+    An acceleration keeps its effort up to its speed. A speed to hold has none, nor has the end of a brake for a stop if
+    the driver `sees_mark`. `largest_n` are the forces (N) that traction and both brakes can give at the train's speed.
     """
     now = guidance.now
     by_eye = sees_mark and now.mode in BRAKES and step_below(now.speed_mps) == 0.0

@@ -87,9 +87,6 @@ def problem(what: Problem) -> str:
     return texts[kind]
 
 
-NOTHING_TO_JUDGE_BY: Final = "no advice: position or speed unknown"
-
-
 class Language(StrEnum):
     """The languages in which a display can show the advice; the values are those of the command line."""
 
@@ -126,12 +123,7 @@ class _Words(NamedTuple):
 _WORDS: Final[Mapping[Language, _Words]] = {
     Language.EN: _Words(
         modes={**{mode: mode_name(mode) for mode in Regime}, Regime.DEPART: "depart when cleared"},
-        kinds={
-            InstructionKind.TRACTION: "accelerate",
-            InstructionKind.HOLD: "hold",
-            InstructionKind.COAST: "coast",
-            InstructionKind.BRAKE: "brake",
-        },
+        kinds=dict(zip(InstructionKind, ("accelerate", "hold", "coast", "brake"), strict=True)),
         until="until",
         reasons={
             ReasonCode.TEXT: "{text}",
@@ -173,12 +165,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             Regime.STOP: "Halt",
             Regime.DEPART: "nach Zustimmung abfahren",
         },
-        kinds={
-            InstructionKind.TRACTION: "beschleunigen",
-            InstructionKind.HOLD: "Tempo halten",
-            InstructionKind.COAST: "rollen lassen",
-            InstructionKind.BRAKE: "bremsen",
-        },
+        kinds=dict(zip(InstructionKind, ("beschleunigen", "Tempo halten", "rollen lassen", "bremsen"), strict=True)),
         until="bis",
         reasons={
             ReasonCode.TEXT: "{text}",
@@ -220,12 +207,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             Regime.STOP: "arrêt",
             Regime.DEPART: "départ après assentiment",
         },
-        kinds={
-            InstructionKind.TRACTION: "accélérer",
-            InstructionKind.HOLD: "maintenir",
-            InstructionKind.COAST: "marche sur l'erre",
-            InstructionKind.BRAKE: "freiner",
-        },
+        kinds=dict(zip(InstructionKind, ("accélérer", "maintenir", "marche sur l'erre", "freiner"), strict=True)),
         until="jusqu'à",
         reasons={
             ReasonCode.TEXT: "{text}",
@@ -312,10 +294,7 @@ def instruction_words(mode: Regime, language: Language = Language.EN) -> str:
 
 
 def words_before_speed(mode: Regime, language: Language = Language.EN) -> str:
-    """What a display of the guide writes before the speed of an instruction.
-
-    A train that coasts has no speed to hold: it rolls, up or down, until it has the speed of the next instruction.
-    """
+    """What a display of the guide writes before the speed of an instruction: a train coasts until it has its speed."""
     verb = instruction_words(mode, language)
     return f"{verb} {_WORDS[language].until}" if mode is Regime.COAST else verb
 

@@ -12,17 +12,14 @@ T = TypeVar("T")
 class Worker:
     """Does one piece of work after the other.
 
-    With `background` the work is done in a thread called `name`. Without it `submit` returns only when the work is
-    done, so that the same inputs always give the same results. Call `close` at the end.
+    With `background` a thread called `name` does it until `close`. Without, `submit` returns only when it is done, so
+    that the same inputs always give the same results.
     """
 
     def __init__(self, name: str = "worker", *, background: bool = False) -> None:
         self._pool = ThreadPoolExecutor(1, name) if background else None
-
-    @property
-    def in_background(self) -> bool:
+        self.in_background = background
         """Whether the work is done in a background thread."""
-        return self._pool is not None
 
     def submit(self, work: Callable[[], T]) -> Future[T]:
         """Have this work done; the future holds its result, or the exception that it raised."""

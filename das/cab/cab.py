@@ -10,8 +10,7 @@ from pathlib import Path
 
 from das.advice import wording
 from das.advice.advice import Advice, Cause, Source, Timetable, Withdrawal
-from das.advice.braking_model import BrakingBasis
-from das.advice.last_word import LastWord
+from das.advice.last_word import BrakingBasis, LastWord
 from das.advice.planner import PlanBasis
 from das.advice.quiet import Quiet
 from das.advice.reason import Reason

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from das.advice.advice import OF_PROBLEM, Advice, Cause, Withdrawal
-from das.advice.braking_model import BrakingBasis
 from das.advice.goal import AT_END_M, AT_STOP_M
-from das.advice.last_word import Act, LastWord, Part
+from das.advice.last_word import Act, BrakingBasis, LastWord, Part
 from das.cab.outputs import is_fresh
 from das.cab.situation import Situation
 from das.domain.units import KMH, KN

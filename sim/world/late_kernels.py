@@ -7,8 +7,7 @@ when sections have been solved.
 from __future__ import annotations
 
 from das.advice.advice import Timetable
-from das.advice.braking_model import BrakingBasis
-from das.advice.last_word import LastWord
+from das.advice.last_word import BrakingBasis, LastWord
 from das.cab.leg import Leg
 from das.domain.conditions import Conditions
 from das.domain.units import NS

@@ -7,7 +7,6 @@ from statistics import NormalDist
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.units import NS
 from das.solver.section import Section
@@ -25,17 +24,13 @@ SAMPLED_S: Final = 20.0
 FORGOTTEN_MIN: Final = 5.0
 """The time constant (min) with which measurements of the drift lose weight."""
 RUNNING_S_PER_MIN: Final = 1.0
-"""The time usually lost, in seconds a minute (the default human driver on Zürich–Luzern): drivers hold speeds slightly
-below limits, and react late."""
+"""The time usually lost, in seconds a minute (default human driver): speeds are held below limits, reactions late."""
 BRAKING_RATIO: Final = 0.2
-"""The time usually lost by braking, as a share of the braking time of the fastest run: drivers brake earlier and more
-gently."""
+"""The time usually lost by braking early and gently, as a share of the braking time of the fastest run."""
 LAST_S: Final = 150.0
-"""The time before the stop (s) whose usual loss the reserve covers. A new reference makes up for losses before that, if
-they occur."""
+"""The time before the stop (s) whose usual loss the reserve covers: a new reference makes up for losses before that."""
 VARIANCE_S: Final = 4.0
-"""The variance of a loss (s²), divided by the loss (s): both for one driver and for the usual loss from stop to
-stop."""
+"""The variance of a loss (s²), divided by the loss (s)."""
 KNOWN_AFTER_S: Final = 8.0
 """The usual loss (s) after which a driver's own loss has the same weight as the usual one: before the first stop."""
 ON_CURVE_MPS = 0.05
@@ -47,34 +42,25 @@ class UsualLoss:
 
     def __init__(self, section: Section) -> None:
         self._node_m = section.node_m
-        self._braking_s = _braking_to_go_s(section)
-        to_go_s = section.fastest_run.time_to_go_s
-        self._last_from_m = float(np.interp(-LAST_S, -to_go_s, section.node_m))
+        speeds = section.fastest_run.speed_mps
+        brakes = (speeds[1:] < speeds[:-1]) & (speeds[1:] > section.envelope_mps[1:] - ON_CURVE_MPS)
+        steps_s = np.where(brakes, 2.0 * section.step_m / np.maximum(speeds[:-1] + speeds[1:], 1e-3), 0.0)
+        self._braking_s = np.append(steps_s[::-1].cumsum()[::-1], 0.0)
+        """The braking time (s) of the fastest run from each node on."""
+        self._last_from_m = float(np.interp(-LAST_S, -section.fastest_run.time_to_go_s, section.node_m))
 
     def from_s(self, s_m: float, ahead_s: float) -> float:
         """The time (s) usually lost from a position (m) on, from where the train takes `ahead_s` to the end."""
         braking_s = float(np.interp(s_m, self._node_m, self._braking_s))
-        running_s = RUNNING_S_PER_MIN * max(ahead_s, 0.0) / 60.0
-        return running_s + BRAKING_RATIO * braking_s
+        return RUNNING_S_PER_MIN * max(ahead_s, 0.0) / 60.0 + BRAKING_RATIO * braking_s
 
     def at_last_s(self, s_m: float, ahead_s: float) -> float:
         """The part of it (s) that can no longer be made up, because it is lost just before the stop."""
         return self.from_s(max(s_m, self._last_from_m), min(ahead_s, LAST_S))
 
 
-def _braking_to_go_s(section: Section) -> NDArray[np.float64]:
-    """The braking time (s) of the fastest run for limits and the stop, from each node of a section on."""
-    speeds = section.fastest_run.speed_mps
-    brakes = (speeds[1:] < speeds[:-1]) & (speeds[1:] > section.envelope_mps[1:] - ON_CURVE_MPS)
-    steps_s = np.where(brakes, 2.0 * section.step_m / np.maximum(speeds[:-1] + speeds[1:], 1e-3), 0.0)
-    return np.append(steps_s[::-1].cumsum()[::-1], 0.0)
-
-
 class Drift:
-    """A driver's adherence to references: the drift of the forecast arrival, and the usual loss of time.
-
-    One object serves all sections of a journey; each driver has a new one.
-    """
+    """A driver's adherence to references on all sections of a journey: drift of forecast arrivals, loss of time."""
 
     def __init__(self) -> None:
         self._square = DRIFT_S_PER_MIN**2
@@ -88,9 +74,7 @@ class Drift:
         return min(max(self._lost_s, 0.0) / self._usual_s, 1.0)
 
     def see(self, now_ns: int, late_s: float, usual_s: float, *, anew: bool) -> None:
-        """Update with the forecast lateness and the usual loss from here on. `anew`: do not compare it with the
-        previous forecast.
-        """
+        """Update with the forecast lateness and the usual loss from here on; `anew`: the one before does not count."""
         if anew or self._sampled is None or self._before is None or now_ns < self._sampled[0]:
             self._sampled, self._before = (now_ns, late_s), (late_s, usual_s)
             return

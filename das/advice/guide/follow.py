@@ -34,16 +34,15 @@ from das.solver.kernels.schedule import BACK_SHARE
 WORTH_S = 40.0
 """The time (s) before the next step within which no acceleration back to a speed is shown: it would be wasted."""
 ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
-"""A driver above the speed to hold coasts back to it if that takes no longer than the first; else he brakes so that he
-has it after the second: with the motors alone where they slow the train."""
+"""A driver above the speed to hold coasts back if that takes no longer than the first; else he has it after the second
+by braking, with the motors alone where they slow the train."""
 COAST_MISSES_MPS = 4.0 * KMH
 """The distance (m/s) of the end of coasting from the speed shown above which the speed that it leads to is shown."""
 ROLLS_SOON_S = 10.0
-"""The time (s) to roll up to a speed within which it is to be held instead: coasting would be over at once."""
+"""The time (s) to roll up to a speed within which it is held instead: coasting would be over at once."""
 BRIEF_S, GAINS_S = 30.0, 2.5
-"""An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast. A
-driver who brakes too much for his stop is not told to release for a shorter time than the first, unless even the least
-effort that is shown would be too much."""
+"""An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast. Nor is
+a brake for the stop released for less than the first, unless even the least effort shown would be too much."""
 EARLY_RATIO = 0.5
 """The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
 CREEP_MPS = 10.0 * KMH
@@ -74,10 +73,9 @@ def wanted(scene: Sight, memory: Memory) -> tuple[Proposal, Memory]:
     step = scene.steps[memory.step]
     if memory.back is not None and _is_back(scene, memory, step):
         memory = replace(memory, mode=Lead.FOLLOW, back=None, reached=memory.mode is not Lead.CREEP)
-    if memory.back is None:
-        found, memory = _of_step(scene, memory, step)
-    else:
-        found = Proposal(memory.back, mode=memory.mode)
+    if memory.back is not None:
+        return Proposal(memory.back, mode=memory.mode), memory
+    found, memory = _of_step(scene, memory, step)
     in_s = scene.due_s(memory.step)
     return found._replace(in_s=in_s) if memory.back is None and not found.brakes else found, memory
 
@@ -102,7 +100,6 @@ def _has_rolled_up(scene: Sight, step: GuideStep) -> bool:
 
 
 def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
-    """Whether a deviation from the step is over."""
     assert memory.back is not None
     v_mps, to_mps = scene.state.v_mps, memory.back.speed_mps
     if memory.mode is Lead.CREEP:
@@ -119,12 +116,11 @@ def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
         back = traction(step.effort if step.kind is InstructionKind.TRACTION else BACK_SHARE, to_mps)
         return Proposal(back, mode=Lead.BACK_UP), replace(memory, mode=Lead.BACK_UP, back=back)
     if away_mps > OFF_MPS:
-        back = coast(to_mps)
-        if -scene.rolls_mps2 * ROLLS_BACK_S < away_mps or scene.ahead.is_due(
-            scene.state.braked_m, scene.state.v_mps, BRAKES_BACK_S
-        ):
-            effort = scene.ahead.effort_of(away_mps / BRAKES_BACK_S, scene.state.s_m, scene.state.v_mps)
-            back = brake(stepped(min(effort, 1.0) if slows(scene.ahead, 1.0, scene.state) else effort), to_mps)
+        back, ahead, state = coast(to_mps), scene.ahead, scene.state
+        rolls_long = -scene.rolls_mps2 * ROLLS_BACK_S < away_mps
+        if rolls_long or ahead.is_due(state.braked_m, state.v_mps, BRAKES_BACK_S):
+            effort = ahead.effort_of(away_mps / BRAKES_BACK_S, state.s_m, state.v_mps)
+            back = brake(stepped(min(effort, 1.0) if slows(ahead, 1.0, state) else effort), to_mps)
         return Proposal(back, mode=Lead.BACK_DOWN), replace(memory, mode=Lead.BACK_DOWN, back=back)
     return Proposal(hold(to_mps)), memory
 
@@ -135,11 +131,10 @@ def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
 def reachable_mps(scene: Sight, number: int) -> float:
     """The speed to accelerate to: no higher than the next step needs of a train that is slower than the reference."""
     to_mps = scene.steps[number].speed_mps
-    if number + 1 < len(scene.steps):
-        after = scene.steps[number + 1]
-        if after.kind in (InstructionKind.BRAKE, InstructionKind.HOLD) and after.speed_mps < to_mps:
-            reached_mps = scene.foreseen.passes_mps(after.from_m)
-            to_mps = after.speed_mps if reached_mps < after.speed_mps + SAME_MPS else to_mps
+    after = scene.after(number)
+    if after is not None and after.kind in (InstructionKind.BRAKE, InstructionKind.HOLD) and after.speed_mps < to_mps:
+        reached_mps = scene.foreseen.passes_mps(after.from_m)
+        return after.speed_mps if reached_mps < after.speed_mps + SAME_MPS else to_mps
     return to_mps
 
 
@@ -150,8 +145,8 @@ def _accelerating(scene: Sight, memory: Memory, step: GuideStep, to_mps: float) 
         return traction(step.effort, to_mps)
     if shown.mode is Regime.CRUISE and shown.speed_mps <= to_mps:
         return shown
-    after = scene.steps[memory.step + 1].speed_mps if memory.step + 1 < len(scene.steps) else 0.0
-    return hold(min(max(target_below(state.v_mps), after), to_mps))
+    after = scene.after(memory.step)
+    return hold(min(max(target_below(state.v_mps), 0.0 if after is None else after.speed_mps), to_mps))
 
 
 def is_vain(scene: Sight, number: int) -> bool:
@@ -164,7 +159,7 @@ def is_vain(scene: Sight, number: int) -> bool:
 
 def _brakes_m(scene: Sight, number: int) -> float:
     """Where a train that accelerates as forecast must brake (m): for the step after it, or for a limit before that."""
-    after = scene.steps[number + 1] if number + 1 < len(scene.steps) else None
+    after = scene.after(number)
     next_m = after.from_m if after is not None else math.inf
     speeds_mps, at_m = scene.foreseen.ahead_mps[1:-1], scene.foreseen.at_m[1:-1]
     curve_mps = scene.schedule.section.envelope_mps[-len(at_m) - 1 :]
@@ -195,7 +190,7 @@ class _Leads(NamedTuple):
 
 def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
     """To coast to where that leads; a hold where it does as well, or where the train would be there in a moment."""
-    step, after = scene.steps[number], scene.steps[number + 1] if number + 1 < len(scene.steps) else None
+    step, after = scene.steps[number], scene.after(number)
     from_m = max(scene.state.s_m, step.from_m)
     v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
     leads, to_mps = _leads(scene, step, from_m, v_mps), step.speed_mps
@@ -295,7 +290,6 @@ def _by_m(scene: Sight, step: GuideStep) -> float:
 
 
 def _need(scene: Sight, step: GuideStep) -> float:
-    """The effort that the brake of a step needs from here, or from its begin."""
     from_m = max(scene.state.braked_m, step.from_m)
     return scene.ahead.effort_to(from_m, scene.state.v_mps, _by_m(scene, step), step.speed_mps)
 

@@ -45,8 +45,6 @@ LACKS_RATIO = 0.05
 LESS_RATIO = 0.6
 """The needed share of the effort shown below which a smaller one is shown: above it, the driver eases off himself."""
 SAME_EFFORT = 1e-3
-
-
 Floats = NDArray[np.float64]
 
 
@@ -67,6 +65,10 @@ class Sight(NamedTuple):
         begun = number == 0 or self.steps[number].from_m <= self.state.s_m
         return 0.0 if begun else self.foreseen.passes_s(self.steps[number].from_m)
 
+    def after(self, number: int) -> GuideStep | None:
+        """The step after one; None after the last."""
+        return self.steps[number + 1] if number + 1 < len(self.steps) else None
+
     @property
     def rolls_mps2(self) -> float:
         """The acceleration (m/s²) of the train if it coasts here."""
@@ -74,10 +76,9 @@ class Sight(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    """An instruction that could be shown: in what time it is due, and why it is said.
+    """An instruction that could be shown, in what time it is due, and why; `waits`: it can wait to be announced.
 
-    `guarded`: limits or the stop ask for it, whatever is wanted. `waits`: it can wait until it has been announced. A
-    brake is for the place `at_m`, and `exact` is the effort needed for it, before it is rounded up.
+    `guarded`: limits or the stop ask for it. A brake is for the place `at_m`; `exact` is the effort before rounding up.
     """
 
     one: Instruction
@@ -235,10 +236,7 @@ def _no_faster(wanted: Proposal, most_mps: float, v_mps: float) -> Proposal:
 
 
 def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal | None:
-    """The brake that limits and the stop will ask for if he goes on as told, due just before he meets the curve.
-
-    What he is told he does in `waits_s`, and keeps his speed until then.
-    """
+    """The brake for limits and the stop if he goes on as told after `waits_s`, due just before he meets the curve."""
     ahead, state, v_mps = scene.ahead, scene.state, scene.state.v_mps
     from_m = min(state.s_m + waits_s * v_mps, ahead.section.end_m - 1.0)
     speeds_mps = _told_speeds_mps(scene, now, from_m)
@@ -284,9 +282,8 @@ def stands_at_mark(ahead: BrakingAhead, now: Instruction, state: TrainState) -> 
 
 def lasts_s(scene: Sight, now: Instruction) -> float:
     """The time (s) in which a brake reaches its speed."""
-    v_mps = scene.state.v_mps
     way = way_m(scene.ahead, -now.effort_ratio, now.speed_mps, scene.state)
-    return 2.0 * way / max(v_mps + now.speed_mps, 0.1)
+    return 2.0 * way / max(scene.state.v_mps + now.speed_mps, 0.1)
 
 
 # --- the effort shown: one for each place to brake for, which changes rarely ------------------------------------------
@@ -342,8 +339,7 @@ def _answered(ahead: BrakingAhead, needed: NeededBrake, state: TrainState, begin
     """An effort that is enough though the driver acts late; with the friction brake only once that is needed."""
     late_m = max(state.braked_m + state.v_mps * ANSWERED_S, begin_m + state.v_mps * BEGUN_S)
     answered = ahead.effort_to(min(late_m, needed.at_m), state.v_mps, needed.at_m, needed.target_mps)
-    slows = needed.target_mps > SAME_MPS
-    most = math.inf if slows and needed.effort > 1.0 else 1.0
+    most = math.inf if needed.target_mps > SAME_MPS and needed.effort > 1.0 else 1.0
     return stepped(min(answered, GROWN_RATIO * needed.effort, most))
 
 
@@ -358,5 +354,4 @@ def _nearly_enough(ahead: BrakingAhead, kept: float, needed: NeededBrake, state:
 
 
 def _ends(needed: NeededBrake, v_mps: float) -> bool:
-    """Whether a train has nearly slowed down to a lower speed."""
     return needed.target_mps > SAME_MPS and 0.0 < v_mps - needed.target_mps <= OVERSPEED_MPS

@@ -53,17 +53,10 @@ NOT_FASTER = (*SLOWING, PhaseKind.HOLD)
 
 
 class Guide:
-    """Leads a driver along one section, by instructions that follow a reference (a standing plan).
-
-    The same inputs give the same advice, bit for bit, unless the `worker` makes references in the background.
-    """
+    """Leads a driver along one section, by instructions that follow a reference (standing plan) made by a `worker`."""
 
     def __init__(
-        self,
-        section: Section,
-        front: GuideFront | None,
-        worker: Worker = AT_ONCE,
-        drift: Drift | None = None,
+        self, section: Section, front: GuideFront | None, worker: Worker = AT_ONCE, drift: Drift | None = None
     ) -> None:
         self._section, self._worker = section, worker
         self._ahead_of_train = BrakingAhead(section)
@@ -111,7 +104,6 @@ class Guide:
         return self._as_read(replace(shown, reason=self._reason(kept, shown.now, state, goal, place)), state)
 
     def _as_read(self, found: Guidance, state: TrainState) -> Guidance:
-        """The advice as a driver in this state reads it."""
         near = self._section.end_m - state.s_m < STOP_BY_EYE_M
         sees_mark = near and self._ahead_of_train.stop_is_next(state.s_m, state.v_mps)
         return as_read(found, self._section.largest_n(state.v_mps), sees_mark=sees_mark)
@@ -126,23 +118,16 @@ class Guide:
     def stands(self, departs_in_s: float = 0.0) -> Guidance:
         """The advice for a train that stands at a stop and departs in `departs_in_s`."""
         self.showing.forget()
-        now = Instruction(mode=Regime.STOP, speed_mps=0.0, effort_ratio=0.0)
-        return Guidance(now=now, target_s=departs_in_s)
+        return Guidance(now=Instruction(mode=Regime.STOP, speed_mps=0.0, effort_ratio=0.0), target_s=departs_in_s)
 
     def brakes(self, effort: float, force_n: float, reason: Reason, state: TrainState) -> Guidance:
-        """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast.
-
-        At the stop the driver brakes by eye, also behind the mark.
-        """
+        """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast."""
         self.forget()
         found = Guidance(now=self.showing.braking(effort), force_n=force_n, reference_force_n=force_n, reason=reason)
         return self._as_read(found, state)
 
     def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Guidance | None:
-        """The advice for a standing train that is due to depart: stand until cleared, then follow the reference.
-
-        None if there is no reference, or if the reference brakes here.
-        """
+        """The advice for a train that is due to depart; None without a reference, or if that brakes here."""
         self.showing.forget()
         found = self.show(kept, state, goal, place)
         self.showing.forget()
@@ -153,15 +138,15 @@ class Guide:
         return replace(found, now=now, force_n=0.0, reference_force_n=0.0, lever_ratio=0.0)
 
     def _reason(self, kept: Kept, now: Instruction, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Reason:
-        """What the instruction does not say: what it is for, and when the train arrives if that is late or early."""
         if place.too_fast:
             return Reason(code=ReasonCode.TOO_FAST, speed_mps=state.v_mps - place.allowed_mps)
         ahead = self._standing_reason(now, self._ahead(kept, now, state), state)
-        if not ahead and _is_slowed_for_point(kept, state, goal):
-            point = goal.passing
-            assert point is not None
-            time_ns = point.earliest_ns or 0
-            return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
+        point = goal.passing
+        if not ahead and point is not None and goal.waits(state):
+            earliest_s = point.window(state.now_ns).earliest_s
+            if kept.forecast.passes_s(point.s_m) - earliest_s < SLOWED_S:  # The reference slows the train for it.
+                time_ns = point.earliest_ns or 0
+                return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
         ahead = ahead or self._new_restriction(kept.reference.replan, state)
         late_s = self._said_arrival_s(kept, state, goal)
         if now.mode in BRAKES or abs(late_s) < SAID_LATE_S:
@@ -187,8 +172,7 @@ class Guide:
     def _said_arrival_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
         """The lateness at arrival as shown (s): the last value until it is off by `SAID_ANEW_S`.
 
-        It is 0, so that nothing is said, for a train that stands, which has a new reference when it departs, and for
-        one that is almost there.
+        For a train that stands or is almost there it is 0, so that nothing is said.
         """
         if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
             return 0.0
@@ -210,22 +194,12 @@ class Guide:
             near = state.s_m < at_m <= min(leads_m + BESIDE_M, state.s_m + NEAR_M)
             # A brake to the stop is not for a board on the way.
             is_passed = now.mode in BRAKES and limit_mps > now.speed_mps + TARGET_STEP_MPS
-            if not near or limit_mps >= from_mps or is_passed:
-                continue
-            passed_mps = kept.forecast.passes_mps(at_m)
-            if passed_mps > limit_mps - BINDS_MPS:
+            binds = limit_mps < from_mps and kept.forecast.passes_mps(at_m) > limit_mps - BINDS_MPS
+            if near and binds and not is_passed:
                 return _of_limit(section.route, at_m, limit_mps)
         if slows_m >= section.end_m and section.end_m - state.s_m <= NEAR_M:
             return Reason(code=ReasonCode.STOP, stop=section.end_stop_name)
         return NO_REASON
-
-
-def _is_slowed_for_point(kept: Kept, state: TrainState, goal: Goal) -> bool:
-    """Whether the train would pass the point ahead too early if the reference did not slow it down."""
-    point = goal.passing
-    if point is None or not goal.waits(state):
-        return False
-    return kept.forecast.passes_s(point.s_m) - point.window(state.now_ns).earliest_s < SLOWED_S
 
 
 def _ends_m(schedule: Schedule, number: int, kinds: tuple[PhaseKind, ...]) -> float:
@@ -242,7 +216,6 @@ def falling_limits(route: Route) -> tuple[Floats, Floats]:
 
 
 def _of_limit(route: Route, at_m: float, limit_mps: float) -> Reason:
-    """The reason for slowing down to a limit that begins at a position (m): the line's own, or a restriction."""
     restricted = any(one.start_m == at_m and one.limit_mps == limit_mps for one in route.restrictions)
     code = ReasonCode.RESTRICTION if restricted else ReasonCode.LIMIT
     return Reason(code=code, speed_mps=float(limit_mps), at_m=float(at_m))

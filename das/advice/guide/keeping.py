@@ -19,19 +19,17 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.guide.policies import GuideFront
 from das.solver.guide.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
-from das.solver.state import State, least_time_s
+from das.solver.state import least_time_s
 
 LEAST_GAIN_S: Final = 1.0
-"""The time (s) by which a new reference for an early train must bring the arrival nearer to the wanted time, and by
-which one that saves energy may at most move it away."""
+"""The time (s) by which a new reference for an early train must be nearer to the wanted arrival; one that saves energy
+may be further from it by as much."""
 LATE_GAIN_S: Final = 2.0
-"""The time (s) by which a new reference for a late train must bring the arrival nearer to the wanted time."""
+"""The time (s) by which a new reference for a late train must be nearer to the wanted arrival."""
 LEAST_GAIN_POWER_S: Final = 0.08
-"""The time (s) of full traction power whose energy a new reference must save if it is to save energy (0.14 kWh for
-6 MW)."""
+"""The time (s) of full traction power whose energy a new reference must save: 0.14 kWh for 6 MW."""
 ASTRAY_MPS: Final = 1.5
-"""The difference between the speeds of train and reference (m/s) above which a new reference that saves energy is
-tried."""
+"""The difference between the speeds of train and reference (m/s) above which one that saves energy is tried."""
 ASKED_EVERY_S: Final = 30.0
 """The least time (s) between two trials of a new reference that might be better."""
 LEAST_AGE_S: Final = 20.0
@@ -39,8 +37,7 @@ LEAST_AGE_S: Final = 20.0
 QUIET_S: Final = 10.0
 """The time (s) after a change of instruction in which a reference is replaced only for the reasons of `LEAST_AGE_S`."""
 DUE_SOON_S: Final = 8.0
-"""The time (s) before the next change in which a reference is replaced only for the reasons of `LEAST_AGE_S`, so that
-an announced change comes as announced."""
+"""The time (s) before the next change in which the same holds, so that an announced change comes as announced."""
 ARRIVED_S: Final = 30.0
 """The least time (s) to the end of the section for which a new reference is tried."""
 ON_TIME_RATIO: Final = 0.9
@@ -72,7 +69,7 @@ NO_CHANGES = Changes()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StandingReference:
-    """The reference that the guide keeps: a schedule, its price of time (W), what it was made for, and why.
+    """The reference that the guide keeps: a schedule, its price of time (W), and why it was made.
 
     It was made for the arrival `arrival_ns` (ns since 1970) and for passing `point` in its window (None: no point).
     """
@@ -82,8 +79,7 @@ class StandingReference:
     arrival_ns: int
     point: PassingTarget | None
     replan: Replan
-    finished: bool = False
-    """Whether it was made beforehand, and read from a table."""
+    finished: bool = False  # It was made beforehand, and read from a table.
 
 
 class Kept(NamedTuple):
@@ -101,22 +97,16 @@ class Kept(NamedTuple):
 
 
 class _Gain(NamedTuple):
-    """What a new reference gains over keeping the present one.
+    """The gain of a new reference: energy saved (J), how much nearer the arrival is to the wanted time (s), and the
+    energy saved plus the time saved at its price (J)."""
 
-    `energy_j` is the energy saved (J), `lateness_s` by how much the arrival is nearer to the wanted time (s). `worth_j`
-    is the energy saved plus the time saved at the price of time (J).
-    """
-
-    energy_j: float
-    lateness_s: float
-    worth_j: float
+    energy_j: float = 0.0
+    lateness_s: float = 0.0
+    worth_j: float = 0.0
 
 
 class _Asked(NamedTuple):
-    """A request for a new reference: why, for which state and goal, and the future that will hold the reference.
-
-    `doubted`: the present reference can be kept, and the new one replaces it only if it is better.
-    """
+    """A request for a new reference; `doubted`: it replaces the present one, which could stay, only if it is better."""
 
     cause: ReplanCause
     doubted: bool
@@ -134,11 +124,7 @@ class Keeper:
     """Holds the reference of a section, and has the worker make a new one if there is a reason to."""
 
     def __init__(
-        self,
-        section: Section,
-        front: GuideFront | None,
-        worker: Worker = AT_ONCE,
-        drift: Drift | None = None,
+        self, section: Section, front: GuideFront | None, worker: Worker = AT_ONCE, drift: Drift | None = None
     ) -> None:
         self._section, self._front, self._worker = section, front, worker
         self.reference: StandingReference | None = None
@@ -167,9 +153,8 @@ class Keeper:
     def keep(self, state: TrainState, goal: Goal, *, changes: Changes = NO_CHANGES) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet).
 
-        Near the last and the next of the `changes` of the instruction shown, the reference is replaced only if it must
-        be: a driver is not given two changes at once. While a new one is being made, the present one is kept if it can
-        be. Raises DasError for a state outside the section, or from which the train cannot reach the section's end.
+        Near one of the `changes` of the instruction shown it is replaced only if it must be: a driver is not given two
+        changes at once. Raises DasError for a state outside the section, or from which its end cannot be reached.
         """
         must, forecast = self._why_at_once(state, goal)
         kept = self._kept(state, goal, forecast)
@@ -185,9 +170,11 @@ class Keeper:
             cause = self._doubt(kept, state, goal) if doubted and kept and not quiet else must
             if cause is ReplanCause.NONE:
                 return kept
-            if doubted and cause is ReplanCause.LATE and kept and not self._can_be_earlier(kept, state):
-                self._doubted_ns = state.now_ns
-                return kept
+            if doubted and cause is ReplanCause.LATE and kept:
+                least_s = least_time_s(self._section, state.s_m, state.v_mps)
+                if kept.forecast.time_s - least_s <= LATE_GAIN_S:  # No new reference can be earlier by enough.
+                    self._doubted_ns = state.now_ns
+                    return kept
             self._asked = self._ask(cause, kept, state, goal, doubted=doubted)
         if not self._asked.answer.done() or (self._asked.doubted and quiet):
             return kept
@@ -195,10 +182,7 @@ class Keeper:
         return self._answered(asked, kept, state, goal)
 
     def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
-        """How late the train is likely to arrive (s; early < 0): by its forecast.
-
-        A forecast that is early by the reserve for what the driver loses, or by less, is on time.
-        """
+        """How late the train is likely to arrive (s; early < 0); a forecast early by at most the reserve is on time."""
         late_s = kept.forecast.time_s - goal.left_s(state.now_ns)
         return late_s + min(self._loss_s(state, goal), max(-late_s, 0.0))
 
@@ -208,16 +192,13 @@ class Keeper:
         return self._drift.loss_s(usual_s, ON_TIME_RATIO if goal.counts else ELSEWHERE_RATIO)
 
     def _aimed_s(self, state: TrainState, goal: Goal) -> float:
-        """The time (s) that a reference may take from here: what is left, less a reserve for what the driver loses.
-
-        The reserve is no more than the fastest run leaves, so a train that cannot be on time has none.
-        """
+        """The time (s) left for a reference, less a reserve for what the driver loses: no more than the fastest run
+        leaves."""
         left_s = goal.aimed_s(state.now_ns)
         spare_s = left_s - least_time_s(self._section, state.s_m, state.v_mps)
         return left_s - min(self._loss_s(state, goal), max(spare_s, 0.0))
 
     def _see(self, forecast: Prospect, state: TrainState, goal: Goal, *, anew: bool) -> None:
-        """Learn how the driver keeps the reference, until he brings the train to its mark by eye."""
         if self._section.end_m - state.s_m < LEARNED_TO_M:
             return
         left_s = goal.left_s(state.now_ns)
@@ -225,7 +206,6 @@ class Keeper:
         self._drift.see(state.now_ns, forecast.time_s - left_s, usual_s, anew=anew)
 
     def _kept(self, state: TrainState, goal: Goal, forecast: Prospect | None) -> Kept | None:
-        """The present reference with its forecast; None if there is none or it cannot be kept."""
         if self.reference is None or forecast is None:
             return None
         return Kept(self.reference, forecast, forecast.time_s - self._aimed_s(state, goal))
@@ -233,25 +213,21 @@ class Keeper:
     def _ask(self, cause: ReplanCause, kept: Kept | None, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
         """Have the worker make a new reference, unless a table has one for a train that departs."""
         assert self._front is not None
-        front = self._front
-        wanted = self._wanted(state, goal)
-        if kept is not None and doubted:
-            wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast), shown_s=COAST_LEAD_S)
-        ready = departing(front, wanted)
-        worker = self._worker if ready is None else AT_ONCE
-        answer = worker.submit(lambda: ready or planned(front, wanted))
+        front, wanted = self._front, self._wanted(state, goal)
         if doubted:
             self._doubted_ns = state.now_ns
-        return _Asked(cause, doubted, state, goal, answer)
+            if kept is not None:
+                wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast), shown_s=COAST_LEAD_S)
+        ready = departing(front, wanted)
+        worker = self._worker if ready is None else AT_ONCE
+        return _Asked(cause, doubted, state, goal, worker.submit(lambda: ready or planned(front, wanted)))
 
     def _give_up(self) -> None:
-        """Cancel the request for a new reference, if there is one."""
         if self._asked is not None:
             self._asked.answer.cancel()
         self._asked = None
 
     def _answered(self, asked: _Asked, kept: Kept | None, state: TrainState, goal: Goal) -> Kept | None:
-        """The new reference if it is accepted, else the present one."""
         try:
             found = asked.answer.result()
             if state.now_ns != asked.state.now_ns:  # The train has moved on since the request.
@@ -267,10 +243,7 @@ class Keeper:
         return self._taken(found, replan, state, goal)
 
     def _why_at_once(self, state: TrainState, goal: Goal) -> tuple[ReplanCause, Prospect | None]:
-        """Why a new reference is necessary now (NONE: it is not), and the forecast of keeping the present one.
-
-        The forecast is None if there is no reference or it cannot be kept.
-        """
+        """Why a new reference is necessary now (NONE: it is not), and the forecast of the present one, if any."""
         reference = self.reference
         if reference is None:
             return ReplanCause.START, None
@@ -309,14 +282,7 @@ class Keeper:
         known = kept.reference.schedule.speed_at(state.s_m)
         return ReplanCause.ENERGY if abs(state.v_mps - known) > ASTRAY_MPS else ReplanCause.NONE
 
-    def _can_be_earlier(self, kept: Kept, state: TrainState) -> bool:
-        """Whether the fastest trajectory is earlier by enough; if not, no new reference can help a late train."""
-        assert self._front is not None
-        fastest_s = State.at(self._front.section, state.s_m, state.v_mps).fastest().time_s
-        return kept.forecast.time_s - fastest_s > LATE_GAIN_S
-
     def _misses_window(self, kept: Kept, state: TrainState, goal: Goal) -> bool:
-        """Whether a train that keeps the reference passes the point ahead outside its window."""
         point = goal.passing
         if point is None or point.s_m <= state.s_m:
             return False
@@ -324,24 +290,21 @@ class Keeper:
         return not window.earliest_s <= kept.forecast.passes_s(point.s_m) <= window.latest_s
 
     def _gain(self, kept: Kept | None, found: Scheduled, state: TrainState, goal: Goal) -> _Gain:
-        """What a new reference gains over the present one (all 0 if there is none)."""
         if kept is None:
-            return _Gain(0.0, 0.0, 0.0)
+            return _Gain()
         lateness_s = abs(kept.late_s) - abs(found.forecast.time_s - self._aimed_s(state, goal))
         energy_j = kept.forecast.energy_j - found.forecast.energy_j
         worth_j = energy_j + found.lambda_w * (kept.forecast.time_s - found.forecast.time_s)
         return _Gain(energy_j, lateness_s, worth_j)
 
     def _is_better(self, doubt: ReplanCause, gain: _Gain) -> bool:
-        """Whether a new reference gains enough to be accepted; `doubt` is why it was made."""
         least_j = LEAST_GAIN_POWER_S * self._section.train.traction_power_w
-        better = {
+        return {
             ReplanCause.POINT: True,
             ReplanCause.LATE: gain.lateness_s > LATE_GAIN_S,
             ReplanCause.EARLY: gain.lateness_s > LEAST_GAIN_S and gain.energy_j > least_j,
             ReplanCause.ENERGY: -gain.lateness_s < LEAST_GAIN_S and min(gain.worth_j, gain.energy_j) > least_j,
-        }
-        return better[doubt]
+        }[doubt]
 
     def _taken(self, found: Scheduled, replan: Replan, state: TrainState, goal: Goal) -> Kept:
         self._changed, self._standing = False, state.v_mps <= STANDSTILL_MPS
@@ -353,7 +316,6 @@ class Keeper:
         return Kept(self.reference, found.forecast, found.forecast.time_s - self._aimed_s(state, goal))
 
     def _wanted(self, state: TrainState, goal: Goal) -> Wanted:
-        """What the worker makes a new reference for."""
         point, window = goal.passing, ANY_TIME
         if point is not None:
             earliest_s, latest_s = astuple(point.window(state.now_ns))
@@ -361,10 +323,6 @@ class Keeper:
             window = Window(earliest_s=earliest_s, latest_s=max(latest_s - self._drift.margin_s(latest_s), earliest_s))
         left_s = goal.aimed_s(state.now_ns)
         return Wanted(
-            s_m=state.s_m,
-            v_mps=state.v_mps,
-            left_s=left_s,
-            reserve_s=left_s - self._aimed_s(state, goal),
-            point_m=None if point is None else point.s_m,
-            window=window,
-        )
+            s_m=state.s_m, v_mps=state.v_mps, left_s=left_s, reserve_s=left_s - self._aimed_s(state, goal),
+            point_m=None if point is None else point.s_m, window=window,
+        )  # fmt: skip

@@ -14,11 +14,9 @@ from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime, depar
 from das.domain.units import NS
 
 SAME_CHANGE_S = 10.0
-"""The shift (s) from one second to the next below which an announcement is still that of the same change."""
+"""The shift (s) in a second below which an announcement is still that of the same change."""
 PASSED_S = 2.0
 """The time (s) before it is due within which an announcement that ends was not dropped: its change comes now."""
-
-
 NOTHING = Instruction()
 
 

@@ -16,8 +16,7 @@ from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
 DEPARTS_WITHIN_M, DEPARTS_MPS = 50.0, 2.0
-"""The distance from the start of a section (m) and the speed (m/s) up to which a train departs there: a driver who
-begins late has a new reference when the train has just begun to move."""
+"""The distance from the start of a section (m) and the speed (m/s) up to which a train departs there."""
 KEPT_S = 10.0
 """The time (s) for which a new reference that is not necessary leaves the present one as it is."""
 
@@ -26,10 +25,9 @@ KEPT_S = 10.0
 class Wanted:
     """What a reference is made for: the train's state, the time left to the end (s), and a point with its window.
 
-    It arrives earlier by as much of `reserve_s` as costs no more than the price `GuideFront.dearest`.
-    `point_m` is None without such a point; its `window` counts from now. `kept` is a reference, with its forecast, that
-    is to be kept for the next `KEPT_S`; a phase that begins within `shown_s` is shown already. `told` is the phase that
-    the train is in.
+    It arrives earlier by as much of `reserve_s` as costs no more than `GuideFront.dearest`. The `window` counts from now.
+    `kept` is a reference, with its forecast, to be kept for the next `KEPT_S`; a phase that begins within `shown_s` is
+    shown already. `told` is the phase that the train is in.
     """
 
     s_m: float
@@ -44,10 +42,7 @@ class Wanted:
 
 
 def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
-    """The schedule for what is wanted, with speeds that can be told to a driver.
-
-    Raises DasError if the train cannot reach the section's end from its state.
-    """
+    """The schedule for what is wanted; raises DasError if the train cannot reach the section's end from its state."""
     if wanted.kept is not None:
         return _later(front, wanted, *wanted.kept)
     state = State.at(front.section, wanted.s_m, wanted.v_mps)
@@ -61,10 +56,7 @@ def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
 
 
 def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
-    """The finished schedule of a table for what is wanted, which takes no search.
-
-    None if the front has none, if the train is under way, stalls, or has to pass a point at another time.
-    """
+    """The finished schedule of a table; None if there is none for a train that departs and keeps a point's window."""
     s_m, v_mps, point_m = wanted.s_m, wanted.v_mps, wanted.point_m
     departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= DEPARTS_WITHIN_M
     if front.references is None or wanted.kept is not None or not departs:
@@ -108,17 +100,13 @@ def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect
 
 
 def _kept_until(kept: Schedule, forecast: Prospect, shown_s: float) -> int:
-    """The number of the node up to which a schedule is kept: `KEPT_S` from now, or where a phase begins before that.
-
-    A phase that begins within `shown_s` is shown already, and is kept as well.
-    """
+    """The node up to which a schedule is kept: `KEPT_S` from now, or where a phase begins that is not shown yet."""
     begins_s = [forecast.passes_s(kept.begin_m(k)) for k in range(1, len(kept.phases))]
     until_s = min((one for one in begins_s if shown_s < one < KEPT_S), default=KEPT_S)
     return int(np.searchsorted(forecast.times_s, until_s))
 
 
 def _joined(before: Schedule, rest: Schedule, node: int, wanted: Wanted) -> tuple[Schedule, Prospect]:
-    """The phases of a schedule up to a node, and from there on those of another."""
     first = [one for one in before.phases if one.begin < node]
     after = [one._replace(begin=max(one.begin, node)) for one in rest.phases]
     if first and (first[-1].kind, first[-1].share) == (after[0].kind, after[0].share):

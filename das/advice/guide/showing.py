@@ -11,8 +11,17 @@ import numpy as np
 from das.advice.advice import Guidance, Instruction, ReplanCause
 from das.advice.braking import BrakingAhead
 from das.advice.goal import SpeedsAllowed, TrainState
-from das.advice.guide.announce import following
-from das.advice.guide.follow import CREEP_MPS, advanced, at_step, wanted
+from das.advice.guide.follow import (
+    BRIEF_S,
+    CREEP_MPS,
+    advanced,
+    at_step,
+    coasting,
+    is_vain,
+    planned_effort,
+    reachable_mps,
+    wanted,
+)
 from das.advice.guide.guard import (
     BRAKE_LEAD_S,
     SHORT_M,
@@ -31,8 +40,8 @@ from das.advice.guide.guard import (
     way_m,
 )
 from das.advice.guide.keeping import Changes, Kept
-from das.advice.guide.memory import Lead, Memory, alike, brake, hold, is_own_end, repeats
-from das.advice.guide.timeline import COAST_LEAD_S, SAME_MPS, STANDS_S, GuideStep, timeline
+from das.advice.guide.memory import NOTHING, Lead, Memory, alike, brake, coast, hold, is_own_end, repeats, traction
+from das.advice.guide.timeline import COAST_LEAD_S, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, timeline
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS
 from das.domain.units import NS
@@ -46,17 +55,17 @@ LEADS_S = {
     InstructionKind.TRACTION: 2.0,
     InstructionKind.HOLD: 0.0,
 }
-"""The time (s) before it is due at which each kind is shown: an acceleration early enough to be seen by a driver who
-looks when it is due."""
-
-
+"""The time (s) before it is due at which each kind is shown: an acceleration is seen when it is due."""
 FORGOTTEN_S = 15.0
 """The time (s) without any instruction after which the next one is shown as if there had been none before."""
 CLOSES_IN_S = 4.0
-"""The time (s) in which the force of an instruction leads to its speed: longer than the validity of advice, so that a
-driver who sets exactly that force does not overshoot the speed."""
+"""The time (s) in which the force of an instruction leads to its speed; it is longer than advice is valid."""
 IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
 """Causes of a new reference that came from outside: what is shown was chosen without knowing them."""
+AHEAD = 2
+"""The number of changes shown after the present instruction."""
+BEGUN_M = 1.0
+"""The distance (m) ahead of a place within which a limit that begins there already applies to it."""
 
 
 class Showing:
@@ -69,7 +78,7 @@ class Showing:
         self._ahead: BrakingAhead | None = None
         self._next_ns = 0
         self.phase = 0
-        """The number of the phase of the schedule in which the train is."""
+        """The phase of the schedule in which the train is."""
 
     def forget(self) -> None:
         """Forget what was shown: from now on nothing is shown."""
@@ -122,10 +131,7 @@ class Showing:
         )  # fmt: skip
 
     def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> Guidance:
-        """What to show of the reference to a driver whose train is in this state, without a reason.
-
-        For a brake, `reference_force_n` is exactly the force needed, before the effort is rounded up.
-        """
+        """What to show of the reference in this state, without a reason; `reference_force_n` is not rounded up."""
         scene, memory = self._begin(kept, state, place), self._memory
         replan, now_ns = kept.reference.replan, state.now_ns
         imposed = replan.cause in IMPOSED and replan.time_ns > memory.since_ns
@@ -227,11 +233,8 @@ class Showing:
         if number >= len(scene.steps) or not (is_safe or scene.steps[number].kind is InstructionKind.BRAKE):
             return None
         step, here = scene.steps[number], scene.steps[memory.step]
-        if (
-            here.kind is InstructionKind.BRAKE
-            and state.v_mps > here.speed_mps + SAME_MPS
-            and step.kind is not InstructionKind.BRAKE
-        ):
+        still_brakes = here.kind is InstructionKind.BRAKE and state.v_mps > here.speed_mps + SAME_MPS
+        if still_brakes and step.kind is not InstructionKind.BRAKE:
             return None
         lead_s, due_s = LEADS_S[step.kind], scene.due_s(number)
         if step.kind is InstructionKind.BRAKE:
@@ -256,9 +259,8 @@ class Showing:
         if one.mode is not Regime.COAST:
             return step.to_m
         section = scene.schedule.section
-        lower = (section.node_m > max(state.s_m, step.from_m)) & (
-            section.envelope_mps < one.speed_mps - SAME_READING_MPS
-        )
+        lower = section.envelope_mps < one.speed_mps - SAME_READING_MPS
+        lower &= section.node_m > max(state.s_m, step.from_m)
         return min(step.to_m, goal_m, float(section.node_m[np.argmax(lower)]) if lower.any() else math.inf)
 
 
@@ -290,10 +292,7 @@ def _suffices(shown: Instruction, needed: Instruction) -> bool:
 
 
 def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:
-    """The wheel force (N) with which a driver follows an instruction, within what the train can give.
-
-    Near the speed to reach or to hold, it is the force that leads to that speed without overshooting it.
-    """
+    """The wheel force (N) with which a driver follows an instruction, without overshooting its speed."""
     s_m, v_mps = state.s_m, max(state.v_mps, 0.1)
     if now.mode in BRAKES:
         return ahead.force_n(-now.effort_ratio, s_m, v_mps)
@@ -321,10 +320,9 @@ def opening(
 ) -> Opening:
     """When a wanted instruction takes the place of the one shown.
 
-    It must have been announced for `STANDS_S` when it is due, and the one shown must have stood as long. Exceptions:
-    the one shown is not safe any more (`is_safe`); a brake has reached its speed; the speed that the one shown leads to
-    is reached; a brake that limits ask for does not wait. A hold or coasting that would stand for less than `STANDS_S`
-    before the change after it, in `next_s`, is not shown.
+    It must have been announced for `STANDS_S` when it is due, and the one shown must have stood as long, unless that is
+    not safe any more (`is_safe`) or has led to its speed; a brake for limits does not wait. A hold or coasting that
+    would stand for less than `STANDS_S` before the change after it, in `next_s`, is not shown.
     """
     one, shown, now_ns, v_mps = wanted.one, memory.shown, state.now_ns, state.v_mps
     if shown.mode not in KIND_OF or not is_safe:
@@ -367,3 +365,119 @@ def has_led(memory: Memory, one: Instruction, state: TrainState) -> bool:
 def reached(shown: Instruction, v_mps: float) -> bool:
     """Whether a brake has reached its speed."""
     return shown.mode in BRAKES and shown.speed_mps > SAME_MPS and v_mps <= shown.speed_mps + SAME_MPS
+
+
+# --- what is announced: the next two changes, or the brake of the guard where it comes first ------------------------
+
+
+def following(scene: Sight, memory: Memory, now: Instruction, put_off: Instruction | None) -> tuple[Instruction, ...]:
+    """The next changes after the instruction shown; `put_off` waits until it has been announced."""
+    found: list[Instruction] = []
+    for number in range(memory.step + 1, len(scene.steps)):
+        if len(found) >= AHEAD:
+            break
+        last = found[-1] if found else now
+        one = said(scene, number, now if number == memory.step + 1 else NOTHING)
+        if one is None or repeats(one, last) or is_own_end(one, last) or _needs_not(one, last):
+            continue
+        if one.mode in BRAKES or one.mode in TRACTION or scene.due_s(number + 1) - scene.due_s(number) >= STANDS_S:
+            found.append(one)
+    found = _guarded(scene, memory, now, found)
+    found = [_waiting(scene, memory, now, one) if k == 0 else one for k, one in enumerate(found)]
+    if put_off is not None and put_off.speed_mps <= scene.ahead.allowed_mps(scene.state.braked_m + put_off.way_m):
+        found = sorted([put_off, *found], key=lambda one: one.in_s)
+    return _allowed(scene, now, found)
+
+
+def said(scene: Sight, number: int, now: Instruction = NOTHING) -> Instruction | None:
+    """The instruction of a step as announced after `now`; None if this train, slower or as fast, needs it not."""
+    step, passes_mps = scene.steps[number], scene.foreseen.passes_mps(scene.steps[number].from_m)
+    if step.kind is InstructionKind.BRAKE and passes_mps < step.speed_mps + SAME_MPS:
+        return None
+    if step.kind is InstructionKind.TRACTION:
+        step = step._replace(speed_mps=reachable_mps(scene, number))
+    is_there = passes_mps > step.speed_mps - REACHED_MPS
+    if step.kind is InstructionKind.TRACTION and (is_there or is_vain(scene, number)):
+        return None
+    in_s, way_m = scene.due_s(number), max(step.from_m - scene.state.s_m, 0.0)
+    if now.mode is Regime.CRUISE and scene.state.v_mps < step.speed_mps + SAME_MPS:
+        step = step._replace(kind=InstructionKind.HOLD) if step.kind is InstructionKind.BRAKE else step
+    if step.kind is InstructionKind.BRAKE:
+        sooner_s = SOONER_S + scene.state.ahead_m / max(passes_mps, 1.0)
+        way_m, in_s = max(way_m - sooner_s * passes_mps, 0.0), in_s - sooner_s
+    one = _instruction(scene, step)
+    if step.kind is InstructionKind.COAST and in_s < BRIEF_S and now.mode in KIND_OF:
+        one = coasting(scene, now, number).one  # As it will be shown.
+    return replace(one, way_m=way_m, in_s=max(in_s, 0.0))
+
+
+def _needs_not(one: Instruction, last: Instruction) -> bool:
+    """Whether a driver who does the last instruction is no faster than a brake asks for."""
+    return one.mode in BRAKES and last.mode in (*TRACTION, Regime.CRUISE) and one.speed_mps > last.speed_mps - SAME_MPS
+
+
+def _instruction(scene: Sight, step: GuideStep) -> Instruction:
+    if step.kind is InstructionKind.TRACTION:
+        return traction(step.effort, step.speed_mps)
+    if step.kind is InstructionKind.HOLD:
+        return hold(step.speed_mps)
+    if step.kind is InstructionKind.COAST:
+        return coast(step.speed_mps)
+    return brake(max(planned_effort(scene, step), STEP_RATIO), step.speed_mps)
+
+
+def _waiting(scene: Sight, memory: Memory, now: Instruction, one: Instruction) -> Instruction:
+    """The next change, due no sooner than the instruction shown has stood; a brake does not wait."""
+    if one.mode in BRAKES or now.mode not in KIND_OF:
+        return one
+    stands_s = STANDS_S - (scene.state.now_ns - memory.since_ns) * NS
+    return one if one.in_s >= stands_s else replace(one, in_s=stands_s, way_m=stands_s * scene.state.v_mps)
+
+
+def _guarded(scene: Sight, memory: Memory, now: Instruction, found: list[Instruction]) -> list[Instruction]:
+    """The changes, with the next brake early enough for a driver who does what is shown now."""
+    found = _after_brake(scene, now, found) if now.mode in BRAKES else found
+    guard = foreseen_brake(scene, now, max((memory.due_ns - scene.state.now_ns) * NS, 0.0))
+    if found and found[0].mode is Regime.COAST and (guard is None or guard.in_s > found[0].in_s):
+        after = foreseen_brake(scene, found[0], found[0].in_s)
+        guard = after if after is not None and after.in_s < found[0].in_s + STANDS_S else guard
+        found = found[1:] if guard is after is not None else found  # It would be over at once.
+    before_m = scene.state.s_m + found[0].way_m if found else math.inf
+    planned = found[0] if found and found[0].mode in BRAKES else None
+    is_braked = guard is None or (now.mode in BRAKES and guard.one.speed_mps > now.speed_mps - SAME_MPS)
+    if guard is None or is_braked or scene.state.s_m + guard.one.way_m >= before_m:
+        return found
+    if planned is not None and guard.one.speed_mps < planned.speed_mps + SAME_MPS:
+        return [replace(planned, way_m=guard.one.way_m, in_s=guard.in_s), *found[1:]]
+    return found if scene.state.s_m + guard.one.way_m >= before_m - BEGUN_M else [guard.one, *found[:1]]
+
+
+def _after_brake(scene: Sight, now: Instruction, found: list[Instruction]) -> list[Instruction]:
+    """The changes after a brake: the first is due when the brake has reached its speed; none leads to no lower one."""
+    while found and found[0].mode in BRAKES and found[0].speed_mps > now.speed_mps - SAME_MPS:
+        found = found[1:]
+    if not found or found[0].mode in BRAKES:
+        return found
+    ends_s = lasts_s(scene, now)
+    if found[0].in_s >= ends_s or any(one.in_s <= ends_s for one in found[1:]):
+        return found
+    way_m = 0.5 * (scene.state.v_mps + now.speed_mps) * ends_s
+    return [replace(found[0], in_s=ends_s, way_m=way_m), *found[1:]]
+
+
+def _allowed(scene: Sight, now: Instruction, found: list[Instruction]) -> tuple[Instruction, ...]:
+    """The changes, none of which repeats the one before it, with no speed above the limit where it applies.
+
+    The speed of a brake or of coasting applies at its end; any other speed, where the change is due.
+    """
+    kept, section = [now], scene.schedule.section
+    for k, one in enumerate(found[:AHEAD]):
+        ends = k + 1 < len(found) and one.mode in (*BRAKES, Regime.COAST)
+        ways_m = np.array([one.way_m, max(found[k + 1].way_m if ends else 0.0, one.way_m)])
+        nodes = np.searchsorted(section.node_m, scene.state.s_m + BEGUN_M + ways_m, side="right")
+        first, last = np.clip(nodes - 1, 0, len(section.limit_mps) - 1)
+        limit_mps = float(section.limit_mps[first : last + 1].max())
+        capped = replace(one, speed_mps=limit_mps) if one.speed_mps > limit_mps else one
+        if not repeats(capped, kept[-1]) and not is_own_end(capped, kept[-1]):
+            kept.append(capped)
+    return tuple(kept[1:])

@@ -18,11 +18,9 @@ SAME_MPS = 0.3
 REACHED_MPS = 0.5
 """The distance below a speed to reach (m/s) at which it counts as reached: the rest is the driver's."""
 OFF_MPS = TARGET_STEP_MPS
-"""The distance from a speed (m/s) within which a driver holds it: he may keep 2 km/h below a limit, and wander by as
-much."""
+"""The distance from a speed (m/s) within which a driver holds it: 2 km/h below a limit, and as much astray."""
 STANDS_S = 8.0
-"""The time (s) for which an instruction stands, and for which one of another kind is announced before it is due: to
-read it, to act, and to check."""
+"""The time (s) for which an instruction stands, or is announced before it is due: to read it, to act, to check."""
 COAST_LEAD_S = 5.0
 """The time (s) before it is due at which coasting is shown: about the reaction time of a driver."""
 NEAR_LIMIT_MPS = 0.2
@@ -32,9 +30,8 @@ NEAR_LIMIT_MPS = 0.2
 class GuideStep(NamedTuple):
     """One thing to do: its kind, the speed that it leads to and then holds, its effort, and its places.
 
-    It begins at `from_m`, has led to its speed at `by_m`, and holds it up to `to_m`, where the next one begins.
-    `effort` is a share of the largest traction or motor brake; 0 for coasting, for a hold, and for a brake that limits
-    ask for. `number` is that of its phase.
+    It begins at `from_m`, has led to its speed at `by_m`, and holds it up to `to_m`. `effort` is a share of the largest
+    traction or motor brake (0: none, or what limits ask for), `number` that of its phase.
     """
 
     kind: InstructionKind
@@ -47,11 +44,7 @@ class GuideStep(NamedTuple):
 
 
 def timeline(schedule: Schedule) -> tuple[GuideStep, ...]:
-    """The steps of a schedule in the order of the line.
-
-    A limit that rises inside an acceleration begins a step of its own. A hold of the speed to which the step before
-    leads is part of that step.
-    """
+    """The steps of a schedule in the order of the line; a hold of the speed that a step leads to is part of it."""
     found: list[GuideStep] = []
     for number, phase in enumerate(schedule.phases):
         for step in _brake(schedule, number) if phase.kind in BRAKES else _steps(schedule, number, phase):
@@ -63,9 +56,9 @@ def timeline(schedule: Schedule) -> tuple[GuideStep, ...]:
 
 
 def _goes_on(before: GuideStep, step: GuideStep, begins_mps: float) -> bool:
-    """Whether a step only says what the one before it said; `begins_mps` is the speed at which it begins.
+    """Whether a step, which begins at `begins_mps`, only says what the one before it said.
 
-    A brake that takes hardly anything off the end of coasting is no step: the guard brakes a train that needs it.
+    So does a brake that takes hardly anything off the end of coasting: the guard brakes a train that needs it.
     """
     alike = step.kind is InstructionKind.HOLD or (step.kind, step.effort) == (before.kind, before.effort)
     if before.kind is InstructionKind.COAST and step.kind is InstructionKind.BRAKE:
@@ -79,9 +72,8 @@ def _brake(schedule: Schedule, number: int) -> list[GuideStep]:
     effort = float(schedule.phases[number].share) if schedule.brakes_by_effort(number) else 0.0
     by_m = schedule.reached_m(number, begin_m)
     brake = GuideStep(InstructionKind.BRAKE, to_mps, effort, begin_m, by_m, by_m, number)
-    return (
-        [brake, GuideStep(InstructionKind.HOLD, to_mps, 0.0, by_m, end_m, end_m, number)] if by_m < end_m else [brake]
-    )
+    hold = GuideStep(InstructionKind.HOLD, to_mps, 0.0, by_m, end_m, end_m, number)
+    return [brake, hold] if by_m < end_m else [brake]
 
 
 def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
@@ -116,9 +108,8 @@ def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
 def aim_mps(schedule: Schedule, number: int) -> float:
     """The speed (m/s) that a phase leads to; for an acceleration, limits on the way may be lower.
 
-    For a brake, it is at most the speed allowed at its end; for coasting, the lowest limit on the way as well, so that
-    it stays the same while limits rise. The schedule itself may have a higher speed: if a limit was received late, or
-    if a limit slows the train without a phase to brake for it.
+    For a brake, it is at most the speed allowed at its end, whatever the schedule has; for coasting, also the lowest
+    limit on the way, so that it stays the same while limits rise.
     """
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)

@@ -16,8 +16,16 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Cause, Guidance, Instruction, Source
-from das.advice.braking_model import FULL_RATIO, LIMIT_TOLERANCE_MPS, STOP_TOLERANCE_M, BrakingBasis, BrakingModel
-from das.advice.last_word import Act, LastWord, Part
+from das.advice.last_word import (
+    FULL_RATIO,
+    LIMIT_TOLERANCE_MPS,
+    STOP_TOLERANCE_M,
+    Act,
+    BrakingBasis,
+    BrakingModel,
+    LastWord,
+    Part,
+)
 from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import Regime
 from das.advice.wording import words
@@ -177,8 +185,6 @@ WRONG: dict[str, tuple[Advice, dict[str, Any], Part]] = {
     "limit that is no number": (FAST, {"limit_mps": math.nan}, Part.LIMIT),
     "horizon": (FAST, {"horizon_speed_mps": (HIGH,) * 20 + (HIGH + 1.0,) * 10}, Part.HORIZON),
     "horizon below 0": (FAST, {"horizon_speed_mps": (HIGH,) * 29 + (-1.0,)}, Part.HORIZON),
-    "infinite time": (FAST, {"next_change_s": math.inf}, Part.FIGURES),
-    "infinite energy": (FAST, {"energy_to_go_j": -math.inf}, Part.FIGURES),
     "guide: a speed to hold above the limit": (
         FAST, guided(FAST, now=Instruction(mode=Regime.CRUISE, speed_mps=HIGH + 1.0)), Part.GUIDE
     ),

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from das.advice.advice import Instruction
-from das.advice.guide.announce import following, said
 from das.advice.guide.guard import Sight
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
+from das.advice.guide.showing import following, said
 from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.domain.units import KMH
