@@ -146,6 +146,7 @@ GONE: Final = {
     "make-scenario": "das-sim example SCENARIO.toml --route ROUTE --vehicle VEHICLE",
     "make-trip": "das-sim run SCENARIO --advice none, whose recording is a recorded trip for replay and trip",
     "recover": "das-sim check RECORDING --save NEW.mcap",
+    "--beside": "das-sim report RECORDING OTHER -o page.html compares drives",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
 }
 """Former commands, each with what to run instead."""

@@ -1,4 +1,4 @@
-"""What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's track.
+"""What is plotted of a drive: its quantities with their units and colours, and the values over time.
 
 If only the node was recorded, some series are missing. They are derived from the attached files and the positions: the
 gradient from the line, forces and energy by inverse dynamics (docs/explanation/trip-energy.md).
@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from das.advice.advice import Source
-from das.domain.earth import MEAN_RADIUS_M
 from das.domain.errors import DasError
-from das.domain.route import Route
 from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
 from sim.drive.table import DriveTable, PlanMade
 from sim.meanings import Meaning
@@ -94,12 +92,10 @@ STYLES: Final = {
     "speed/same_times": Style(SAME_TIMES, Meaning.OPTIMUM, width=1.2),
     "speed/advised": Style("advised", Meaning.ADVISED, width=3.0, gaps=True),
     "speed/shown": Style("shown to the driver", Meaning.SHOWN, width=1.0, held=True),
-    "speed/other": Style("in the other drive", Meaning.OTHER_DRIVE),
     "speed/driven": Style("driven", Meaning.DRIVEN),
     "force/advised": Style("advised", Meaning.ADVISED, width=3.0, gaps=True),
     "force/driven": Style("driven", Meaning.DRIVEN),
     "energy/optimum": Style(SAME_TIMES, Meaning.OPTIMUM),
-    "energy/other": Style("in the other drive", Meaning.OTHER_DRIVE),
     "energy/driven": Style("driven", Meaning.DRIVEN),
     "lost/driving": Style("lost by the driving so far", Meaning.LOST),
     "lost/advice": Style("of it, by other efforts than advised", Meaning.AGAINST),
@@ -153,30 +149,6 @@ class FirstPlans:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MapTrack:
-    """The positions of the trip in a plane (m east and m south of their middle)."""
-
-    time_ns: Times
-    plane_m: Floats
-
-    @classmethod
-    def of(cls, table: DriveTable) -> MapTrack | None:
-        """The track of a drive on the map; None if no locations were recorded."""
-        time_ns, degrees = table.said.places
-        return cls.through(time_ns, degrees) if len(time_ns) else None
-
-    @classmethod
-    def through(cls, time_ns: Times, degrees: Floats) -> MapTrack:
-        """The track through these places (latitude, longitude; WGS 84)."""
-        middle = degrees.mean(axis=0)
-        north, east = (np.radians(degrees - middle) * MEAN_RADIUS_M).T
-        return cls(
-            time_ns=time_ns,
-            plane_m=np.column_stack((east * np.cos(np.radians(middle[0])), -north)),
-        )
-
-
 Found = dict[str, tuple[Times, Floats]]
 """Times and values of each series, by its name."""
 
@@ -186,7 +158,7 @@ def series(table: DriveTable) -> Found:
 
     A series has a gap (NaN) while its advice was withdrawn, or while nothing was shown.
     """
-    found = {**_plan(table), **_advised(table), **driven(table), **_in_the_cab(table), **_estimated(table)}
+    found = {**_plan(table), **_advised(table), **_driven(table), **_in_the_cab(table), **_estimated(table)}
     return {
         name: on_trip(table.course, *found[name], held=style.held) for name, style in STYLES.items() if name in found
     }
@@ -211,7 +183,7 @@ def _advised(table: DriveTable) -> Found:
     }
 
 
-def driven(table: DriveTable) -> Found:
+def _driven(table: DriveTable) -> Found:
     """What the train did, as far as it was recorded; no series but the speed is within the time of the trip yet."""
     true_ns, gradient_ratio, input_j = table.of_topic("truth", "gradient_ratio", "energy_input_j")
     # Without a simulator, the train's own control may have measured its forces.
@@ -287,14 +259,13 @@ def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilledIn:
-    """Series by the names of `STYLES`, the train's track on the map, and the source.
+    """Series by the names of `STYLES`, and their source.
 
     `source` says in a sentence what is estimated, or why nothing could be; it is empty if nothing was missing.
     """
 
     series: Found
     source: str
-    way: MapTrack | None = None
 
 
 def filled_in(energy: DriveEnergy) -> FilledIn:
@@ -336,14 +307,4 @@ def _estimate(table: DriveTable, motion: DrivenMotion) -> FilledIn:
     return FilledIn(
         series=found,
         source=f"force and energy are estimated from positions, not measured ({inputs.source})",
-        way=_way(inputs.route, trip),
     )
-
-
-def _way(route: Route, trip: DrivenCourse) -> MapTrack | None:
-    """Where the train was on the map by the line's geometry; None for a line without one."""
-    if not len(route.geometry_position_m):
-        return None
-    places = (route.geometry_latitude_deg, route.geometry_longitude_deg)
-    degrees = np.column_stack([np.interp(trip.s_m, route.geometry_position_m, one) for one in places])
-    return MapTrack.through(trip.time_ns, degrees)

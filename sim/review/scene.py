@@ -13,19 +13,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from das.bus.recording import Recording
-from das.domain.errors import DasError
 from das.domain.units import KM, KMH, NS, kwh, kwh_words
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
-from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.drive import Drive
-from sim.drive.events import NOT_HEARD, EventKind, Span, place_text, points
+from sim.drive.events import NOT_HEARD, EventKind, Span, place_text
 from sim.drive.series import (
     STYLES,
     FirstPlans,
     Found,
-    MapTrack,
-    driven,
     filled_in,
     on_trip,
     quantity_of,
@@ -35,12 +31,6 @@ from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.lanes import COST, Change, Lane, instructions, lanes
 from sim.review.words import attribution_text
 
-OVER_DISTANCE: Final = ("speed", "force", "gradient")
-"""The quantities that the viewer draws over distance as well as over time."""
-DRAWN_OVER_DISTANCE: Final = tuple(
-    name for name in STYLES if quantity_of(name) in OVER_DISTANCE and name != "speed/same_times"
-)
-"""The series that the viewer draws over distance, in drawing order; of the optima, only that from the start."""
 NOTHING: Final = np.empty(0, np.int64), np.empty(0)
 """Times and values of an empty series."""
 GAP: Final = np.array([np.nan])
@@ -79,19 +69,6 @@ COST_MEANINGS: Final = {
 """Meanings of the colours of costs; the other causes have the colour of energy lost."""
 
 
-class LinePlace(NamedTuple):
-    """Something at a place of the line: from where to where (m), its words, and its limit (m/s) if it sets one.
-
-    Its meaning tells what it is: a restriction (LIMIT), a signal at danger (DANGER), or a target (OPERATOR).
-    """
-
-    meaning: Meaning
-    start_m: float
-    end_m: float
-    text: str
-    limit_mps: float = np.inf
-
-
 class Mark(NamedTuple):
     """Something that happened: when (ns since 1970), its words with time and place, and the meaning of its colour."""
 
@@ -127,28 +104,23 @@ class RestrictedTime(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewScene:
-    """A drive, the series to plot, the lanes of states, and the places and happenings along the way."""
+    """A drive, the series to plot, the lanes of states, and the bookmarks."""
 
     drive: Drive
     series: Found
     placed: tuple[Trace, ...]
     """Series with positions of their own; other series lie where the train was at their times."""
     lanes: tuple[Lane, ...]
-    stops: tuple[tuple[str, float], ...]
-    """The stops of the journey by name, with their positions (m)."""
-    places: tuple[LinePlace, ...]
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
-    way: MapTrack | None = None
-    """The track on the map; None if neither locations nor the line's geometry are known."""
     filled_from: str = ""
     """A sentence about what is estimated because it was not recorded; empty if nothing is."""
     attribution: AttributionView | None = None
     """Energy by cause and place; None until `with_attribution` has found it, or if it is not known."""
 
     @classmethod
-    def of(cls, drive: Drive, beside: Drive | None = None) -> ReviewScene:
-        """The scene of a drive, with another one beside it, and without its energy attribution.
+    def of(cls, drive: Drive) -> ReviewScene:
+        """The scene of a drive, without its energy attribution.
 
         Raises DasError if the drive has no position at all.
         """
@@ -160,14 +132,10 @@ class ReviewScene:
                 "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
                 **_without_silence(drive.series, drive.silences),
                 **filled.series,
-                **series_beside(drive, beside),
             },
-            placed=tuple(_placed(drive, beside)),
+            placed=tuple(_placed(drive)),
             lanes=lanes(drive),
-            stops=() if table.journey is None else tuple((stop.name, stop.s_m) for stop in table.journey.stops),
-            places=tuple(_places(drive)),
-            bookmarks=_bookmarks(drive, beside),
-            way=MapTrack.of(table) or filled.way,
+            bookmarks=_bookmarks(drive),
             filled_from=filled.source,
         )
 
@@ -208,16 +176,6 @@ class ReviewScene:
         """The quantities of which there is something to show."""
         return {quantity_of(name) for name, (time_ns, _) in self.series.items() if len(time_ns)}
 
-    @property
-    def ends_s(self) -> tuple[float, float]:
-        """The first and the last moment of the trip (s on the drive's clock)."""
-        start_s, end_s = ((self.trip.time_ns[[0, -1]] - self.clock.zero_ns) * NS).tolist()
-        return start_s, end_s
-
-    def places_of(self, meaning: Meaning) -> list[LinePlace]:
-        """The restrictions (LIMIT), the signals at danger (DANGER) or the targets (OPERATOR)."""
-        return [one for one in self.places if one.meaning is meaning]
-
     def km_at(self, time_ns: Times) -> Floats:
         """Where the train was (km) at moments (ns since 1970)."""
         return self.trip.at(time_ns, self.trip.s_m) / KM
@@ -252,56 +210,14 @@ class ReviewScene:
                 yield RestrictedTime(start_ns, end_ns, one.limit_mps)
 
 
-MOST_PARTED: Final = 3
-"""Most stretches that are bookmarks."""
-LEAST_PARTED_KWH: Final = 0.5
-"""Least difference (kWh) of the drives on a stretch that is a bookmark."""
-
-
-def series_beside(drive: Drive, other: Drive | None) -> Found:
-    """Speed and energy of another drive, at the times of this drive at which the clocks of both show the same."""
-    if other is None:
-        return {}
-    found = {**driven(other.table), **filled_in(other.energy).series}
-    later_ns = drive.table.clock.zero_ns - other.table.clock.zero_ns
-    moved = {f"{name}/other": found[f"{name}/driven"] for name in ("speed", "energy")}
-    return {
-        name: on_trip(drive.table.course, time_ns + later_ns, one, held=False) for name, (time_ns, one) in moved.items()
-    }
-
-
-def partings(drive: Drive, other: Drive | None) -> Iterator[tuple[int, str]]:
-    """When this drive came to the stretches on which its losses differ most from those of the other one, and by how
-    much; nothing if the energy of either is not known."""
-    try:
-        aligned = None if other is None else AlignedDrives.of(drives_on_track([other, drive]))
-    except DasError:
-        return
-    parted = [] if aligned is None else sorted(aligned.stretches(1), key=lambda one: -abs(one.lost_j))[:MOST_PARTED]
-    for one in parted:
-        if abs(kwh(one.lost_j)) >= LEAST_PARTED_KWH:
-            reached = int(np.argmax(drive.table.course.s_m >= one.start_m))
-            more = f"{kwh_words(abs(one.lost_j))} {'less' if one.lost_j < 0 else 'more'} lost"
-            where = f"km {one.start_m / KM:.1f}–{one.end_m / KM:.1f}"
-            yield int(drive.table.course.time_ns[reached]), f"{where}  {more} than the other drive"
-
-
-def _placed(drive: Drive, beside: Drive | None) -> Iterator[Trace]:
-    """The first plan, the other drive, and by how much the train was faster than the speed shown to keep."""
+def _placed(drive: Drive) -> Iterator[Trace]:
+    """The first plan, and by how much the train was faster than the speed shown to keep."""
     trip, plan, shown = drive.table.course, FirstPlans.of(drive.table), drive.energy.shown
-    if beside is not None:
-        there = (beside.table.course.s_m >= trip.s_m.min()) & (beside.table.course.s_m <= trip.s_m.max())
-        yield Trace("speed/other", beside.table.course.s_m[there], beside.table.course.speed_mps[there] / KMH)
     if plan is not None:
         within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
         yield Trace("speed/optimum", plan.s_m[within], plan.speed_mps[within] / KMH)
     apart_mps = np.where(shown.comparable, trip.at(shown.time_ns, trip.speed_mps) - shown.speed_mps, np.nan)
     yield Trace("apart/shown", trip.at(shown.time_ns, trip.s_m), apart_mps / KMH)
-
-
-def speed_text(limit_mps: float) -> str:
-    """The limit of a restriction as it is written beside it."""
-    return f"{limit_mps / KMH:.0f} km/h"
 
 
 def _without_silence(found: Found, silent: tuple[Span, ...]) -> Found:
@@ -315,27 +231,14 @@ def _without_silence(found: Found, silent: tuple[Span, ...]) -> Found:
     return broken
 
 
-def _places(drive: Drive) -> Iterator[LinePlace]:
-    """The restrictions and targets that the node received, and the signals at danger that the driver saw."""
-    for limit in drive.temporary_limits:
-        one = limit.restriction
-        yield LinePlace(Meaning.LIMIT, one.start_m, one.end_m, speed_text(one.limit_mps), one.limit_mps)
-    for signal in drive.signals:
-        yield LinePlace(Meaning.DANGER, signal.s_m, signal.s_m, "at danger")
-    for point in points(drive.table):
-        yield LinePlace(Meaning.OPERATOR, point.s_m, point.s_m, point.text)
-
-
-def _bookmarks(drive: Drive, beside: Drive | None) -> tuple[Mark, ...]:
+def _bookmarks(drive: Drive) -> tuple[Mark, ...]:
     """The bookmarks; the list of the viewer shows their times beside the texts."""
     noted = {EventKind.NOTE: "note: "}
-    found = [
+    return tuple(
         Mark(one.time_ns, f"{place_text(one.s_m)}  {noted.get(one.kind, '')}{one.text}", MEANINGS.get(one.kind))
         for one in drive.events
         if one.kind not in ROUTINE
-    ]
-    found += [Mark(time_ns, text, Meaning.OTHER_DRIVE) for time_ns, text in partings(drive, beside)]
-    return tuple(sorted(found, key=lambda one: one.time_ns))
+    )
 
 
 def meaning_of(cause: EnergyCause) -> Meaning:

@@ -16,7 +16,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from das.advice.wording import Language
 from das.command_line.process import interrupted_by_termination
@@ -34,19 +34,7 @@ CLOSING_S: Final = 5.0
 """Time (s) that a viewer may take to end before it is killed."""
 
 
-class ViewerChoice(NamedTuple):
-    """What a user chooses for the viewer: another drive whose curves lie under those of the recording, and the language
-    of the display."""
-
-    beside: Drive | None = None
-    language: Language = Language.EN
-
-
-PLAIN: Final = ViewerChoice()
-"""One drive, the display in English."""
-
-
-def save_view(drive: Drive, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> None:
+def save_view(drive: Drive, rrd_path: Path, language: Language = Language.EN) -> None:
     """Write a recording as a rerun file, with our layout and the energy attribution.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
@@ -57,12 +45,12 @@ def save_view(drive: Drive, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> Non
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
-        scene = ReviewScene.of(drive, chosen.beside)
-        _send(scene, chosen, lambda out, layout: out.save(whole, default_blueprint=layout)).disconnect()
+        scene = ReviewScene.of(drive)
+        _send(scene, language, lambda out, layout: out.save(whole, default_blueprint=layout)).disconnect()
         write_whole(rrd_path, whole.read_bytes())
 
 
-def open_view(drive: Drive, chosen: ViewerChoice = PLAIN) -> None:
+def open_view(drive: Drive, language: Language = Language.EN) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
     The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
@@ -70,12 +58,12 @@ def open_view(drive: Drive, chosen: ViewerChoice = PLAIN) -> None:
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()
-    scene, port = ReviewScene.of(drive, chosen.beside), _free_port()
+    scene, port = ReviewScene.of(drive), _free_port()
     with interrupted_by_termination():
-        run_viewer(port, lambda: _feed_viewer(scene, port, chosen))
+        run_viewer(port, lambda: _feed_viewer(scene, port, language))
 
 
-def _feed_viewer(scene: ReviewScene, port: int, chosen: ViewerChoice) -> None:
+def _feed_viewer(scene: ReviewScene, port: int, language: Language) -> None:
     """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the energy
     attribution.
 
@@ -83,21 +71,20 @@ def _feed_viewer(scene: ReviewScene, port: int, chosen: ViewerChoice) -> None:
     """
     os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
     address = f"rerun+http://127.0.0.1:{port}/proxy"
-    _send(scene, chosen, lambda out, layout: out.connect_grpc(address, default_blueprint=layout))
+    _send(scene, language, lambda out, layout: out.connect_grpc(address, default_blueprint=layout))
 
 
 def _send(
-    scene: ReviewScene, chosen: ViewerChoice, attach: Callable[[rr.RecordingStream, rrb.Blueprint], None]
+    scene: ReviewScene, language: Language, attach: Callable[[rr.RecordingStream, rrb.Blueprint], None]
 ) -> rr.RecordingStream:
     """Send a scene to where `attach` leads a new stream: what was recorded, then the energy attribution."""
     import rerun as rr
 
-    from sim.review.layout import blueprint
-    from sim.review.rerun_drawing import send, send_attribution
+    from sim.review.rerun_drawing import blueprint, send, send_attribution
 
     with rr.RecordingStream(APPLICATION, recording_id=scene.drive.name) as out:
         attach(out, blueprint(scene))
-        send(out, scene, chosen.language)
+        send(out, scene, language)
         out.flush()
         send_attribution(out, scene.with_attribution())
         out.flush()

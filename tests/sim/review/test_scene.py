@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,10 +32,8 @@ from tests.support.hand_recorded import (
     SPEED_MPS,
     advice,
     cab,
-    in_memory,
     recorded,
     told,
-    truth,
     withdrawn,
 )
 from tests.support.recorded_days import inputs_of_day, recorded_day
@@ -187,12 +184,6 @@ def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -
     assert f"Above the optimum for the same times: {kwh(attribution.above.difference_j):+.1f} kWh" in shown.text
 
 
-def standing_until(t_s: float, *sent: tuple[topics.Topic, Any]) -> Recording:
-    """A train that stands until a moment and then runs at 20 m/s until 100 s."""
-    seconds = range(SECONDS + 1)
-    return in_memory(*(truth(t, SPEED_MPS * max(t - t_s, 0.0), SPEED_MPS * (t >= t_s)) for t in seconds), *sent)
-
-
 def test_the_display_of_a_moving_train_is_in_words_without_changes_that_nobody_reads() -> None:
     shown = das_pb2.Cab.PRESENTATION_GUIDE
     told_modes = (
@@ -214,14 +205,3 @@ def test_the_display_of_a_moving_train_is_in_words_without_changes_that_nobody_r
     ]
     assert lane.colors["hold 80"] == MODES["cruise"]
     assert instructions(Drive(recording=recorded())).changes == ()
-
-
-def test_another_drive_lies_beside_this_one_by_place_and_by_the_clocks_of_both() -> None:
-    drive, other = Drive(recording=standing_until(10.0)), Drive(recording=standing_until(30.0))
-    scene = ReviewScene.of(drive, other)
-    time_ns, kmh = scene.series["speed/other"]
-    assert (time_ns[0], time_ns[-1]) == (at_ns(0), at_ns(SECONDS))
-    assert kmh[[29, 31]].tolist() == [0.0, 72.0]
-    (placed,) = scene.over_distance(["speed/other"])
-    assert placed.s_m[-1] == SPEED_MPS * (SECONDS - 30.0)
-    assert "speed/other" not in ReviewScene.of(drive).series
