@@ -100,7 +100,7 @@ ENTRIES: Final = (
     Entry(
         name="export",
         where="sim.cli.recordings:export",
-        summary="Write a recording as tables: one per topic, one by time, one by position; column names state units.",
+        summary="Write a recording as tables: one per topic and one by time; column names state units.",
         examples=("das-sim export run.mcap -o tables", "das-sim export run.mcap -o shared --trim-ends --anonymous"),
     ),
     Entry(

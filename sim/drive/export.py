@@ -1,10 +1,10 @@
-"""Exports a recording: one table per topic, one joined by time, one joined by position, and a note of their origin."""
+"""Exports a recording: one table per topic, one joined by time, and a note of their origin; anonymous if asked for."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
@@ -18,8 +18,8 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.files.writing import write_folder_whole
 from das.domain.units import NS
-from sim.drive.export.anonymous import anonymous
-from sim.drive.export.tables import (
+from sim.drive.message_tables import (
+    LOG_TIME,
     ON_THE_CLOCK,
     SINCE_START,
     TIME,
@@ -35,123 +35,52 @@ from sim.drive.table import HOLDS_S, DriveTable
 from sim.recording.course import DriveClock
 from sim.recording.opening import open_recording
 
-STEP_M: Final = 10.0
-"""Distance (m) between two rows of the table by position."""
 MOVING: Final = ("truth", "position")
-"""Topics that state where the train is; the first one recorded is used. Their numbers are interpolated between two
-messages; numbers of other topics hold until the next message."""
+"""Topics that state where the train is; the first one recorded has the rows of the table by time."""
 JOINED: Final = ("truth", "position", "advice", "cab", "effort", "delay", "estimate", "status")
-"""Topics whose columns are in the tables by time and by position."""
+"""Topics whose columns are in the table by time."""
 LASTING: Final = ("delay", "estimate")
 """Topics whose messages hold until the next one, however long that takes; those of others hold for `HOLDS_S`."""
 KINDS: Final = ("float", "int", "bool", "choice")
 
 
 def by_time(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | None:
-    """One row for each message that states where the train is; None if there are none."""
-    base = _base(tables)
+    """A row for each message that states where the train is, with the last message of each topic; None without any."""
+    base = next((tables[name] for name in MOVING if name in tables and len(tables[name])), None)
     if base is None:
         return None
     at_ns = np.unique(_times(base))
-    return DataTable(name="by_time", columns=[*_moments(at_ns, zero_ns), *_joined(tables, at_ns)])
-
-
-def by_position(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | None:
-    """One row every `STEP_M` along the route as driven; None if the train did not move.
-
-    A row has the time at which the train first reached its position. There are no rows where the position was not
-    recorded for longer than `HOLDS_S`.
-    """
-    base = _base(tables)
-    if base is None:
-        return None
-    time_ns, s_m = _first_there(base)
-    if len(s_m) < 2:
-        return None
-    places = np.arange(np.ceil(s_m[0] / STEP_M), np.floor(s_m[-1] / STEP_M) + 1) * STEP_M
-    if len(places):
-        at_ns = time_ns[0] + np.rint(np.interp(places, s_m, (time_ns - time_ns[0]).astype(np.float64))).astype(np.int64)
-        there = _between_neighbours(np.sort(_times(base)), at_ns)
-        places, at_ns = places[there], at_ns[there]
-    if not len(places):
-        return None
-    lasts = [*(np.diff(at_ns) * NS).tolist(), None]
     columns = [
-        Column(name="s_m", kind="float", values=places.tolist(), meaning="position of the train's head on the route"),
-        *_moments(at_ns, zero_ns),
-        Column(name="to_next_s", kind="float", values=lasts, meaning="time from this row to the next, stands included"),
-        *_joined(tables, at_ns),
+        Column(name=TIME, kind="int", values=at_ns.tolist(), meaning="since 1970 (UTC)"),
+        Column(name=SINCE_START, kind="float", values=((at_ns - zero_ns) / 1e9).tolist(), meaning=ON_THE_CLOCK),
     ]
-    return DataTable(name="by_position", columns=columns)
-
-
-def _first_there(base: DataTable) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Times (ns) and positions (m) at which the train was further than ever before, in the order of the times."""
-    time_ns, s_m = _times(base), np.array(base["s_m"].values, dtype=np.float64)
-    order = np.argsort(time_ns, kind="stable")
-    order = order[np.isfinite(s_m[order])]
-    time_ns, s_m = time_ns[order], s_m[order]
-    ahead = np.ones(len(s_m), dtype=bool)
-    ahead[1:] = s_m[1:] > np.maximum.accumulate(s_m)[:-1]
-    return time_ns[ahead], s_m[ahead]
-
-
-def _base(tables: Mapping[str, DataTable]) -> DataTable | None:
-    return next((tables[name] for name in MOVING if name in tables and len(tables[name])), None)
+    for name in JOINED:
+        if name in tables and len(tables[name]):
+            columns += _at(tables[name], at_ns)
+    return DataTable(name="by_time", columns=columns)
 
 
 def _times(table: DataTable) -> NDArray[np.int64]:
     return np.array(table[TIME].values, dtype=np.int64)
 
 
-def _moments(at_ns: NDArray[np.int64], zero_ns: int) -> list[Column]:
-    return [
-        Column(name=TIME, kind="int", values=at_ns.tolist(), meaning="since 1970 (UTC)"),
-        Column(name=SINCE_START, kind="float", values=((at_ns - zero_ns) / 1e9).tolist(), meaning=ON_THE_CLOCK),
-    ]
-
-
-def _joined(tables: Mapping[str, DataTable], at_ns: NDArray[np.int64]) -> list[Column]:
-    """The columns of all topics at some moments, each with its topic's name in front."""
-    columns = []
-    for name in JOINED:
-        if name in tables and len(tables[name]):
-            columns += _at(tables[name], at_ns)
-    return columns
-
-
 def _at(table: DataTable, at_ns: NDArray[np.int64]) -> list[Column]:
+    """The columns of a topic at some moments, each with the topic's name in front."""
     order = np.argsort(_times(table), kind="stable")
     time_ns = _times(table)[order]
     last = np.searchsorted(time_ns, at_ns, side="right") - 1
     age_s = (at_ns - time_ns[np.maximum(last, 0)]) * NS
-    known = (last >= 0) & ((age_s <= HOLDS_S) | (table.name in LASTING))
-    near = known & _between_neighbours(time_ns, at_ns)
-    columns = []
-    for one in table.columns[3:]:  # behind the times
-        if one.kind not in KINDS:
-            continue
-        ordered = [one.values[i] for i in order]
-        values = _steady(ordered, time_ns, at_ns) if table.name in MOVING and one.kind == "float" else None
-        held: Sequence[Any] = values if values is not None else [ordered[i] for i in np.maximum(last, 0)]
-        kept = [x if there else None for x, there in zip(held, known if values is None else near, strict=True)]
-        columns.append(Column(name=f"{table.name}_{one.name}", kind=one.kind, values=kept, meaning=one.meaning))
-    return columns
-
-
-def _between_neighbours(time_ns: NDArray[np.int64], at_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether moments lie on a message or between two that are close together; elsewhere messages are missing."""
-    last = np.maximum(np.searchsorted(time_ns, at_ns, side="right") - 1, 0)
-    following = np.minimum(last + 1, len(time_ns) - 1)
-    near: NDArray[np.bool_] = (time_ns[last] == at_ns) | ((time_ns[following] - time_ns[last]) * NS <= HOLDS_S)
-    return near
-
-
-def _steady(values: list[Any], time_ns: NDArray[np.int64], at_ns: NDArray[np.int64]) -> list[float]:
-    """Numbers at some moments, interpolated linearly between the known ones."""
-    numbers = np.array([np.nan if one is None else one for one in values], dtype=np.float64)
-    zero = time_ns[0]
-    return [float(x) for x in np.interp((at_ns - zero).astype(float), (time_ns - zero).astype(float), numbers)]
+    known = ((last >= 0) & ((age_s <= HOLDS_S) | (table.name in LASTING))).tolist()
+    rows = order[np.maximum(last, 0)].tolist()
+    return [
+        replace(
+            one,
+            name=f"{table.name}_{one.name}",
+            values=[one.values[row] if there else None for row, there in zip(rows, known, strict=True)],
+        )
+        for one in table.columns[3:]  # behind the times
+        if one.kind in KINDS
+    ]
 
 
 STANDING_MPS: Final = 0.1
@@ -178,17 +107,8 @@ class ExportSettings:
     format: FileFormat = FileFormat.BOTH
 
 
-@dataclass(frozen=True, kw_only=True)
-class Exported:
-    """What was written: the number of rows of each table, and of all files."""
-
-    folder: Path
-    rows: dict[str, int]
-    files: int
-
-
-def export(path: Path, folder: Path, settings: ExportSettings, train: str | None = None) -> Exported:
-    """Write the tables of a recording into a new folder, which appears complete or not at all.
+def export(path: Path, folder: Path, settings: ExportSettings, train: str | None = None) -> dict[str, int]:
+    """Write the tables of a recording into a new folder, which appears complete or not at all; return their rows.
 
     Raises DasError for an unusable recording or time, and if the folder is not empty or cannot be made.
     """
@@ -204,11 +124,11 @@ def export(path: Path, folder: Path, settings: ExportSettings, train: str | None
     if settings.anonymous:
         tables = [kept for one in tables if (kept := anonymous(one, zero_ns, zero_m)) is not None]
     named = {one.name: one for one in tables}
-    joined = [one(named, 0 if settings.anonymous else zero_ns) for one in (by_time, by_position)]
-    tables += [one for one in joined if one is not None]
+    joined = by_time(named, 0 if settings.anonymous else zero_ns)
+    tables += [] if joined is None else [joined]
     about = _about(drive.recording, settings, zero_ns, span)
     write_folder_whole(folder, _files(tables, about, settings.format))
-    return Exported(folder=folder, rows={one.name: len(one) for one in tables}, files=len(list(folder.iterdir())))
+    return {one.name: len(one) for one in tables}
 
 
 def check_folder(folder: Path) -> None:
@@ -237,16 +157,11 @@ def _span(drive: DriveTable, settings: ExportSettings, clock: DriveClock) -> tup
         raise DasError(f"--to {settings.end}: expected a time after --from")
     if not settings.trim_ends:
         return start_ns, end_ns
-    moving = _moving_ns(drive)
+    time_ns, speed_mps = drive.of_topic("truth" if drive.has("truth") else "position", "speed_mps")
+    moving = time_ns[speed_mps > STANDING_MPS]
     if not len(moving):
         raise DasError(f"{drive.recording.path}: --trim-ends: the train does not move in this recording")
     return max(start_ns, int(moving[0])), min(end_ns, int(moving[-1]))
-
-
-def _moving_ns(drive: DriveTable) -> NDArray[np.int64]:
-    """The times (ns) at which the train moves, in order."""
-    time_ns, speed_mps = drive.of_topic("truth" if drive.has("truth") else "position", "speed_mps")
-    return np.asarray(time_ns[speed_mps > STANDING_MPS])
 
 
 def _as_recorded(recording: Recording, zero_ns: int, span: tuple[int, int]) -> list[DataTable]:
@@ -297,3 +212,92 @@ def _files(tables: Sequence[DataTable], about: dict[str, Any], kind: FileFormat)
         if kind is not FileFormat.CSV:
             files[f"{one.name}.parquet"] = as_parquet(one, texts)
     return files
+
+
+KEPT: Final[Mapping[str, str]] = {
+    "position": "s_m speed_mps uncertainty_m quality speed_uncertainty_mps",
+    "delay": "delay_s",
+    "effort": "force_el_n force_friction_n",
+    "journey": "",
+    "journey_stops": "number s_m arrival_ns departure_ns",
+    "restriction": "",
+    "restriction_restrictions": "number start_m end_m limit_mps valid_from_ns valid_until_ns",
+    "target": "",
+    "target_targets": "number s_m arrival_ns earliest_ns latest_ns",
+    "control": "tick command restrictions_ns targets_ns",
+    "advice": (
+        "tick position_time_ns s_m speed_mps mode advised_speed_mps advised_force_n advised_force_ratio "
+        "horizon_speed_mps horizon_force_n next_mode next_change_m next_change_s predicted_arrival_ns "
+        "predicted_deviation_s buffer_ratio energy_to_go_j source valid_until_ns limit_mps position_sd_m "
+        "display_speed_mps cause guide_now_mode "
+        "guide_now_speed_mps guide_now_effort_ratio guide_now_way_m guide_now_in_s guide_target_m guide_target_s "
+        "guide_force_n guide_replan_cause guide_replan_time_ns guide_replan_gain_j guide_replan_gain_s "
+        "guide_reference_force_n guide_reason_code guide_reason_speed_mps guide_reason_at_m guide_reason_time_ns "
+        "guide_reason_late_s guide_lever_ratio departure_speed_mps departure_force_ratio reason_code "
+        "reason_speed_mps reason_at_m reason_time_ns reason_late_s replaced_parts"
+    ),
+    "advice_guide_following": "number mode speed_mps effort_ratio way_m in_s",
+    "plan": "s_m t_s speed_mps force_n",
+    "estimate": "mass_ratio mass_sd_ratio resistance_ratio resistance_sd_ratio samples usable differs",
+    "status": "state solve_s last_advice_s advices cause",
+    "event": "level",
+    "truth": (
+        "s_m speed_mps acceleration_mps2 force_el_n force_friction_n energy_input_j gradient_ratio limit_mps "
+        "adhesion_ratio head_wind_mps resistance_j component_loss_j auxiliary_j friction_brake_j unreturned_j "
+        "comfort_j blending_j"
+    ),
+    "cab": (
+        "presentation mode advised_speed_mps advised_lever_ratio next_mode next_change_s limit_mps signal_m "
+        "lever_ratio display_speed_mps look clock_s s_m speed_mps stop_m departure_s arrival_s may_depart advice_s "
+        "valid_until_s advised_force_n due_s target_way_m friction_ratio deviation_s next_speed_mps "
+        "next_effort_ratio horizon_speed_mps horizon_force_n reason_code reason_speed_mps reason_at_m "
+        "reason_time_ns reason_late_s interlock late_s gradient_ratio force_el_n force_friction_n cause "
+        "next_change_m second_mode second_change_s second_change_m second_speed_mps second_effort_ratio wall_ns"
+    ),
+    "cab_restrictions": "number start_m end_m limit_mps valid_from_ns valid_until_ns",
+    "cab_limits_ahead": "number s_m limit_mps",
+    "controls": "look lever_ratio force_n friction_ratio",
+    "action": "number device lever_ratio look browser_ns server_ns bus_ns",
+    "mark": "kind look browser_ns server_ns bus_ns",
+    "decision": "kind value",
+    "measures": "shown_s advice_changes_per_min reversals shortest_mode_s",
+    "saving": "measured comparable driven_j optimum_j likely_low_j likely_high_j worst_low_j worst_high_j",
+    "saving_sections": "number trip_s driven_j optimum_j faster_than_possible",
+    "log": "level",
+    "recorder": "tick messages advice_tick node_state",
+}
+"""Columns of each table that an anonymous export keeps beside the times of a row; all others are left out.
+
+A new field is therefore left out until it is added here. A position on the route is added to `POSITIONS` as well.
+Texts are not kept, since reasons and remarks may name stops.
+"""
+POSITIONS: Final = ("s_m", "start_m", "end_m", "signal_m", "stop_m", "reason_at_m", "guide_reason_at_m")
+"""Columns that are positions on the route; in an anonymous export they count from the first stop."""
+TIMES_END: Final = "_ns"
+"""Ending of columns that are moments; in an anonymous export they count from the departure, which hides the date."""
+
+
+def anonymous(table: DataTable, zero_ns: int, zero_m: float) -> DataTable | None:
+    """The table without what identifies the train or the line; None for a table that is left out.
+
+    `zero_ns` (ns since 1970) and `zero_m` become 0.
+    """
+    if table.name not in KEPT:
+        return None
+    kept = {LOG_TIME, TIME, SINCE_START, *KEPT[table.name].split()}
+    return replace(table, columns=[_shifted(one, zero_ns, zero_m) for one in table.columns if one.name in kept])
+
+
+def _shifted(column: Column, zero_ns: int, zero_m: float) -> Column:
+    if column.name.endswith(TIMES_END):
+        values: list[Any] = [None if not value else value - zero_ns for value in column.values]
+        return replace(column, values=values, meaning=f"{column.meaning or 'a moment'}; counted from the departure")
+    if column.name not in POSITIONS:
+        return column
+    return replace(
+        column,
+        values=[
+            [x - zero_m for x in one] if isinstance(one, list) else None if one is None else one - zero_m
+            for one in column.values
+        ],
+    )
