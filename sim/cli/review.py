@@ -103,7 +103,7 @@ class NewNote:
         if not first_ns <= at_ns <= last_ns:
             ends = f"{table.clock.shown(first_ns)} to {table.clock.shown(last_ns)}"
             raise DasError(f"--at {self.at}: expected a time of the drive, {ends}")
-        tell_written(add_note(files[0], Note(time_ns=at_ns, end_ns=at_ns, text=self.note)))
+        tell_written(add_note(files[0], Note(at_ns, self.note)))
 
 
 SaveOption = Annotated[

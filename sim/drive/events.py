@@ -482,12 +482,7 @@ def _notes(table: DriveTable) -> Iterator[DriveEvent]:
     for number, note in enumerate(read_notes(table.recording.path), start=1):
         if not trip.time_ns[0] <= note.time_ns <= trip.time_ns[-1]:
             continue
-        tags = f" [{', '.join(note.tags)}]" if note.tags else ""
-        by = f" ({note.author})" if note.author else ""
-        yield DriveEvent.on(
-            trip, EventKind.NOTE, note.time_ns, f"{note.text}{tags}{by}", end_ns=note.end_ns,
-            number=number, note=note.text, tags=list(note.tags), author=note.author,
-        )  # fmt: skip
+        yield DriveEvent.on(trip, EventKind.NOTE, note.time_ns, note.text, number=number, note=note.text)
 
 
 def _told_events(table: DriveTable) -> Iterator[DriveEvent]:

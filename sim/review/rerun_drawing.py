@@ -18,13 +18,16 @@ import rerun.blueprint as rrb
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.advice.wording import Language
-from das.domain.units import KMH, NS
+from das.domain.units import KMH, NS, kwh_figure
+from sim.drive.attribution.attribution import Attribution
 from sim.drive.series import BUFFER_PERCENT, QUANTITIES, STYLES, quantity_of
 from sim.meanings import VIEWER, rgba
 from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, Times
 from sim.review.lanes import COST, WAY, Lane, lane_entity
+from sim.review.report.first_page import in_lines
+from sim.review.report.tables import cause_rows, figures, input_rows
 from sim.review.scene import ReviewScene
-from sim.review.words import Card, DisplayWords, cards, summary
+from sim.review.words import DisplayWords, cards
 
 DRIVE_CLOCK, POSITION = "drive_clock", "position_m"
 """Names of two timelines: time on the drive's clock, and position on the route (m). The third is the line's clock."""
@@ -93,9 +96,9 @@ class Timelines:
 
 
 def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> None:
-    """Send everything to rerun that is to be shown, except the energy attribution; the display is in a language."""
+    """Send everything to rerun that is to be shown; the display is in a language."""
     out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
-    lines = Timelines.of_scene(scene)
+    lines, attribution = Timelines.of_scene(scene), scene.drive.energy.attribution
     for name, (time_ns, values) in scene.series.items():
         if len(time_ns):
             _series(out, lines, name, time_ns, values)
@@ -103,27 +106,42 @@ def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> Non
         _lane(out, lines, lane)
     _bookmarks(out, lines, scene)
     _events(out, lines, scene)
-    _cards(out, lines, cards(scene.drive.table, DisplayWords(language, scene.drive.table.zone)))
-    out.log("summary", rr.TextDocument(summary(scene.drive, scene.filled_from), media_type=MARKDOWN), static=True)
-
-
-def send_attribution(out: rr.RecordingStream, scene: ReviewScene) -> None:
-    """Send where the energy went in a scene with its energy attribution, or why it is not known."""
-    lines, shown = Timelines.of_scene(scene), scene.attribution
-    why_not = f"The energy is not attributed: {scene.drive.energy.why_no_attribution}."
-    out.log(ENERGY, rr.TextDocument(why_not if shown is None else shown.text, media_type=MARKDOWN), static=True)
-    if shown is not None:
-        for name in shown.series:
-            _series(out, lines, name, *scene.series[name])
-        if shown.spans:
-            _lane(out, lines, shown.lane)
-
-
-def _cards(out: rr.RecordingStream, lines: Timelines, found: Sequence[Card]) -> None:
-    """Send the words of the display."""
+    found = cards(scene.drive.table, DisplayWords(language, scene.drive.table.zone))
     if found:
         columns = rr.TextDocument.columns(text=[one.text for one in found], media_type=[MARKDOWN] * len(found))
         out.send_columns(CAB, lines.of(np.array([one.time_ns for one in found])), columns)
+    why_not = f"The energy is not attributed: {scene.drive.energy.why_no_attribution}."
+    texts = {ENERGY: attribution_text(attribution) if attribution else why_not, "summary": summary(scene)}
+    for entity, text in texts.items():
+        out.log(entity, rr.TextDocument(text, media_type=MARKDOWN), static=True)
+
+
+def summary(scene: ReviewScene) -> str:
+    """The first page of the report, its figures and its sources (Markdown)."""
+    recording, filled = scene.recording, scene.filled_from
+    lines = [f"### Train {recording.train}", *(f"**Damaged: {one}.**" for one in recording.health.damage)]
+    lines += [f"**{filled[0].upper()}{filled[1:]}.**"] if filled else []
+    lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}"] if len(recording.trains) > 1 else []
+    rows = [("", figures(scene.drive)), ("Sources", input_rows(scene.drive))]
+    return "\n\n".join([*lines, *in_lines(scene.drive), *(_table((title, ""), one) for title, one in rows)])
+
+
+def attribution_text(attribution: Attribution) -> str:
+    """The energy by cause as the report has it (Markdown)."""
+    above = attribution.above
+    source = "of the simulated train" if above.measured else "estimated from positions; not measured"
+    rows = [
+        ("optimum for the same times", kwh_figure(above.optimum_j), ""),
+        *((one["label"], one["kwh"], one["meaning"]) for one in cause_rows(attribution)),
+        ("**as driven**", f"**{kwh_figure(above.driven_j)}**", ""),
+    ]
+    head = f"### Above the optimum for the same times: {above.words}"
+    return "\n\n".join([head, _table(("", "kWh", ""), rows), f"Energy at the current collector, {source}."])
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    cells = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(one.replace('|', '/') for one in row)} |" for row in cells)
 
 
 def _series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: Times, values: Floats) -> None:
@@ -239,8 +257,6 @@ TABS: Final = {
 }
 HEIGHTS: Final = {"buffer": BUFFER_PERCENT, "lever": (-105.0, 105.0)}
 """Ranges of the axes that do not follow from what is shown."""
-ALWAYS: Final = {"lost", "energy"}
-"""Views that are never left out, because their series are found only after the layout is made."""
 LANE_SHARE: Final = 0.6
 """Height that each lane adds to the share of its view."""
 
@@ -283,8 +299,7 @@ def _tabs(scene: ReviewScene) -> list[rrb.View]:
 
 def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical | None:
     """The views for which there is something to show, one under the other; None if there are none."""
-    found = scene.quantities | ALWAYS
-    lanes = {lane.name for lane in scene.lanes} | {COST}  # the lane of costs is found later
+    found, lanes = scene.quantities, {lane.name for lane in scene.lanes}
     rows = tuple(row._replace(lanes=_said(row.lanes, lanes)) for row in rows)
     shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]
     shares = [row.share + LANE_SHARE * len(lanes & set(row.lanes)) for row in shown]

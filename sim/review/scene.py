@@ -7,7 +7,7 @@ colours are defined here, in `lanes` and in `sim.drive.series`; a renderer decid
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,7 +29,6 @@ from sim.drive.series import (
 from sim.meanings import Meaning, Theme
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.lanes import COST, Change, Lane, instructions, lanes
-from sim.review.words import attribution_text
 
 NOTHING: Final = np.empty(0, np.int64), np.empty(0)
 """Times and values of an empty series."""
@@ -115,40 +114,26 @@ class ReviewScene:
     """The events of the drive that are worth a look, and people's notes, in order of time."""
     filled_from: str = ""
     """A sentence about what is estimated because it was not recorded; empty if nothing is."""
-    attribution: AttributionView | None = None
-    """Energy by cause and place; None until `with_attribution` has found it, or if it is not known."""
 
     @classmethod
     def of(cls, drive: Drive) -> ReviewScene:
-        """The scene of a drive, without its energy attribution.
-
-        Raises DasError if the drive has no position at all.
-        """
-        table = drive.table
+        """The scene of a drive, with its energy attribution if that is known; DasError without any position."""
+        table, attribution = drive.table, drive.energy.attribution
         trip, filled = table.course, filled_in(drive.energy)
+        lost = {} if attribution is None else attribution_series(attribution)
         return cls(
             drive=drive,
             series={
                 "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
                 **_without_silence(drive.series, drive.silences),
                 **filled.series,
+                **{name: on_trip(trip, *one, held=False) for name, one in lost.items()},
             },
-            placed=tuple(_placed(drive)),
-            lanes=lanes(drive),
+            placed=(*_placed(drive), *(() if attribution is None else _attribution_by_place(attribution))),
+            lanes=(*lanes(drive), *(() if attribution is None else cost_lanes(attribution))),
             bookmarks=_bookmarks(drive),
             filled_from=filled.source,
         )
-
-    def with_attribution(self) -> ReviewScene:
-        """The scene with its energy attribution, which takes a while to find; the same scene if the attribution is not
-        known.
-        """
-        if self.drive.energy.attribution is None:
-            return self
-        shown = AttributionView.of(self.drive.energy.attribution)
-        within = {name: on_trip(self.trip, *one, held=False) for name, one in shown.series.items()}
-        placed = (*self.placed, *shown.placed)
-        return replace(self, series={**self.series, **within}, placed=placed, attribution=shown)
 
     @property
     def recording(self) -> Recording:
@@ -260,38 +245,19 @@ class CostSpan(NamedTuple):
         return abs(kwh(self.energy_j)) >= LEAST_KWH
 
 
-@dataclass(frozen=True, kw_only=True)
-class AttributionView:
-    """Where the energy went, as it is shown: a text (Markdown), series over time and distance, and spans of cost."""
-
-    text: str
-    series: Found
-    placed: tuple[Trace, ...]
-    spans: tuple[CostSpan, ...]
-
-    @classmethod
-    def of(cls, attribution: Attribution) -> AttributionView:
-        """The view of an energy attribution."""
-        return cls(
-            text=attribution_text(attribution),
-            series=_attribution_series(attribution),
-            placed=tuple(_attribution_by_place(attribution)),
-            spans=tuple(span for leg in attribution.legs for span in spans_of(leg)),
-        )
-
-    @property
-    def lane(self) -> Lane:
-        """The lane of what the driving cost: for each span worth showing, its cause and its energy."""
-        changes: list[Change] = []
-        colors: dict[str, str | Meaning] = {}
-        for span in self.spans:
-            text = f"{kwh_words(span.energy_j, signed=True)} {span.cause.label}" if span.worth else ""
-            if text:
-                colors[text] = meaning_of(span.cause)
-            while changes and changes[-1].time_ns >= span.start_ns:
-                changes.pop()
-            changes += [Change(span.start_ns, text), Change(span.end_ns, "")]
-        return Lane(COST, tuple(changes), colors)
+def cost_lanes(attribution: Attribution) -> Iterator[Lane]:
+    """The lane of what the driving cost: for each span worth showing, its cause and its energy; none without spans."""
+    changes: list[Change] = []
+    colors: dict[str, str | Meaning] = {}
+    for span in (span for leg in attribution.legs for span in spans_of(leg)):
+        text = f"{kwh_words(span.energy_j, signed=True)} {span.cause.label}" if span.worth else ""
+        if text:
+            colors[text] = meaning_of(span.cause)
+        while changes and changes[-1].time_ns >= span.start_ns:
+            changes.pop()
+        changes += [Change(span.start_ns, text), Change(span.end_ns, "")]
+    if changes:
+        yield Lane(COST, tuple(changes), colors)
 
 
 def spans_of(leg: LegAttribution) -> Iterator[CostSpan]:
@@ -310,7 +276,7 @@ def spans_of(leg: LegAttribution) -> Iterator[CostSpan]:
         yield open_
 
 
-def _attribution_series(attribution: Attribution) -> Found:
+def attribution_series(attribution: Attribution) -> Found:
     """Over time: energy above the optimum by all causes, the part by driving other than advised, and the optimum."""
     rises = [
         (int(leg.leg.motion.time_ns[leg.committed.sample][rise.last]), rise.cause, rise.energy_j)

@@ -13,21 +13,16 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from das.advice.wording import Language
+from das.command_line.printing import busy
 from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from sim.drive.drive import Drive
 from sim.review.scene import ReviewScene
-
-if TYPE_CHECKING:
-    import rerun as rr
-    import rerun.blueprint as rrb
 
 APPLICATION: Final = "das-review"
 CLOSING_S: Final = 5.0
@@ -35,7 +30,7 @@ CLOSING_S: Final = 5.0
 
 
 def save_view(drive: Drive, rrd_path: Path, language: Language = Language.EN) -> None:
-    """Write a recording as a rerun file, with our layout and the energy attribution.
+    """Write a recording as a rerun file, with our layout; the display is in a language.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
@@ -44,51 +39,35 @@ def save_view(drive: Drive, rrd_path: Path, language: Language = Language.EN) ->
         raise DasError(f"{rrd_path}: expected a file name that ends in .rrd")
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
-        whole = Path(folder) / "view.rrd"
-        scene = ReviewScene.of(drive)
-        _send(scene, language, lambda out, layout: out.save(whole, default_blueprint=layout)).disconnect()
-        write_whole(rrd_path, whole.read_bytes())
+        write_whole(rrd_path, _written(drive, Path(folder), language).read_bytes())
 
 
 def open_view(drive: Drive, language: Language = Language.EN) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
-    The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
-    on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is no display.
+    The viewer listens on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is
+    no display.
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()
-    scene, port = ReviewScene.of(drive), _free_port()
-    with interrupted_by_termination():
-        run_viewer(port, lambda: _feed_viewer(scene, port, language))
+    with interrupted_by_termination(), tempfile.TemporaryDirectory(prefix="das-view-") as folder:
+        with busy("solving the sections of the drive …"):
+            file = _written(drive, Path(folder), language)
+        run_viewer(file)
 
 
-def _feed_viewer(scene: ReviewScene, port: int, language: Language) -> None:
-    """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the energy
-    attribution.
-
-    If the user closes the viewer meanwhile, that is no error, and rerun's messages about it are not printed.
-    """
-    os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
-    address = f"rerun+http://127.0.0.1:{port}/proxy"
-    _send(scene, language, lambda out, layout: out.connect_grpc(address, default_blueprint=layout))
-
-
-def _send(
-    scene: ReviewScene, language: Language, attach: Callable[[rr.RecordingStream, rrb.Blueprint], None]
-) -> rr.RecordingStream:
-    """Send a scene to where `attach` leads a new stream: what was recorded, then the energy attribution."""
+def _written(drive: Drive, folder: Path, language: Language) -> Path:
     import rerun as rr
 
-    from sim.review.rerun_drawing import blueprint, send, send_attribution
+    from sim.review.rerun_drawing import blueprint, send
 
-    with rr.RecordingStream(APPLICATION, recording_id=scene.drive.name) as out:
-        attach(out, blueprint(scene))
+    scene, path = ReviewScene.of(drive), folder / f"{drive.name}.rrd"
+    with rr.RecordingStream(APPLICATION, recording_id=drive.name) as out:
+        out.save(path, default_blueprint=blueprint(scene))
         send(out, scene, language)
         out.flush()
-        send_attribution(out, scene.with_attribution())
-        out.flush()
-    return out
+    out.disconnect()
+    return path
 
 
 def _check_installed(*names: str) -> None:
@@ -110,10 +89,10 @@ def _free_port() -> int:
         return int(one.getsockname()[1])
 
 
-def viewer_command(port: int) -> list[str]:
-    """The command that starts a viewer, which listens on a port of this machine only."""
-    viewer = [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", str(port)]
-    return [*viewer, "--hide-welcome-screen", "--expect-data-soon"]
+def viewer_command(file: Path) -> list[str]:
+    """The command that starts a viewer of a file, which listens on a free port of this machine only."""
+    viewer = [sys.executable, "-m", "rerun_cli", str(file), "--bind", "127.0.0.1", "--port", str(_free_port())]
+    return [*viewer, "--hide-welcome-screen"]
 
 
 def viewer_environment() -> dict[str, str]:
@@ -122,14 +101,10 @@ def viewer_environment() -> dict[str, str]:
     return {"RUST_LOG": "error", **kept, "CI": "1"}
 
 
-def run_viewer(port: int, feed: Callable[[], None]) -> None:
-    """Start a viewer, feed it in a thread, and wait until it is closed; DasError where it ends with an error.
-
-    The thread ends with the viewer, finished or not.
-    """
-    viewer = subprocess.Popen(viewer_command(port), env=viewer_environment(), start_new_session=True)
+def run_viewer(file: Path) -> None:
+    """Start a viewer of a file and wait until it is closed; DasError where it ends with an error."""
+    viewer = subprocess.Popen(viewer_command(file), env=viewer_environment(), start_new_session=True)
     try:
-        threading.Thread(target=feed, daemon=True).start()
         code = viewer.wait()
     finally:
         close(viewer)

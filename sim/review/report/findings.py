@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from das.advice.regimes import InstructionKind
 from das.domain.units import KM, kmh, kwh, kwh_words
-from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution.attribution import ActionSpan, Attribution, CauseStretch, slowest_stretch, worst_stretches
 from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
-from sim.drive.attribution.worst import ActionSpan, CauseStretch, slowest_stretch, worst_stretches
 from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
+from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.recording.course import DriveClock
-from sim.review.report.sentences import NAMED_KWH, TOLD_S, friction_chosen_by, told_causes
 
+NAMED_KWH: Final = 0.1
+"""Least energy (kWh) of a cause that the page names."""
+TOLD_S: Final = 3.0
+"""Least change (s) of the lateness in the sentences."""
 MOST_FINDINGS: Final = 3
+FRICTION: Final[Mapping[str, str]] = {
+    FrictionPolicy.AS_MEASURED: "the simulated driver's habit to brake a share by friction, with any display",
+    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver, who brakes by friction only if the motors cannot",
+    FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while following advice on effort",
+}
 TOLD_KMH: Final = 3.0
 """Difference of mean speeds (km/h) below which it is left out."""
 MOST_PLACES: Final = 3
@@ -255,3 +263,15 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
     ends = drive.table.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.table.course.s_m) - 1)
     start_ns, end_ns = drive.table.course.time_ns[ends].tolist()
     return place._replace(start_m=start_m, end_m=end_m, start_ns=start_ns, end_ns=end_ns)
+
+
+def friction_chosen_by(drive: Drive) -> str:
+    """What the choice of the friction brake goes back to on a simulated drive; empty for any other drive."""
+    run = drive.table.run
+    return FRICTION.get(run.get("friction_policy", ""), "") if run.get("driver") == DriverKind.HUMAN else ""
+
+
+def told_causes(attribution: Attribution) -> list[tuple[EnergyCause, float]]:
+    """The causes with their energies (J), the largest first; for an estimated drive, only those that are not 0."""
+    parts = [one for one in attribution.by_cause.items() if one[1] or attribution.above.measured]
+    return sorted(parts, key=lambda one: -one[1])

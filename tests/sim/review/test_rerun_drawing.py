@@ -13,17 +13,22 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import topics
 from das.bus.recording import read_recording
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.levels import Level
+from das.domain.route import Altitudes
 from sim.drive.drive import Drive
 from sim.drive.series import QUANTITIES, series
 from sim.drive.table import DriveTable
+from sim.recording.inputs import DriveInputs
 from sim.recording.opening import open_recording
 from sim.review import view
+from sim.review.report.tables import line_rows
 from sim.review.scene import ROUTINE, ReviewScene
 from tests.support.hand_recorded import day, in_memory, logged, truth
 from tests.support.recordings import SECONDS, at_ns, publish_before, write_recording
 
 chunk = pytest.importorskip("rerun.chunk")
-from sim.review.rerun_drawing import TABS, Timelines, fitting  # noqa: E402 - it needs rerun
+from sim.review.rerun_drawing import TABS, Timelines, fitting, summary  # noqa: E402 - it needs rerun
 
 
 def rows_by_entity(rrd: Path) -> dict[str, int]:
@@ -122,3 +127,18 @@ def test_no_quantity_is_left_out_of_the_viewer_unseen() -> None:
     of_reports = {"apart", "place", "sum"}
     in_viewer = {row.origin for rows in TABS.values() for row in rows}
     assert QUANTITIES.keys() - in_viewer == of_reports
+
+
+def test_the_summary_is_that_of_the_report(whole: Path, cut: Path) -> None:
+    text = summary(ReviewScene.of(Drive.read(whole)))
+    for part in ("Train t1", "A – B", "0123456789ab… |", "das-sim run", "route.toml"):
+        assert part in text
+    assert "cut off" in summary(ReviewScene.of(Drive.read(cut)))
+    flat = {"data_source": "© somebody", "licence": "CC0", "altitudes": Altitudes.NONE}
+    line = replace(load_route("flat-6km"), **flat)
+    drive = Drive(
+        recording=day(), given=DriveInputs(route=line, vehicle=load_vehicle("re460-ic"), level=Level.L2, source="given")
+    )
+    assert [name for name, _ in line_rows(drive)] == ["data of the line", "altitudes of the line"]
+    assert "| data of the line | © somebody, CC0 |" in summary(ReviewScene.of(drive))
+    assert line_rows(Drive(recording=day())) == []
