@@ -177,7 +177,6 @@ def _apart(runs: Sequence[Mapping[str, str]], keys: Sequence[str]) -> bool:
 
 
 def _day(drive: Drive) -> tuple[Any, ...]:
-    """What the seed drew for the day, and what a what-if changed of it."""
     drawn, kept = _drawn(drive), json.loads(run_of(drive).get("what_if_kept", "{}"))
     return drawn.get("disturbances"), drawn.get("truth"), {key: value for key, value in kept.items() if value}
 
@@ -320,7 +319,6 @@ def check_one_line(drives: Sequence[Drive]) -> None:
 
 
 def _way(table: DriveTable) -> str:
-    """The line and the direction of a drive, in words."""
     journey = table.journey
     return "an unknown line" if journey is None else f"{journey.route_id}{' reversed' if journey.reversed else ''}"
 
@@ -478,7 +476,6 @@ class AlignedDrives(Summary):
         return [PartedStretch(*end_m, *map(float, one)) for end_m, *one in zip(ends_m, *more, strict=True)]
 
     def _edges(self) -> list[int]:
-        """Rows at which a stretch ends: the ends, the changes of the limit and the stops."""
         stops_m = [end.s_m for leg in self.drives[0].drive.energy.legs for end in (leg.start, leg.end)]
         rows = {0, len(self.s_m) - 1}
         rows |= {int(row) + 1 for row in np.flatnonzero(np.diff(self.s_m) == 0)}

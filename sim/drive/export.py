@@ -150,7 +150,6 @@ def first_m(drive: DriveTable) -> float:
 
 
 def _span(drive: DriveTable, settings: ExportSettings, clock: DriveClock) -> tuple[int, int]:
-    """The first and the last moment (ns) to export."""
     start_ns = clock.moment_ns(settings.start) if settings.start is not None else 0
     end_ns = clock.moment_ns(settings.end) if settings.end is not None else LAST_NS
     if end_ns < start_ns:

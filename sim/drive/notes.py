@@ -62,7 +62,6 @@ def add_note(recording: Path, note: Note) -> Path:
 
 
 def _as_mcap(recording: Path, notes: list[Note]) -> bytes:
-    """The notes as an MCAP file, in order of time."""
     content = io.BytesIO()
     writer = Writer(content)
     writer.start(library="das-sim")

@@ -211,7 +211,6 @@ def _broken(time_ns: Times, values: Floats) -> tuple[Times, Floats]:
 
 
 def _in_the_cab(table: DriveTable) -> Found:
-    """What the display showed and what the controller was set to, as shares of the largest effort in that direction."""
     at, presentation, speed_mps, advised_ratio, lever_ratio = table.of_topic(
         "cab", "presentation", "advised_speed_mps", "advised_lever_ratio", "lever_ratio"
     )

@@ -20,7 +20,7 @@ from sim.drive.comparison import AlignedDrives, DriveOnTrack, result
 from sim.drive.series import QUANTITIES, STYLES
 from sim.meanings import COMPARED, LIGHT
 from sim.recording.course import Floats, Times
-from sim.review.lanes import Lane, instructions
+from sim.review.scene import Lane, instructions
 
 LINE_RATIO: Final = 0.8
 """Width of a line in a picture, as a share of its width in rerun."""
@@ -230,5 +230,4 @@ def _said(axis: Any, on_track: DriveOnTrack, lane: Lane) -> None:
 
 
 def _has_words(lane: Lane) -> bool:
-    """Whether most words of a lane have room."""
     return len(lane.changes) * WORDS_APART <= MOST_CROWDED

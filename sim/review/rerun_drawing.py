@@ -23,10 +23,9 @@ from sim.drive.attribution.attribution import Attribution
 from sim.drive.series import BUFFER_PERCENT, QUANTITIES, STYLES, quantity_of
 from sim.meanings import VIEWER, rgba
 from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, Times
-from sim.review.lanes import COST, WAY, Lane, lane_entity
 from sim.review.report.first_page import in_lines
 from sim.review.report.tables import cause_rows, figures, input_rows
-from sim.review.scene import ReviewScene
+from sim.review.scene import COST, WAY, Lane, ReviewScene, lane_entity
 from sim.review.words import DisplayWords, cards
 
 DRIVE_CLOCK, POSITION = "drive_clock", "position_m"
@@ -145,7 +144,6 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: Times, values: Floats) -> None:
-    """Send a series in its style."""
     style, modes = STYLES[name], rr.components.InterpolationMode
     looks = rr.SeriesLines(
         colors=rgba(VIEWER.of[style.meaning]),
@@ -201,7 +199,6 @@ def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) ->
 
 
 def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
-    """Send the events of the node and the log of the simulator."""
     said = sorted((*scene.drive.table.said.node, *scene.drive.table.said.simulator), key=lambda one: one.time_ns)
     if said:
         time_ns = np.array([one.time_ns for one in said])
@@ -286,7 +283,6 @@ def _cab(scene: ReviewScene) -> str:
 
 
 def _tabs(scene: ReviewScene) -> list[rrb.View]:
-    """The lists, in which a click on a time moves the cursor to it, and the views about the whole drive."""
     clock = Timelines.of_scene(scene).line_clock
     columns = rrb.TextLogColumns(timeline_columns=[clock], text_log_columns=["body"])
     found: list[rrb.View] = [rrb.TextLogView(origin=BOOKMARKS, name="Bookmarks", columns=columns)]
@@ -298,7 +294,6 @@ def _tabs(scene: ReviewScene) -> list[rrb.View]:
 
 
 def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical | None:
-    """The views for which there is something to show, one under the other; None if there are none."""
     found, lanes = scene.quantities, {lane.name for lane in scene.lanes}
     rows = tuple(row._replace(lanes=_said(row.lanes, lanes)) for row in rows)
     shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]

@@ -77,13 +77,11 @@ def _check_installed(*names: str) -> None:
 
 
 def _check_display() -> None:
-    """Raise DasError where there is no screen to open a viewer on."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise DasError("no display to open a viewer on: write the view to a file with --save FILE.rrd instead")
 
 
 def _free_port() -> int:
-    """A port of this machine on which nobody listens now."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return int(one.getsockname()[1])

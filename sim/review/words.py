@@ -143,7 +143,6 @@ def _share(ratio: float) -> str:
 
 
 def _next(change: str, in_s: float) -> str:
-    """The next change, and when it is due."""
     return f"{change} in {in_s:.0f} s" if change and math.isfinite(in_s) else ""
 
 

@@ -217,7 +217,6 @@ class Attribution:
 
 
 def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, float]:
-    """The parts of several legs together, in the order of the causes."""
     return {
         cause: sum(one.get(cause, 0.0) for one in parts) for cause in EnergyCause if any(cause in one for one in parts)
     }

@@ -181,7 +181,6 @@ def _between(drive: Drive, s_m: float) -> tuple[str, ...]:
 
 
 def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
-    """The causes that took most energy, the largest first; what cannot be distinguished is no finding."""
     attribution = drive.energy.attribution
     for cause, energy_j in () if attribution is None else told_causes(attribution):
         assert attribution is not None
@@ -216,7 +215,6 @@ def best_forbidden(drive: Drive, start_m: float, end_m: float, start_ns: int, en
 
 
 def _given_away(drive: Drive, attribution: Attribution) -> str:
-    """Where the time was given away for which the train had been faster than the best run, in a sentence."""
     slow = slowest_stretch(attribution)
     if slow is None or slow.lost_s < TOLD_S:
         return ""
@@ -231,7 +229,6 @@ def _given_away(drive: Drive, attribution: Attribution) -> str:
 
 
 def _friction_words(drive: Drive) -> str:
-    """In a sentence, what the choice of the friction brake goes back to."""
     chosen = friction_chosen_by(drive)
     if not chosen:
         return "Whether the driver or the brake control chose it was not recorded."
@@ -239,7 +236,6 @@ def _friction_words(drive: Drive) -> str:
 
 
 def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
-    """For which arrivals the advice hurried, and by how much they were missed."""
     ends = {one.leg.end.name for one in stretches}
     missed = [f"{one.name} ({lateness_text(one.arrived_late_s)})" for one in drive.calls[1:] if one.name in ends]
     return f"The advice aimed at arrivals that were missed all the same: {', '.join(missed)}."

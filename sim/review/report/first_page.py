@@ -220,7 +220,6 @@ def _energy_sure(drive: Drive) -> list[str]:
 
 
 def _train_words(drive: Drive) -> str:
-    """The assumed train in words."""
     if drive.energy.attribution is None:
         return "it is that of the vehicle file"
     vehicle = drive.energy.attribution.inputs.vehicle
@@ -285,7 +284,6 @@ def in_lines(drive: Drive) -> list[str]:
 
 
 def _caption(drive: Drive, found: Sequence[DriveFinding]) -> str:
-    """What the picture shows."""
     compared = [] if drive.energy.attribution is None else [LOST, OPTIMUM]
     return " ".join(["Speed over distance.", *([NUMBERS] if found else []), *compared])
 
@@ -325,7 +323,6 @@ def title(drive: Drive) -> str:
 
 
 def _day(drive: Drive) -> str:
-    """The date of a drive in words."""
     return f"{datetime.fromtimestamp(drive.table.clock.zero_ns * NS, drive.table.zone):%d %B %Y}".lstrip("0")
 
 
@@ -370,7 +367,6 @@ def came_about(drive: Drive) -> list[str]:
 
 
 def _presentation(name: str) -> str:
-    """A presentation in words; an unknown presentation by its name."""
     try:
         return presenter_of(Presentation(name)).phrase
     except ValueError:
@@ -405,7 +401,6 @@ def _at_stop(call: KeptCall) -> list[tuple[float, str]]:
 
 
 def _because(drive: Drive, before: KeptCall, after: KeptCall) -> str:
-    """What held the train up between two stops, in words."""
     on_way = [one for one in drive.events if _holds_up(one) and before.departed_ns <= one.time_ns <= after.arrived_ns]
     words = dict.fromkeys(_held_up(one) for one in on_way)
     return f"; on the way: {'; '.join(words)}" if words else ""

@@ -98,7 +98,6 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 
 
 def _images(drive: Drive) -> dict[str, str]:
-    """The pictures by name; an empty text for a picture in which there is nothing to draw."""
     scene, known = ReviewScene.of(drive), drive.energy.attribution is not None
     made = {
         "first": figures.first_figure(scene, findings(drive)),

@@ -15,9 +15,9 @@ from das.domain.plausibility import energy_range
 from das.domain.units import NS, kmh, kwh, kwh_figure, kwh_words
 from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
 from sim.drive.attribution.causes import APART_MPS, EnergyCause
+from sim.drive.calls import PASSINGS, KeptPassing, keep, passings_as_rows, recorded_passings
 from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_text, times_text
-from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
 from sim.drive.table import HOLDS_S
 from sim.recording.course import known, minutes, spell
 from sim.review.report.findings import friction_chosen_by, told_causes
@@ -66,7 +66,6 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
 
 
 def _withdrawn(drive: Drive) -> str:
-    """How often and how long advice was withdrawn, in words."""
     lasted_s = [one.facts["lasted_s"] for one in drive.events if one.kind is EventKind.WITHDRAWAL]
     return f"{times_text(len(lasted_s))}, for {sum(lasted_s):.0f} s in all" if lasted_s else "never"
 
@@ -177,7 +176,7 @@ def passing_rows(drive: Drive) -> list[Row]:
 
 def passing_dicts(drive: Drive) -> list[Row]:
     """The passings for programs; times (s) are those of the drive's clock."""
-    return as_rows(_passings(drive), drive.table.clock.zero_ns)
+    return passings_as_rows(_passings(drive), drive.table.clock.zero_ns)
 
 
 def cause_rows(attribution: Attribution) -> list[Row]:
@@ -238,7 +237,6 @@ def bookmark_rows(drive: Drive) -> list[Row]:
 
 
 def _rows(drive: Drive, events: Iterable[DriveEvent]) -> list[Row]:
-    """Events with their times and places as all tables show them."""
     clock = drive.table.clock
     return [
         {
@@ -254,7 +252,6 @@ def _rows(drive: Drive, events: Iterable[DriveEvent]) -> list[Row]:
 
 
 def _moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
-    """The train's speed at a moment, and the display at that time."""
     trip = drive.table.course
     driven = f"{kmh(float(trip.at(np.array([time_ns]), trip.speed_mps)[0])):.0f} km/h"
     seen = drive.energy.shown.at(time_ns)

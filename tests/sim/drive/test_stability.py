@@ -12,10 +12,9 @@ import pytest
 from das.advice.regimes import Regime
 from das.bus import das_pb2
 from sim.drive.drive import Drive
-from sim.drive.figures import DriveFigures
+from sim.drive.figures import AdviceStability, DriveFigures, ShownWatch, stability
 from sim.drive.instructions import InstructionFigures
 from sim.drive.limits import Violations
-from sim.drive.stability import AdviceStability, ShownWatch, stability
 from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown

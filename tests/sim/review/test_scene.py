@@ -23,8 +23,16 @@ from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind
 from sim.meanings import Meaning
 from sim.recording.opening import open_recording
-from sim.review.lanes import instructions, lanes
-from sim.review.scene import OTHER_THAN_ADVISED, ROUTINE, ReviewScene, attribution_series, cost_lanes, spans_of
+from sim.review.scene import (
+    OTHER_THAN_ADVISED,
+    ROUTINE,
+    ReviewScene,
+    attribution_series,
+    cost_lanes,
+    instructions,
+    lanes,
+    spans_of,
+)
 from tests.support.flat_days import flat_day
 from tests.support.hand_recorded import (
     LINE_MPS,
