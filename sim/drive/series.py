@@ -158,7 +158,7 @@ def series(table: DriveTable) -> Found:
 
     A series has a gap (NaN) while its advice was withdrawn, or while nothing was shown.
     """
-    found = {**_plan(table), **_advised(table), **_driven(table), **_in_the_cab(table), **_estimated(table)}
+    found = {**_plan(table), **_advised(table), **driven(table), **_in_the_cab(table), **_estimated(table)}
     return {
         name: on_trip(table.course, *found[name], held=style.held) for name, style in STYLES.items() if name in found
     }
@@ -183,7 +183,7 @@ def _advised(table: DriveTable) -> Found:
     }
 
 
-def _driven(table: DriveTable) -> Found:
+def driven(table: DriveTable) -> Found:
     """What the train did, as far as it was recorded; no series but the speed is within the time of the trip yet."""
     true_ns, gradient_ratio, input_j = table.of_topic("truth", "gradient_ratio", "energy_input_j")
     # Without a simulator, the train's own control may have measured its forces.
@@ -256,30 +256,20 @@ def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -
     return time_ns[keep], values[keep]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FilledIn:
-    """Series by the names of `STYLES`, and their source.
-
-    `source` says in a sentence what is estimated, or why nothing could be; it is empty if nothing was missing.
-    """
-
-    series: Found
-    source: str
-
-
-def filled_in(energy: DriveEnergy) -> FilledIn:
-    """The series that a recording without a simulator lacks; none if a simulator was recorded."""
+def filled_in(energy: DriveEnergy) -> tuple[Found, str]:
+    """The series that a recording without a simulator lacks, and what is estimated, or why nothing could be, in a
+    sentence; both are empty if a simulator was recorded."""
     table = energy.table
     if table.has("truth") or table.journey is None:
-        return FilledIn(series={}, source="")
+        return {}, ""
     try:
         return _estimate(table, energy.motion)
     except DasError as error:
         why = str(error).removeprefix(f"{table.recording.path}: ")
-        return FilledIn(series={}, source=f"force, energy and gradient are not known: {why}")
+        return {}, f"force, energy and gradient are not known: {why}"
 
 
-def _estimate(table: DriveTable, motion: DrivenMotion) -> FilledIn:
+def _estimate(table: DriveTable, motion: DrivenMotion) -> tuple[Found, str]:
     from das.solver.section import build_section
     from sim.trips.estimate import estimate_run
 
@@ -293,17 +283,14 @@ def _estimate(table: DriveTable, motion: DrivenMotion) -> FilledIn:
     )
     since_s = (motion.time_ns - motion.time_ns[0]) * NS
     inside = np.clip(motion.s_m, section.start_m, section.end_m)
-    driven = estimate_run(section, since_s, inside, motion.speed_mps)
-    run, at = driven.trajectory, motion.time_ns[driven.index]
+    estimated = estimate_run(section, since_s, inside, motion.speed_mps)
+    run, at = estimated.trajectory, motion.time_ns[estimated.index]
     within = (at >= trip.time_ns[0]) & (at <= trip.time_ns[-1])
     found = {
-        "energy/driven": (at[within], kwh(driven.energy_input_j[within])),
+        "energy/driven": (at[within], kwh(estimated.energy_input_j[within])),
         "gradient/permille": (at[:-1][within[:-1]], run.grade_ratio[within[:-1]] / PERMILLE),
     }
     if not table.has("effort"):
         force_n = (run.force_el_n + run.force_friction_n)[within[:-1]]
         found["force/driven"] = (at[:-1][within[:-1]], force_n / KN)
-    return FilledIn(
-        series=found,
-        source=f"force and energy are estimated from positions, not measured ({inputs.source})",
-    )
+    return found, f"force and energy are estimated from positions, not measured ({inputs.source})"

@@ -274,20 +274,20 @@ class ReviewScene:
     def of(cls, drive: Drive) -> ReviewScene:
         """The scene of a drive, with its energy attribution if that is known; DasError without any position."""
         table, attribution = drive.table, drive.energy.attribution
-        trip, filled = table.course, filled_in(drive.energy)
+        trip, (filled, filled_from) = table.course, filled_in(drive.energy)
         lost = {} if attribution is None else attribution_series(attribution)
         return cls(
             drive=drive,
             series={
                 "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
                 **_without_silence(drive.series, drive.silences),
-                **filled.series,
+                **filled,
                 **{name: on_trip(trip, *one, held=False) for name, one in lost.items()},
             },
             placed=(*_placed(drive), *(() if attribution is None else _attribution_by_place(attribution))),
             lanes=(*lanes(drive), *(() if attribution is None else cost_lanes(attribution))),
             bookmarks=_bookmarks(drive),
-            filled_from=filled.source,
+            filled_from=filled_from,
         )
 
     @property

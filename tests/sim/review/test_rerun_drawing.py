@@ -131,7 +131,7 @@ def test_no_quantity_is_left_out_of_the_viewer_unseen() -> None:
 
 def test_the_summary_is_that_of_the_report(whole: Path, cut: Path) -> None:
     text = summary(ReviewScene.of(Drive.read(whole)))
-    for part in ("Train t1", "A – B", "0123456789ab… |", "das-sim run", "route.toml"):
+    for part in ("Train t1", "from A to B", "0123456789ab… |", "das-sim run", "route.toml"):
         assert part in text
     assert "cut off" in summary(ReviewScene.of(Drive.read(cut)))
     flat = {"data_source": "© somebody", "licence": "CC0", "altitudes": Altitudes.NONE}
