@@ -6,7 +6,6 @@ gradient from the line, forces and energy by inverse dynamics (docs/explanation/
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -125,28 +124,19 @@ SAME_STOP_M = 1.0
 """Distance (m) of their ends below which plans lead to the same stop."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FirstPlans:
-    """The first plans for all stops of a recording, joined: the optimum from where the advice began."""
-
-    time_ns: Times
-    s_m: Floats
-    speed_mps: Floats
-
-    @classmethod
-    def of(cls, table: DriveTable) -> FirstPlans | None:
-        """The plans, None if none was recorded."""
-        firsts: list[PlanMade] = []
-        for plan in table.said.plans:
-            if len(plan.s_m) and (not firsts or plan.s_m[-1] > firsts[-1].s_m[-1] + SAME_STOP_M):
-                firsts.append(plan)
-        if not firsts:
-            return None
-        return cls(
-            time_ns=np.concatenate([plan.time_ns + np.rint(plan.t_s / NS).astype(np.int64) for plan in firsts]),
-            s_m=np.concatenate([plan.s_m for plan in firsts]),
-            speed_mps=np.concatenate([plan.speed_mps for plan in firsts]),
-        )
+def first_plans(table: DriveTable) -> DrivenCourse | None:
+    """The first plans for all stops, joined: the optimum from where the advice began; None if none was recorded."""
+    firsts: list[PlanMade] = []
+    for plan in table.said.plans:
+        if len(plan.s_m) and (not firsts or plan.s_m[-1] > firsts[-1].s_m[-1] + SAME_STOP_M):
+            firsts.append(plan)
+    if not firsts:
+        return None
+    return DrivenCourse(
+        time_ns=np.concatenate([plan.time_ns + np.rint(plan.t_s / NS).astype(np.int64) for plan in firsts]),
+        s_m=np.concatenate([plan.s_m for plan in firsts]),
+        speed_mps=np.concatenate([plan.speed_mps for plan in firsts]),
+    )
 
 
 Found = dict[str, tuple[Times, Floats]]
@@ -165,7 +155,7 @@ def series(table: DriveTable) -> Found:
 
 
 def _plan(table: DriveTable) -> Found:
-    plan = FirstPlans.of(table)
+    plan = first_plans(table)
     nothing = np.empty(0, np.int64), np.empty(0)
     return {"speed/optimum": (plan.time_ns, plan.speed_mps / KMH) if plan else nothing}
 

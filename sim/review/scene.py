@@ -24,9 +24,9 @@ from sim.drive.drive import Drive
 from sim.drive.events import NOT_HEARD, EventKind, Span, place_text
 from sim.drive.series import (
     STYLES,
-    FirstPlans,
     Found,
     filled_in,
+    first_plans,
     on_trip,
     quantity_of,
 )
@@ -352,7 +352,7 @@ class ReviewScene:
 
 def _placed(drive: Drive) -> Iterator[Trace]:
     """The first plan, and by how much the train was faster than the speed shown to keep."""
-    trip, plan, shown = drive.table.course, FirstPlans.of(drive.table), drive.energy.shown
+    trip, plan, shown = drive.table.course, first_plans(drive.table), drive.energy.shown
     if plan is not None:
         within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
         yield Trace("speed/optimum", plan.s_m[within], plan.speed_mps[within] / KMH)

@@ -386,27 +386,15 @@ def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> 
     return [one for one in found[:most] if one.energy_j >= LEAST_PART * found[0].energy_j]
 
 
-class SlowStretch(NamedTuple):
-    """Where a drive lost most time against the optimum (m), for how long it drove there (s), how much it lost (s), and
-    what the optimum does there."""
-
-    start_m: float
-    end_m: float
-    driven_s: float
-    lost_s: float
-    best: ActionSpan | None
-
-
-def slowest_stretch(attribution: Attribution) -> SlowStretch | None:
-    """The neighbouring places on which a drive lost most time against the optimum; None if it never lost any."""
-    found = []
-    for leg in attribution.legs:
-        even, lost_s = leg.even, leg.even.driven_s - leg.even.optimum_s
-        for first, last in _worst_runs(lost_s, 1):
-            part, start_m, end_m = slice(first, last + 1), float(even.start_m[first]), float(even.end_m[last])
-            driven_s, best = float(even.driven_s[part].sum()), doing(leg.optimum.trajectory, start_m, end_m)
-            found.append(SlowStretch(start_m, end_m, driven_s, float(lost_s[part].sum()), best))
-    return max(found, key=lambda one: one.lost_s, default=None)
+def slowest_stretch(attribution: Attribution) -> CauseStretch | None:
+    """The neighbouring places on which a drive lost most time against the optimum, without an energy; None if it never
+    lost any."""
+    found = [
+        _stretch(leg, first, last, 0.0)
+        for leg in attribution.legs
+        for first, last in _worst_runs(leg.even.driven_s - leg.even.optimum_s, 1)
+    ]
+    return max(found, key=lambda one: one.driven_s - one.optimum_s, default=None)
 
 
 def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> CauseStretch:
