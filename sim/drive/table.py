@@ -137,8 +137,6 @@ class Occasional:
     decisions: tuple[Decision, ...]
     marks_ns: tuple[int, ...]
     saving: AboveOptimum | None
-    status: str
-    """Version of the node and number of its advice messages, in words; empty if it stated neither."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -301,7 +299,6 @@ def _said(recording: Recording) -> Occasional:
         for one in messages(topics.JOURNEY)
     )
     stops_m = {stop.name: stop.s_m for one in journeys for stop in one.stops}
-    last = next((f"version {one.version}, advice {one.advices} times" for one in [*messages(topics.STATUS)][::-1]), "")
     return Occasional(
         journeys=journeys,
         plans=tuple(
@@ -328,7 +325,6 @@ def _said(recording: Recording) -> Occasional:
         decisions=tuple(Decision(one.time_ns, KINDS[one.kind - 1], one.value) for one in messages(topics.DECISION)),
         marks_ns=tuple(one.time_ns for one in messages(topics.MARK) if one.kind == one.KIND_MARK),
         saving=AboveOptimum.recorded(recording),
-        status=last,
     )
 
 

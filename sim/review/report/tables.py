@@ -62,7 +62,9 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
         rows.append(("advice followed, of the changes that required an action", f"{len(seconds)} of {len(answers)}"))
         if seconds:
             rows.append(("median time until the driver followed", f"{float(np.median(seconds)):.0f} s"))
-    return rows + [(name.strip(), value) for name, value in drive.figures.rows()]
+    warning = drive.figures.stability.warning
+    rows += [(name.strip(), value) for name, value in drive.figures.rows()]
+    return rows + ([] if warning is None else [("warning", warning)])
 
 
 def _withdrawn(drive: Drive) -> str:
