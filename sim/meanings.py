@@ -92,8 +92,6 @@ desktop's is, so its colours are middle tones that are readable on either."""
 COMPARED: Final = (LIGHT.of[Meaning.OTHER_DRIVE], LIGHT.of[Meaning.DRIVEN], "#0000ff", "#0f87ff", "#2d001e", "#0f4bff")
 """Colours of compared drives, in their order, on white; lines differ in style as well. The first is the drive with
 which the others are compared."""
-STANDING_GREY: Final = "#707880"
-"""Grey of a standing train on a map on which the colour of the train's path shows the speed."""
 
 
 def rgba(color: str) -> int:

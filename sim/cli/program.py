@@ -100,7 +100,7 @@ ENTRIES: Final = (
     Entry(
         name="export",
         where="sim.cli.recordings:export",
-        summary="Write a recording as tables: one per topic, one by time, one by position; column names state units.",
+        summary="Write a recording as tables: one per topic and one by time; column names state units.",
         examples=("das-sim export run.mcap -o tables", "das-sim export run.mcap -o shared --trim-ends --anonymous"),
     ),
     Entry(
@@ -146,6 +146,7 @@ GONE: Final = {
     "make-scenario": "das-sim example SCENARIO.toml --route ROUTE --vehicle VEHICLE",
     "make-trip": "das-sim run SCENARIO --advice none, whose recording is a recorded trip for replay and trip",
     "recover": "das-sim check RECORDING --save NEW.mcap",
+    "--beside": "das-sim report RECORDING OTHER -o page.html compares drives",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
 }
 """Former commands, each with what to run instead."""

@@ -202,9 +202,9 @@ def export(
     of_train: OfTrainOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a recording as tables: one per topic, one by time, one by position; column names state units."""
-    from sim.drive.export.export import ExportSettings, FileFormat
-    from sim.drive.export.export import export as write
+    """Write a recording as tables: one per topic and one by time; column names state units."""
+    from sim.drive.export import ExportSettings, FileFormat
+    from sim.drive.export import export as write
 
     settings = ExportSettings(
         start=start,
@@ -215,11 +215,12 @@ def export(
     )
     with busy(f"writing tables to {out} …"):
         found = write(file, out, settings, of_train)
+    files = len(list(out.iterdir()))
     if as_json:
-        print(json.dumps({"folder": str(found.folder), "rows": found.rows, "files": found.files}))
+        print(json.dumps({"folder": str(out), "rows": found, "files": files}))
         return
-    paragraph("rows: " + ", ".join(f"{name} {rows}" for name, rows in found.rows.items()))
-    tell(f"written: {found.files} files in {found.folder}; columns.csv explains each column")
+    paragraph("rows: " + ", ".join(f"{name} {rows}" for name, rows in found.items()))
+    tell(f"written: {files} files in {out}; columns.csv explains each column")
 
 
 @dataclass(frozen=True, kw_only=True)

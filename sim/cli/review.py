@@ -103,17 +103,9 @@ class NewNote:
         if not first_ns <= at_ns <= last_ns:
             ends = f"{table.clock.shown(first_ns)} to {table.clock.shown(last_ns)}"
             raise DasError(f"--at {self.at}: expected a time of the drive, {ends}")
-        tell_written(add_note(files[0], Note(time_ns=at_ns, end_ns=at_ns, text=self.note)))
+        tell_written(add_note(files[0], Note(at_ns, self.note)))
 
 
-BesideOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--beside",
-        metavar="FILE",
-        help="Recording of another drive on the line, drawn below this one.",
-    ),
-]
 SaveOption = Annotated[
     Path | None,
     typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
@@ -312,7 +304,6 @@ def _print_stretches(aligned: AlignedDrives, index: int) -> None:
 
 def view(
     file: RecordingArgument,
-    beside: BesideOption = None,
     save: SaveOption = None,
     overwrite: OverwriteOption = False,
     start: FromTimeOption = None,
@@ -324,20 +315,17 @@ def view(
 
     For example: das-sim view run.mcap --from 10:00 --to 20:00 --save part.rrd
     """
-    check_outputs(save, inputs=(file, beside), overwrite=overwrite)
-    from sim.drive.comparison import check_one_line
+    check_outputs(save, inputs=(file,), overwrite=overwrite)
     from sim.drive.drive import Drive
     from sim.recording.course import part_of
     from sim.recording.opening import open_recording
-    from sim.review.view import ViewerChoice, open_view, save_view
+    from sim.review.view import open_view, save_view
 
     with busy(f"reading {file} …"):
         drive = Drive(recording=part_of(open_recording(file, of_train), start, end))
-        other = None if beside is None else Drive.read(beside)
-        check_one_line([drive] if other is None else [drive, other])
     if save is None:
-        open_view(drive, ViewerChoice(other, language))
+        open_view(drive, language)
         return
     with busy(f"writing {save} …"):
-        save_view(drive, save, ViewerChoice(other, language))
+        save_view(drive, save, language)
     tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")

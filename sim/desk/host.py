@@ -76,7 +76,6 @@ class DeskHost:
         self._started_s = time.monotonic()
 
     def _keep(self) -> None:
-        """Restart the server if it is killed, unless it is faulty."""
         while not self._over.wait(LOOK_S):
             try:
                 self._child.check()

@@ -57,7 +57,6 @@ def hello_of(
 
 
 def _line(route: Route, stops: Sequence[Stop]) -> dict[str, Any]:
-    """The line as needed for the view ahead: limits, gradients and stops, with positions in m."""
     return {
         "length_m": route.length_m,
         "limits": _pairs(route.limits_mps),
@@ -82,7 +81,6 @@ def _train(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def _presentations() -> dict[int, dict[str, Any]]:
-    """The display of each presentation by its number on the bus: meaning of its speed, and words for its modes."""
     presenters = {name: presenter_of(name) for name in Presentation if name is not Presentation.NONE}
     return {
         one.number: {

@@ -160,7 +160,6 @@ class Peer:
         return 1 if self._cab is None else int(self._cab.time_ns)
 
     def _answer(self) -> None:
-        """Answer the last look."""
         assert self._bus is not None
         assert self._cab is not None
         self._bus.publish(CONTROLS, das_pb2.Controls(look=self._cab.look, lever_ratio=self._setting[0]))
@@ -188,7 +187,6 @@ class Peer:
                 self._bus = None
 
     def _look(self, cab: Any) -> None:
-        """Receive a look, and answer it if the desk is visible."""
         with self._lock:
             self._cab = cab
             if self._attention.there:

@@ -131,12 +131,10 @@ class Desk:
             self._box.put(message)
 
     def _tell(self, cab: Any | None) -> None:
-        """Receive a message in the bus's thread."""
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._take, cab)
 
     def _take(self, cab: Any | None) -> None:
-        """Send a cab to the page; None: the run is over."""
         if cab is None:
             self._enter("over")
             return
@@ -193,7 +191,6 @@ class Desk:
             self.peer.mark(on_bus.SETTING if said.text else on_bus.MARKED, said)
 
     def _flush(self) -> None:
-        """Publish the newest setting, now or when the previous one has settled."""
         if self._loop is not None and not self.peer.flush():
             self._loop.call_later(on_bus.SETTLES_S, self._flush)
 
@@ -259,7 +256,6 @@ class Doorkeeper:
         return secrets.compare_digest(text.encode(), self._token.encode())
 
     def _way_in(self) -> Response:
-        """Set the cookie and redirect to the page, which removes the token from the address."""
         answer = RedirectResponse("/", status_code=303)
         answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
         return answer

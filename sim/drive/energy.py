@@ -153,7 +153,6 @@ class DriveEnergy:
         return self._told(self._above).removeprefix(f"{NOT_COMPARABLE}: ")
 
     def _told(self, error: DasError) -> str:
-        """An error without the name of the recording, which the reader knows."""
         return str(error).removeprefix(f"{self.table.recording.path}: ")
 
     @cached_property

@@ -158,7 +158,6 @@ REFUSED: Final = "advice not followed"
 
 
 def _mark(one: DriveEvent) -> str:
-    """Why an event is a bookmark; empty for an event that is none."""
     lasted_s = (one.last_ns - one.time_ns) * NS
     match one.kind:
         case EventKind.MISSED_STOP:
@@ -255,7 +254,6 @@ def silences(table: DriveTable) -> tuple[Span, ...]:
 
 
 def _silent(table: DriveTable, first_ns: int, last_ns: int) -> Iterator[tuple[Span, int | str]]:
-    """The times without advice, each with what caused it."""
     times_ns, valid_ns, sources, causes, reasons = (
         one.tolist() for one in table.of_topic("advice", "valid_until_ns", "source", "cause", "reason")
     )
@@ -482,16 +480,10 @@ def _notes(table: DriveTable) -> Iterator[DriveEvent]:
     for number, note in enumerate(read_notes(table.recording.path), start=1):
         if not trip.time_ns[0] <= note.time_ns <= trip.time_ns[-1]:
             continue
-        tags = f" [{', '.join(note.tags)}]" if note.tags else ""
-        by = f" ({note.author})" if note.author else ""
-        yield DriveEvent.on(
-            trip, EventKind.NOTE, note.time_ns, f"{note.text}{tags}{by}", end_ns=note.end_ns,
-            number=number, note=note.text, tags=list(note.tags), author=note.author,
-        )  # fmt: skip
+        yield DriveEvent.on(trip, EventKind.NOTE, note.time_ns, note.text, number=number, note=note.text)
 
 
 def _told_events(table: DriveTable) -> Iterator[DriveEvent]:
-    """Events for everything that node or driver received or that node or simulator logged, in no particular order."""
     trip = table.course
     yield from _restrictions(table)
     for point in points(table):
@@ -713,7 +705,6 @@ def decision_events(table: DriveTable) -> Iterator[DriveEvent]:
 
 
 def _controller(table: DriveTable, time_ns: int) -> str:
-    """What the controller was set to at a moment, in words; empty if that was not recorded."""
     times_ns, lever_ratio = table.of_topic("cab", "lever_ratio")
     at = int(np.searchsorted(times_ns, time_ns, side="right")) - 1
     if at < 0 or not np.isfinite(lever_ratio[at]):

@@ -149,8 +149,6 @@ class _ByEye(NamedTuple):
 
 
 class _RelianceWatch:
-    """Checks every advice message of a run for reliability."""
-
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
         self._at_s, self._obeyed_s = -math.inf, 0
@@ -177,7 +175,6 @@ class _RelianceWatch:
         self._keep_promise(told, advice.guide.following, time_s)
 
     def _count_time(self, advice: Any, time_s: float) -> None:
-        """Count the seconds since the last look as advised or silent."""
         self._counts["replaced"] += int(advice.replaced_parts)
         if math.isfinite(self._at_s):
             self._counts["silent_s"] += max(round(time_s - self._at_s) - 1, 0)
@@ -255,7 +252,6 @@ class InstructionWatch:
                 self._announced.append((time_s, _task(kind, one.speed_mps), time_s + one.in_s))
 
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
-        """Count a new instruction, and assess the one that it replaces."""
         counts, self._now, coasted_s = self._counts, told, self._coasted_s
         self._coasted_s = 0
         counts["instructions"] += 1
@@ -286,8 +282,6 @@ class InstructionWatch:
 
 
 class _AdviceRow(NamedTuple):
-    """Advice from a table, with the fields that `InstructionWatch` reads."""
-
     time_ns: int
     s_m: float
     speed_mps: float
@@ -339,13 +333,11 @@ def _is_odd(told: _Told, advice: Any) -> bool:
 
 
 def _is_own_end(before: _Told, told: _Told) -> bool:
-    """Whether an instruction holds the speed to which the one before led."""
     reached = before.kind is not InstructionKind.HOLD and told.kind is InstructionKind.HOLD
     return reached and abs(told.to_mps - before.to_mps) < KMH
 
 
 def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
-    """Whether a driver does what is shown, as far as speed and wheel force (N) tell."""
     if told.by_eye:  # The force is not known: a driver without traction follows the advice.
         return bool(advice.guide.now.in_s > 0 or force_n <= 0)
     if told.kind is InstructionKind.BRAKE:

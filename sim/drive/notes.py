@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from foxglove_schemas_protobuf.Event_pb2 import Event as FoxgloveEvent
 from mcap.reader import make_reader
@@ -17,22 +16,16 @@ from das.domain.files.writing import write_whole
 
 SUFFIX: Final = ".notes"
 """The end of the name of a file of notes. It is an MCAP file, but must not be taken for a drive, as by `run*.mcap`."""
-FORMER_SUFFIX: Final = ".notes.mcap"
-"""The end of the name until version 0.2. Such notes are read, and moved when they change."""
 TOPIC: Final = "notes"
 LONGEST_NOTE: Final = 2000
 """The greatest number of characters in a note."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Note:
-    """A note: the span of time that it is about (ns since 1970), its text, its tags, and its author if one is given."""
+class Note(NamedTuple):
+    """A note: the time that it is about (ns since 1970), and its text."""
 
     time_ns: int
-    end_ns: int
     text: str
-    tags: tuple[str, ...] = ()
-    author: str = ""
 
 
 def notes_path(recording: Path) -> Path:
@@ -40,17 +33,9 @@ def notes_path(recording: Path) -> Path:
     return recording.with_name(f"{recording.stem}{SUFFIX}")
 
 
-def _write_notes(recording: Path, notes: list[Note]) -> Path:
-    path = notes_path(recording)
-    write_whole(path, _as_mcap(recording, notes))
-    recording.with_name(f"{recording.stem}{FORMER_SUFFIX}").unlink(missing_ok=True)
-    return path
-
-
 def read_notes(recording: Path) -> tuple[Note, ...]:
     """The notes of a recording in order of time; empty if there are none. DasError for a file that is damaged."""
-    path, former = notes_path(recording), recording.with_name(f"{recording.stem}{FORMER_SUFFIX}")
-    path = path if path.exists() else former
+    path = notes_path(recording)
     if not path.exists():
         return ()
     try:
@@ -61,7 +46,7 @@ def read_notes(recording: Path) -> tuple[Note, ...]:
         raise DasError(f"{path}: cannot be read ({error.strerror})") from error
     except Exception as error:  # Damaged bytes surface as errors of the decompressor, of struct, of protobuf, …
         raise DasError(f"{path}: damaged notes: {' '.join(str(error).split()) or type(error).__name__}") from error
-    return tuple(sorted(found, key=lambda note: note.time_ns))
+    return tuple(sorted(found))
 
 
 def add_note(recording: Path, note: Note) -> Path:
@@ -71,40 +56,29 @@ def add_note(recording: Path, note: Note) -> Path:
     """
     if not note.text.strip() or len(note.text) > LONGEST_NOTE:
         raise DasError(f"note of {len(note.text)} characters: expected 1 to {LONGEST_NOTE}")
-    return _write_notes(recording, [*read_notes(recording), note])
+    path = notes_path(recording)
+    write_whole(path, _as_mcap(recording, sorted([*read_notes(recording), note])))
+    return path
 
 
 def _as_mcap(recording: Path, notes: list[Note]) -> bytes:
-    """The notes as an MCAP file, in order of time."""
     content = io.BytesIO()
     writer = Writer(content)
     writer.start(library="das-sim")
     writer.add_metadata("notes", {"recording": recording.name})
     channel = writer.register_channel(TOPIC, "protobuf", register_schema(writer, FoxgloveEvent))
-    for note in sorted(notes, key=lambda one: one.time_ns):
-        writer.add_message(channel, note.time_ns, _event(note).SerializeToString(), note.time_ns)
+    for note in notes:
+        event: Any = FoxgloveEvent()
+        event.start_time.FromNanoseconds(note.time_ns)
+        event.end_time.FromNanoseconds(note.time_ns)
+        event.metadata.add(key="text", value=note.text)
+        writer.add_message(channel, note.time_ns, event.SerializeToString(), note.time_ns)
     writer.finish()  # type: ignore[no-untyped-call]
     return content.getvalue()
-
-
-def _event(note: Note) -> Any:
-    event = FoxgloveEvent()
-    event.start_time.FromNanoseconds(note.time_ns)
-    event.end_time.FromNanoseconds(max(note.end_ns, note.time_ns))
-    for key, value in (("text", note.text), ("tags", ",".join(note.tags)), ("author", note.author)):
-        if value:
-            event.metadata.add(key=key, value=value)
-    return event
 
 
 def _note(event: Any) -> Note:
     said = {pair.key: pair.value for pair in event.metadata}
     # Other programs may use another key for the text; then all their keys and values are shown.
     text = said.get("text") or "; ".join(f"{key}: {value}" for key, value in said.items()) or "(no text)"
-    return Note(
-        time_ns=event.start_time.ToNanoseconds(),
-        end_ns=event.end_time.ToNanoseconds(),
-        text=text,
-        tags=tuple(filter(None, said.get("tags", "").split(","))),
-        author=said.get("author", ""),
-    )
+    return Note(event.start_time.ToNanoseconds(), text)

@@ -1,4 +1,4 @@
-"""What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's track.
+"""What is plotted of a drive: its quantities with their units and colours, and the values over time.
 
 If only the node was recorded, some series are missing. They are derived from the attached files and the positions: the
 gradient from the line, forces and energy by inverse dynamics (docs/explanation/trip-energy.md).
@@ -6,15 +6,12 @@ gradient from the line, forces and energy by inverse dynamics (docs/explanation/
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from das.advice.advice import Source
-from das.domain.earth import MEAN_RADIUS_M
 from das.domain.errors import DasError
-from das.domain.route import Route
 from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
 from sim.drive.table import DriveTable, PlanMade
 from sim.meanings import Meaning
@@ -94,12 +91,10 @@ STYLES: Final = {
     "speed/same_times": Style(SAME_TIMES, Meaning.OPTIMUM, width=1.2),
     "speed/advised": Style("advised", Meaning.ADVISED, width=3.0, gaps=True),
     "speed/shown": Style("shown to the driver", Meaning.SHOWN, width=1.0, held=True),
-    "speed/other": Style("in the other drive", Meaning.OTHER_DRIVE),
     "speed/driven": Style("driven", Meaning.DRIVEN),
     "force/advised": Style("advised", Meaning.ADVISED, width=3.0, gaps=True),
     "force/driven": Style("driven", Meaning.DRIVEN),
     "energy/optimum": Style(SAME_TIMES, Meaning.OPTIMUM),
-    "energy/other": Style("in the other drive", Meaning.OTHER_DRIVE),
     "energy/driven": Style("driven", Meaning.DRIVEN),
     "lost/driving": Style("lost by the driving so far", Meaning.LOST),
     "lost/advice": Style("of it, by other efforts than advised", Meaning.AGAINST),
@@ -129,52 +124,19 @@ SAME_STOP_M = 1.0
 """Distance (m) of their ends below which plans lead to the same stop."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FirstPlans:
-    """The first plans for all stops of a recording, joined: the optimum from where the advice began."""
-
-    time_ns: Times
-    s_m: Floats
-    speed_mps: Floats
-
-    @classmethod
-    def of(cls, table: DriveTable) -> FirstPlans | None:
-        """The plans, None if none was recorded."""
-        firsts: list[PlanMade] = []
-        for plan in table.said.plans:
-            if len(plan.s_m) and (not firsts or plan.s_m[-1] > firsts[-1].s_m[-1] + SAME_STOP_M):
-                firsts.append(plan)
-        if not firsts:
-            return None
-        return cls(
-            time_ns=np.concatenate([plan.time_ns + np.rint(plan.t_s / NS).astype(np.int64) for plan in firsts]),
-            s_m=np.concatenate([plan.s_m for plan in firsts]),
-            speed_mps=np.concatenate([plan.speed_mps for plan in firsts]),
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MapTrack:
-    """The positions of the trip in a plane (m east and m south of their middle)."""
-
-    time_ns: Times
-    plane_m: Floats
-
-    @classmethod
-    def of(cls, table: DriveTable) -> MapTrack | None:
-        """The track of a drive on the map; None if no locations were recorded."""
-        time_ns, degrees = table.said.places
-        return cls.through(time_ns, degrees) if len(time_ns) else None
-
-    @classmethod
-    def through(cls, time_ns: Times, degrees: Floats) -> MapTrack:
-        """The track through these places (latitude, longitude; WGS 84)."""
-        middle = degrees.mean(axis=0)
-        north, east = (np.radians(degrees - middle) * MEAN_RADIUS_M).T
-        return cls(
-            time_ns=time_ns,
-            plane_m=np.column_stack((east * np.cos(np.radians(middle[0])), -north)),
-        )
+def first_plans(table: DriveTable) -> DrivenCourse | None:
+    """The first plans for all stops, joined: the optimum from where the advice began; None if none was recorded."""
+    firsts: list[PlanMade] = []
+    for plan in table.said.plans:
+        if len(plan.s_m) and (not firsts or plan.s_m[-1] > firsts[-1].s_m[-1] + SAME_STOP_M):
+            firsts.append(plan)
+    if not firsts:
+        return None
+    return DrivenCourse(
+        time_ns=np.concatenate([plan.time_ns + np.rint(plan.t_s / NS).astype(np.int64) for plan in firsts]),
+        s_m=np.concatenate([plan.s_m for plan in firsts]),
+        speed_mps=np.concatenate([plan.speed_mps for plan in firsts]),
+    )
 
 
 Found = dict[str, tuple[Times, Floats]]
@@ -193,7 +155,7 @@ def series(table: DriveTable) -> Found:
 
 
 def _plan(table: DriveTable) -> Found:
-    plan = FirstPlans.of(table)
+    plan = first_plans(table)
     nothing = np.empty(0, np.int64), np.empty(0)
     return {"speed/optimum": (plan.time_ns, plan.speed_mps / KMH) if plan else nothing}
 
@@ -239,7 +201,6 @@ def _broken(time_ns: Times, values: Floats) -> tuple[Times, Floats]:
 
 
 def _in_the_cab(table: DriveTable) -> Found:
-    """What the display showed and what the controller was set to, as shares of the largest effort in that direction."""
     at, presentation, speed_mps, advised_ratio, lever_ratio = table.of_topic(
         "cab", "presentation", "advised_speed_mps", "advised_lever_ratio", "lever_ratio"
     )
@@ -285,31 +246,20 @@ def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -
     return time_ns[keep], values[keep]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FilledIn:
-    """Series by the names of `STYLES`, the train's track on the map, and the source.
-
-    `source` says in a sentence what is estimated, or why nothing could be; it is empty if nothing was missing.
-    """
-
-    series: Found
-    source: str
-    way: MapTrack | None = None
-
-
-def filled_in(energy: DriveEnergy) -> FilledIn:
-    """The series that a recording without a simulator lacks; none if a simulator was recorded."""
+def filled_in(energy: DriveEnergy) -> tuple[Found, str]:
+    """The series that a recording without a simulator lacks, and what is estimated, or why nothing could be, in a
+    sentence; both are empty if a simulator was recorded."""
     table = energy.table
     if table.has("truth") or table.journey is None:
-        return FilledIn(series={}, source="")
+        return {}, ""
     try:
         return _estimate(table, energy.motion)
     except DasError as error:
         why = str(error).removeprefix(f"{table.recording.path}: ")
-        return FilledIn(series={}, source=f"force, energy and gradient are not known: {why}")
+        return {}, f"force, energy and gradient are not known: {why}"
 
 
-def _estimate(table: DriveTable, motion: DrivenMotion) -> FilledIn:
+def _estimate(table: DriveTable, motion: DrivenMotion) -> tuple[Found, str]:
     from das.solver.section import build_section
     from sim.trips.estimate import estimate_run
 
@@ -323,27 +273,14 @@ def _estimate(table: DriveTable, motion: DrivenMotion) -> FilledIn:
     )
     since_s = (motion.time_ns - motion.time_ns[0]) * NS
     inside = np.clip(motion.s_m, section.start_m, section.end_m)
-    driven = estimate_run(section, since_s, inside, motion.speed_mps)
-    run, at = driven.trajectory, motion.time_ns[driven.index]
+    estimated = estimate_run(section, since_s, inside, motion.speed_mps)
+    run, at = estimated.trajectory, motion.time_ns[estimated.index]
     within = (at >= trip.time_ns[0]) & (at <= trip.time_ns[-1])
     found = {
-        "energy/driven": (at[within], kwh(driven.energy_input_j[within])),
+        "energy/driven": (at[within], kwh(estimated.energy_input_j[within])),
         "gradient/permille": (at[:-1][within[:-1]], run.grade_ratio[within[:-1]] / PERMILLE),
     }
     if not table.has("effort"):
         force_n = (run.force_el_n + run.force_friction_n)[within[:-1]]
         found["force/driven"] = (at[:-1][within[:-1]], force_n / KN)
-    return FilledIn(
-        series=found,
-        source=f"force and energy are estimated from positions, not measured ({inputs.source})",
-        way=_way(inputs.route, trip),
-    )
-
-
-def _way(route: Route, trip: DrivenCourse) -> MapTrack | None:
-    """Where the train was on the map by the line's geometry; None for a line without one."""
-    if not len(route.geometry_position_m):
-        return None
-    places = (route.geometry_latitude_deg, route.geometry_longitude_deg)
-    degrees = np.column_stack([np.interp(trip.s_m, route.geometry_position_m, one) for one in places])
-    return MapTrack.through(trip.time_ns, degrees)
+    return found, f"force and energy are estimated from positions, not measured ({inputs.source})"

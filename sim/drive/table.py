@@ -125,7 +125,7 @@ class Occasional:
     """The irregular messages of a drive, each kind in order of time.
 
     `simulator` and `node` are their logs, `marks_ns` the moments that a person at the desk marked (ns since 1970),
-    `places` times (ns), latitudes and longitudes (°) of the train, `saving` the energies stated in the recording.
+    `saving` the energies stated in the recording.
     """
 
     journeys: tuple[JourneyTold, ...]
@@ -136,10 +136,7 @@ class Occasional:
     node: tuple[LogLine, ...]
     decisions: tuple[Decision, ...]
     marks_ns: tuple[int, ...]
-    places: tuple[Times, Floats]
     saving: AboveOptimum | None
-    status: str
-    """Version of the node and number of its advice messages, in words; empty if it stated neither."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -302,8 +299,6 @@ def _said(recording: Recording) -> Occasional:
         for one in messages(topics.JOURNEY)
     )
     stops_m = {stop.name: stop.s_m for one in journeys for stop in one.stops}
-    fixes = list(messages(topics.LOCATION))
-    last = next((f"version {one.version}, advice {one.advices} times" for one in [*messages(topics.STATUS)][::-1]), "")
     return Occasional(
         journeys=journeys,
         plans=tuple(
@@ -329,12 +324,7 @@ def _said(recording: Recording) -> Occasional:
         node=tuple(_line(one) for one in messages(topics.EVENT)),
         decisions=tuple(Decision(one.time_ns, KINDS[one.kind - 1], one.value) for one in messages(topics.DECISION)),
         marks_ns=tuple(one.time_ns for one in messages(topics.MARK) if one.kind == one.KIND_MARK),
-        places=(
-            np.array([one.timestamp.ToNanoseconds() for one in fixes], dtype=np.int64),
-            np.array([(one.latitude, one.longitude) for one in fixes], dtype=np.float64).reshape(-1, 2),
-        ),
         saving=AboveOptimum.recorded(recording),
-        status=last,
     )
 
 

@@ -16,7 +16,7 @@ from sim.doors import MEASURES as DOOR
 from sim.doors import Door, installed
 from sim.drive.drive import Drive
 from sim.drive.figures import NAMES as FIGURES
-from sim.drive.stability import REVERSAL_S
+from sim.drive.figures import REVERSAL_S
 from sim.drive.table import DriveTable
 from sim.drivers.cab import AT_STOP_M, AdviceView, DriverEvent
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of

@@ -1,7 +1,7 @@
 """A study that the command line describes, without a design file: scenarios, drivers, presentations and seeds.
 
 Everybody drives the same days, with the same chances: those of `das-sim run` with these seeds. The results are by
-scenario, driver and presentation: means over the seeds, and what advice saved (defined in `sim.drive.equal_arrival`),
+scenario, driver and presentation: means over the seeds, and what advice saved (defined in `sim.drive.comparison`),
 split into its causes: parts of the differences between paired runs, which sum to what was saved.
 """
 

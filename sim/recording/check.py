@@ -194,7 +194,6 @@ def _most(values_s: Floats) -> str:
 
 
 def _position_ages(recording: Recording) -> tuple[Times, Floats]:
-    """The time (ns) of each advice message based on a position, and how old (s) that position then was."""
     data = recording.columns(topics.ADVICE, "time_ns", "position_time_ns", "mode")
     used = (data["mode"] != Regime.NONE) & (data["position_time_ns"] > 0)
     return data["time_ns"][used], (data["time_ns"][used] - data["position_time_ns"][used]) * NS
@@ -302,7 +301,6 @@ def _figures(contents: Contents, recording: Recording) -> dict[str, Any]:
 
 
 def _figure_rows(recording: Recording, found: Mapping[str, Any]) -> dict[str, str]:
-    """The figures of a recording in words, by name."""
     first_ns, last_ns, missing = found["from_ns"], found["to_ns"], found["missing_messages"]
     rows = {
         "train": recording.train,

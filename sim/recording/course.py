@@ -157,7 +157,6 @@ class DriveClock:
 
 
 def _seconds(parts: Mapping[str, str | None]) -> float:
-    """A time in seconds from its sign, hours, minutes and seconds, as far as they are given."""
     hours, minute, second = (float(parts.get(name) or 0.0) for name in ("h", "m", "s"))
     return (HOUR_S * hours + MINUTE_S * minute + second) * (1.0 if parts["sign"] in ("", "+") else -1.0)
 
@@ -225,7 +224,6 @@ def part_of(recording: Recording, start: str | None, end: str | None) -> Recordi
 
 
 def _kept(entries: Sequence[Stamped], topic: str, from_ns: int, to_ns: int) -> tuple[Stamped, ...]:
-    """The messages of a topic that a part from `from_ns` to `to_ns` keeps, in their order."""
     timed = [(stated_ns(entry), entry) for entry in entries]
     if topic in WHOLE:
         return tuple(entry for at_ns, entry in timed if at_ns <= to_ns)

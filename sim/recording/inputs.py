@@ -160,7 +160,6 @@ def put(path: Path, content: bytes) -> Path:
 
 
 def _named_in(path: Path, *keys: str) -> list[tuple[str, str]]:
-    """The files that a vehicle's file names under some keys, with the keys; none for a file that is not TOML."""
     return list(_paths_in(read_toml(path).data, keys)) if path.suffix.lower() == ".toml" else []
 
 

@@ -112,7 +112,6 @@ def _write(file: IO[bytes], raw: Raw, found: Recovered) -> None:
 
 
 def _note_recovery(writer: McapWriter, found: Recovered) -> None:
-    """Note the losses in the metadata of the new file, unless the old file was sound."""
     losses = found.losses()
     if not found.health.complete:
         losses.append("it was cut off")

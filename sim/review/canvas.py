@@ -16,11 +16,11 @@ from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
 from das.drawing.colors import look_of
-from sim.drive.comparison import AlignedDrives, DriveOnTrack, result
+from sim.drive.comparison import AlignedDrives, result
 from sim.drive.series import QUANTITIES, STYLES
 from sim.meanings import COMPARED, LIGHT
-from sim.recording.course import Floats, Times
-from sim.review.lanes import Lane, instructions
+from sim.recording.course import DrivenCourse, Floats, Times
+from sim.review.scene import Lane, lanes
 
 LINE_RATIO: Final = 0.8
 """Width of a line in a picture, as a share of its width in rerun."""
@@ -159,20 +159,15 @@ def as_image(figure: Figure) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
-SAID_IN, STRIP_IN = 1.14, 0.2
-"""Height (in) of the panel of what a display said, whose words stand upright, and of one without words."""
-SAID_SHARE: Final = 0.15
-"""The coloured strip of such a panel, as a share of its height; the words stand above it."""
-WORDS_APART, MOST_CROWDED = 0.014, 1.5
-"""Least distance between words, as a share of the axis; where instructions are closer, the later words move on by up to
-as much, or are left out. A display with more instructions than `MOST_CROWDED` times those with room has none."""
+SHOWN_IN: Final = 0.3
+"""Height (in) of the lane of what the display of a compared drive showed."""
 
 
 def comparison_figure(aligned: AlignedDrives) -> Figure:
-    """Compared drives over the position: speeds with the results, what displays said, and time and lost energy, each
+    """Compared drives over the position: speeds with the results, what displays showed, and time and lost energy, each
     minus that of the first drive."""
-    said = [(one, lane) for one in aligned.drives if (lane := instructions(one.drive)).changes]
-    figure, axes = light_figure((2.6, *(SAID_IN if _has_words(lane) else STRIP_IN for _, lane in said), 1.3, 1.3))
+    shown = [(one, lane) for one in aligned.drives for lane in lanes(one.drive) if lane.name == "shown"]
+    figure, axes = light_figure((2.6, *(SHOWN_IN for _ in shown), 1.3, 1.3))
     (speed, *told), (time, energy) = axes[:-2], axes[-2:]
     at_km = aligned.s_m / KM
     curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps))
@@ -183,8 +178,17 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
         if i:
             time.plot(at_km, aligned.time_s[i] - aligned.time_s[0], **style)
             energy.plot(at_km, kwh(aligned.lost_j[i] - aligned.lost_j[0]), **style)
-    for axis, (drive, lane) in zip(told, said, strict=True):
-        _said(axis, drive, lane)
+    modes: dict[str, str] = {}
+    for axis, (on_track, lane) in zip(told, shown, strict=True):
+        course = on_track.drive.table.course
+
+        def along(time_ns: Times, course: DrivenCourse = course) -> Floats:
+            return course.at(time_ns, course.s_m) / KM
+
+        modes |= lane_rows(axis, [lane], int(course.time_ns[-1]), along)
+        axis.set_title(on_track.label, loc="right", color=INK, fontsize=TEXT_POINTS, pad=2.0)
+    if modes:
+        page_legend(told[0], modes)
     for axis in (time, energy):
         axis.axhline(0.0, color=COMPARED[0], linewidth=1.0)
     legs = aligned.drives[0].drive.energy.legs
@@ -199,36 +203,3 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     named(energy, y="energy lost against\nthe first, kWh", x="position, km")
     page_legend(speed)
     return figure
-
-
-def _said(axis: Any, on_track: DriveOnTrack, lane: Lane) -> None:
-    """Draw what the display of a drive said, and where: a strip in the colours of the modes, and the words above it.
-
-    A display that changes too often for its words has the strip alone.
-    """
-    drive, written = on_track.drive, -np.inf
-    apart = WORDS_APART * float(np.ptp(drive.table.course.s_m)) / KM
-    room = _has_words(lane)
-    height = SAID_SHARE if room else 1.0
-    end = lane.changes[-1]._replace(time_ns=int(drive.table.course.time_ns[-1]), state="")
-    for change, following in pairwise([*lane.changes, end]):
-        start, until = drive.table.course.at(_times(change.time_ns, following.time_ns), drive.table.course.s_m) / KM
-        if not change.state or until <= start:
-            continue
-        color = lane.color(change.state, LIGHT)
-        axis.broken_barh([(start, until - start)], (0.0, height), facecolor=color, edgecolor="none")
-        place = max(start, written + apart)
-        if room and place <= start + apart and place < drive.table.course.s_m[-1] / KM - 0.7 * apart:
-            written = place
-            axis.text(place, SAID_SHARE + 0.03, change.state, rotation=90.0, ha="left", va="bottom", color=INK,
-                      fontsize=TEXT_POINTS - 1.0)  # fmt: skip
-    axis.set_ylim(0.0, 1.0)
-    axis.set_yticks([])
-    axis.grid(visible=False)
-    axis.set_title(on_track.label, loc="left", color=INK, fontsize=TEXT_POINTS, pad=2.0)
-    named(axis, y="shown in the\ncab, km/h" if room else "")
-
-
-def _has_words(lane: Lane) -> bool:
-    """Whether most words of a lane have room."""
-    return len(lane.changes) * WORDS_APART <= MOST_CROWDED

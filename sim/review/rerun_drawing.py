@@ -1,8 +1,7 @@
-"""The scene as rerun entities: over time, over distance in a plane that can be zoomed, and on the track.
+"""The scene as rerun entities over time, and the layout of the viewer.
 
-Rerun's own plots always follow its active timeline. So curves over distance lie in a plane, in which 1 unit is 1/1600
-of the trip in both directions. Speed, force and gradient are scaled into strips one below the other, and a cursor
-follows the time.
+A plot of rerun shows ±30 s about the cursor unless its axis has a range, which linked axes ignore: every plot has its
+own range, the whole trip.
 """
 
 from __future__ import annotations
@@ -11,27 +10,28 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
-from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.advice.wording import Language
-from das.domain.units import KM, KMH, NS
-from sim.drive.series import QUANTITIES, STYLES, MapTrack, quantity_of
-from sim.meanings import STANDING_GREY, VIEWER, Meaning, rgba
-from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, Times, stretches_of
-from sim.review.cab_display import send_cab
-from sim.review.lanes import Lane, lane_entity
-from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
-from sim.review.words import DisplayWords, summary
+from das.domain.units import KMH, NS, kwh_figure
+from sim.drive.attribution.attribution import Attribution
+from sim.drive.series import BUFFER_PERCENT, QUANTITIES, STYLES, quantity_of
+from sim.meanings import VIEWER, rgba
+from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, Times
+from sim.review.report.first_page import in_lines
+from sim.review.report.tables import cause_rows, figures, input_rows
+from sim.review.scene import COST, WAY, Lane, ReviewScene, lane_entity
+from sim.review.words import DisplayWords, cards
 
 DRIVE_CLOCK, POSITION = "drive_clock", "position_m"
 """Names of two timelines: time on the drive's clock, and position on the route (m). The third is the line's clock."""
-ENERGY, BOOKMARKS = "account", "bookmarks"
-"""Entities of the energy attribution and of the bookmarks."""
+CAB, ENERGY, BOOKMARKS = "cab", "account", "bookmarks"
+"""Entities of the words of the display, of the energy attribution and of the bookmarks."""
 MARKDOWN: Final = rr.MediaType.MARKDOWN
 LEVELS: Final[Mapping[int, str]] = {
     Log.DEBUG: "DEBUG",
@@ -42,46 +42,9 @@ LEVELS: Final[Mapping[int, str]] = {
 }
 
 INK: Final = rgba(VIEWER.ink)
-GRID: Final = INK & ~0xFF | 0x40
-"""The grid is a faint ink."""
-TRAIN: Final = rgba(VIEWER.of[Meaning.DRIVEN])
-SLOW, FAST = (np.array(list(bytes.fromhex(one[1:]))) for one in (STANDING_GREY, VIEWER.of[Meaning.DRIVEN]))
-"""Colours of the track at standstill and at the highest speed: grey, and the blue of what was driven."""
-TRACK_PIECES: Final = 300
-REACHED_M: Final = 200.0
-"""Distance (m) beyond the ends of the train's course within which a stop is drawn as well."""
-
-WIDTH: Final = 1600.0
-"""Width of the trip in the plane."""
-NICE: Final = (1.0, 2.0, 5.0, 10.0)
-FURNITURE: Final = ("grid", "axes", "stops", "names", "key", "here")
-"""Entities over distance that show nothing when a user points at them."""
-SIGNAL_SHARE: Final = 0.12
 LANE_LETTERS: Final = 137.0
 """Letters that fit into a lane in the window that the layout is made for."""
 FIGURE: Final = re.compile(r"[+-]?\d[\d.]*")
-LETTER: Final = 6.0
-"""Half the width of a letter and its bubble in the window that the layout is made for."""
-THIN: Final = rr.Radius.ui_points(0.5)
-
-
-class Strip(NamedTuple):
-    """A strip of the plane: the quantity, the rows of its top and bottom, and the least range of values."""
-
-    name: str
-    top: float
-    bottom: float
-    least: tuple[float, float]
-
-
-STRIPS: Final = (
-    Strip("speed", 60.0, 370.0, (0.0, 10.0)),
-    Strip("force", 405.0, 500.0, (-10.0, 10.0)),
-    Strip("gradient", 535.0, 590.0, (-5.0, 5.0)),
-)
-BOTTOM: Final = STRIPS[-1].bottom
-MARGIN: Final = (100.0, 30.0, 105.0)
-"""Room left and right of the lines, and under them for the positions; above there are 44 for the names of stops."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,9 +95,9 @@ class Timelines:
 
 
 def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> None:
-    """Send everything to rerun that is to be shown, except the energy attribution; the display is in a language."""
+    """Send everything to rerun that is to be shown; the display is in a language."""
     out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
-    lines = Timelines.of_scene(scene)
+    lines, attribution = Timelines.of_scene(scene), scene.drive.energy.attribution
     for name, (time_ns, values) in scene.series.items():
         if len(time_ns):
             _series(out, lines, name, time_ns, values)
@@ -142,27 +105,45 @@ def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> Non
         _lane(out, lines, lane)
     _bookmarks(out, lines, scene)
     _events(out, lines, scene)
-    send_cab(out, lines.of, scene, DisplayWords(language, scene.drive.table.zone))
-    if scene.way is not None:
-        _location(out, lines, scene.way, scene)
-    _over_distance(out, lines, scene)
-    out.log("summary", rr.TextDocument(summary(scene.drive, scene.filled_from), media_type=MARKDOWN), static=True)
-
-
-def send_attribution(out: rr.RecordingStream, scene: ReviewScene) -> None:
-    """Send where the energy went in a scene with its energy attribution, or why it is not known."""
-    lines, shown = Timelines.of_scene(scene), scene.attribution
+    found = cards(scene.drive.table, DisplayWords(language, scene.drive.table.zone))
+    if found:
+        columns = rr.TextDocument.columns(text=[one.text for one in found], media_type=[MARKDOWN] * len(found))
+        out.send_columns(CAB, lines.of(np.array([one.time_ns for one in found])), columns)
     why_not = f"The energy is not attributed: {scene.drive.energy.why_no_attribution}."
-    out.log(ENERGY, rr.TextDocument(why_not if shown is None else shown.text, media_type=MARKDOWN), static=True)
-    if shown is not None:
-        for name in shown.series:
-            _series(out, lines, name, *scene.series[name])
-        if shown.spans:
-            _lane(out, lines, shown.lane)
+    texts = {ENERGY: attribution_text(attribution) if attribution else why_not, "summary": summary(scene)}
+    for entity, text in texts.items():
+        out.log(entity, rr.TextDocument(text, media_type=MARKDOWN), static=True)
+
+
+def summary(scene: ReviewScene) -> str:
+    """The first page of the report, its figures and its sources (Markdown)."""
+    recording, filled = scene.recording, scene.filled_from
+    lines = [f"### Train {recording.train}", *(f"**Damaged: {one}.**" for one in recording.health.damage)]
+    lines += [f"**{filled[0].upper()}{filled[1:]}.**"] if filled else []
+    lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}"] if len(recording.trains) > 1 else []
+    rows = [("", figures(scene.drive)), ("Sources", input_rows(scene.drive))]
+    return "\n\n".join([*lines, *in_lines(scene.drive), *(_table((title, ""), one) for title, one in rows)])
+
+
+def attribution_text(attribution: Attribution) -> str:
+    """The energy by cause as the report has it (Markdown)."""
+    above = attribution.above
+    source = "of the simulated train" if above.measured else "estimated from positions; not measured"
+    rows = [
+        ("optimum for the same times", kwh_figure(above.optimum_j), ""),
+        *((one["label"], one["kwh"], one["meaning"]) for one in cause_rows(attribution)),
+        ("**as driven**", f"**{kwh_figure(above.driven_j)}**", ""),
+    ]
+    head = f"### Above the optimum for the same times: {above.words}"
+    return "\n\n".join([head, _table(("", "kWh", ""), rows), f"Energy at the current collector, {source}."])
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    cells = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(one.replace('|', '/') for one in row)} |" for row in cells)
 
 
 def _series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: Times, values: Floats) -> None:
-    """Send a series in its style."""
     style, modes = STYLES[name], rr.components.InterpolationMode
     looks = rr.SeriesLines(
         colors=rgba(VIEWER.of[style.meaning]),
@@ -218,7 +199,6 @@ def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) ->
 
 
 def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
-    """Send the events of the node and the log of the simulator."""
     said = sorted((*scene.drive.table.said.node, *scene.drive.table.said.simulator), key=lambda one: one.time_ns)
     if said:
         time_ns = np.array([one.time_ns for one in said])
@@ -232,193 +212,114 @@ def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> No
         out.send_columns("events", lines.in_seconds(time_ns), columns)
 
 
-def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: ReviewScene) -> None:
-    """Send the track in a plane, coloured by speed, with the stops."""
-    index, trip = lines.of(way.time_ns), lines.trip
-    radius, dot = rr.Radius.ui_points(2.5), rr.Radius.ui_points(7.0)
-    ends = np.unique(np.linspace(0, len(way.time_ns) - 1, TRACK_PIECES + 1).astype(int))
-    speed = trip.at(way.time_ns[ends[:-1]], trip.speed_mps)
-    share = speed / max(float(speed.max(initial=0.0)), 1.0)
-    shades = np.rint(SLOW + share[:, None] * (FAST - SLOW)).astype(np.uint8)
-    pieces = [way.plane_m[a : b + 1] for a, b in pairwise(ends)]
-    out.log("track/way", rr.LineStrips2D(pieces, colors=shades, radii=radius), static=True)
-    _track_stops(out, way, scene)
-    out.log("track/train", rr.Points2D.from_fields(colors=TRAIN, radii=dot), static=True)
-    out.send_columns("track/train", index, rr.Points2D.columns(positions=way.plane_m))
+MARGIN_RATIO: Final = 0.02
 
 
-def _track_stops(out: rr.RecordingStream, way: MapTrack, scene: ReviewScene) -> None:
-    """Send the names of the stops that the train reached, each at the train's location when it did."""
-    at_m = scene.trip.at(way.time_ns, scene.trip.s_m)
-    rising = np.maximum.accumulate(at_m)
-    reached = [
-        (name, way.plane_m[min(int(np.searchsorted(rising, s_m)), len(rising) - 1)])
-        for name, s_m in scene.stops
-        if at_m.min() - REACHED_M <= s_m <= at_m.max() + REACHED_M
-    ]
-    if reached:
-        names, places = [name for name, _ in reached], [place for _, place in reached]
-        radius = rr.Radius.ui_points(4.0)
-        out.log("track/stops", rr.Points2D(places, labels=names, colors=INK, radii=radius), static=True)
+class Row(NamedTuple):
+    """A view over time: its quantity or its lanes, its share of the height, the corner of its legend, and its title.
+
+    The title is for lanes; a quantity has a title of its own.
+    """
+
+    origin: str
+    share: float
+    legend: Literal["LeftTop", "LeftBottom", "RightTop"] | None = None
+    lanes: tuple[str, ...] = ()
+    title: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plane:
-    """Where things lie in the plane: positions (m) to columns, values of a strip to rows."""
-
-    start_m: float
-    end_m: float
-    ranges: dict[str, tuple[float, float]]
-
-    @classmethod
-    def of(cls, scene: ReviewScene) -> Plane:
-        """The plane of a scene: as far as the train drove, and as high as what was driven, allowed and advised."""
-        start_m, end_m = float(scene.trip.s_m.min()), float(scene.trip.s_m.max())
-        ranges = {strip.name: _range(scene, strip) for strip in STRIPS}
-        return cls(start_m=start_m, end_m=max(end_m, start_m + 1.0), ranges=ranges)
-
-    def x(self, s_m: Floats | float) -> Floats:
-        """Columns of positions (m)."""
-        return np.asarray((np.asarray(s_m) - self.start_m) * (WIDTH / (self.end_m - self.start_m)))
-
-    def y(self, name: str, values: Floats | float) -> Floats:
-        """Rows of values in the strip of a quantity; values beyond its range lie at its edge."""
-        strip = next(one for one in STRIPS if one.name == name)
-        low, high = self.ranges[name]
-        share = np.clip((np.asarray(values) - low) / (high - low), 0.0, 1.0)
-        return np.asarray(strip.bottom - share * (strip.bottom - strip.top))
-
-
-def _range(scene: ReviewScene, strip: Strip) -> tuple[float, float]:
-    """The range of a strip: round figures about all that is to be shown."""
-    found = scene.extent(strip.name) or strip.least
-    low, high = min(strip.least[0], found[0]), max(strip.least[1], found[1])
-    step = _step(high - low)
-    return step * np.floor(low / step), step * np.ceil(1.02 * high / step)
+DRIVING: Final = (WAY, "advised", "shown", "signal", COST)
+NODE: Final = ("advised", "node", "no advice")
+"""`DRIVING` and `NODE` name the lanes about the driving and the lanes about the node."""
+LANES: Final = "/"
+"""The origin of a view of lanes: their names are those of entities at the root."""
+TABS: Final = {
+    "Over time": (
+        Row("speed", 2.0),
+        Row(LANES, 0.6, lanes=DRIVING, title="Display text, and energy cost of the driving (kWh)"),
+        Row("lever", 1.2),
+    ),
+    "Energy": (Row("lost", 1.0), Row("energy", 1.0, "LeftTop")),
+    "Forces, delay": (
+        Row("force", 1.6, "LeftBottom"),
+        Row("gradient", 0.9),
+        Row("deviation", 1.2, "RightTop"),
+        Row("buffer", 0.9),
+    ),
+    "State of the node": (
+        Row(LANES, 0.2, lanes=NODE, title="Modes advised, state of the node, and times without advice"),
+        Row("estimate", 2.0, "RightTop"),
+        Row("calibration", 2.0, "RightTop"),
+    ),
+}
+HEIGHTS: Final = {"buffer": BUFFER_PERCENT, "lever": (-105.0, 105.0)}
+"""Ranges of the axes that do not follow from what is shown."""
+LANE_SHARE: Final = 0.6
+"""Height that each lane adds to the share of its view."""
 
 
-def _step(range_: float, most: int = 6) -> float:
-    """The distance between grid lines: a round figure, such that there are no more than `most` lines."""
-    rough = range_ / most
-    power = 10.0 ** np.floor(np.log10(rough))
-    return float(power * next(one for one in NICE if one * power >= rough))
+def blueprint(scene: ReviewScene) -> rrb.Blueprint:
+    """The layout for a window of about 1600 × 1000; views without anything to show are left out."""
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            _over_time(scene),
+            rrb.Vertical(rrb.TextDocumentView(origin=CAB, name=_cab(scene)), rrb.Tabs(*_tabs(scene))),
+            column_shares=[2.05, 1.0],
+        ),
+        rrb.TimePanel(timeline=Timelines.of_scene(scene).line_clock, state="collapsed", play_state="Paused"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_views=False,
+    )
 
 
-def _over_distance(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
-    """Send everything over distance."""
-    plane = Plane.of(scene)
-    _grid(out, plane)
-    _stops(out, plane, scene)
-    _places(out, plane, scene)
-    named: dict[Meaning, None] = {}
-    for number, trace in enumerate(scene.over_distance(DRAWN_OVER_DISTANCE)):
-        style = STYLES[trace.name]
-        pieces = unbroken(plane.x(trace.s_m), plane.y(trace.quantity, trace.values), trace.values)
-        if style.held:
-            pieces = [stepped(piece) for piece in pieces]
-        radius, color = rr.Radius.ui_points(0.6 * style.width), rgba(VIEWER.of[style.meaning])
-        drawn = rr.LineStrips2D(pieces, colors=color, radii=radius, draw_order=20.0 + number)
-        out.log(f"distance/{trace.name}", drawn, static=True)
-        named[style.meaning] = None
-    # What each colour means, once, under the positions.
-    x = np.linspace(0.0, WIDTH, len(named) + 2)[1:-1]
-    texts = [(float(at), BOTTOM + 60.0, meaning.value) for at, meaning in zip(x, named, strict=True)]
-    _texts(out, "distance/key", texts, [rgba(VIEWER.of[meaning]) for meaning in named])
-    _here(out, plane, lines)
+def _over_time(scene: ReviewScene) -> rrb.Container:
+    tabs = [_rows(rows, scene, name) for name, rows in TABS.items()]
+    return rrb.Tabs(*(tab for tab in tabs if tab is not None))
 
 
-def unbroken(x: Floats, y: Floats, values: Floats) -> list[Floats]:
-    """The pieces of a line between values that are not known, each of shape (points, 2)."""
-    points = np.column_stack((x, y))
-    return [points[first:end] for first, end in stretches_of(np.isfinite(values))]
+def _cab(scene: ReviewScene) -> str:
+    return "Display at the cursor" if scene.drive.table.has("cab") else "Advice at the cursor (no display was recorded)"
 
 
-def stepped(points: Floats) -> Floats:
-    """The points of values that hold until the next, with the corners."""
-    corners = np.column_stack((points[1:, 0], points[:-1, 1]))
-    found = np.empty((2 * len(points) - 1, 2))
-    found[::2], found[1::2] = points, corners
+def _tabs(scene: ReviewScene) -> list[rrb.View]:
+    clock = Timelines.of_scene(scene).line_clock
+    columns = rrb.TextLogColumns(timeline_columns=[clock], text_log_columns=["body"])
+    found: list[rrb.View] = [rrb.TextLogView(origin=BOOKMARKS, name="Bookmarks", columns=columns)]
+    found.append(rrb.TextDocumentView(origin=ENERGY, name="Energy"))
+    found.append(rrb.TextDocumentView(origin="summary", name="Summary"))
+    if scene.drive.table.said.node or scene.drive.table.said.simulator:
+        found.append(rrb.TextLogView(origin="events", name="Log", columns=columns))
     return found
 
 
-def _grid(out: rr.RecordingStream, plane: Plane) -> None:
-    """Send the grid, and the figures on its axes."""
-    lines: list[Floats] = []
-    texts: list[tuple[float, float, str]] = []
-    km = _step((plane.end_m - plane.start_m) / KM, most=12)
-    for at in np.arange(np.ceil(plane.start_m / KM / km), np.floor(plane.end_m / KM / km) + 1) * km:
-        x = float(plane.x(at * KM))
-        lines += [np.array([(x, strip.top), (x, strip.bottom)]) for strip in STRIPS]
-        texts.append((x, BOTTOM + 22.0, f"km {at:g}"))
-    for strip in STRIPS:
-        low, high = plane.ranges[strip.name]
-        step = _step(high - low, most={"speed": 6, "force": 3}.get(strip.name, 2))
-        top = step * np.floor(high / step)
-        for value in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step:
-            y = float(plane.y(strip.name, value))
-            lines.append(np.array([(0.0, y), (WIDTH, y)]))
-            text = f"{value + 0.0:g}{f' {QUANTITIES[strip.name].spelt_unit}' if value == top else ''}"
-            texts.append((-14.0 - LETTER * len(text), y, text))
-    out.log("distance/grid", rr.LineStrips2D(lines, colors=GRID, radii=THIN, draw_order=10.0), static=True)
-    _texts(out, "distance/axes", texts, [INK] * len(texts))
+def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical | None:
+    found, lanes = scene.quantities, {lane.name for lane in scene.lanes}
+    rows = tuple(row._replace(lanes=_said(row.lanes, lanes)) for row in rows)
+    shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]
+    shares = [row.share + LANE_SHARE * len(lanes & set(row.lanes)) for row in shown]
+    axis = _whole_trip(scene)
+    return rrb.Vertical(*(_view(row, axis) for row in shown), row_shares=shares, name=name) if shown else None
 
 
-def _texts(
-    out: rr.RecordingStream, entity: str, texts: Sequence[tuple[float, float, str]], colors: Sequence[int]
-) -> None:
-    """Send texts at places of the plane."""
-    if texts:
-        places, labels = [(x, y) for x, y, _ in texts], [text for _, _, text in texts]
-        shades, radius = np.array(colors, np.uint32), rr.Radius.ui_points(0.0)
-        drawn = rr.Points2D(places, labels=labels, colors=shades, radii=radius, show_labels=True)
-        out.log(entity, drawn, static=True)
+def _said(lanes: tuple[str, ...], found: set[str]) -> tuple[str, ...]:
+    """The lanes; without that of the modes advised where that of the display stands beside it."""
+    return tuple(one for one in lanes if not (one == "advised" and {"shown"} & found & set(lanes)))
 
 
-def _stops(out: rr.RecordingStream, plane: Plane, scene: ReviewScene) -> None:
-    """Send a line at every stop, and its name above it."""
-    texts = [
-        (float(plane.x(s_m)), 14.0, name)
-        for name, s_m in scene.stops
-        if plane.start_m - REACHED_M <= s_m <= plane.end_m + KM
-    ]
-    if texts:
-        lines = [np.array([(x, 28.0), (x, BOTTOM)]) for x, _, _ in texts]
-        out.log("distance/stops", rr.LineStrips2D(lines, colors=INK, radii=THIN), static=True)
-        _texts(out, "distance/names", texts, [INK] * len(texts))
+def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:
+    if row.origin == LANES:
+        contents = [f"+ /{lane_entity(name)}" for name in row.lanes]
+        return rrb.StateTimelineView(origin=row.origin, contents=contents, name=row.title, time_view=axis)
+    legend = rrb.PlotLegend(row.legend, visible=row.legend is not None)
+    heights = rrb.ScalarAxis(range=HEIGHTS[row.origin]) if row.origin in HEIGHTS else None
+    return rrb.TimeSeriesView(
+        origin=row.origin, name=QUANTITIES[row.origin].long_title, axis_x=axis, axis_y=heights, plot_legend=legend,
+    )  # fmt: skip
 
 
-def _places(out: rr.RecordingStream, plane: Plane, scene: ReviewScene) -> None:
-    """Send what has a place of its own: restrictions, signals at danger and targets."""
-    strip, (_, top) = STRIPS[0], plane.ranges["speed"]
-    height = strip.bottom - SIGNAL_SHARE * (strip.bottom - strip.top)
-    limits, signals, targets = (
-        scene.places_of(meaning) for meaning in (Meaning.LIMIT, Meaning.DANGER, Meaning.OPERATOR)
-    )
-    if limits:
-        minima = [(float(plane.x(one.start_m)), strip.top) for one in limits]
-        maxima = [(float(plane.x(one.end_m)), float(plane.y("speed", min(one.limit_mps / KMH, top)))) for one in limits]
-        sizes, color = np.subtract(maxima, minima), rgba(VIEWER.of[Meaning.LIMIT])
-        labels = [one.text for one in limits]
-        boxes = rr.Boxes2D(mins=minima, sizes=sizes, colors=color, labels=labels, show_labels=True)
-        out.log("distance/restrictions", boxes, static=True)
-    if signals:
-        color = rgba(VIEWER.of[Meaning.DANGER])
-        posts = [np.array([(x, strip.bottom), (x, height)]) for one in signals for x in [float(plane.x(one.start_m))]]
-        out.log("distance/signals", rr.LineStrips2D(posts, colors=color, radii=rr.Radius.ui_points(1.5)), static=True)
-    for entity, found in (("distance/danger", signals), ("distance/targets", targets)):
-        texts = [(float(plane.x(one.start_m)), height, one.text) for one in found]
-        _texts(out, entity, texts, [rgba(VIEWER.of[one.meaning]) for one in found])
-
-
-def _here(out: rr.RecordingStream, plane: Plane, lines: Timelines) -> None:
-    """Send the cursor: a line and a dot that follow the train."""
-    trip = lines.trip
-    x, y = plane.x(trip.s_m), plane.y("speed", trip.speed_mps / KMH)
-    index = lines.of(trip.time_ns)
-    strips = np.empty((len(x), 2, 2), np.float32)
-    strips[:, :, 0], strips[:, 0, 1], strips[:, 1, 1] = x[:, None], STRIPS[0].top, BOTTOM
-    out.log("distance/here", rr.LineStrips2D.from_fields(colors=INK, radii=rr.Radius.ui_points(1.2)), static=True)
-    out.send_columns("distance/here", index, rr.LineStrips2D.columns(strips=strips))
-    dot = rr.Points2D.from_fields(colors=TRAIN, radii=rr.Radius.ui_points(6.0), draw_order=40.0)
-    out.log("distance/train", dot, static=True)
-    out.send_columns("distance/train", index, rr.Points2D.columns(positions=np.column_stack((x, y))))
+def _whole_trip(scene: ReviewScene) -> rrb.TimeAxis:
+    start_ns, end_ns = Timelines.of_scene(scene).local_ns(scene.trip.time_ns[[0, -1]]).tolist()
+    margin_ns = max(round(MARGIN_RATIO * (end_ns - start_ns)), round(1.0 / NS))
+    ends = [rrb.TimeRangeBoundary.absolute(nanos=at_ns) for at_ns in (start_ns - margin_ns, end_ns + margin_ns)]
+    return rrb.TimeAxis(view_range=rrb.TimeRange(*ends))

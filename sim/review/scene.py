@@ -1,46 +1,41 @@
 """The scene of a review: everything that a review draws of a drive, found once, as plain data.
 
 Two renderers draw it: `rerun_drawing` for the viewer, and `report.figures` for a page. Names, units and the meaning of
-colours are defined here, in `lanes` and in `sim.drive.series`; a renderer decides where things go.
+colours are defined here and in `sim.drive.series`; a renderer decides where things go.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from das.bus import das_pb2
 from das.bus.recording import Recording
-from das.domain.errors import DasError
 from das.domain.units import KM, KMH, NS, kwh, kwh_words
+from das.drawing.colors import MODES
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
-from sim.drive.comparison import AlignedDrives, drives_on_track
+from sim.drive.calls import AtStop, at_stops
 from sim.drive.drive import Drive
-from sim.drive.events import NOT_HEARD, EventKind, Span, place_text, points
+from sim.drive.events import NOT_HEARD, EventKind, Span, place_text
 from sim.drive.series import (
     STYLES,
-    FirstPlans,
     Found,
-    MapTrack,
-    driven,
     filled_in,
+    first_plans,
     on_trip,
     quantity_of,
 )
+from sim.drivers.cab import AdviceView
+from sim.drivers.kinds import Presentation
+from sim.drivers.presentations.presenter import presenter_of, shown_presentation, whole
 from sim.meanings import Meaning, Theme
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
-from sim.review.lanes import COST, Change, Lane, instructions, lanes
-from sim.review.words import attribution_text
 
-OVER_DISTANCE: Final = ("speed", "force", "gradient")
-"""The quantities that the viewer draws over distance as well as over time."""
-DRAWN_OVER_DISTANCE: Final = tuple(
-    name for name in STYLES if quantity_of(name) in OVER_DISTANCE and name != "speed/same_times"
-)
-"""The series that the viewer draws over distance, in drawing order; of the optima, only that from the start."""
 NOTHING: Final = np.empty(0, np.int64), np.empty(0)
 """Times and values of an empty series."""
 GAP: Final = np.array([np.nan])
@@ -79,17 +74,153 @@ COST_MEANINGS: Final = {
 """Meanings of the colours of costs; the other causes have the colour of energy lost."""
 
 
-class LinePlace(NamedTuple):
-    """Something at a place of the line: from where to where (m), its words, and its limit (m/s) if it sets one.
+STATES: Final = {
+    "advising": Meaning.ADVISED,
+    "withdrawn": Meaning.NO_ADVICE,
+    "ready": Meaning.NO_ADVICE,
+    "waiting": Meaning.NO_ADVICE,
+}
+WAY: Final = "stops"
+"""The lane of where the train was: at a stop, or on the way to one."""
+COST: Final = "driving cost"
+"""The lane of what the driving cost above the optimum."""
+MODE_LANES: Final = ("advised", "shown")
+"""The lanes of the modes that the node advised, and of those that the display showed."""
+STANDING: Final = (das_pb2.MODE_STOP, das_pb2.MODE_DEPART)
+"""The modes of a train that stands, which even a display without modes may show."""
 
-    Its meaning tells what it is: a restriction (LIMIT), a signal at danger (DANGER), or a target (OPERATOR).
+
+class Change(NamedTuple):
+    """A state and the time (ns) from which it holds; an empty text is no state."""
+
+    time_ns: int
+    state: str
+
+
+class Lane(NamedTuple):
+    """A lane: its name, its changes in order of time, and the colour of each state ("#rrggbb", or a meaning)."""
+
+    name: str
+    changes: tuple[Change, ...]
+    colors: Mapping[str, str | Meaning]
+
+    def color(self, state: str, theme: Theme) -> str:
+        """The colour of a state; one that is not known is grey."""
+        found = self.colors.get(state, Meaning.NO_ADVICE)
+        return theme.of[found] if isinstance(found, Meaning) else found
+
+
+def lane_entity(name: str) -> str:
+    """The entity of a lane in the viewer, which shows the name of the entity: at the root, in ASCII, without spaces."""
+    return name.replace(" ", "_").capitalize()
+
+
+def lanes(drive: Drive) -> tuple[Lane, ...]:
+    """The lanes that have something to show."""
+    table, trip, silent = drive.table, drive.table.course, drive.silences
+    danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in drive.signals]
+    modes = _states(_mode, *table.of_topic("advice", "mode"))
+    shown = _states(_shown, *table.of_topic("cab", "presentation", "mode"))
+    states = _states(_state, *table.of_topic("status", "state"))
+    found = (
+        lane_of_stops(at_stops(drive.calls, trip)),
+        Lane("advised", _changes(trip, modes, silent), MODES),
+        Lane("shown", _changes(trip, shown, ()), {**MODES, **_without_mode()}),
+        Lane("node", _changes(trip, states, silent), STATES),
+        Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), Meaning.NO_ADVICE)),
+        Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), Meaning.DANGER)),
+    )
+    return tuple(lane for lane in found if any(change.state for change in lane.changes))
+
+
+def instructions(drive: Drive) -> Lane:
+    """What the display said to the driver of a moving train, in words ("hold 120"); no changes if it said nothing."""
+    changes, colors = [Change(0, "")], dict[str, str | Meaning]()
+    for time_ns, view in zip(*(one.tolist() for one in drive.table.of_topic("cab", "view")), strict=True):
+        text = "" if view is None or view.mode in STANDING else _instruction(view)
+        if text and view is not None:
+            colors[text] = MODES[_name(das_pb2.Mode, view.mode)]
+        if text != changes[-1].state:
+            changes.append(Change(time_ns, text))
+    return Lane("shown", tuple(changes[1:]), colors)
+
+
+def _instruction(view: AdviceView) -> str:
+    shows, to_kmh = presenter_of(view.presentation), whole(view.shown_speed_mps / KMH)
+    return f"{shows.words_before_speed(view.mode)} {to_kmh}" if shows.says_mode and to_kmh is not None else ""
+
+
+def _states(state_of: Callable[..., str], time_ns: Times, *columns: Any) -> list[Change]:
+    rows = zip(*(one.tolist() for one in columns), strict=True)
+    return [Change(at_ns, state_of(*row)) for at_ns, row in zip(time_ns.tolist(), rows, strict=True)]
+
+
+def _changes(trip: DrivenCourse, said: Sequence[Change], silent: Iterable[Span]) -> tuple[Change, ...]:
+    """The changes of state during the trip, with an empty state from the moment when the node falls silent.
+
+    Messages from before and after the trip are left out, because in a replay their times are of another clock.
     """
+    unheard = [Change(span.start_ns, "") for span in silent if span.text == NOT_HEARD and said]
+    found: list[Change] = []
+    for change in sorted([*said, *unheard], key=lambda change: change.time_ns):
+        on_trip = trip.time_ns[0] <= change.time_ns <= trip.time_ns[-1]
+        if on_trip and (not found or change.state != found[-1].state):
+            found.append(change)
+    return tuple(found)
 
-    meaning: Meaning
-    start_m: float
-    end_m: float
-    text: str
-    limit_mps: float = np.inf
+
+def lane_of_stops(stops: Sequence[AtStop]) -> Lane:
+    """The lane of where the train was: standing at a stop, or on the way to the next."""
+    changes, colors = [], {}
+    for stop, following in pairwise([*stops, None]):
+        assert stop is not None
+        if stop.end_ns > stop.start_ns:
+            changes.append(Change(stop.start_ns, stop.name))
+            colors[stop.name] = MODES["stop"]
+        on_the_way = "" if following is None else f"to {following.name}"
+        changes.append(Change(stop.end_ns, on_the_way))
+        if on_the_way:
+            colors[on_the_way] = Meaning.DRIVEN
+    return Lane(WAY, tuple(changes), colors)
+
+
+def _spans(trip: DrivenCourse, spans: Iterable[Span]) -> tuple[Change, ...]:
+    found: list[Change] = []
+    for span in spans:
+        if found and found[-1].time_ns == span.start_ns:
+            found.pop()
+        found += [Change(span.start_ns, span.text), Change(span.end_ns, "")]
+    return tuple(found)
+
+
+def _name(kind: Any, number: int) -> str:
+    """The value of an enumeration in words; a value that is not known yet is shown as its number."""
+    if number not in kind.values():
+        return str(number)
+    name = kind.Name(number).split("_", 1)[1].replace("_", " ").lower()
+    return "" if name == "none" else str(name)
+
+
+def _mode(number: int) -> str:
+    return _name(das_pb2.Mode, number)
+
+
+def _state(number: int) -> str:
+    return _name(das_pb2.Status.State, number)
+
+
+def _shown(presentation: int, mode: int) -> str:
+    if presentation == das_pb2.Cab.PRESENTATION_NONE:
+        return ""
+    lane = presenter_of(shown_presentation(presentation) or Presentation.NONE).lane
+    if lane is not None and (lane.standing or mode not in STANDING):
+        return lane.text
+    return _name(das_pb2.Mode, mode)
+
+
+def _without_mode() -> dict[str, str]:
+    found = (presenter_of(presentation).lane for presentation in Presentation)
+    return {lane.text: lane.color for lane in found if lane is not None}
 
 
 class Mark(NamedTuple):
@@ -127,60 +258,37 @@ class RestrictedTime(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewScene:
-    """A drive, the series to plot, the lanes of states, and the places and happenings along the way."""
+    """A drive, the series to plot, the lanes of states, and the bookmarks."""
 
     drive: Drive
     series: Found
     placed: tuple[Trace, ...]
     """Series with positions of their own; other series lie where the train was at their times."""
     lanes: tuple[Lane, ...]
-    stops: tuple[tuple[str, float], ...]
-    """The stops of the journey by name, with their positions (m)."""
-    places: tuple[LinePlace, ...]
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
-    way: MapTrack | None = None
-    """The track on the map; None if neither locations nor the line's geometry are known."""
     filled_from: str = ""
     """A sentence about what is estimated because it was not recorded; empty if nothing is."""
-    attribution: AttributionView | None = None
-    """Energy by cause and place; None until `with_attribution` has found it, or if it is not known."""
 
     @classmethod
-    def of(cls, drive: Drive, beside: Drive | None = None) -> ReviewScene:
-        """The scene of a drive, with another one beside it, and without its energy attribution.
-
-        Raises DasError if the drive has no position at all.
-        """
-        table = drive.table
-        trip, filled = table.course, filled_in(drive.energy)
+    def of(cls, drive: Drive) -> ReviewScene:
+        """The scene of a drive, with its energy attribution if that is known; DasError without any position."""
+        table, attribution = drive.table, drive.energy.attribution
+        trip, (filled, filled_from) = table.course, filled_in(drive.energy)
+        lost = {} if attribution is None else attribution_series(attribution)
         return cls(
             drive=drive,
             series={
                 "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
                 **_without_silence(drive.series, drive.silences),
-                **filled.series,
-                **series_beside(drive, beside),
+                **filled,
+                **{name: on_trip(trip, *one, held=False) for name, one in lost.items()},
             },
-            placed=tuple(_placed(drive, beside)),
-            lanes=lanes(drive),
-            stops=() if table.journey is None else tuple((stop.name, stop.s_m) for stop in table.journey.stops),
-            places=tuple(_places(drive)),
-            bookmarks=_bookmarks(drive, beside),
-            way=MapTrack.of(table) or filled.way,
-            filled_from=filled.source,
+            placed=(*_placed(drive), *(() if attribution is None else _attribution_by_place(attribution))),
+            lanes=(*lanes(drive), *(() if attribution is None else cost_lanes(attribution))),
+            bookmarks=_bookmarks(drive),
+            filled_from=filled_from,
         )
-
-    def with_attribution(self) -> ReviewScene:
-        """The scene with its energy attribution, which takes a while to find; the same scene if the attribution is not
-        known.
-        """
-        if self.drive.energy.attribution is None:
-            return self
-        shown = AttributionView.of(self.drive.energy.attribution)
-        within = {name: on_trip(self.trip, *one, held=False) for name, one in shown.series.items()}
-        placed = (*self.placed, *shown.placed)
-        return replace(self, series={**self.series, **within}, placed=placed, attribution=shown)
 
     @property
     def recording(self) -> Recording:
@@ -207,16 +315,6 @@ class ReviewScene:
     def quantities(self) -> set[str]:
         """The quantities of which there is something to show."""
         return {quantity_of(name) for name, (time_ns, _) in self.series.items() if len(time_ns)}
-
-    @property
-    def ends_s(self) -> tuple[float, float]:
-        """The first and the last moment of the trip (s on the drive's clock)."""
-        start_s, end_s = ((self.trip.time_ns[[0, -1]] - self.clock.zero_ns) * NS).tolist()
-        return start_s, end_s
-
-    def places_of(self, meaning: Meaning) -> list[LinePlace]:
-        """The restrictions (LIMIT), the signals at danger (DANGER) or the targets (OPERATOR)."""
-        return [one for one in self.places if one.meaning is meaning]
 
     def km_at(self, time_ns: Times) -> Floats:
         """Where the train was (km) at moments (ns since 1970)."""
@@ -252,56 +350,14 @@ class ReviewScene:
                 yield RestrictedTime(start_ns, end_ns, one.limit_mps)
 
 
-MOST_PARTED: Final = 3
-"""Most stretches that are bookmarks."""
-LEAST_PARTED_KWH: Final = 0.5
-"""Least difference (kWh) of the drives on a stretch that is a bookmark."""
-
-
-def series_beside(drive: Drive, other: Drive | None) -> Found:
-    """Speed and energy of another drive, at the times of this drive at which the clocks of both show the same."""
-    if other is None:
-        return {}
-    found = {**driven(other.table), **filled_in(other.energy).series}
-    later_ns = drive.table.clock.zero_ns - other.table.clock.zero_ns
-    moved = {f"{name}/other": found[f"{name}/driven"] for name in ("speed", "energy")}
-    return {
-        name: on_trip(drive.table.course, time_ns + later_ns, one, held=False) for name, (time_ns, one) in moved.items()
-    }
-
-
-def partings(drive: Drive, other: Drive | None) -> Iterator[tuple[int, str]]:
-    """When this drive came to the stretches on which its losses differ most from those of the other one, and by how
-    much; nothing if the energy of either is not known."""
-    try:
-        aligned = None if other is None else AlignedDrives.of(drives_on_track([other, drive]))
-    except DasError:
-        return
-    parted = [] if aligned is None else sorted(aligned.stretches(1), key=lambda one: -abs(one.lost_j))[:MOST_PARTED]
-    for one in parted:
-        if abs(kwh(one.lost_j)) >= LEAST_PARTED_KWH:
-            reached = int(np.argmax(drive.table.course.s_m >= one.start_m))
-            more = f"{kwh_words(abs(one.lost_j))} {'less' if one.lost_j < 0 else 'more'} lost"
-            where = f"km {one.start_m / KM:.1f}–{one.end_m / KM:.1f}"
-            yield int(drive.table.course.time_ns[reached]), f"{where}  {more} than the other drive"
-
-
-def _placed(drive: Drive, beside: Drive | None) -> Iterator[Trace]:
-    """The first plan, the other drive, and by how much the train was faster than the speed shown to keep."""
-    trip, plan, shown = drive.table.course, FirstPlans.of(drive.table), drive.energy.shown
-    if beside is not None:
-        there = (beside.table.course.s_m >= trip.s_m.min()) & (beside.table.course.s_m <= trip.s_m.max())
-        yield Trace("speed/other", beside.table.course.s_m[there], beside.table.course.speed_mps[there] / KMH)
+def _placed(drive: Drive) -> Iterator[Trace]:
+    """The first plan, and by how much the train was faster than the speed shown to keep."""
+    trip, plan, shown = drive.table.course, first_plans(drive.table), drive.energy.shown
     if plan is not None:
         within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
         yield Trace("speed/optimum", plan.s_m[within], plan.speed_mps[within] / KMH)
     apart_mps = np.where(shown.comparable, trip.at(shown.time_ns, trip.speed_mps) - shown.speed_mps, np.nan)
     yield Trace("apart/shown", trip.at(shown.time_ns, trip.s_m), apart_mps / KMH)
-
-
-def speed_text(limit_mps: float) -> str:
-    """The limit of a restriction as it is written beside it."""
-    return f"{limit_mps / KMH:.0f} km/h"
 
 
 def _without_silence(found: Found, silent: tuple[Span, ...]) -> Found:
@@ -315,27 +371,13 @@ def _without_silence(found: Found, silent: tuple[Span, ...]) -> Found:
     return broken
 
 
-def _places(drive: Drive) -> Iterator[LinePlace]:
-    """The restrictions and targets that the node received, and the signals at danger that the driver saw."""
-    for limit in drive.temporary_limits:
-        one = limit.restriction
-        yield LinePlace(Meaning.LIMIT, one.start_m, one.end_m, speed_text(one.limit_mps), one.limit_mps)
-    for signal in drive.signals:
-        yield LinePlace(Meaning.DANGER, signal.s_m, signal.s_m, "at danger")
-    for point in points(drive.table):
-        yield LinePlace(Meaning.OPERATOR, point.s_m, point.s_m, point.text)
-
-
-def _bookmarks(drive: Drive, beside: Drive | None) -> tuple[Mark, ...]:
-    """The bookmarks; the list of the viewer shows their times beside the texts."""
+def _bookmarks(drive: Drive) -> tuple[Mark, ...]:
     noted = {EventKind.NOTE: "note: "}
-    found = [
+    return tuple(
         Mark(one.time_ns, f"{place_text(one.s_m)}  {noted.get(one.kind, '')}{one.text}", MEANINGS.get(one.kind))
         for one in drive.events
         if one.kind not in ROUTINE
-    ]
-    found += [Mark(time_ns, text, Meaning.OTHER_DRIVE) for time_ns, text in partings(drive, beside)]
-    return tuple(sorted(found, key=lambda one: one.time_ns))
+    )
 
 
 def meaning_of(cause: EnergyCause) -> Meaning:
@@ -357,38 +399,19 @@ class CostSpan(NamedTuple):
         return abs(kwh(self.energy_j)) >= LEAST_KWH
 
 
-@dataclass(frozen=True, kw_only=True)
-class AttributionView:
-    """Where the energy went, as it is shown: a text (Markdown), series over time and distance, and spans of cost."""
-
-    text: str
-    series: Found
-    placed: tuple[Trace, ...]
-    spans: tuple[CostSpan, ...]
-
-    @classmethod
-    def of(cls, attribution: Attribution) -> AttributionView:
-        """The view of an energy attribution."""
-        return cls(
-            text=attribution_text(attribution),
-            series=_attribution_series(attribution),
-            placed=tuple(_attribution_by_place(attribution)),
-            spans=tuple(span for leg in attribution.legs for span in spans_of(leg)),
-        )
-
-    @property
-    def lane(self) -> Lane:
-        """The lane of what the driving cost: for each span worth showing, its cause and its energy."""
-        changes: list[Change] = []
-        colors: dict[str, str | Meaning] = {}
-        for span in self.spans:
-            text = f"{kwh_words(span.energy_j, signed=True)} {span.cause.label}" if span.worth else ""
-            if text:
-                colors[text] = meaning_of(span.cause)
-            while changes and changes[-1].time_ns >= span.start_ns:
-                changes.pop()
-            changes += [Change(span.start_ns, text), Change(span.end_ns, "")]
-        return Lane(COST, tuple(changes), colors)
+def cost_lanes(attribution: Attribution) -> Iterator[Lane]:
+    """The lane of what the driving cost: for each span worth showing, its cause and its energy; none without spans."""
+    changes: list[Change] = []
+    colors: dict[str, str | Meaning] = {}
+    for span in (span for leg in attribution.legs for span in spans_of(leg)):
+        text = f"{kwh_words(span.energy_j, signed=True)} {span.cause.label}" if span.worth else ""
+        if text:
+            colors[text] = meaning_of(span.cause)
+        while changes and changes[-1].time_ns >= span.start_ns:
+            changes.pop()
+        changes += [Change(span.start_ns, text), Change(span.end_ns, "")]
+    if changes:
+        yield Lane(COST, tuple(changes), colors)
 
 
 def spans_of(leg: LegAttribution) -> Iterator[CostSpan]:
@@ -407,7 +430,7 @@ def spans_of(leg: LegAttribution) -> Iterator[CostSpan]:
         yield open_
 
 
-def _attribution_series(attribution: Attribution) -> Found:
+def attribution_series(attribution: Attribution) -> Found:
     """Over time: energy above the optimum by all causes, the part by driving other than advised, and the optimum."""
     rises = [
         (int(leg.leg.motion.time_ns[leg.committed.sample][rise.last]), rise.cause, rise.energy_j)
@@ -433,7 +456,6 @@ def _attribution_series(attribution: Attribution) -> Found:
 
 
 def _attribution_by_place(attribution: Attribution) -> Iterator[Trace]:
-    """The speed of the optimum, and the energy lost above it: by place, and summed over the places."""
     pieces: dict[str, list[tuple[Floats, Floats]]] = {"speed/same_times": [], "place/lost": [], "sum/lost": []}
     before_j = 0.0
     for leg in attribution.legs:

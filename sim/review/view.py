@@ -13,41 +13,24 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final
 
 from das.advice.wording import Language
+from das.command_line.printing import busy
 from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from sim.drive.drive import Drive
 from sim.review.scene import ReviewScene
 
-if TYPE_CHECKING:
-    import rerun as rr
-    import rerun.blueprint as rrb
-
 APPLICATION: Final = "das-review"
 CLOSING_S: Final = 5.0
 """Time (s) that a viewer may take to end before it is killed."""
 
 
-class ViewerChoice(NamedTuple):
-    """What a user chooses for the viewer: another drive whose curves lie under those of the recording, and the language
-    of the display."""
-
-    beside: Drive | None = None
-    language: Language = Language.EN
-
-
-PLAIN: Final = ViewerChoice()
-"""One drive, the display in English."""
-
-
-def save_view(drive: Drive, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> None:
-    """Write a recording as a rerun file, with our layout and the energy attribution.
+def save_view(drive: Drive, rrd_path: Path, language: Language = Language.EN) -> None:
+    """Write a recording as a rerun file, with our layout; the display is in a language.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
@@ -56,52 +39,35 @@ def save_view(drive: Drive, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> Non
         raise DasError(f"{rrd_path}: expected a file name that ends in .rrd")
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
-        whole = Path(folder) / "view.rrd"
-        scene = ReviewScene.of(drive, chosen.beside)
-        _send(scene, chosen, lambda out, layout: out.save(whole, default_blueprint=layout)).disconnect()
-        write_whole(rrd_path, whole.read_bytes())
+        write_whole(rrd_path, _written(drive, Path(folder), language).read_bytes())
 
 
-def open_view(drive: Drive, chosen: ViewerChoice = PLAIN) -> None:
+def open_view(drive: Drive, language: Language = Language.EN) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
-    The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
-    on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is no display.
+    The viewer listens on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is
+    no display.
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()
-    scene, port = ReviewScene.of(drive, chosen.beside), _free_port()
-    with interrupted_by_termination():
-        run_viewer(port, lambda: _feed_viewer(scene, port, chosen))
+    with interrupted_by_termination(), tempfile.TemporaryDirectory(prefix="das-view-") as folder:
+        with busy("solving the sections of the drive …"):
+            file = _written(drive, Path(folder), language)
+        run_viewer(file)
 
 
-def _feed_viewer(scene: ReviewScene, port: int, chosen: ViewerChoice) -> None:
-    """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the energy
-    attribution.
-
-    If the user closes the viewer meanwhile, that is no error, and rerun's messages about it are not printed.
-    """
-    os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
-    address = f"rerun+http://127.0.0.1:{port}/proxy"
-    _send(scene, chosen, lambda out, layout: out.connect_grpc(address, default_blueprint=layout))
-
-
-def _send(
-    scene: ReviewScene, chosen: ViewerChoice, attach: Callable[[rr.RecordingStream, rrb.Blueprint], None]
-) -> rr.RecordingStream:
-    """Send a scene to where `attach` leads a new stream: what was recorded, then the energy attribution."""
+def _written(drive: Drive, folder: Path, language: Language) -> Path:
     import rerun as rr
 
-    from sim.review.layout import blueprint
-    from sim.review.rerun_drawing import send, send_attribution
+    from sim.review.rerun_drawing import blueprint, send
 
-    with rr.RecordingStream(APPLICATION, recording_id=scene.drive.name) as out:
-        attach(out, blueprint(scene))
-        send(out, scene, chosen.language)
+    scene, path = ReviewScene.of(drive), folder / f"{drive.name}.rrd"
+    with rr.RecordingStream(APPLICATION, recording_id=drive.name) as out:
+        out.save(path, default_blueprint=blueprint(scene))
+        send(out, scene, language)
         out.flush()
-        send_attribution(out, scene.with_attribution())
-        out.flush()
-    return out
+    out.disconnect()
+    return path
 
 
 def _check_installed(*names: str) -> None:
@@ -111,22 +77,20 @@ def _check_installed(*names: str) -> None:
 
 
 def _check_display() -> None:
-    """Raise DasError where there is no screen to open a viewer on."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise DasError("no display to open a viewer on: write the view to a file with --save FILE.rrd instead")
 
 
 def _free_port() -> int:
-    """A port of this machine on which nobody listens now."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return int(one.getsockname()[1])
 
 
-def viewer_command(port: int) -> list[str]:
-    """The command that starts a viewer, which listens on a port of this machine only."""
-    viewer = [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", str(port)]
-    return [*viewer, "--hide-welcome-screen", "--expect-data-soon"]
+def viewer_command(file: Path) -> list[str]:
+    """The command that starts a viewer of a file, which listens on a free port of this machine only."""
+    viewer = [sys.executable, "-m", "rerun_cli", str(file), "--bind", "127.0.0.1", "--port", str(_free_port())]
+    return [*viewer, "--hide-welcome-screen"]
 
 
 def viewer_environment() -> dict[str, str]:
@@ -135,14 +99,10 @@ def viewer_environment() -> dict[str, str]:
     return {"RUST_LOG": "error", **kept, "CI": "1"}
 
 
-def run_viewer(port: int, feed: Callable[[], None]) -> None:
-    """Start a viewer, feed it in a thread, and wait until it is closed; DasError where it ends with an error.
-
-    The thread ends with the viewer, finished or not.
-    """
-    viewer = subprocess.Popen(viewer_command(port), env=viewer_environment(), start_new_session=True)
+def run_viewer(file: Path) -> None:
+    """Start a viewer of a file and wait until it is closed; DasError where it ends with an error."""
+    viewer = subprocess.Popen(viewer_command(file), env=viewer_environment(), start_new_session=True)
     try:
-        threading.Thread(target=feed, daemon=True).start()
         code = viewer.wait()
     finally:
         close(viewer)

@@ -1,21 +1,17 @@
-"""What a review says in words beside its plots: what the recording is, and what the driver saw at each moment."""
+"""What the driver saw at each moment, in words."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from datetime import UTC, datetime, tzinfo
+from datetime import UTC, tzinfo
 from typing import Final, NamedTuple
 
 from das.advice import wording
 from das.advice.reason import Reason
 from das.advice.regimes import Regime
 from das.advice.wording import Language
-from das.domain.errors import DasError
-from das.domain.plausibility import energy_range
-from das.domain.units import KM, NS, PERCENT, kwh_figure, kwh_words
-from sim.drive.attribution.attribution import Attribution
-from sim.drive.drive import Drive
+from das.domain.units import KM, PERCENT
 from sim.drive.events import withdrawal_words
 from sim.drive.table import DriveTable
 from sim.drivers.cab import AdviceView
@@ -24,106 +20,6 @@ from sim.recording.course import DrivenCourse
 
 NO_ADVICE: Final = "# No advice is shown"
 NODE_ALONE: Final = "*The display was not recorded: this is what the node advised.*"
-
-
-def summary(drive: Drive, filled_from: str = "") -> str:
-    """A short Markdown text: train, route, trip, inputs and whatever metadata the recorder wrote.
-
-    `filled_from` says what is estimated because it was not recorded.
-    """
-    recording = drive.recording
-    lines = [f"### Train {recording.train}", ""]
-    if not recording.complete:
-        lines += ["**This recording was cut off; its end is missing.**", ""]
-    lines += [f"**Damaged: {one}.**\n" for one in recording.health.damage]
-    lines += [f"**{filled_from[0].upper()}{filled_from[1:]}.**\n"] if filled_from else []
-    if len(recording.trains) > 1:
-        lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}", ""]
-    lines += _table("Trip", _trip(drive))
-    for name, entries in recording.metadata.items():
-        lines += _table(name.capitalize(), [readable(key, value) for key, value in entries.items()])
-    return "\n".join(lines)
-
-
-def attribution_text(attribution: Attribution) -> str:
-    """The energy attribution as a table (Markdown)."""
-    rows = [
-        f"| {cause.label} | {kwh_figure(energy_j, signed=True)} |" for cause, energy_j in attribution.by_cause.items()
-    ]
-    meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
-    source = "of the simulated train" if attribution.above.measured else "estimated from positions; not measured"
-    return "\n".join(
-        [
-            f"### Above the optimum for the same times: {attribution.above.words}",
-            "",
-            "| | kWh |",
-            "|---|---:|",
-            f"| optimum for the same times | {kwh_figure(attribution.above.optimum_j)} |",
-            *rows,
-            f"| **as driven** | **{kwh_figure(attribution.above.driven_j)}** |",
-            "",
-            f"Energy at the current collector, {source}.",
-            "",
-            *meanings,
-        ]
-    )
-
-
-def line_rows(drive: Drive) -> list[tuple[str, str]]:
-    """Origin of the line's data as its file states it, and how wrong energies may be because of its altitudes."""
-    try:
-        route = drive.table.inputs.route
-    except DasError:
-        return []
-    rows = (("data of the line", route.credit), ("altitudes of the line", energy_range(route)))
-    return [(name, text) for name, text in rows if text]
-
-
-def _trip(drive: Drive) -> list[tuple[str, str]]:
-    recording, rows = drive.recording, list[tuple[str, str]]()
-    journey = drive.table.journey
-    if journey is not None:
-        rows += [
-            ("route", journey.route_id + (" (reversed)" if journey.reversed else "")),
-            ("vehicle", journey.vehicle_id),
-            ("stops", " – ".join(stop.name for stop in journey.stops)),
-        ]
-    went, driven_j = drive.travelled, drive.energy.driven_j
-    rows += [
-        (
-            f"start ({drive.table.zone})",
-            f"{datetime.fromtimestamp(went.start_ns * NS, drive.table.zone):%Y-%m-%d %H:%M:%S}",
-        ),
-        ("driven", f"{went.way_m / KM:.2f} km"),
-        ("time", f"{went.time_s:.0f} s"),
-    ]
-    if driven_j is not None:
-        estimated = "" if drive.energy.measured else " (estimated)"
-        rows.append(("energy at the collector", f"{kwh_words(driven_j)}{estimated}"))
-    rows += line_rows(drive)
-    rows += [] if drive.table.said.saving is None else drive.table.said.saving.rows()
-    rows += [(name.strip(), value) for name, value in drive.figures.rows()]
-    warning = drive.figures.stability.warning
-    rows += [] if warning is None else [("warning", warning)]
-    rows += [("node", drive.table.said.status)] if drive.table.said.status else []
-    rows += [("messages", str(sum(len(entries) for entries in recording.messages.values())))]
-    return [*rows, ("attachments", ", ".join(recording.attachments) or "none")]
-
-
-def readable(key: str, value: str) -> tuple[str, str]:
-    """An entry of the metadata for people: energies in kWh, hashes shortened."""
-    if key.endswith("_j"):
-        try:
-            return key[:-2].replace("_", " "), kwh_words(float(value))
-        except ValueError:
-            return key, value
-    return key.replace("_", " "), value[:12] + "…" if "sha256" in key and len(value) > 12 else value
-
-
-def _table(title: str, rows: list[tuple[str, str]]) -> list[str]:
-    """A table of names and values (Markdown)."""
-    body = [f"| {name} | {value.replace('|', '/')} |" for name, value in rows]
-    return [f"| {title} | |", "|---|---|", *body, ""]
 
 
 class Card(NamedTuple):
@@ -247,7 +143,6 @@ def _share(ratio: float) -> str:
 
 
 def _next(change: str, in_s: float) -> str:
-    """The next change, and when it is due."""
     return f"{change} in {in_s:.0f} s" if change and math.isfinite(in_s) else ""
 
 
@@ -257,4 +152,9 @@ def _departure(name: str, speed_mps: float, ratio: float) -> str:
 
 
 def _text(head: str, rows: list[tuple[str, str]], foot: str = "") -> str:
-    return "\n".join([head, "", *_table("", [row for row in rows if row[1]]), foot]).rstrip()
+    return "\n".join([head, "", *_table([row for row in rows if row[1]]), foot]).rstrip()
+
+
+def _table(rows: list[tuple[str, str]]) -> list[str]:
+    body = [f"| {name} | {value.replace('|', '/')} |" for name, value in rows]
+    return ["|  | |", "|---|---|", *body, ""]

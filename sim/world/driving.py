@@ -21,8 +21,8 @@ from das.cab.heard import PositionHeard
 from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
-from sim.drive.passings import passing_metadata
-from sim.drive.stability import AdviceStability
+from sim.drive.calls import passing_metadata
+from sim.drive.figures import AdviceStability
 from sim.drive.table import DriveTable
 from sim.drivers.cab import KINDS, Driver, DriverEvent
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation

@@ -15,9 +15,9 @@ from das.cab.outputs import Output
 from das.cab.situation import Situation
 from das.domain.errors import DasError
 from sim.drive.calls import KeptCall
+from sim.drive.figures import AdviceStability, ShownWatch
 from sim.drive.instructions import InstructionFigures, InstructionWatch
 from sim.drive.limits import Violations
-from sim.drive.stability import AdviceStability, ShownWatch
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import Shown, present, presenter_of

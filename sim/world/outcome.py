@@ -22,11 +22,8 @@ from das.solver.section import with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, SectionEnergy
-from sim.drive.calls import KeptCall, as_rows
+from sim.drive.calls import KeptCall, KeptPassing, as_rows, keep, passing_table, passings_as_rows
 from sim.drive.figures import DriveFigures
-from sim.drive.passings import KeptPassing, keep
-from sim.drive.passings import as_rows as passing_rows
-from sim.drive.passings import table as passing_table
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentation
 from sim.recording.course import minutes
@@ -184,7 +181,7 @@ class DayOutcome:
             "level": self.level,
             "late_s": self.late_s,
             "stops": as_rows(self.calls),
-            "passings": passing_rows(self.passings, self.calls[0].due_departure_ns),
+            "passings": passings_as_rows(self.passings, self.calls[0].due_departure_ns),
             "running_time_s": self.running_time_s,
             **self.energies.as_dict(),
             **_parts(self.balance),

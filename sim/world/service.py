@@ -33,7 +33,7 @@ from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from sim.drive.passings import DuePassing
+from sim.drive.calls import DuePassing
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass

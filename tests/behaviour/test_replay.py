@@ -40,8 +40,8 @@ from das.solver.solve import solve_front
 from docs.studies.pictures import draw_first_minute
 from sim.bundled.recorded_driver import DriverStyle, HurriedDriver
 from sim.cli.trips import bundled_recording
+from sim.drive.comparison import EqualArrival
 from sim.drive.drive import Drive
-from sim.drive.equal_arrival import EqualArrival
 from sim.trips.estimate import estimate_run
 from tests.support.hurried_plant import HurriedPlant, HurriedState
 from tests.support.kept_figures import not_on_page, same_picture

@@ -15,7 +15,7 @@ import pytest
 from das.advice.advice import Advice
 from das.advice.regimes import Regime
 from das.domain.units import KMH
-from sim.drive.stability import ShownWatch
+from sim.drive.figures import ShownWatch
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import Presentation
 from sim.drivers.parameters import HumanParameters

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from das.advice.regimes import InstructionKind
+from das.domain.trajectory import Trajectory
 from das.domain.units import NS, kwh
-from das.solver.section import Section
 from das.solver.solution import Solution
 from sim.drive.above_optimum import AboveOptimum
 from sim.drive.attribution.causes import EnergyCause, ShownAdvice
@@ -90,17 +92,7 @@ def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optim
 
 def even_edges(first_m: float, last_m: float) -> Floats:
     """The ends of the leg and every full 100 m between them (m)."""
-    inside = np.arange(np.ceil(first_m / PLACE_M), np.floor(last_m / PLACE_M) + 1) * PLACE_M
-    return _edges(first_m, inside, last_m)
-
-
-def limit_edges(section: Section) -> Floats:
-    """The ends of the leg and every change of its limit between them (m)."""
-    changes = section.node_m[1:-1][np.diff(section.limit_mps) != 0]
-    return _edges(section.start_m, changes, section.end_m)
-
-
-def _edges(first_m: float, inside_m: Floats, last_m: float) -> Floats:
+    inside_m = np.arange(np.ceil(first_m / PLACE_M), np.floor(last_m / PLACE_M) + 1) * PLACE_M
     kept = inside_m[(inside_m > first_m + 1.0) & (inside_m < last_m - 1.0)]
     return np.concatenate(([first_m], kept, [last_m]))
 
@@ -131,7 +123,6 @@ class LegAttribution(ComparedLeg):
     left_j: float | None
     best_drawn_j: Floats
     even: Places
-    by_limit: Places
 
     @property
     def other_train_j(self) -> float:
@@ -226,7 +217,6 @@ class Attribution:
 
 
 def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, float]:
-    """The parts of several legs together, in the order of the causes."""
     return {
         cause: sum(one.get(cause, 0.0) for one in parts) for cause in EnergyCause if any(cause in one for one in parts)
     }
@@ -276,7 +266,6 @@ def _leg_attribution(
         left_j=least_j(leg.left_s),
         best_drawn_j=best_j,
         even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum, best_j),
-        by_limit=places_between(limit_edges(section), leg, energies, optimum, best_j),
     )
 
 
@@ -316,7 +305,6 @@ def leg_dict(leg: LegAttribution) -> dict[str, Any]:
         "early_arrival_kwh": optional(leg.early_j),
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in leg.by_cause.items()},
         "per_100_m": place_rows(leg.even),
-        "per_limit": place_rows(leg.by_limit),
     }
 
 
@@ -343,3 +331,116 @@ def seconds_by_cause(attribution: Attribution) -> dict[EnergyCause, float]:
         for cause, over_s in zip(leg.committed.causes, lasted_s.tolist(), strict=True):
             total[cause] = total.get(cause, 0.0) + over_s
     return total
+
+
+DENSE_CAUSE = 3.0
+"""Multiple of its average on the drive from which a cause makes a place one of its own."""
+LEAST_PART = 0.2
+"""Part of the loss on its worst stretch from which a cause has a stretch named."""
+IDLE_RATIO, HELD_MPS2 = 0.02, 0.05
+"""Share of its largest force below which a run coasts; change of speed (m/s²) below which it else holds its speed."""
+BRIEF_S = 5.0
+"""Time (s) below which an act of a run does not end the one around it."""
+ACTIONS = (InstructionKind.HOLD, InstructionKind.COAST, InstructionKind.TRACTION, InstructionKind.BRAKE)
+"""Acts of a run, by the numbers that `_actions` gives."""
+
+
+class ActionSpan(NamedTuple):
+    """What a run does on a stretch, and from where to where it does it without a break (m)."""
+
+    action: InstructionKind
+    start_m: float
+    end_m: float
+
+
+class CauseStretch(NamedTuple):
+    """A stretch on which a cause took energy: its leg, where (m) and when (ns since 1970) it begins and ends, and the
+    energy that the cause took there (J). It lasted `driven_s`, and in the optimum `optimum_s`; `best` is what that does
+    there."""
+
+    leg: DrivenLeg
+    start_m: float
+    end_m: float
+    start_ns: int
+    end_ns: int
+    energy_j: float
+    driven_s: float
+    optimum_s: float
+    best: ActionSpan | None
+
+
+def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> list[CauseStretch]:
+    """The stretches, at most so many, on which a cause took most energy above the optimum, the worst first.
+
+    A stretch consists of the neighbouring places beyond `DENSE_CAUSE` times the drive's average. One that took less
+    than `LEAST_PART` of what the worst took is left out.
+    """
+    taken = [leg.by_place(cause) for leg in attribution.legs]
+    usual_j = DENSE_CAUSE * max(float(np.concatenate(taken).mean()), 0.0) if taken else 0.0
+    found = [
+        _stretch(leg, first, last, float(energy_j[first : last + 1].sum()))
+        for leg, energy_j in zip(attribution.legs, taken, strict=True)
+        for first, last in _worst_runs(energy_j - usual_j, most)
+    ]
+    found.sort(key=lambda one: -one.energy_j)
+    return [one for one in found[:most] if one.energy_j >= LEAST_PART * found[0].energy_j]
+
+
+def slowest_stretch(attribution: Attribution) -> CauseStretch | None:
+    """The neighbouring places on which a drive lost most time against the optimum, without an energy; None if it never
+    lost any."""
+    found = [
+        _stretch(leg, first, last, 0.0)
+        for leg in attribution.legs
+        for first, last in _worst_runs(leg.even.driven_s - leg.even.optimum_s, 1)
+    ]
+    return max(found, key=lambda one: one.driven_s - one.optimum_s, default=None)
+
+
+def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> CauseStretch:
+    motion, start_m, end_m = leg.leg.motion, float(leg.even.start_m[first]), float(leg.even.end_m[last])
+    ends = np.minimum(np.searchsorted(motion.s_m, (start_m, end_m)), len(motion.s_m) - 1)
+    start_ns, end_ns = motion.time_ns[ends].tolist()
+    driven_s, optimum_s = (float(one[first : last + 1].sum()) for one in (leg.even.driven_s, leg.even.optimum_s))
+    best = doing(leg.optimum.trajectory, start_m, end_m)
+    return CauseStretch(leg.leg, start_m, end_m, start_ns, end_ns, energy_j, driven_s, optimum_s, best)
+
+
+def doing(run: Trajectory, start_m: float, end_m: float) -> ActionSpan | None:
+    """What a run does for half of the time between two places (m) or longer; None if it does nothing for so long."""
+    actions, found = _actions(run), []
+    begins = [0]
+    for k in np.flatnonzero(np.diff(actions)) + 1:
+        lasts = int(np.argmax(np.append(actions[k:] != actions[k], True)))
+        if run.t_s[k + lasts] - run.t_s[k] >= BRIEF_S and actions[k] != actions[begins[-1]]:
+            begins.append(int(k))
+    for begin, end in pairwise([*begins, len(actions)]):
+        from_m, to_m = float(run.s_m[begin]), float(run.s_m[end])
+        from_s, to_s = np.interp(np.clip((from_m, to_m), start_m, end_m), run.s_m, run.t_s)
+        found.append((float(to_s - from_s), ActionSpan(ACTIONS[actions[begin]], from_m, to_m)))
+    longest_s, best = max(found)
+    return best if longest_s >= 0.5 * sum(lasts_s for lasts_s, _ in found) else None
+
+
+def _actions(run: Trajectory) -> NDArray[np.intp]:
+    """What a run does in each of its intervals, as the number of one of `ACTIONS`."""
+    force_n, gained_mps = run.force_el_n + run.force_friction_n, np.diff(run.v_mps)
+    idle = np.abs(force_n) < IDLE_RATIO * np.abs(run.force_el_n).max()
+    most_mps = HELD_MPS2 * run.interval_s()
+    gains, loses = (force_n > 0) & (gained_mps > most_mps), (force_n < 0) & (gained_mps < -most_mps)
+    return np.select([idle, gains, loses], [1, 2, 3], 0)
+
+
+def _worst_runs(scores: NDArray[np.float64], most: int) -> list[tuple[int, int]]:
+    """The runs of places (first, last) with the largest sums of scores, the largest first; none overlaps another."""
+    left, found = scores.copy(), []
+    for _ in range(most):
+        upto = np.concatenate(([0.0], np.cumsum(left)))
+        rise = upto - np.minimum.accumulate(upto)
+        last = int(np.argmax(rise))
+        if not rise[last] > 0:
+            break
+        first = int(np.argmin(upto[:last]))
+        found.append((first, last - 1))
+        left[first:last] = -float(np.abs(scores).sum())  # so that no other run includes it
+    return found

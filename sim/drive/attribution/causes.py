@@ -289,7 +289,6 @@ class Judge:
 
 
 def _other_effort(now: Moment, seen: Seen) -> bool:
-    """Whether the effort leads away from what was advised."""
     if seen.top_only or seen.mode is Regime.DEPART:  # The advice to depart says nothing about a moving train.
         return False
     if math.isnan(seen.lever_ratio) or math.isnan(seen.advised_ratio):

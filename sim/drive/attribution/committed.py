@@ -110,7 +110,6 @@ class Knowledge:
         return solve_front(self.section(told)) if told else self._untold
 
     def _here(self, told: Told) -> Told:
-        """Those of the restrictions that the train meets on this leg."""
         first_m, last_m = float(self.leg.motion.s_m[0]), float(self.leg.motion.s_m[-1])
         length_m = self.inputs.vehicle.train_length_m
         return frozenset(one for one in told if one.is_under(first_m, last_m, length_m))
@@ -225,7 +224,6 @@ def spacing(legs: Sequence[DrivenLeg]) -> int:
 
 
 def _moment(energies: LegEnergies, since_s: float, best: Remaining, vehicle: Vehicle) -> Moment:
-    """What the train did, and what would have been optimal, at a time since the departure (s)."""
     driven = energies.trajectory
     run = None if best.run is None else best.run.trajectory
     node = max(int(np.searchsorted(driven.t_s, since_s, side="right")) - 1, 0)

@@ -214,7 +214,6 @@ def open_calls(
 
 
 def _passing(motion: DrivenMotion, sample: int) -> KeptCall:
-    """A sample of a motion as an end of a leg."""
     s_m, time_ns = float(motion.s_m[sample]), int(motion.time_ns[sample])
     speed_mps = float(motion.speed_mps[sample]) * bool(motion.speed_mps[sample] >= STANDING_MPS)
     return KeptCall(
@@ -482,7 +481,6 @@ def _above_in_cases(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> C
 
 
 def _best_run(one: ComparedLeg, case: DrivenCase) -> Solution | None:
-    """The optimum of a leg in a case; None if such a train could not have driven so."""
     if case == DrivenCase():
         return one.optimum
     try:

@@ -13,9 +13,8 @@ from sim.drive.events import bookmarks
 from sim.drive.series import QUANTITIES, STYLES
 from sim.meanings import LIGHT, Meaning
 from sim.review.canvas import INK, TEXT_POINTS, curve, lane_rows, light_figure, named, page_legend, stops
-from sim.review.lanes import MODE_LANES
 from sim.review.report.findings import DriveFinding
-from sim.review.scene import ReviewScene, Trace
+from sim.review.scene import MODE_LANES, ReviewScene, Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +72,6 @@ def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
 
 
 def _lost(axis: Any, trace: Trace) -> None:
-    """Draw how much more energy each place lost than in the optimum."""
     axis.stairs(trace.values[:-1], trace.s_m / KM, fill=True, color=LIGHT.of[STYLES[trace.name].meaning], linewidth=0.0)
     axis.axhline(0.0, color=INK, linewidth=0.7)
 
@@ -90,7 +88,6 @@ def _restrictions(axis: Any, scene: ReviewScene) -> None:
 
 
 def _number(axis: Any, number: int, at_km: float, at_kmh: float, points: float) -> None:
-    """Write a number in a dark box."""
     axis.text(
         at_km, at_kmh, str(number), ha="center", va="center", fontsize=points, color=LIGHT.background,
         bbox={"boxstyle": "round,pad=0.15", "facecolor": INK, "edgecolor": "none"},
@@ -116,13 +113,11 @@ def drive_figure(scene: ReviewScene) -> Figure:
 
 
 def _draw(axis: Any, trace: Trace) -> None:
-    """Draw a series over distance in its style, and name the axis."""
     curve(axis, trace.name, trace.s_m / KM, trace.values)
     named(axis, y=QUANTITIES[trace.quantity].title)
 
 
 def _speeds(axis: Any, scene: ReviewScene) -> None:
-    """Draw the speeds and the bookmarks' numbers."""
     for trace in scene.over_distance(SPEEDS):
         _draw(axis, trace)
     top = (scene.extent("speed") or (0.0, 0.0))[1]
@@ -133,7 +128,6 @@ def _speeds(axis: Any, scene: ReviewScene) -> None:
 
 
 def _below(axis: Any, trace: Trace) -> None:
-    """Draw the lateness, or driven minus shown speed, about 0."""
     if trace.quantity != "apart":
         _draw(axis, trace)
         axis.axhline(0.0, color=INK, linewidth=0.7)
@@ -159,5 +153,4 @@ def place_figure(scene: ReviewScene) -> Figure:
 
 
 def _stops(scene: ReviewScene) -> list[tuple[str, float]]:
-    """Names and positions (m) of the stops that the train reached."""
     return [(call.name, call.s_m) for call in scene.drive.calls if call.reached]

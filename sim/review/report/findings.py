@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from das.advice.regimes import InstructionKind
 from das.domain.units import KM, kmh, kwh, kwh_words
-from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution.attribution import ActionSpan, Attribution, CauseStretch, slowest_stretch, worst_stretches
 from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
-from sim.drive.attribution.worst import ActionSpan, CauseStretch, slowest_stretch, worst_stretches
 from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
+from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.recording.course import DriveClock
-from sim.review.report.sentences import NAMED_KWH, TOLD_S, friction_chosen_by, told_causes
 
+NAMED_KWH: Final = 0.1
+"""Least energy (kWh) of a cause that the page names."""
+TOLD_S: Final = 3.0
+"""Least change (s) of the lateness in the sentences."""
 MOST_FINDINGS: Final = 3
+FRICTION: Final[Mapping[str, str]] = {
+    FrictionPolicy.AS_MEASURED: "the simulated driver's habit to brake a share by friction, with any display",
+    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver, who brakes by friction only if the motors cannot",
+    FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while following advice on effort",
+}
 TOLD_KMH: Final = 3.0
 """Difference of mean speeds (km/h) below which it is left out."""
 MOST_PLACES: Final = 3
@@ -43,14 +51,13 @@ SIGNAL_PASSED: Final = "signal-passed"
 
 
 class FoundPlace(NamedTuple):
-    """Where and when a finding happened: its ends (m) and their times (ns since 1970), and the stops before and behind.
+    """Where and when a finding happened: its ends (m) and their times (ns since 1970).
 
-    `between` is empty if the place does not lie between two stops. `energy_j` is what the cause took there above the
+    `energy_j` is what the cause took there above the
     optimum (J); None for a finding about safety, of which no energy is counted. For a cause about speed or brakes,
     `mean_mps` is the mean speed there, as driven and of the optimum (m/s), and `best` what the optimum does there.
     """
 
-    between: tuple[str, ...]
     start_m: float
     end_m: float
     start_ns: int
@@ -69,7 +76,6 @@ class FoundPlace(NamedTuple):
     def as_dict(self, clock: DriveClock) -> dict[str, Any]:
         """The place for programs: times in s on the drive's clock and in ns since 1970, the energy in kWh."""
         return {
-            "between": list(self.between) or None,
             "start_m": self.start_m,
             "end_m": self.end_m,
             "time_ns": self.start_ns,
@@ -144,14 +150,14 @@ def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
 
 def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> DriveFinding:
     text = f"The head of the train went {passed.beyond_m:.0f} m beyond it.{_worst_of(count)}"
-    place = FoundPlace(_between(drive, passed.s_m), passed.s_m, passed.s_m, passed.time_ns, passed.time_ns)
+    place = FoundPlace(passed.s_m, passed.s_m, passed.time_ns, passed.time_ns)
     return DriveFinding(code=SIGNAL_PASSED, label="signal passed at danger", text=text, places=(place,))
 
 
 def _of_event(drive: Drive, event: DriveEvent, count: int) -> DriveFinding:
     ends = drive.table.course.time_ns.searchsorted((event.time_ns, event.last_ns))
     start_m, end_m = drive.table.course.s_m[ends].tolist()
-    place = FoundPlace(_between(drive, start_m), start_m, end_m, event.time_ns, event.last_ns)
+    place = FoundPlace(start_m, end_m, event.time_ns, event.last_ns)
     text = f"{event.text[0].upper()}{event.text[1:]}.{_worst_of(count)}"
     speeds_mps = drive.table.course.speed_mps[ends[0] : ends[1] + 1]
     gained = event.kind is EventKind.OVERSPEED and speeds_mps.max() > speeds_mps[0] + GAINED_MPS
@@ -165,15 +171,7 @@ def _worst_of(count: int) -> str:
     return "" if count == 1 else f" This is the worst of {count} times."
 
 
-def _between(drive: Drive, s_m: float) -> tuple[str, ...]:
-    """The stops of the journey before and behind a place; empty if it does not lie between two."""
-    before = [one.name for one in drive.calls if one.s_m <= s_m]
-    behind = [one.name for one in drive.calls if one.s_m > s_m]
-    return (before[-1], behind[0]) if before and behind else ()
-
-
 def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
-    """The causes that took most energy, the largest first; what cannot be distinguished is no finding."""
     attribution = drive.energy.attribution
     for cause, energy_j in () if attribution is None else told_causes(attribution):
         assert attribution is not None
@@ -208,22 +206,16 @@ def best_forbidden(drive: Drive, start_m: float, end_m: float, start_ns: int, en
 
 
 def _given_away(drive: Drive, attribution: Attribution) -> str:
-    """Where the time was given away for which the train had been faster than the best run, in a sentence."""
     slow = slowest_stretch(attribution)
-    if slow is None or slow.lost_s < TOLD_S:
+    if slow is None or slow.driven_s - slow.optimum_s < TOLD_S:
         return ""
     place, way_m = f"km\u00a0{slow.start_m / KM:.1f} to {slow.end_m / KM:.1f}", slow.end_m - slow.start_m
-    speeds = way_m / slow.driven_s, way_m / (slow.driven_s - slow.lost_s)
-    course = drive.table.course
-    last = len(course.s_m) - 1
-    start_ns, end_ns = course.time_ns[course.s_m.searchsorted((slow.start_m, slow.end_m)).clip(max=last)].tolist()
-    forbidden = best_forbidden(drive, slow.start_m, slow.end_m, start_ns, end_ns)
-    best = "" if forbidden else best_words(slow.best, speeds)
-    return f" Most time was given away from {place}: {slow.lost_s:.0f} s{best}."
+    forbidden = best_forbidden(drive, slow.start_m, slow.end_m, slow.start_ns, slow.end_ns)
+    best = "" if forbidden else best_words(slow.best, (way_m / slow.driven_s, way_m / slow.optimum_s))
+    return f" Most time was given away from {place}: {slow.driven_s - slow.optimum_s:.0f} s{best}."
 
 
 def _friction_words(drive: Drive) -> str:
-    """In a sentence, what the choice of the friction brake goes back to."""
     chosen = friction_chosen_by(drive)
     if not chosen:
         return "Whether the driver or the brake control chose it was not recorded."
@@ -231,7 +223,6 @@ def _friction_words(drive: Drive) -> str:
 
 
 def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
-    """For which arrivals the advice hurried, and by how much they were missed."""
     ends = {one.leg.end.name for one in stretches}
     missed = [f"{one.name} ({lateness_text(one.arrived_late_s)})" for one in drive.calls[1:] if one.name in ends]
     return f"The advice aimed at arrivals that were missed all the same: {', '.join(missed)}."
@@ -241,9 +232,8 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
     """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED or cause is EnergyCause.FRICTION
     place = FoundPlace(
-        (stretch.leg.start.name, stretch.leg.end.name), stretch.start_m, stretch.end_m, stretch.start_ns,
-        stretch.end_ns, stretch.energy_j, (way_m / stretch.driven_s, way_m / stretch.optimum_s) if speeds else None,
-        stretch.best if speeds else None,
+        stretch.start_m, stretch.end_m, stretch.start_ns, stretch.end_ns, stretch.energy_j,
+        (way_m / stretch.driven_s, way_m / stretch.optimum_s) if speeds else None, stretch.best if speeds else None,
     )  # fmt: skip
     if best_forbidden(drive, place.start_m, place.end_m, place.start_ns, place.end_ns):
         place = place._replace(mean_mps=None, best=None)
@@ -255,3 +245,15 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
     ends = drive.table.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.table.course.s_m) - 1)
     start_ns, end_ns = drive.table.course.time_ns[ends].tolist()
     return place._replace(start_m=start_m, end_m=end_m, start_ns=start_ns, end_ns=end_ns)
+
+
+def friction_chosen_by(drive: Drive) -> str:
+    """What the choice of the friction brake goes back to on a simulated drive; empty for any other drive."""
+    run = drive.table.run
+    return FRICTION.get(run.get("friction_policy", ""), "") if run.get("driver") == DriverKind.HUMAN else ""
+
+
+def told_causes(attribution: Attribution) -> list[tuple[EnergyCause, float]]:
+    """The causes with their energies (J), the largest first; for an estimated drive, only those that are not 0."""
+    parts = [one for one in attribution.by_cause.items() if one[1] or attribution.above.measured]
+    return sorted(parts, key=lambda one: -one[1])

@@ -8,26 +8,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from datetime import datetime
+from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 from das.domain.errors import DasError
-from das.domain.units import kmh, kwh, kwh_figure, kwh_words
+from das.domain.units import KM, NS, kmh, kwh, kwh_figure, kwh_words
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words, percent_of_optimum
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
-from sim.drive.events import EventKind, lateness_text
-from sim.review.report.findings import DriveFinding, findings
-from sim.review.report.sentences import (
-    LIMIT_UNKNOWN,
-    NAMED_KWH,
-    RIGHT_TRAIN,
-    came_about,
-    ran,
-    where_time_went,
-)
+from sim.drive.events import DriveEvent, EventKind, lateness_text, place_text
+from sim.drivers.kinds import DriverKind, External, Presentation
+from sim.drivers.presentations.presenter import presenter_of
+from sim.recording.course import spell
+from sim.recording.opening import CHANGED, NOTHING, OF, WHAT_IF
+from sim.review.report.findings import NAMED_KWH, TOLD_S, DriveFinding, findings
 from sim.trips.estimate import BRAKING, MASS, RESISTANCE
 from sim.trips.settings import ESTIMATE_FOREIGN_RATIO
 
+RIGHT_TRAIN: Final = "Is it the right train?"
+LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not contain its line."
+DRIVERS: Final[Mapping[str, str]] = {
+    DriverKind.PERFECT: "a driver who follows advice exactly",
+    DriverKind.LITERAL: "a driver who follows the guide's card and nothing else",
+    DriverKind.FAST: "a driver who runs as fast as permitted",
+    DriverKind.TOP_SPEED: "a driver who keeps a reduced maximum speed",
+    DriverKind.TIMETABLE: "a driver who keeps to the timetable",
+    DriverKind.HUMAN: "a simulated human",
+    External.EXTERNAL: "a driver in a separate process",
+    External.DESK: "a person at the cab desk",
+}
+HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
+"""Events that hold the train up."""
+LEAST_STAND_S: Final = 10.0
+"""A shorter stand on the way (s) is no reason for lateness."""
 NOT_KNOWN: Final = "not known"
 NUMBERS: Final = "The numbers mark the findings: the place of each, or the place where its cause lost most."
 LOST: Final = "Below: the places where more was lost than by the optimum; the cause may lie before."
@@ -206,7 +220,6 @@ def _energy_sure(drive: Drive) -> list[str]:
 
 
 def _train_words(drive: Drive) -> str:
-    """The assumed train in words."""
     if drive.energy.attribution is None:
         return "it is that of the vehicle file"
     vehicle = drive.energy.attribution.inputs.vehicle
@@ -271,7 +284,6 @@ def in_lines(drive: Drive) -> list[str]:
 
 
 def _caption(drive: Drive, found: Sequence[DriveFinding]) -> str:
-    """What the picture shows."""
     compared = [] if drive.energy.attribution is None else [LOST, OPTIMUM]
     return " ".join(["Speed over distance.", *([NUMBERS] if found else []), *compared])
 
@@ -301,3 +313,112 @@ def _why_none(drive: Drive, found: Sequence[DriveFinding]) -> str:
     if drive.energy.attribution is None:
         return f"The energy cannot be attributed: {drive.energy.why_no_attribution}."
     return "" if found else f"No cause took {NAMED_KWH} kWh or more above the optimum."
+
+
+def title(drive: Drive) -> str:
+    """Train, first and last stop, day and file, for the head of the page."""
+    calls = [call for call in drive.calls if call.reached]
+    way = f"{calls[0].name} – {calls[-1].name}, " if len(calls) > 1 else ""
+    return f"{drive.recording.train}, {way}{_day(drive)} ({drive.name})"
+
+
+def _day(drive: Drive) -> str:
+    return f"{datetime.fromtimestamp(drive.table.clock.zero_ns * NS, drive.table.zone):%d %B %Y}".lstrip("0")
+
+
+def ran(drive: Drive) -> list[str]:
+    """When the train ran from where to where, and how late it was."""
+    clock, served, day, went = drive.table.clock, drive.served, _day(drive), drive.travelled
+    km, lasted = f"{went.way_m / KM:.1f} km", spell(went.time_s)
+    if not went.between_stops:
+        return [f"The recording of {drive.recording.train} on {day} covers {km} in {lasted}."]
+    first, last = served[0], served[-1]
+    left, arrived = _late(first.departed_late_s), _late(last.arrived_late_s)
+    told = [
+        f"On {day}, {drive.recording.train} ran the {km} from {first.name} to {last.name} in {lasted}.",
+        f"It left at {clock.of_day(first.departed_ns)}{left} and arrived at {clock.of_day(last.arrived_ns)}{arrived}.",
+    ]
+    missed = [call.name for call in drive.calls if not call.served and call.reached]
+    return [*told, *([f"It did not stop at {', '.join(missed)}."] if missed else [])]
+
+
+def _late(late_s: float) -> str:
+    return "" if math.isnan(late_s) else f" ({lateness_text(late_s)})"
+
+
+def came_about(drive: Drive) -> list[str]:
+    """Sentences about how the drive came about; none if the recording does not say."""
+    run = drive.table.run
+    told = []
+    if run.get("kind") == "run":
+        driver, shown = DRIVERS.get(run.get("driver", ""), run.get("driver", "")), run.get("advice", "")
+        day = (
+            f"The day was simulated (scenario {run.get('scenario', '?')}, seed {run.get('seed', '?')}): {driver} drove"
+        )
+        told.append(f"{day} and was shown {_presentation(shown)}.")
+        happens = run.get("happens", NOTHING)
+        told.append("The run had no disturbances." if happens == NOTHING else f"Disturbances: {happens}.")
+    elif run.get("kind") == "replay":
+        told.append(f"It is a replay of {run.get('trip', 'a trip')}: the driver did not see the advice.")
+    if WHAT_IF in run:
+        of, changed = run.get(OF, "?"), run.get(CHANGED, "?")
+        told.append(f"It is a what-if of {of}, {run[WHAT_IF]}; otherwise: {changed}.")
+    return told
+
+
+def _presentation(name: str) -> str:
+    try:
+        return presenter_of(Presentation(name)).phrase
+    except ValueError:
+        return name
+
+
+def where_time_went(drive: Drive, most: int | None = None) -> list[str]:
+    """A sentence for each leg and each stop at which the lateness changed, or for the `most` largest changes; nothing
+    without a timetable."""
+    calls = drive.served
+    told: list[tuple[float, str]] = []
+    for before, after in pairwise(calls):
+        told += _at_stop(before)
+        change_s = after.arrived_late_s - before.departed_late_s
+        if not math.isnan(change_s) and abs(change_s) >= TOLD_S:
+            word = "lost" if change_s > 0 else "made up"
+            what = f"From {before.name} to {after.name} it {word} {abs(change_s):.0f} s against the timetable"
+            told.append((abs(change_s), f"{what}{_because(drive, before, after)}."))
+    if calls and not told and not math.isnan(calls[-1].arrived_late_s):
+        told.append((0.0, f"It never lost or made up more than {TOLD_S:.0f} s against the timetable."))
+    kept = sorted((change_s for change_s, _ in told), reverse=True)[:most]
+    return [text for change_s, text in told if change_s in kept]
+
+
+def _at_stop(call: KeptCall) -> list[tuple[float, str]]:
+    change_s = call.departed_late_s - (0.0 if math.isnan(call.arrived_late_s) else max(call.arrived_late_s, 0.0))
+    if math.isnan(change_s) or abs(change_s) < TOLD_S:
+        return []
+    if change_s < 0:
+        return [(-change_s, f"At {call.name} it made up {abs(change_s):.0f} s.")]
+    return [(change_s, f"At {call.name} it stayed {change_s:.0f} s longer than necessary.")]
+
+
+def _because(drive: Drive, before: KeptCall, after: KeptCall) -> str:
+    on_way = [one for one in drive.events if _holds_up(one) and before.departed_ns <= one.time_ns <= after.arrived_ns]
+    words = dict.fromkeys(_held_up(one) for one in on_way)
+    return f"; on the way: {'; '.join(words)}" if words else ""
+
+
+def _holds_up(one: DriveEvent) -> bool:
+    """Whether an event held the train up: a short stand before a stop and the end of a restriction do not."""
+    short = one.kind is EventKind.STAND and (one.last_ns - one.time_ns) * NS < LEAST_STAND_S
+    ends = one.kind is EventKind.RESTRICTION and not one.text.startswith("restriction received")
+    return one.kind in HELD_UP and not short and not ends
+
+
+def _held_up(one: DriveEvent) -> str:
+    lasted_s = (one.last_ns - one.time_ns) * NS
+    match one.kind:
+        case EventKind.SIGNAL:
+            return f"a signal at danger, in sight from {place_text(one.s_m)} for {lasted_s:.0f} s"
+        case EventKind.STAND:
+            return f"a stand of {lasted_s:.0f} s at {place_text(one.s_m)}"
+        case _:
+            return one.text

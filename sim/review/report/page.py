@@ -24,8 +24,7 @@ from sim.recording.opening import open_contents
 from sim.review.canvas import as_image, comparison_figure
 from sim.review.report import figures, tables
 from sim.review.report.findings import findings
-from sim.review.report.first_page import first_page_dict, in_lines, page_dict
-from sim.review.report.sentences import compliance, title, where_time_went
+from sim.review.report.first_page import first_page_dict, in_lines, page_dict, title, where_time_went
 from sim.review.scene import ReviewScene
 
 TEMPLATE: Final = "page.html.j2"
@@ -99,9 +98,7 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 
 
 def _images(drive: Drive) -> dict[str, str]:
-    """The pictures by name; an empty text for a picture in which there is nothing to draw."""
-    scene = ReviewScene.of(drive).with_attribution()
-    known = scene.attribution is not None
+    scene, known = ReviewScene.of(drive), drive.energy.attribution is not None
     made = {
         "first": figures.first_figure(scene, findings(drive)),
         "speed": figures.drive_figure(scene),
@@ -152,7 +149,7 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "in_words": " ".join(in_lines(drive)),
         "zero_ns": drive.table.clock.zero_ns,
         "first_page": first_page_dict(drive),
-        "within_shown_speed_ratio": compliance(drive),
+        "within_shown_speed_ratio": tables.compliance(drive),
         "figures": drive.figures.as_dict(),
         "stops": tables.stop_dicts(drive),
         "passings": tables.passing_dicts(drive),
@@ -163,5 +160,4 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "no_energy_because": drive.energy.why_no_attribution or None,
         "events": as_rows(drive.events, drive.table.clock),
         "health": subject.checked.as_dict(),
-        "inputs": tables.input_dict(drive),
     }

@@ -9,16 +9,18 @@ from typing import Any, Final
 import numpy as np
 
 from das.advice.regimes import mode_name
+from das.domain.errors import DasError
 from das.domain.levels import Level
-from das.domain.units import kmh, kwh, kwh_figure, kwh_words
+from das.domain.plausibility import energy_range
+from das.domain.units import NS, kmh, kwh, kwh_figure, kwh_words
 from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
 from sim.drive.attribution.causes import APART_MPS, EnergyCause
+from sim.drive.calls import PASSINGS, KeptPassing, keep, passings_as_rows, recorded_passings
 from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_text, times_text
-from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
+from sim.drive.table import HOLDS_S
 from sim.recording.course import known, minutes, spell
-from sim.review.report.sentences import compliance, friction_chosen_by, shown_s, told_causes
-from sim.review.words import line_rows, readable
+from sim.review.report.findings import friction_chosen_by, told_causes
 
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
@@ -34,9 +36,6 @@ LOSSES: Final[Mapping[str, str]] = {
     Level.L2: "of each component, by power (level L2)",
     Level.L3: "of each component, by speed and force (level L3)",
 }
-NUMBERS: Final = ("seed", "dropped")
-UNITS: Final = ("_s", "_ns", "_m", "_mps", "_j", "_kg", "_ratio")
-"""The keys of metadata that are numbers, and the units at the end of others."""
 Row = dict[str, Any]
 
 
@@ -63,11 +62,12 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
         rows.append(("advice followed, of the changes that required an action", f"{len(seconds)} of {len(answers)}"))
         if seconds:
             rows.append(("median time until the driver followed", f"{float(np.median(seconds)):.0f} s"))
-    return rows + [(name.strip(), value) for name, value in drive.figures.rows()]
+    warning = drive.figures.stability.warning
+    rows += [(name.strip(), value) for name, value in drive.figures.rows()]
+    return rows + ([] if warning is None else [("warning", warning)])
 
 
 def _withdrawn(drive: Drive) -> str:
-    """How often and how long advice was withdrawn, in words."""
     lasted_s = [one.facts["lasted_s"] for one in drive.events if one.kind is EventKind.WITHDRAWAL]
     return f"{times_text(len(lasted_s))}, for {sum(lasted_s):.0f} s in all" if lasted_s else "never"
 
@@ -178,7 +178,7 @@ def passing_rows(drive: Drive) -> list[Row]:
 
 def passing_dicts(drive: Drive) -> list[Row]:
     """The passings for programs; times (s) are those of the drive's clock."""
-    return as_rows(_passings(drive), drive.table.clock.zero_ns)
+    return passings_as_rows(_passings(drive), drive.table.clock.zero_ns)
 
 
 def cause_rows(attribution: Attribution) -> list[Row]:
@@ -239,7 +239,6 @@ def bookmark_rows(drive: Drive) -> list[Row]:
 
 
 def _rows(drive: Drive, events: Iterable[DriveEvent]) -> list[Row]:
-    """Events with their times and places as all tables show them."""
     clock = drive.table.clock
     return [
         {
@@ -255,7 +254,6 @@ def _rows(drive: Drive, events: Iterable[DriveEvent]) -> list[Row]:
 
 
 def _moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
-    """The train's speed at a moment, and the display at that time."""
     trip = drive.table.course
     driven = f"{kmh(float(trip.at(np.array([time_ns]), trip.speed_mps)[0])):.0f} km/h"
     seen = drive.energy.shown.at(time_ns)
@@ -290,28 +288,46 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]
 
 
-def input_dict(drive: Drive) -> Row:
-    """The sources of the drive, for programs: metadata under their own keys, numbers as numbers, full hashes."""
-    found: Row = {
-        key: _as_number(key, value)
-        for entries in drive.recording.metadata.values()
-        for key, value in entries.items()
-        if key not in TOLD_ELSEWHERE
-    }
-    if drive.energy.attribution is not None:
-        found["line_and_train"] = drive.energy.attribution.inputs.source
-    said = None if drive.table.said.saving is None else drive.table.said.saving.as_dict()
-    return {**found, "said_by_the_recording": said, "attached_files": list(drive.recording.attachments)}
-
-
-def _as_number(key: str, text: str) -> float | str:
-    """An entry of the metadata: a number if its key names one and the text is a number; otherwise unchanged."""
-    if key not in NUMBERS and not key.endswith(UNITS):
-        return text
-    if text.isdecimal():
-        return int(text)  # times in ns are too long for a float
+def line_rows(drive: Drive) -> list[tuple[str, str]]:
+    """Origin of the line's data as its file states it, and how wrong energies may be because of its altitudes."""
     try:
-        value = float(text)
-    except ValueError:
-        return text
-    return value if math.isfinite(value) else text
+        route = drive.table.inputs.route
+    except DasError:
+        return []
+    rows = (("data of the line", route.credit), ("altitudes of the line", energy_range(route)))
+    return [(name, text) for name, text in rows if text]
+
+
+def readable(key: str, value: str) -> tuple[str, str]:
+    """An entry of the metadata for people: energies in kWh, hashes shortened."""
+    if key.endswith("_j"):
+        try:
+            return key[:-2].replace("_", " "), kwh_words(float(value))
+        except ValueError:
+            return key, value
+    return key.replace("_", " "), value[:12] + "…" if "sha256" in key and len(value) > 12 else value
+
+
+def compliance(drive: Drive) -> float | None:
+    """For which share of the time that a speed to keep was shown it was kept within 2 km/h; None if none was shown.
+
+    A speed shown as the highest is also kept at any lower speed.
+    """
+    shown, trip = drive.energy.shown, drive.table.course
+    speed_mps = trip.at(shown.time_ns, trip.speed_mps)
+    given = shown.comparable & (speed_mps > 1.0)
+    if not given.any():
+        return None
+    apart_mps = (speed_mps - shown.speed_mps)[given]
+    apart_mps = np.where(shown.top_only[given], np.maximum(apart_mps, 0.0), apart_mps)
+    return float((np.abs(apart_mps) <= APART_MPS).mean())
+
+
+def shown_s(drive: Drive) -> float:
+    """For how long (s) a speed to keep was shown while the train moved."""
+    shown, trip = drive.energy.shown, drive.table.course
+    if len(shown.time_ns) < 2:
+        return 0.0
+    given = shown.comparable & (trip.at(shown.time_ns, trip.speed_mps) > 1.0)
+    lasts_s = np.minimum(np.diff(shown.time_ns, append=shown.time_ns[-1]) * NS, HOLDS_S)
+    return float(lasts_s[given].sum())

@@ -10,7 +10,7 @@ import pytest
 from sim.drive.calls import as_rows, at_stops, calls
 from sim.drive.table import DriveTable
 from sim.recording.course import DrivenCourse, part_of
-from sim.review.lanes import lane_of_stops
+from sim.review.scene import lane_of_stops
 from tests.sim.drive.test_events import STOPS, drive
 from tests.support.recordings import at_ns
 

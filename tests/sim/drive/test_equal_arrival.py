@@ -8,8 +8,8 @@ from functools import cache
 
 import pytest
 
+from sim.drive.comparison import OTHER_BRAKES, EqualArrival, SavedByAdvice, brakes_of, same_brakes
 from sim.drive.drive import Drive
-from sim.drive.equal_arrival import OTHER_BRAKES, EqualArrival, SavedByAdvice, brakes_of, same_brakes
 from sim.drivers.kinds import DriverKind
 from tests.support.flat_days import flat_day
 from tests.support.recorded_days import inputs_of_day, recorded_day

@@ -10,10 +10,9 @@ import pytest
 from das.advice.advice import Advice, Cause, Guidance, Instruction, Replan
 from das.advice.regimes import Regime
 from das.domain.units import KMH, NS
-from sim.drive.figures import DriveFigures
+from sim.drive.figures import AdviceStability, DriveFigures
 from sim.drive.instructions import InstructionFigures, InstructionWatch, RelianceFigures
 from sim.drive.limits import Violations
-from sim.drive.stability import AdviceStability
 
 T, H, C, B = Regime.FULL_TRACTION, Regime.CRUISE, Regime.COAST, Regime.REDUCED_BRAKE
 EFFORTS = {T: 1.0, H: math.nan, C: 0.0, B: -0.6}

@@ -13,38 +13,29 @@ from sim.drive.notes import Note, add_note, notes_path, read_notes
 from tests.support.recordings import at_ns
 
 
-def a_note(t_s: float, text: str = "braked late", tags: tuple[str, ...] = ()) -> Note:
-    return Note(time_ns=at_ns(t_s), end_ns=at_ns(t_s), text=text, tags=tags)
+def a_note(t_s: float, text: str = "braked late") -> Note:
+    return Note(at_ns(t_s), text)
 
 
 def test_notes_are_read_as_they_were_written_in_order_of_time(tmp_path: Path) -> None:
     path = tmp_path / "drive.mcap"
-    later, sooner = a_note(60.0, "braked late", ("braking", "limit")), a_note(5.0, "left late")
+    later, sooner = a_note(60.0), a_note(5.0, "left late")
     add_note(path, later)
     assert add_note(path, sooner) == tmp_path / "drive.notes"
     assert list(tmp_path.glob("*.mcap")) == []
     assert read_notes(path) == (sooner, later)
 
 
-def test_notes_under_the_former_name_are_read_and_moved(tmp_path: Path) -> None:
-    path, former = tmp_path / "drive.mcap", tmp_path / "drive.notes.mcap"
-    add_note(path, a_note(5.0)).rename(former)
-    assert read_notes(path) == (a_note(5.0),)
-    add_note(path, a_note(60.0))
-    assert read_notes(path) == (a_note(5.0), a_note(60.0))
-    assert not former.exists()
-
-
 def test_other_programs_find_foxglove_events(tmp_path: Path) -> None:
     path = tmp_path / "drive.mcap"
-    add_note(path, a_note(60.0, tags=("braking",)))
+    add_note(path, a_note(60.0))
     with notes_path(path).open("rb") as file:
         ((schema, channel, message),) = make_reader(file, validate_crcs=True).iter_messages()
     assert schema is not None
     assert (schema.name, channel.topic, message.log_time) == ("foxglove.Event", "notes", at_ns(60.0))
     event = FoxgloveEvent.FromString(message.data)
     assert event.start_time.ToNanoseconds() == at_ns(60.0)
-    assert {pair.key: pair.value for pair in event.metadata} == {"text": "braked late", "tags": "braking"}
+    assert {pair.key: pair.value for pair in event.metadata} == {"text": "braked late"}
 
 
 def test_bad_notes_and_damaged_files_are_refused(tmp_path: Path) -> None:

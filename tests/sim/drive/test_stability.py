@@ -12,14 +12,13 @@ import pytest
 from das.advice.regimes import Regime
 from das.bus import das_pb2
 from sim.drive.drive import Drive
-from sim.drive.figures import DriveFigures
+from sim.drive.figures import AdviceStability, DriveFigures, ShownWatch, stability
 from sim.drive.instructions import InstructionFigures
 from sim.drive.limits import Violations
-from sim.drive.stability import AdviceStability, ShownWatch, stability
 from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown
-from sim.review.words import summary
+from sim.review.report.tables import figures
 from tests.support.crossing import few
 from tests.support.flat_days import flat_day
 from tests.support.hand_recorded import cab, recorded
@@ -164,14 +163,14 @@ def test_a_recording_gives_the_measures_of_its_run(presentation: Presentation) -
     run, recording = run_and_recording(day, day.driver(DriverKind.HUMAN), presentation)
     measured, again = run.stability, stability(DriveTable.of(recording))
     assert dataclasses.asdict(again) == pytest.approx(dataclasses.asdict(measured), nan_ok=True)
-    words = summary(Drive(recording=recording))
+    words = dict(figures(Drive(recording=recording)))
     if presentation is Presentation.NONE:
         assert measured.shown_s == 0
         assert "shortest mode" not in words
     else:
         assert measured.changes > 0
-        assert f"| {measured.changes_per_min:.1f} times a minute |" in words
-        assert ("| warning |" in words) == (measured.warning is not None)
+        assert words["advice changed, while moving"] == f"{measured.changes_per_min:.1f} times a minute"
+        assert words.get("warning") == measured.warning
 
 
 def test_a_recording_older_than_the_shown_speed_is_measured_by_the_advised_one() -> None:

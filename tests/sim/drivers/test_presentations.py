@@ -21,7 +21,7 @@ from sim.drivers.messages import cab_view
 from sim.drivers.presentations.presenter import Shown, presenter_of, shown_presentation
 from sim.experiment.study_files import level_words
 from sim.meanings import DARK
-from sim.review.lanes import lanes
+from sim.review.scene import lanes
 from sim.review.words import cards
 from tests.support import presentations as made_up
 from tests.support.flat_days import flat_day

@@ -134,7 +134,7 @@ def test_messages_that_other_viewers_know_are_foxgloves() -> None:
 
 def test_the_notes_are_under_the_name_that_the_layout_shows(tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "r.mcap", seconds=10)
-    add_note(recording, Note(time_ns=at_ns(5), end_ns=at_ns(5), text="braked late"))
+    add_note(recording, Note(at_ns(5), "braked late"))
     with notes_path(recording).open("rb") as file:
         topics = {channel.topic for _, channel, _ in make_reader(file).iter_messages()}
     assert topics == {NOTES} == {PANELS["RawMessages!notes"]["topicPath"]}

@@ -1,4 +1,4 @@
-"""What the viewer holds: every entity on its timelines, and the plane over distance."""
+"""What the viewer holds: every entity on its timelines, and its layout."""
 
 from __future__ import annotations
 
@@ -13,33 +13,22 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import topics
 from das.bus.recording import read_recording
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.levels import Level
+from das.domain.route import Altitudes
 from sim.drive.drive import Drive
-from sim.drive.series import series
+from sim.drive.series import QUANTITIES, series
 from sim.drive.table import DriveTable
+from sim.recording.inputs import DriveInputs
 from sim.recording.opening import open_recording
 from sim.review import view
+from sim.review.report.tables import line_rows
 from sim.review.scene import ROUTINE, ReviewScene
 from tests.support.hand_recorded import day, in_memory, logged, truth
 from tests.support.recordings import SECONDS, at_ns, publish_before, write_recording
 
 chunk = pytest.importorskip("rerun.chunk")
-from sim.review.cab_display import on_dial  # noqa: E402 - it needs rerun
-from sim.review.rerun_drawing import WIDTH, Plane, Timelines, fitting, stepped, unbroken  # noqa: E402 - it needs rerun
-
-
-def test_the_plane_keeps_the_shape_of_the_trip() -> None:
-    plane = Plane.of(ReviewScene.of(Drive(recording=day())))  # 0 to 2 km at 72 km/h
-    x = plane.x(np.array([0.0, 1000.0, 2000.0]))
-    assert x.tolist() == [0.0, WIDTH / 2, WIDTH]
-    rows = plane.y("speed", np.array([0.0, 72.0, 144.0, 1e6]))
-    assert rows[0] > rows[1] > rows[2] >= rows[3]  # upwards; what is beyond lies at the edge
-    assert rows[0] - rows[1] == pytest.approx(rows[1] - rows[2], rel=0.1)
-
-
-def test_lines_have_gaps_and_corners() -> None:
-    gap = unbroken(np.arange(5.0), np.arange(5.0), np.array([1.0, np.nan, 1.0, 1.0, np.nan]))
-    assert [piece[:, 0].tolist() for piece in gap] == [[0.0], [2.0, 3.0]]
-    assert stepped(np.array([[0.0, 1.0], [2.0, 5.0]])).tolist() == [[0.0, 1.0], [2.0, 1.0], [2.0, 5.0]]
+from sim.review.rerun_drawing import TABS, Timelines, fitting, summary  # noqa: E402 - it needs rerun
 
 
 def rows_by_entity(rrd: Path) -> dict[str, int]:
@@ -54,22 +43,13 @@ def rows_by_entity(rrd: Path) -> dict[str, int]:
     return found
 
 
-def labels(rrd: Path, entity: str) -> list[str]:
-    """The texts beside the points of an entity of a rerun file."""
-    reader = chunk.RrdReader(rrd)
-    pieces = reader.stream(store=reader.recordings()[0]).to_chunks()
-    (batch,) = (one.to_record_batch() for one in pieces if one.entity_path == entity)
-    (found,) = batch.column("Points2D:labels").to_pylist()
-    return list(found)
-
-
 def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     rrd = tmp_path / "view.rrd"
     view.save_view(Drive.read(whole), rrd)
     found = rows_by_entity(rrd)
     every_second = (
         "speed/limit", "speed/advised", "speed/driven", "force/advised", "force/driven", "gradient/permille",
-        "energy/driven", "deviation/predicted", "buffer/percent", "track/train", "distance/train", "distance/here",
+        "energy/driven", "deviation/predicted", "buffer/percent",
     )  # fmt: skip
     for name in every_second:
         assert found[f"/{name}"] == SECONDS, name
@@ -77,15 +57,11 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     assert found["/Advised"] == 4  # full traction, none, full traction, coast
     assert found["/Node"] == 3
     assert found["/No_advice"] == 2  # withdrawn, and back
-    at_km = [label for label in labels(rrd, "/distance/axes") if label.startswith("km ")]
-    assert 4 <= len(at_km) <= 13
     chronicle = Drive(recording=open_recording(whole))
     worth = [one for one in chronicle.events if one.kind not in ROUTINE]
     assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
     assert found["/events"] == 3  # the node's and the simulator's
-    assert {"/summary", "/account", "/distance/speed/driven", "/distance/names", "/track/stops"} <= found.keys()
-    assert labels(rrd, "/track/stops") == ["A", "B"]  # it ends 0.1 m before B
-    assert "/map/way" not in found  # no tiles are asked for without being told
+    assert {"/summary", "/account", "/cab"} <= found.keys()
     assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
 
 
@@ -147,9 +123,22 @@ def test_words_that_would_be_cut_are_left_out(state: str, letters: float, said: 
     assert fitting(state, letters) == said
 
 
-def test_the_hands_of_the_speedometer() -> None:
-    """From the lower left over the top to the lower right; y grows downwards."""
-    (low_x, low_y), (top_x, top_y), (high_x, high_y) = on_dial(np.array([0.0, 0.5, 1.0]), 100.0).tolist()
-    assert (low_x, low_y) == pytest.approx((-high_x, high_y))
-    assert low_x < 0 < low_y
-    assert (top_x, top_y) == pytest.approx((0.0, -100.0))
+def test_no_quantity_is_left_out_of_the_viewer_unseen() -> None:
+    of_reports = {"apart", "place", "sum"}
+    in_viewer = {row.origin for rows in TABS.values() for row in rows}
+    assert QUANTITIES.keys() - in_viewer == of_reports
+
+
+def test_the_summary_is_that_of_the_report(whole: Path, cut: Path) -> None:
+    text = summary(ReviewScene.of(Drive.read(whole)))
+    for part in ("Train t1", "from A to B", "0123456789ab… |", "das-sim run", "route.toml"):
+        assert part in text
+    assert "cut off" in summary(ReviewScene.of(Drive.read(cut)))
+    flat = {"data_source": "© somebody", "licence": "CC0", "altitudes": Altitudes.NONE}
+    line = replace(load_route("flat-6km"), **flat)
+    drive = Drive(
+        recording=day(), given=DriveInputs(route=line, vehicle=load_vehicle("re460-ic"), level=Level.L2, source="given")
+    )
+    assert [name for name, _ in line_rows(drive)] == ["data of the line", "altitudes of the line"]
+    assert "| data of the line | © somebody, CC0 |" in summary(ReviewScene.of(drive))
+    assert line_rows(Drive(recording=day())) == []

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,8 +23,16 @@ from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind
 from sim.meanings import Meaning
 from sim.recording.opening import open_recording
-from sim.review.lanes import instructions, lanes
-from sim.review.scene import OTHER_THAN_ADVISED, ROUTINE, ReviewScene
+from sim.review.scene import (
+    OTHER_THAN_ADVISED,
+    ROUTINE,
+    ReviewScene,
+    attribution_series,
+    cost_lanes,
+    instructions,
+    lanes,
+    spans_of,
+)
 from tests.support.flat_days import flat_day
 from tests.support.hand_recorded import (
     LINE_MPS,
@@ -33,10 +40,8 @@ from tests.support.hand_recorded import (
     SPEED_MPS,
     advice,
     cab,
-    in_memory,
     recorded,
     told,
-    truth,
     withdrawn,
 )
 from tests.support.recorded_days import inputs_of_day, recorded_day
@@ -154,11 +159,11 @@ def test_lanes() -> None:
 
 def test_notes_are_bookmarks(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "r.mcap", seconds=300)
-    add_note(path, Note(time_ns=at_ns(100), end_ns=at_ns(100), text="braked late", tags=("braking",)))
+    add_note(path, Note(at_ns(100), "braked late"))
     scene = ReviewScene.of(Drive(recording=open_recording(path)))
     found = scene.bookmarks
     (note,) = (one for one in found if one.meaning is Meaning.NOTE)
-    assert note.text.endswith("  note: braked late [braking]")
+    assert note.text.endswith("  note: braked late")
     assert [one.time_ns for one in found] == sorted(one.time_ns for one in found)
     assert len(found) == sum(one.kind not in ROUTINE for one in scene.drive.events)
 
@@ -166,31 +171,25 @@ def test_notes_are_bookmarks(tmp_path: Path) -> None:
 def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -> None:
     day = flat_day()
     drive = Drive(recording=recorded_day(day, day.driver(DriverKind.HUMAN)), given=inputs_of_day(day))
-    scene, attribution = ReviewScene.of(drive).with_attribution(), drive.energy.known_attribution
-    shown = scene.attribution
-    assert shown is not None
+    scene, attribution = ReviewScene.of(drive), drive.energy.known_attribution
+    series = attribution_series(attribution)
     beside = (EnergyCause.FRICTION, EnergyCause.TRAIN)
     driving = sum(energy_j for cause, energy_j in attribution.by_cause.items() if cause not in beside)
     motion = sum(leg.energies.motors_j[-1] - leg.committed.energy_j[0] for leg in attribution.legs)
-    assert shown.series["lost/driving"][1][-1] == pytest.approx(kwh(motion), abs=1e-6)
-    assert shown.series["lost/driving"][1][-1] == pytest.approx(kwh(driving), abs=0.1)
+    assert series["lost/driving"][1][-1] == pytest.approx(kwh(motion), abs=1e-6)
+    assert series["lost/driving"][1][-1] == pytest.approx(kwh(driving), abs=0.1)
     other = sum(attribution.by_cause.get(cause, 0.0) for cause in OTHER_THAN_ADVISED)
-    assert shown.series["lost/advice"][1][-1] == pytest.approx(kwh(other), abs=1e-6)
-    assert shown.series["energy/optimum"][1][-1] == pytest.approx(kwh(attribution.above.optimum_j), rel=1e-6)
+    assert series["lost/advice"][1][-1] == pytest.approx(kwh(other), abs=1e-6)
+    assert series["energy/optimum"][1][-1] == pytest.approx(kwh(attribution.above.optimum_j), rel=1e-6)
     (summed,) = scene.over_distance(["sum/lost"])
     assert summed.values[-1] == pytest.approx(kwh(attribution.above.difference_j))
-    times = [change.time_ns for change in shown.lane.changes]
+    (lane,), spans = cost_lanes(attribution), [span for leg in attribution.legs for span in spans_of(leg)]
+    times = [change.time_ns for change in lane.changes]
     assert times == sorted(set(times))
-    assert sum(span.energy_j for span in shown.spans) == pytest.approx(motion, rel=1e-9)
-    in_lane = [change.state for change in shown.lane.changes if change.state]
-    assert in_lane == [f"{kwh(one.energy_j):+.1f} kWh {one.cause.label}" for one in shown.spans if one.worth]
-    assert f"Above the optimum for the same times: {kwh(attribution.above.difference_j):+.1f} kWh" in shown.text
-
-
-def standing_until(t_s: float, *sent: tuple[topics.Topic, Any]) -> Recording:
-    """A train that stands until a moment and then runs at 20 m/s until 100 s."""
-    seconds = range(SECONDS + 1)
-    return in_memory(*(truth(t, SPEED_MPS * max(t - t_s, 0.0), SPEED_MPS * (t >= t_s)) for t in seconds), *sent)
+    assert lane in scene.lanes
+    assert sum(span.energy_j for span in spans) == pytest.approx(motion, rel=1e-9)
+    in_lane = [change.state for change in lane.changes if change.state]
+    assert in_lane == [f"{kwh(one.energy_j):+.1f} kWh {one.cause.label}" for one in spans if one.worth]
 
 
 def test_the_display_of_a_moving_train_is_in_words_without_changes_that_nobody_reads() -> None:
@@ -214,14 +213,3 @@ def test_the_display_of_a_moving_train_is_in_words_without_changes_that_nobody_r
     ]
     assert lane.colors["hold 80"] == MODES["cruise"]
     assert instructions(Drive(recording=recorded())).changes == ()
-
-
-def test_another_drive_lies_beside_this_one_by_place_and_by_the_clocks_of_both() -> None:
-    drive, other = Drive(recording=standing_until(10.0)), Drive(recording=standing_until(30.0))
-    scene = ReviewScene.of(drive, other)
-    time_ns, kmh = scene.series["speed/other"]
-    assert (time_ns[0], time_ns[-1]) == (at_ns(0), at_ns(SECONDS))
-    assert kmh[[29, 31]].tolist() == [0.0, 72.0]
-    (placed,) = scene.over_distance(["speed/other"])
-    assert placed.s_m[-1] == SPEED_MPS * (SECONDS - 30.0)
-    assert "speed/other" not in ReviewScene.of(drive).series

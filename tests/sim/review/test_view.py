@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
+from das.advice.wording import Language
 from das.bus import topics
 from das.command_line.process import STOP_SIGNALS
 from das.domain.errors import DasError
@@ -22,11 +21,11 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
     rrd = tmp_path / "view.rrd"
     rrd.write_bytes(b"before")
 
-    def fail(scene: object, chosen: object, attach: Callable[[object, object], None]) -> None:
-        attach(SimpleNamespace(save=lambda path, **_: path.write_bytes(b"half")), None)
+    def fail(drive: Drive, folder: Path, language: Language) -> Path:
+        (folder / "view.rrd").write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(view, "_send", fail)
+    monkeypatch.setattr(view, "_written", fail)
     with pytest.raises(KeyboardInterrupt):
         view.save_view(Drive.read(whole), rrd)
     assert rrd.read_bytes() == b"before"
@@ -57,7 +56,7 @@ def test_the_viewer_leaves_the_handlers_of_signals_as_they_were(whole: Path, mon
     before, during = [signal.getsignal(number) for number in STOP_SIGNALS], []
     monkeypatch.setattr(view, "_check_installed", lambda *_: None)
     monkeypatch.setattr(view, "_check_display", lambda: None)
-    monkeypatch.setattr(view.ReviewScene, "of", lambda *_: None)
+    monkeypatch.setattr(view, "_written", lambda *_: None)
     monkeypatch.setattr(
         view, "run_viewer", lambda *_: during.extend(signal.getsignal(number) for number in STOP_SIGNALS)
     )
@@ -68,14 +67,14 @@ def test_the_viewer_leaves_the_handlers_of_signals_as_they_were(whole: Path, mon
 
 
 def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch) -> None:
-    command = view.viewer_command(1234)
+    command = view.viewer_command(Path("drive.rrd"))
     assert command[command.index("--bind") + 1] == "127.0.0.1"
     monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
     assert view.viewer_environment()["CI"] == "1"
     assert "FORCE_RERUN_ANALYTICS" not in view.viewer_environment()
-    monkeypatch.setattr(view, "viewer_command", lambda port: [view.sys.executable, "-c", "raise SystemExit(3)"])
+    monkeypatch.setattr(view, "viewer_command", lambda file: [view.sys.executable, "-c", "raise SystemExit(3)"])
     with pytest.raises(DasError, match="code 3"):
-        view.run_viewer(1234, lambda: None)
+        view.run_viewer(Path("drive.rrd"))
     started: list[view.subprocess.Popen[bytes]] = []
 
     class Interrupted(view.subprocess.Popen):  # type: ignore[type-arg]
@@ -86,7 +85,7 @@ def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch) -> No
             return super().wait(timeout)
 
     monkeypatch.setattr(view.subprocess, "Popen", Interrupted)
-    monkeypatch.setattr(view, "viewer_command", lambda port: [view.sys.executable, "-c", "import time; time.sleep(60)"])
+    monkeypatch.setattr(view, "viewer_command", lambda file: [view.sys.executable, "-c", "import time; time.sleep(60)"])
     with pytest.raises(KeyboardInterrupt):
-        view.run_viewer(1234, lambda: None)
+        view.run_viewer(Path("drive.rrd"))
     assert started[0].poll() is not None

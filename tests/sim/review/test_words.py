@@ -1,9 +1,8 @@
-"""What a review says in words: the summary, and what the driver saw."""
+"""What a review says in words: what the driver saw."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -14,29 +13,13 @@ import numpy as np
 from das.advice.wording import Language
 from das.bus import das_pb2, topics
 from das.bus.recording import read_recording
-from das.domain.files.load import load_route, load_vehicle
-from das.domain.levels import Level
-from das.domain.route import Altitudes
 from das.domain.units import NS
 from sim.drive.drive import Drive
 from sim.drive.table import DriveTable
-from sim.recording.inputs import DriveInputs
-from sim.review.report.tables import input_rows
 from sim.review.scene import ReviewScene
-from sim.review.words import NODE_ALONE, DisplayWords, cards, line_rows, summary
+from sim.review.words import NODE_ALONE, DisplayWords, cards
 from tests.support.hand_recorded import cab, day, recorded
 from tests.support.recordings import at_ns, write_recording
-
-
-def test_a_summary_says_where_the_line_comes_from_and_what_its_altitudes_mean() -> None:
-    flat = {"data_source": "© somebody", "licence": "CC0", "altitudes": Altitudes.NONE}
-    line = replace(load_route("flat-6km"), **flat)
-    inputs = DriveInputs(route=line, vehicle=load_vehicle("re460-ic"), level=Level.L2, source="given")
-    drive = Drive(recording=recorded(), given=inputs)
-    assert [name for name, _ in line_rows(drive)] == ["data of the line", "altitudes of the line"]
-    assert "| data of the line | © somebody, CC0 |" in summary(drive)
-    assert set(line_rows(drive)) < set(input_rows(drive))
-    assert line_rows(Drive(recording=recorded())) == []
 
 
 def test_what_is_lost_is_not_drawn_and_is_said(tmp_path: Path) -> None:
@@ -99,10 +82,3 @@ def test_what_the_driver_saw_of_how_to_depart() -> None:
     assert "| when cleared | accelerate, 90 km/h, +100 % |" in guide
     assert "effort advised" not in guide
     assert top.startswith("# depart when cleared, top speed 90 km/h")
-
-
-def test_summary(whole: Path, cut: Path) -> None:
-    text = summary(Drive(recording=read_recording(whole)))
-    for part in ("Train t1", "| route | route |", "A – B", "1.0 kWh", "0123456789ab… |", "das-sim run", "route.toml"):
-        assert part in text
-    assert "cut off" in summary(Drive(recording=read_recording(cut)))

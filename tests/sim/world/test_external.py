@@ -24,7 +24,7 @@ from das.bus.topics import CAB, CONTROLS, LOG, Topic
 from das.domain.clocks import Clocks
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
-from sim.drive.stability import stability
+from sim.drive.figures import stability
 from sim.drive.table import DriveTable
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.kinds import DESK, EXTERNAL, DriverKind, Presentation

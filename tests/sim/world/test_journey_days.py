@@ -16,13 +16,13 @@ from das.domain.errors import DasError, InfeasibleError, InputError
 from das.domain.files.load import load_vehicle
 from das.domain.journey import Passing, Window
 from das.domain.units import NS
-from sim.drive.passings import (
+from sim.drive.calls import (
     PASSINGS,
     DuePassing,
     KeptPassing,
-    as_rows,
     keep,
     passing_metadata,
+    passings_as_rows,
     recorded_passings,
 )
 from sim.drivers.drivers import make_driver
@@ -240,7 +240,7 @@ def test_a_passing_is_late_or_early_outside_its_window_and_missed_beyond_its_tol
 def test_a_point_that_was_not_reached_has_no_time() -> None:
     (kept,) = keep([DUE], np.array([0, 10**9]), np.array([0.0, 50.0]))
     assert kept.words == "not reached"
-    assert as_rows([kept], 0)[0]["passed_s"] is None
+    assert passings_as_rows([kept], 0)[0]["passed_s"] is None
     assert KeptPassing(due=replace(DUE, earliest_ns=0, latest_ns=0), passed_ns=1).words == ""
 
 

@@ -14,8 +14,8 @@ from das.domain.errors import InfeasibleError
 from das.domain.levels import Level
 from das.domain.units import KMH, KWH
 from sim.drive.above_optimum import AboveOptimum
+from sim.drive.figures import AdviceStability
 from sim.drive.limits import Violations
-from sim.drive.stability import AdviceStability
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.world.lockstep import Traffic
 from sim.world.loop import InProcess, Run, World

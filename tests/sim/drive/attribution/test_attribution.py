@@ -17,9 +17,8 @@ from das.domain.units import kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
-from sim.drive.attribution.attribution import Attribution, as_dict
+from sim.drive.attribution.attribution import Attribution, as_dict, doing
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
-from sim.drive.attribution.worst import doing
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
@@ -64,7 +63,7 @@ def check_sums(found: Attribution) -> None:
     for leg in found.legs:
         difference_j = leg.driven_j - leg.optimum_j
         assert sum(leg.by_cause.values()) == pytest.approx(difference_j, abs=1.0)
-        for places in (leg.even, leg.by_limit):
+        for places in (leg.even,):
             assert float(places.lost_more_j.sum()) == pytest.approx(difference_j, abs=1.0)
             assert float(places.driven_j.sum()) == pytest.approx(leg.driven_j, abs=1.0)
             assert float(places.optimum_j.sum()) == pytest.approx(leg.optimum_j, abs=1.0)

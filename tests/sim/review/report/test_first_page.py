@@ -19,8 +19,8 @@ from das.domain.errors import DasError
 from das.domain.units import KM, KMH
 from precompute.pdf import BROWSERS, write_pdf
 from sim.drive.above_optimum import energy_words
+from sim.drive.attribution.attribution import worst_stretches
 from sim.drive.attribution.causes import BY_SPEED, EnergyCause
-from sim.drive.attribution.worst import worst_stretches
 from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import Signal, signals_passed
@@ -28,7 +28,7 @@ from sim.drivers.drivers import PerfectDriver
 from sim.recording.course import OWN_TIMETABLE
 from sim.review.canvas import as_image
 from sim.review.report.figures import first_figure
-from sim.review.report.findings import GAINED, SAFER, DriveFinding, FoundPlace, findings
+from sim.review.report.findings import GAINED, NAMED_KWH, SAFER, DriveFinding, FoundPlace, findings
 from sim.review.report.first_page import (
     first_page_dict,
     how_sure,
@@ -36,7 +36,6 @@ from sim.review.report.first_page import (
     what_happened,
 )
 from sim.review.report.page import ReviewedDrive, as_dict, subject_of
-from sim.review.report.sentences import NAMED_KWH
 from sim.review.scene import ReviewScene
 from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other, page_of_words
 from tests.support.flat_days import flat_day
@@ -118,7 +117,6 @@ def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Subj
         for place, line in zip(one["places"], words, strict=True):
             assert went.start_m <= place["start_m"] <= place["end_m"] <= went.end_m
             assert went.start_ns <= place["time_ns"] <= went.end_ns
-            assert set(place["between"]) <= {call.name for call in drive.calls}
             assert f", {drive.table.clock.of_day(place['time_ns'])}" in line
             assert (place["mean_speed_mps"] is not None) == (one["cause"] in {*BY_SPEED, EnergyCause.FRICTION})
         if one["above_optimum_kwh"] is None:
@@ -172,7 +170,7 @@ def test_a_restriction_is_found_where_it_holds_not_where_it_was_told() -> None:
     assert [(one.start_m, one.end_m) for one in found.places] == [(3000.0, 3500.0)]
     assert told.s_m < 2200.0
     assert told.time_ns < found.places[0].start_ns < found.places[0].end_ns
-    axis = first_figure(ReviewScene.of(drive).with_attribution(), (found,)).axes[0]
+    axis = first_figure(ReviewScene.of(drive), (found,)).axes[0]
     curves = {line.get_label(): line for line in axis.get_lines()}
     assert curves["temporary restriction"].get_xdata() == pytest.approx([3.0, 3.5], abs=0.05)
 
@@ -211,7 +209,6 @@ def test_what_is_about_safety_comes_first_and_has_no_energy() -> None:
     assert (first.label, first.energy_j, place.energy_j) == ("above the limit", None, None)
     assert place.start_ns == times[200]
     assert first.text == "Up to x km/h above the limit. This is the worst of 2 times."
-    assert place.between == ("A", "B")
     course = fast().drive.table.course
     gains, slows = (
         int(np.flatnonzero(one)[0]) for one in (np.diff(course.speed_mps) > 0.1, np.diff(course.speed_mps) < -0.1)
@@ -270,7 +267,7 @@ def test_the_page_says_what_its_figures_hang_on() -> None:
 
 def test_the_picture_has_limit_drive_optimum_stops_and_the_places_of_the_findings() -> None:
     drive = fast().drive
-    scene, found = ReviewScene.of(drive).with_attribution(), findings(drive)
+    scene, found = ReviewScene.of(drive), findings(drive)
     figure = first_figure(scene, found)
     axis, below = figure.axes
     (bars,) = below.patches
@@ -323,7 +320,7 @@ def test_an_out_that_ends_in_pdf_is_printed(tmp_path: Path) -> None:
 A4_MM = 297
 LONG = DriveFinding(
     code="overspeed", label="above the limit", text="Up to 3 km/h above the limit of 110 km/h for 3 s. " * 4,
-    places=(FoundPlace(("Rotkreuz Industriegebiet Nord", "Horgen Oberdorf am Zürichsee"), 1000.0, 2000.0, 1, 2),) * 3,
+    places=(FoundPlace(1000.0, 2000.0, 1, 2),) * 3,
 )  # fmt: skip
 
 
@@ -336,7 +333,7 @@ def crowded() -> str:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("sim.review.report.first_page.findings", lambda drive: (LONG,) * 3)
         patched.setattr("sim.review.report.tables.input_rows", lambda drive: [(LONG_NAME, "29 to 97 kWh " * 3)] * 20)
-        picture = as_image(first_figure(ReviewScene.of(fast().drive).with_attribution(), findings(fast().drive)))
+        picture = as_image(first_figure(ReviewScene.of(fast().drive), findings(fast().drive)))
         return page_of_words(fast(), first=picture)
 
 

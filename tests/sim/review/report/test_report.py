@@ -33,9 +33,8 @@ from sim.recording.check import check_contents, check_file
 from sim.review.report import page as page_module
 from sim.review.report import tables
 from sim.review.report.figures import SPEEDS, drive_figure
-from sim.review.report.first_page import in_lines
+from sim.review.report.first_page import in_lines, title, where_time_went
 from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of
-from sim.review.report.sentences import title, where_time_went
 from sim.review.scene import ReviewScene
 from sim.runs.replay import ReplayOutcome, prepare
 from sim.runs.replay_figures import figure_rows, result, trip_energies
@@ -124,7 +123,7 @@ def test_the_parts_that_report_and_view_print_sum_to_the_energy_that_they_print(
         assert_they_sum([row["kwh"] for row in tables.cause_rows(drive.energy.attribution)], above)
         steps = [figures[name] for name in STEPS if name in figures]
         assert_they_sum([figures["optimum for the timetable"], *steps], optimum)
-        scene = ReviewScene.of(drive).with_attribution()
+        scene = ReviewScene.of(drive)
         assert scene.attribution is not None
         viewed = dict(re.findall(r"^\| (.+) \| (.+) \|$", scene.attribution.text, re.MULTILINE))
         assert_they_sum(list(viewed.values())[:-1], viewed["**as driven**"])
@@ -270,7 +269,7 @@ def test_the_page_needs_nothing_besides_itself() -> None:
 
 
 def test_the_report_draws_the_curves_of_the_scene() -> None:
-    scene = ReviewScene.of(fast().drive).with_attribution()
+    scene = ReviewScene.of(fast().drive)
     traces = {STYLES[one.name].label: one for one in scene.over_distance(SPEEDS)}
     drawn = {line.get_label(): line for line in drive_figure(scene).axes[0].get_lines()}
     assert {"limit", "driven", "optimum for the same times", "shown to the driver"} <= traces.keys() <= drawn.keys()
@@ -281,7 +280,7 @@ def test_the_report_draws_the_curves_of_the_scene() -> None:
 
 def test_what_people_wrote_cannot_become_markup_and_without_line_there_is_no_energy(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "drive.mcap", seconds=120)
-    add_note(path, Note(time_ns=at_ns(20), end_ns=at_ns(20), text="<script>alert(1)</script>"))
+    add_note(path, Note(at_ns(20), "<script>alert(1)</script>"))
     found = subject_of(path)
     html = page_of_words(found)
     assert "<script>" not in html

@@ -174,7 +174,6 @@ def _inner_tables(name: str, entries: Sequence[Stamped], times: list[int], zero_
 
 
 def _lists(kind: Any, prefix: str, get: Callable[[Any], Any]) -> Iterator[tuple[str, Callable[[Any], Any]]]:
-    """The lists of messages in a kind of message: their names, and how to get them."""
     for one in kind.fields:
         if one.message_type is None or not one.message_type.full_name.startswith("das."):
             continue

@@ -17,10 +17,9 @@ from das.bus.recording import Stamped, read_recording
 from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.cli.trips import bundled_recording
-from sim.drive.export import tables as writing
-from sim.drive.export.anonymous import KEPT, anonymous
-from sim.drive.export.export import STEP_M, ExportSettings, FileFormat, export
-from sim.drive.export.tables import UNITS, Column, DataTable, tables_of
+from sim.drive import message_tables as writing
+from sim.drive.export import KEPT, ExportSettings, FileFormat, anonymous, export
+from sim.drive.message_tables import UNITS, Column, DataTable, tables_of
 from tests.support.recordings import SECONDS, START_NS, at_ns, position_m, speed_mps, write_recording
 from tests.support.reference_recordings import FOLDER
 
@@ -92,15 +91,6 @@ def test_by_time_there_is_a_row_a_second(exported: Path) -> None:
     assert table["advice_mode"].tolist() == read(exported, "advice")["mode"].tolist()
     # A delay is said once a minute and holds; before the first nothing is known of it.
     assert table["delay_delay_s"].tolist() == [30.0] * SECONDS
-
-
-def test_by_position_there_is_a_row_a_step(exported: Path) -> None:
-    table = read(exported, "by_position")
-    assert set(np.diff(table["s_m"])) == {STEP_M}
-    np.testing.assert_allclose(table["truth_s_m"], table["s_m"], atol=1e-5)
-    moments = (table["time_ns"] - START_NS) * NS
-    np.testing.assert_allclose([position_m(t) for t in moments], table["s_m"], atol=0.05)
-    assert table["to_next_s"][:-1].sum() == pytest.approx((table["time_ns"].iloc[-1] - table["time_ns"][0]) * NS)
 
 
 def test_from_and_to(recorded: Path, tmp_path: Path) -> None:
@@ -227,7 +217,7 @@ def test_without_pyarrow_there_is_csv(recorded: Path, tmp_path: Path, monkeypatc
     monkeypatch.setattr(writing.importlib.util, "find_spec", without)
     with pytest.raises(DasError, match="pyarrow is not installed"):
         export(recorded, tmp_path / "x", ExportSettings())
-    assert export(recorded, tmp_path / "x", CSV).rows["truth"] == SECONDS
+    assert export(recorded, tmp_path / "x", CSV)["truth"] == SECONDS
 
 
 def test_damage_is_told_in_the_export(recorded: Path, tmp_path: Path) -> None:
@@ -243,16 +233,14 @@ def test_damage_is_told_in_the_export(recorded: Path, tmp_path: Path) -> None:
 
 
 def test_nothing_is_made_up_where_a_piece_is_lost(recorded: Path, tmp_path: Path) -> None:
-    """Ten seconds are lost: there are no rows along that way, and the numbers on both sides are those of before."""
+    """Ten seconds are lost: there are no rows of that time, and the numbers on both sides are those of before."""
     content = bytearray(recorded.read_bytes())
     places = [i for i in range(len(content) // 2) if content.startswith(b"\x04\0\0\0zstd", i)]
     for place in places[200:210]:
         content[place + 40] ^= 0x10
     (tmp_path / "damaged.mcap").write_bytes(content)
     export(tmp_path / "damaged.mcap", tmp_path / "x", CSV)
-    table = pd.read_csv(tmp_path / "x" / "by_position.csv")
-    lost = (table["s_m"] > position_m(200)) & (table["s_m"] < position_m(209))
-    assert not lost.any()
+    table = pd.read_csv(tmp_path / "x" / "by_time.csv")
     moments = (table["time_ns"] - START_NS) * NS
+    assert moments.diff().max() > 10
     np.testing.assert_allclose(table["truth_speed_mps"], [speed_mps(t) for t in moments], atol=0.01)
-    assert table["to_next_s"].max() > 10

@@ -1,1 +1,0 @@
-"""A recording as tables for other programs: Parquet and CSV, with units."""
