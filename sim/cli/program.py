@@ -147,8 +147,10 @@ GONE: Final = {
     "make-trip": "das-sim run SCENARIO --advice none, whose recording is a recorded trip for replay and trip",
     "recover": "das-sim check RECORDING --save NEW.mcap",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
+    "--planning-brake": "das-sim what-if --node with the options of das-node",
+    "--below-limit": "das-sim what-if --node with the options of das-node",
 }
-"""Former commands, each with what to run instead."""
+"""Former commands and options, each with what to use instead."""
 ABOUT: Final = (
     "Replay a train's trip, or simulate a run, with a live advice node; record and review it.\n\n"
     "Without a command, das-sim replays the bundled recording, simulates its trip with the guide, and compares the two."

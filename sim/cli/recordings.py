@@ -232,9 +232,8 @@ class WhatIfAsked:
         list[str] | None,
         typer.Option(
             "--restriction",
-            metavar="KM-KM:KM/H[@HH:MM-HH:MM]",
-            help="One more temporary restriction, known from the beginning, with a window (UTC) if it has one; may be "
-            "given several times.",
+            metavar="KM-KM:KM/H",
+            help="One more temporary restriction, known from the beginning; may be given several times.",
         ),
     ] = None
     without_restrictions: Annotated[
@@ -248,12 +247,12 @@ class WhatIfAsked:
         ),
     ] = None
 
-    def otherwise(self, departure_ns: int = 0) -> Otherwise:
-        """The changes, checked, on the day of a departure (ns since 1970); DasError for an impossible restriction."""
+    def otherwise(self) -> Otherwise:
+        """The changes; DasError for an impossible restriction."""
         return Otherwise(
             cab=self.cab,
             driven=self.driven,
-            restrictions=tuple(read_restriction(one, departure_ns) for one in self.restriction or ()),
+            restrictions=tuple(read_restriction(one) for one in self.restriction or ()),
             without_restrictions=self.without_restrictions,
         )
 
@@ -275,7 +274,7 @@ def what_if(
     What no option changes stays as it was. Without any change, the new recording holds the same messages.
     """
     check_outputs(out, inputs=(file,), overwrite=overwrite)
-    asked.otherwise()  # Refuses impossible changes before anything is read or solved.
+    new = asked.otherwise()
     with loading_solver():
         from sim.runs.what_if.difference import changed
         from sim.runs.what_if.origin import Origin
@@ -283,7 +282,6 @@ def what_if(
     with tempfile.TemporaryDirectory(prefix="das-what-if-") as folder:
         with busy(f"reading {file} …"):
             origin = Origin.read(file, of_train, Path(folder))
-        new = asked.otherwise(origin.journey.stops[0].departure_ns)
         origin.check_on_the_way(new)
         kind = _kind_of(origin, new, asked.anew)
         with _new_recording(file, out) as written:
@@ -305,7 +303,7 @@ def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
     refuse_given("there is no driver in an open loop", "--driver", "--friction", "--participant", "--population")
     if new.driven.advice not in (None, Presentation.GUIDE, Presentation.SPEED_AND_EFFORT):
         refuse_given(
-            "there is there is no display in an open loop: expected guide or speed-and-effort, or --driven-anew",
+            "there is no display in an open loop: expected guide or speed-and-effort, or --driven-anew",
             "--advice",
         )
     return WhatIfKind.OPEN_LOOP

@@ -19,7 +19,7 @@ from das.domain.files.reading import Fields
 from das.domain.files.writing import toml_string
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
-from das.domain.units import KMH, NS
+from das.domain.units import NS
 from das.node.options import NodeOptions
 from sim.drive.calls import KeptCall, calls
 from sim.drive.events import place_m
@@ -256,18 +256,12 @@ def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
 
 
 def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -> Scenario:
-    """The scenario with another train, planning brake or margin to limits; the train keeps the losses `true_level`."""
+    """The scenario with another train or load; the train keeps the losses `true_level`."""
     if cab.vehicle is not None:
         scenario = replace(scenario, vehicle=cab.vehicle, load=cab.load, loss_map=None)
     elif cab.load is not None:
         scenario = replace(scenario, load=cab.load)
-    braking = scenario.braking
-    if cab.planning_brake is not None:
-        braking = replace(braking, deceleration_mps2=cab.planning_brake)
-    if cab.below_limit is not None:
-        braking = replace(braking, below_limit_mps=cab.below_limit * KMH)
-    truth = scenario.truth if true_level is None else replace(scenario.truth, level=true_level)
-    return replace(scenario, braking=braking, truth=truth)
+    return scenario if true_level is None else replace(scenario, truth=replace(scenario.truth, level=true_level))
 
 
 def _levels(origin: Origin, cab: CabOtherwise, scenario: Scenario) -> tuple[Level | None, Level | None]:

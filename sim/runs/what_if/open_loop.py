@@ -68,14 +68,7 @@ def _words(words: Sequence[str], new: Otherwise) -> list[str]:
     if cab.vehicle is not None:
         for option in ("--load", "--loss-map"):
             found = _without(found, option)
-    values = {
-        "--vehicle": cab.vehicle,
-        "--load": cab.load,
-        "--level": cab.level,
-        "--planning-brake": cab.planning_brake,
-        "--below-limit": cab.below_limit,
-    }
-    for option, value in values.items():
+    for option, value in (("--vehicle", cab.vehicle), ("--load", cab.load), ("--level", cab.level)):
         if value is not None:
             found = [*_without(found, option), option, str(value)]
     if new.driven.advice is not None:
