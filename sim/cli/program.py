@@ -62,10 +62,7 @@ ENTRIES: Final = (
         name="run",
         where="sim.cli.run:run",
         summary="Simulate a day: a train, its driver and the advice node in a closed loop, everything recorded.",
-        examples=(
-            "das-sim run departure-delay --driver human --advice speed-and-effort --seed 3",
-            "das-sim run clear-day --only-driver --driver human --seed 3",
-        ),
+        examples=("das-sim run departure-delay --driver human --advice speed-and-effort --seed 3",),
     ),
     Entry(
         name="desk",
@@ -134,11 +131,14 @@ ENTRIES: Final = (
         ),
     ),
 )
+EXTERNAL: Final = (
+    "a class of your own (--driver package.module:Class), or a program like docs/examples/external_driver.py"
+)
 GONE: Final = {
     "batch": "das-sim experiment run --scenario LIST --driver LIST --advice LIST --seeds LIST -o DIR",
     "sensitivity": "python -m docs.studies.sensitivity in a checkout, or a design with human_ factors",
     "compare": "das-sim report FIRST OTHER…, with --table for the table that --out wrote",
-    "drive": "das-sim run SCENARIO --only-driver",
+    "drive": EXTERNAL,
     "drivers": "das-sim list drivers",
     "energy": "das-sim report RECORDING --show energy",
     "events": "das-sim report RECORDING --show events, or --show bookmarks",
@@ -147,6 +147,7 @@ GONE: Final = {
     "make-trip": "das-sim run SCENARIO --advice none, whose recording is a recorded trip for replay and trip",
     "recover": "das-sim check RECORDING --save NEW.mcap",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
+    "--only-driver": EXTERNAL,
     "--planning-brake": "das-sim what-if --node with the options of das-node",
     "--below-limit": "das-sim what-if --node with the options of das-node",
 }

@@ -1,15 +1,14 @@
-"""The command run, which simulates one day, or is the driver of one."""
+"""The command run, which simulates one day."""
 
 from __future__ import annotations
 
-import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from das.command_line.given import is_given, refuse_given
+from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption
-from das.command_line.printing import loading_solver, one_line, say, typed
+from das.command_line.printing import loading_solver, one_line
 from das.domain.errors import DasError
 from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.cli.options import (
@@ -19,7 +18,6 @@ from sim.cli.options import (
     DriverOption,
     FrictionOption,
     InProcessOption,
-    OnlyDriverOption,
     ScenarioArgument,
     new_recording,
     removed_if_unused,
@@ -29,7 +27,6 @@ from sim.drivers.kinds import (
     EXTERNAL,
     DriverKind,
     DriverName,
-    External,
     FrictionPolicy,
     named_driver,
 )
@@ -48,12 +45,6 @@ if TYPE_CHECKING:
     from sim.world.external import ExternalDriver
     from sim.world.service import Day
 
-OF_THE_RUN: Final = (
-    *("--advice", "--level", "--journey", "--out", "--overwrite", "--friction", "--pace", "--in-process", "--cards"),
-    "--json",
-)
-"""Options that whoever only drives a run cannot have."""
-
 
 def run(
     scenario: ScenarioArgument,
@@ -67,15 +58,11 @@ def run(
     participant: ParticipantOption = None,
     population: PopulationOption = None,
     driver_at: DriverAtOption = None,
-    only_driver: OnlyDriverOption = False,
     cards: CardsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train, its driver and the advice node in a closed loop, everything recorded."""
     who, factor = named_driver("--driver", driver), pace_factor(pace)
-    if only_driver:
-        _only_drive(scenario, (who, participant, population), asked, recorded, driver_at or DEFAULT_DRIVER_AT)
-        return
     if who is DESK:
         raise DasError(f"--driver {DESK}: a person drives at the desk: run das-sim desk {scenario}")
     _check_given(who, in_process=in_process, as_json=as_json)
@@ -146,47 +133,9 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
 
 
 def _external(day: Day, how: How, factor: float | None) -> ExternalDriver:
-    """The external driver, a process of its own; prints the command that starts it."""
+    """The external driver, a process of its own; says where the run waits for it."""
     from sim.world.external import ExternalDriver
 
-    where = f"--bus {how.bus.path}" if how.bus is not None else f"--driver-at {how.driver_at}"
-    scenario = shlex.quote(str(day.service.scenario.source))
-    command = f"{typed('das-sim')} run {scenario} --only-driver --train {how.train} {where}"
-    print(one_line(f"the run waits for its driver, for example: {command}"), file=sys.stderr)
+    where = how.bus.path if how.bus is not None else how.driver_at
+    print(one_line(f"train {how.train} waits for its driver at {where}"), file=sys.stderr)
     return ExternalDriver(day, times_real=factor)
-
-
-def _only_drive(
-    scenario: str, who: tuple[DriverName, int | None, str | None], asked: DayAsked, recorded: RecordingAsked, at: str
-) -> None:
-    """Be the driver of a run that waits elsewhere; DasError for options that only a run has."""
-    driver, participant, population = who
-    if isinstance(driver, External):
-        raise DasError(f"--driver {driver}: this is the external driver; expected who drives in it")
-    refuse_given("the run decides that, not its driver", *OF_THE_RUN)
-    with loading_solver():
-        from das.bus.access import Role
-        from das.bus.config import BusFolder, bus_options
-        from das.bus.session import Bus
-        from sim.drivers.drivers import make_driver
-        from sim.drivers.knowledge import LineKnowledge
-        from sim.drivers.parameters import participant_of, stream_of
-        from sim.world.external import HEARD, answer_looks, warm_up
-        from sim.world.scenario import load_scenario
-        from sim.world.service import lay_out
-
-        read = load_scenario(scenario)
-        route, vehicle, _ = lay_out(read)
-        line = LineKnowledge(route=route, vehicle=vehicle)
-        person = participant_of(driver, participant, population)
-        parameters, _ = read.human.of(asked.seed, person, read.source)
-        made = make_driver(driver, line, parameters=parameters, seed=asked.seed, stream=stream_of(person))
-        warm_up(line)
-    bus, insecure = recorded.bus, recorded.insecure_bus
-    folder = None if bus is None else BusFolder(bus, insecure).file(Role.DRIVER).path
-    file = bus_options(folder, insecure, None, [at] if is_given("--driver-at") else None)
-    there = [] if file is not None else [at]
-    with Bus(asked.train, connect=there, hear=HEARD, file=file) as opened:
-        say(f"{driver} waits for the run of train {asked.train} at {there[0] if there else bus}")
-        looks = answer_looks(opened, made, lambda: say("the run has begun"))
-    say(f"the run is over; looks answered: {looks}")
