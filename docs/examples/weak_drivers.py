@@ -1,4 +1,4 @@
-"""Four drivers with one weakness each, as examples of own drivers: `das-sim run … --driver sim.drivers.examples:Lazy`.
+"""Four drivers with one weakness each: `das-sim run … --driver docs.examples.weak_drivers:Lazy`.
 
 They share no code with the bundled human driver. `Attentive` has no weakness; the others change the advice that is
 perceived (`heeded`) or the setting that results (`set`). Their savings by advice: docs/explanation/guide-figures.md.
