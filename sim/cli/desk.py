@@ -93,7 +93,6 @@ def desk(
 
 
 def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) -> None:
-    """Show a recording until Ctrl-C."""
     _check_packages()
     with loading_solver():
         from sim.desk.host import address_of, listening, new_token
@@ -152,7 +151,6 @@ def _drive_at_desk(
 
 
 def _driven(read: Scenario, asked: DayAsked, how: How, out: Path | None, factor: float) -> DayResult:
-    """Prepare the day while the person reads the page, then let the person drive it."""
     with loading_solver():
         from das.cab.warm_up import warm_up
         from sim.world.external import AT_THE_DESK, ExternalDriver

@@ -136,12 +136,10 @@ def _less(energy_j: float) -> str:
 
 
 def _times(found: AlignedDrives, *, first: bool) -> list[str]:
-    """When each drive left its first stop, or came to its last one."""
     calls = [one.drive.calls[0 if first else -1] for one in found.drives]
     times = [call.departed_ns if first else call.arrived_ns for call in calls]
     return [_clock(one.drive, time_ns) for one, time_ns in zip(found.drives, times, strict=True)]
 
 
 def _clock(drive: Drive, time_ns: int) -> str:
-    """A moment on the clock of the line, "09:05:30"."""
     return f"{datetime.fromtimestamp(round(time_ns * NS), drive.table.zone):%H:%M:%S}"

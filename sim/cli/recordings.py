@@ -295,7 +295,6 @@ def what_if(
 
 
 def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
-    """The kind of what-if that the options ask for; DasError for options of the other kind."""
     if anew is None:
         anew = new.driven.asks_for_a_driver or not origin.has_advice
     if anew:
@@ -318,7 +317,6 @@ def _new_recording(file: Path, out: Path | None) -> Iterator[Path]:
 
 
 def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeSaid, out: Path) -> list[str]:
-    """Write the what-if's recording, and return notes for the user."""
     if kind is WhatIfKind.OPEN_LOOP:
         from sim.runs.what_if.open_loop import advise_otherwise
 

@@ -174,7 +174,6 @@ def report(
 
 
 def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, table: Path | None) -> None:
-    """Raise DasError for options that would have no effect."""
     if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
         raise DasError("--kind, --from and --to choose events: expected --show events or --show bookmarks with them")
     if table is not None and len(files) < 2:
@@ -182,7 +181,6 @@ def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: Lis
 
 
 def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
-    """Print events alone, for which no section is solved."""
     from sim.drive.drive import Drive
 
     with busy(f"reading {file} …"):
@@ -291,7 +289,6 @@ def _print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
 
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
-    """Print the stretches on which a drive differs most from the first; nothing if it does not differ."""
     from das.domain.units import kwh, kwh_figure
     from sim.drive.events import place_text
 

@@ -92,7 +92,6 @@ def run(
 
 
 def _check_given(who: DriverName, *, in_process: bool, as_json: bool) -> None:
-    """Raise DasError for options that would have no effect."""
     if who is not DriverKind.HUMAN:
         refuse_given(f"needs --driver {DriverKind.HUMAN}", "--friction")
     if in_process:

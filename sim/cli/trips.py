@@ -59,7 +59,6 @@ def trip(
 
 
 def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
-    """The trains that may have driven a trip; DasError if one cannot be used."""
     from sim.trips.find_train import candidates
 
     for name, value in (("--vehicle", options.vehicle), ("--loss-map", options.loss_map)):
@@ -71,7 +70,6 @@ def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
 def _look(
     file: Path, options: TripOptions, trains: list[tuple[str, Vehicle]] | None, out: Path | None, plot: Path | None
 ) -> tuple[dict[str, Any], Any]:
-    """Read the trip and write what is asked for; returns its description and the report on its cleaning."""
     from sim.runs.replay import stated_parts
     from sim.trips.estimate import estimate_run
     from sim.trips.report import describe, draw_trip, write_cleaned

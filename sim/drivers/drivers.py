@@ -128,7 +128,6 @@ class PerfectDriver:
         return self._followers[presentation]
 
     def _depart(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
-        """Set the cleared train in motion as advised."""
         target = min(view.speed_mps, cab.limit_mps)
         if math.isnan(view.lever_ratio):
             return hold(cab, outlook, target)
@@ -177,7 +176,6 @@ class LiteralDriver:
         return due
 
     def _obeyed(self, cab: CabView, card: AdviceView) -> Command:
-        """The command for the card."""
         outlook = self._alone.foresight.outlook(cab)
         told = asked(card.mode, card.speed_mps, card.lever_ratio, cab.speed_mps, reached=self._reached)
         if told in (Asked.ACCELERATE, Asked.BRAKE):
@@ -193,7 +191,6 @@ class LiteralDriver:
         return lever(-1.0)  # The card says to stand.
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> Command:
-        """Brake steadily to the mark, or creep up to it."""
         if cab.speed_mps < FOLLOWING.creeping_mps and cab.stop_m - cab.s_m > AT_STOP_M:
             return hold(cab, outlook, FOLLOWING.creeping_mps)
         needed = needed_braking_mps2(cab, cab.stop_m)

@@ -313,7 +313,6 @@ class Hand:
         self._begun_s = now_s if moved and before * self.setting <= 0 else self._begun_s
 
     def _by_notches(self, wanted: float, now_s: float) -> float:
-        """Move by one notch at a time, each with its duration."""
         human = self._human
         notch, aim = round(self.setting * human.notches), round(wanted * human.notches)
         if aim != notch and now_s - self._notched_s >= human.notch_s:

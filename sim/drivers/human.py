@@ -155,7 +155,6 @@ class DisplayReading:
             self._pending = None
 
     def _glance(self, cab: CabView) -> None:
-        """Look at the display, and assess new advice."""
         human, now_s = self._human, cab.time_s
         beyond_s = max(human.glance_mean_s - human.glance_least_s, 0.0)
         self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
@@ -172,7 +171,6 @@ class DisplayReading:
             self.heeded = self.heeded._replace(view=view)
 
     def _expect(self, view: AdviceView | None, now_s: float) -> None:
-        """Remember the next change that the display announces, and look again when it is due."""
         if view is None or view.next_mode == Regime.NONE or not math.isfinite(view.next_change_s):
             return
         self._announced = Announced(view.next_mode, view.time_s + view.next_change_s)
@@ -331,7 +329,6 @@ class HumanDriver:
 
     @property
     def _by_top_speed(self) -> bool:
-        """Whether the driver follows a display of a top speed."""
         view, follows = self._display.heeded.view, self._display.heeded.follows
         return follows and view is not None and presenter_of(view.presentation).speed_is(view.mode) is SpeedIs.HIGHEST
 
@@ -368,11 +365,9 @@ class HumanDriver:
         return 0.0
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> float:
-        """The setting for advice to stop without an effort: the driver brakes at the last moment."""
         return self.handling.held(cab, outlook, max(cab.speed_mps, HEEDING.creeps_mps))
 
     def _soon_over(self, cab: CabView, outlook: Outlook, effort: float, target_mps: float) -> bool:
-        """Whether an acceleration or brake to a speed is ignored because it would be over too soon."""
         if self._hand.setting * math.copysign(1.0, effort) >= BEGUN_RATIO * abs(effort):
             return False
         efforts = self.handling.efforts

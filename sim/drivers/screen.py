@@ -82,7 +82,6 @@ class Screen:
         self._shown, self._refreshed_s = view, now_s
 
     def _cut(self, view: AdviceView) -> AdviceView:
-        """The advice without the parts that the display does not show."""
         settings = self._settings
         if not settings.reason and view.reason:
             view = replace(view, reason=NO_REASON)

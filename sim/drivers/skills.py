@@ -123,7 +123,6 @@ class Skills:
         return Efforts.at(self.cab.speed_mps, self.outlook.train)
 
     def _ratio(self, command: Command) -> float:
-        """The setting for a command."""
         return self._efforts().lever_ratio(demanded(command, 0.0, self.cab.speed_mps, self.outlook.train))
 
 

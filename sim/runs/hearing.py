@@ -93,7 +93,6 @@ def _words(contents: Contents, train: str, run: Mapping[str, str], said: str | N
 
 
 def _guessed(contents: Contents, train: str, run: Mapping[str, str]) -> NodeGiven:
-    """The command line, guessed from the journey and the messages of the node."""
     heard = [one for one in contents.messages if one.train == train]
     journey = next((one.message for one in heard if one.topic is topics.JOURNEY), None)
     if journey is None:
@@ -246,7 +245,6 @@ class Rehearing:
 
 
 def _wanted(control: Any) -> dict[str, int]:
-    """The times (ns) of the restrictions and targets that a node must have received before it answers."""
     return {RESTRICTION.name: control.restrictions_ns, TARGET.name: control.targets_ns}
 
 

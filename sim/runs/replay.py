@@ -133,7 +133,6 @@ def _due_ns(trip: Trip, journey: Journey, departed_ns: int) -> tuple[int, int]:
 
 
 def _call(journey: Journey, stop: str) -> Call:
-    """The call of a journey at a stop of the trip; DasError if it has none."""
     for call in journey.calls:
         if call.name == stop:
             return call
@@ -236,7 +235,6 @@ def driven_legs(trip: Trip, run: DrivenRun) -> tuple[DrivenLeg, ...]:
 
 
 def _on_the_way(trip: Trip, motion: DrivenMotion) -> tuple[KeptCall, ...]:
-    """The stops on the way at which a trip stood."""
     stood = [one for one in trip.route.stops if one.name in trip.stops_on_the_way]
     return calls_on_the_way(stood, motion, trip.matched)
 
@@ -290,13 +288,11 @@ def _node_arguments(options: TripOptions, start: str, end: str) -> tuple[str, ..
 
 
 def _attachments(options: TripOptions) -> list[Path]:
-    """The files that a replay is made from, besides the trip."""
     paths = _input_files(options).values()
     return [*paths, *([options.posts] if options.posts is not None else [])]
 
 
 def _journey_file(options: ReplayOptions) -> list[Path]:
-    """The file of the journey that times the trip, if one does."""
     return [] if options.journey is None else [locate_journey(options.journey)]
 
 
@@ -351,7 +347,6 @@ def replay(
 
 
 def _play(job: ReplayJob, lockstep: Lockstep, progress: Callable[[int, int], None]) -> None:
-    """Play all ticks, at the job's speed or as fast as node and recorder keep up."""
     timing = job.timing
     ticks = int(np.ceil((timing.last_tick_ns - timing.first_tick_ns) * NS / TICK_S)) + 1
     feed = _Feed(job)

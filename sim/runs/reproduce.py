@@ -147,7 +147,6 @@ def _difference(topic: str, time_ns: int, old: Said | None, new: Said | None) ->
 
 
 def _message(old: Message, new: Message, topic: str, path: str) -> Iterator[FieldDifference]:
-    """The fields in which two messages of one kind differ."""
     for description in old.DESCRIPTOR.fields:
         name = f"{path}{description.name}"
         if f"{topic}.{name}" not in IGNORED:
@@ -196,7 +195,6 @@ def tolerance(name: str, value: float) -> float:
 
 
 def _bare(path: str) -> str:
-    """A path without the indices of lists."""
     return "".join(part.partition("]")[2] if "]" in part else part for part in path.split("["))
 
 

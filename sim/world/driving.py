@@ -65,7 +65,6 @@ class OverBus:
         return self._lockstep.newest() if self._paced else None
 
     def _locate(self, now_ns: int, s_m: float) -> None:
-        """Record the place of the train on the map, if the route has a map."""
         place = self._day.service.route.location_deg(s_m)
         if place is not None:
             self._lockstep.send(LOCATION, location(now_ns, float(place[0]), float(place[1])))

@@ -395,7 +395,6 @@ class Lockstep:
         return written.tick >= self._asked_tick and written.advice_tick >= self._asked_tick
 
     def _until_taken(self) -> None:
-        """Wait until the node is ready and the recorder has written that it is."""
         answers, ready, refused = self.answers, NodeState.READY, NodeState.WITHDRAWN
         self._until(
             lambda: answers.node_state == refused or answers.node_state == answers.written.node_state == ready,
@@ -429,7 +428,6 @@ class Lockstep:
         return True
 
     def _until(self, done: Callable[[], bool], timeout_s: float, what: str, *, watch_node: bool = True) -> None:
-        """Receive messages until a condition holds; DasError where a process has ended or after the timeout."""
         if not self.hear(done, timeout_s, watch_node=watch_node):
             raise DasError(f"waited {timeout_s:.0f} s for {what}")
 

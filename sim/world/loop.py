@@ -186,7 +186,6 @@ class World:
         )
 
     def _second(self, tick: int, state: PlantState) -> PlantState:
-        """Simulate one second: the advice of this tick, then the driver's looks."""
         around, now_ns = self._around, self.day.service.moment_ns(state.time_s)
         self._events += around.news.update(state)
         answered = self._advise(tick, now_ns, state)
@@ -214,7 +213,6 @@ class World:
         return COAST if self.day.service.scenario.early_departure is EarlyDeparture.WITHHELD else command
 
     def _decided(self) -> tuple[DriverEvent, ...]:
-        """What the driver did or decided since the last call."""
         told, kept = self._told, kept_by(self.driver)
         self._told = len(kept)
         return tuple(kept[told:])

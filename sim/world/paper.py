@@ -58,7 +58,6 @@ class PaperSheet:
         return self._said(blank, lines, number, state)
 
     def _said(self, blank: SheetLook, lines: tuple[SheetLine, ...], number: int, state: PlantState) -> SheetLook:
-        """The line with a number, and the next."""
         line, efforts = lines[number], Efforts.at(state.speed_mps, self._service.line.train)
         braking = line.kind is InstructionKind.BRAKE
         following = lines[number + 1] if number + 1 < len(lines) else None

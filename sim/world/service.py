@@ -223,13 +223,11 @@ def scenario_files(scenario: Scenario) -> dict[str, Path]:
 
 
 def _true_files(truth: Truth) -> dict[str, Path]:
-    """The files of the true train that the plan does not use; raises DasError if one is missing."""
     files = {} if truth.vehicle is None else vehicle_files(truth.vehicle)
     return files if truth.loss_map is None else {**files, "loss_map": _there("truth.loss_map", truth.loss_map)}
 
 
 def _there(key: str, path: Path) -> Path:
-    """The file that a scenario names under a key; DasError if there is none."""
     if not path.is_file():
         raise DasError(f"{key} = {str(path)!r}: no such file")
     return path
@@ -300,7 +298,6 @@ def _timetables(scenario: Scenario, vehicle: Vehicle, fronts: Sequence[Front]) -
 
 
 def _least_s(front: Front, braking: ServiceBraking) -> float:
-    """The least running time (s) of a front's section with a service braking."""
     return float(with_braking(front.section, braking).fastest_run.time_to_go_s[0])
 
 
@@ -404,7 +401,6 @@ def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
 
 
 def _population(participant: Participant | None) -> dict[str, dict[str, str]]:
-    """The id of a participant's population, and the hash of its file; empty without a participant."""
     if participant is None:
         return {}
     population = participant.population

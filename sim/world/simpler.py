@@ -251,7 +251,6 @@ class SimplerDisplay:
         return self._reduced.shown_mps(max(advice.s_m, self.section.start_m), advice.speed_mps, now_ns, arrival_ns)
 
     def _four(self, advice: Any, mode: Regime, after: Regime) -> tuple[Regime, Regime, float]:
-        """What a display of four modes shows: the mode now and the next one, both replaced if they are not safe."""
         section, planner = self.section, self._planner
         s_m, advised_mps = max(advice.s_m, section.start_m), advice.advised_speed_mps
         planned_m = 0.0 if section.braking is None else section.braking.deviation_m

@@ -116,7 +116,6 @@ def _id(origin: Origin) -> str:
 
 
 def _tables(origin: Origin, options: NodeOptions) -> dict[str, Any]:
-    """The tables of the scenario, as its file has them."""
     journey, line, driven = origin.journey, options.line, options.driven
     stops, dwell_s = journey.stops, _dwell_s(journey.stops)
     load = driven.load or journey.vehicle_id.partition("/")[2] or journey.load
@@ -144,7 +143,6 @@ def _tables(origin: Origin, options: NodeOptions) -> dict[str, Any]:
 
 
 def _as_toml(tables: Mapping[str, Any]) -> Iterator[str]:
-    """The lines of a file with these tables."""
     yield "# Made from a recording by das-sim what-if. Its timetable is that of the recorded journey."
     for name, value in tables.items():
         listed = isinstance(value, list)
@@ -163,12 +161,10 @@ def _as_value(value: Any) -> str:
 
 
 def _bare(name: str) -> str:
-    """A name as it is, or the bare name of a file."""
     return Path(name).name if Path(name).suffix else name
 
 
 def _dwell_s(stops: Any) -> float:
-    """The shortest scheduled dwell at a stop on the way (s)."""
     dwells = [(stop.departure_ns - stop.arrival_ns) * NS for stop in stops[1:-1]]
     return max(min(dwells, default=0.0), 0.0)
 
@@ -256,7 +252,6 @@ def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
 
 
 def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -> Scenario:
-    """The scenario with another train or load; the train keeps the losses `true_level`."""
     if cab.vehicle is not None:
         scenario = replace(scenario, vehicle=cab.vehicle, load=cab.load, loss_map=None)
     elif cab.load is not None:

@@ -160,7 +160,6 @@ def _advice(before: DriveTable, after: DriveTable) -> SaidAdvice:
 
 
 def _by_time(table: DriveTable) -> dict[int, AdviceThen]:
-    """Every advice by its time (ns)."""
     rows = zip(
         *(one.tolist() for one in table.of_topic("advice", "s_m", "mode", "advised_speed_mps", "guide")), strict=True
     )

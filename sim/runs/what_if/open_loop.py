@@ -63,7 +63,6 @@ def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, 
 
 
 def _words(words: Sequence[str], new: Otherwise) -> list[str]:
-    """The arguments of a node's command line, with the changes of the what-if."""
     cab, found = new.cab, list(words)
     if cab.vehicle is not None:
         for option in ("--load", "--loss-map"):
@@ -78,7 +77,6 @@ def _words(words: Sequence[str], new: Otherwise) -> list[str]:
 
 
 def _without(words: Sequence[str], option: str) -> list[str]:
-    """The arguments of a command line without one option and its value."""
     kept, words = [], list(words)
     while words:
         word = words.pop(0)
