@@ -6,16 +6,16 @@ import contextlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
 from das import __version__
-from das.advice.advice import Advice
-from das.bus import codec, das_pb2
+from das.bus import das_pb2
 from das.bus.config import BusFolder
-from das.bus.recording import Recording, Stamped
+from das.bus.recording import Recording
 from das.bus.topics import CAB, DECISION, LOCATION, LOG, MEASURES, SAVING, TRUTH, Topic
 from das.cab.heard import PositionHeard
 from das.domain.braking import REACTION_S
@@ -79,35 +79,6 @@ class OverBus:
         self._lockstep.restart_node()
 
 
-class KeptInProcess(InProcess):
-    """The link to an on-board system in this process; `messages` has what a recorder would write, by topic."""
-
-    def __init__(self, day: Day, *, guide: bool = False) -> None:
-        self._day = day
-        self.messages: dict[str, list[Stamped]] = {}
-        super().__init__(day.service, guide=guide)
-        began_ns = day.service.moment_ns(-BEFORE_S)
-        self.keep(*codec.encode_input(day.service.journey(TRAIN, began_ns)), began_ns)
-
-    def exchange(self, tick: Tick) -> Advice:
-        """The advice for a tick."""
-        for heard in tick.told:
-            self.keep(*codec.encode_input(heard), tick.now_ns)
-        advice = super().exchange(tick)
-        for output in (*self.said, advice):
-            self.keep(*codec.encode_output(output, tick.number), tick.now_ns)
-        return advice
-
-    def tell(self, now_ns: int, told: Told) -> None:
-        """Keep what the on-board system does not receive."""
-        for topic, message in only_recorded(self._day, now_ns, told):
-            self.keep(topic, message, now_ns)
-
-    def keep(self, topic: Topic, message: Any, now_ns: int) -> None:
-        """Keep a message that was sent at a time (ns since 1970)."""
-        self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
-
-
 @dataclass(frozen=True, kw_only=True)
 class How:
     """How a day is driven, as its recording states.
@@ -158,8 +129,7 @@ def drive_day(
         outside = isinstance(driver, ExternalDriver)
         if isinstance(driver, ExternalDriver):
             driver.begin(lockstep)
-        link_to_node = OverBus(day, lockstep, shows_cab=not outside)
-        run = World(day, driver, how.advice, link_to_node, how.screen).run(progress)
+        run = World(day, driver, how.advice, OverBus(day, lockstep, shows_cab=not outside), how.screen).run(progress)
         for topic, message in _last_messages(day, run):
             lockstep.send(topic, message)
         lockstep.finish(day.service.moment_ns(run.states[-1].time_s))
@@ -168,13 +138,12 @@ def drive_day(
 
 def drive_kept(day: Day, driver: Driver, how: How, progress: Progress | None = None) -> tuple[Run, DriveTable]:
     """Drive a day in this process, and make the table of the drive; DasError if the train does not arrive."""
-    link, service = KeptInProcess(day, guide=presenter_of(how.advice).needs_guide), day.service
+    service = day.service
+    link = InProcess(service, guide=presenter_of(how.advice).needs_guide, recorded=partial(only_recorded, day))
     run = World(day, driver, how.advice, link, how.screen).run(progress)
     for topic, message in _last_messages(day, run):
         link.keep(topic, message, service.moment_ns(run.states[-1].time_s))
-    given = DriveInputs(
-        route=service.route, vehicle=service.vehicle, level=service.level, source="those of the day"
-    )  # fmt: skip
+    given = DriveInputs(route=service.route, vehicle=service.vehicle, level=service.level, source="those of the day")
     recording = Recording(
         path=Path(f"{service.scenario.id} in memory"), train=TRAIN, trains=(TRAIN,), attachments=(), complete=True,
         messages={name: tuple(entries) for name, entries in link.messages.items()},

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from das.advice.advice import Advice
 from das.advice.regimes import Regime
+from das.bus import codec
+from das.bus.recording import Stamped
+from das.bus.topics import Topic
 from das.cab.cab import Cab, CabSettings
 from das.cab.heard import STATES, Heard, Kind
 from das.cab.orders import Post, Trains
-from das.cab.outputs import Output
 from das.cab.situation import Situation
 from das.domain.errors import DasError
 from sim.drive.calls import KeptCall
@@ -263,17 +265,26 @@ TRAIN = "train"
 """Name of the train whose advice is computed within the process."""
 
 
-class InProcess:
-    """The link to an on-board system in this process, which receives what the bus would carry; nothing is recorded."""
+Recorded = Callable[[int, Told], Iterable[tuple[Topic, Any]]]
+"""What is only recorded of a tick, as messages; called with its time (ns since 1970)."""
 
-    def __init__(self, service: Service, *, guide: bool = False) -> None:
-        self._service, self._guide = service, guide
+
+class InProcess:
+    """The link to an on-board system in this process, which receives what the bus would carry.
+
+    With `recorded`, `messages` has by topic what a recorder would write; else nothing is kept.
+    """
+
+    def __init__(self, service: Service, *, guide: bool = False, recorded: Recorded | None = None) -> None:
+        self._service, self._guide, self._recorded = service, guide, recorded
         self._kept: dict[Kind, Heard] = {}
         self._judged_ns = 0
-        self.said: list[Output] = []
-        """The on-board system's other outputs at the last tick."""
+        self.messages: dict[str, list[Stamped]] = {}
         self.restart()
-        self._hear(service.journey(TRAIN, service.moment_ns(-BEFORE_S)))
+        began_ns = service.moment_ns(-BEFORE_S)
+        journey = service.journey(TRAIN, began_ns)
+        self._hear(journey)
+        self.keep(*codec.encode_input(journey), began_ns)
 
     def restart(self) -> None:
         """Start a new on-board system that receives only what the bus keeps: journey, restrictions, targets."""
@@ -298,8 +309,13 @@ class InProcess:
         """The advice for a tick."""
         for heard in tick.told:
             self._hear(heard)
-        *self.said, advice = self.cab.tick(tick.now_ns)
+        outputs = self.cab.tick(tick.now_ns)
         self._judged_ns = tick.now_ns
+        if self._recorded is not None:
+            sent = [*map(codec.encode_input, tick.told), *(codec.encode_output(one, tick.number) for one in outputs)]
+            for topic, message in sent:
+                self.keep(topic, message, tick.now_ns)
+        advice = outputs[-1]
         assert isinstance(advice, Advice)
         return advice
 
@@ -307,7 +323,13 @@ class InProcess:
         """Return None: `exchange` has returned all advice."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Nothing is recorded in this process."""
+        """Keep what the on-board system does not receive, if anything is kept."""
+        for topic, message in () if self._recorded is None else self._recorded(now_ns, told):
+            self.keep(topic, message, now_ns)
+
+    def keep(self, topic: Topic, message: Any, now_ns: int) -> None:
+        """Keep a message that was sent at a time (ns since 1970)."""
+        self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
 
     def _hear(self, heard: Heard) -> None:
         if heard.kind in STATES:

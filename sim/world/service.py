@@ -6,21 +6,18 @@ The service is the same for every seed; the day has what happens on it, and the 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
-
-import numpy as np
 
 from das.advice.advice import Timetable
 from das.cab.fronts import Fronts
 from das.cab.heard import JourneyHeard, OrderedStop
 from das.domain.braking import USUAL, ServiceBraking
 from das.domain.conditions import Conditions
-from das.domain.errors import DasError, InputError, RunawayError
+from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_journey, load_route, load_vehicle, locate_journey
 from das.domain.files.vehicles import read_loss_map
 from das.domain.journey import Journey
@@ -434,8 +431,6 @@ def _same(name: str, other: str) -> bool:
 
 
 AS_PLANNED = Conditions()
-MASS_STEP_RATIO = 0.01
-"""The largest mass that the brakes hold is given in such steps of the mass ratio."""
 
 
 def check_train(
@@ -455,45 +450,24 @@ def true_sections(
     do not hold it on a descent, it stalls, or its losses do not cover what it can do.
     """
     vehicle, level = scenario.truth.train(*planned)
-
-    def sections(mass_ratio: float) -> tuple[Section, ...]:
-        changed = replace(conditions, mass_ratio=mass_ratio)
-        line, train = changed.line(route), changed.train(vehicle)
+    line, train = conditions.line(route), conditions.train(vehicle)
+    try:
         return tuple(
             build_section(line, train, level=level, start_m=a.position_m, end_m=b.position_m)
             for a, b in pairwise(stops)
         )
-
-    try:
-        return sections(conditions.mass_ratio)
     except DasError as error:
-        most = _most_mass(sections, conditions.mass_ratio) if isinstance(error, RunawayError) else ""
-        changed = ", ".join(_changed(scenario.truth, conditions, most))
+        changed = ", ".join(_changed(scenario.truth, conditions))
         raise DasError(f"{scenario.source}: {changed or 'truth'}: the true train: {error}") from None
 
 
-def _most_mass(sections: Callable[[float], tuple[Section, ...]], mass_ratio: float) -> str:
-    """What is expected of the mass of a train that its brakes do not hold; empty if no smaller mass helps."""
-
-    def too_heavy(ratio: float) -> bool:
-        try:
-            sections(ratio)
-        except DasError:
-            return True
-        return False
-
-    ratios = np.arange(MASS_STEP_RATIO, mass_ratio, MASS_STEP_RATIO)
-    held = bisect_left(ratios, True, key=too_heavy)
-    return f" (expected at most {ratios[held - 1]:.2f})" if held else ""
-
-
-def _changed(truth: Truth, conditions: Conditions, most_mass: str) -> Iterator[str]:
+def _changed(truth: Truth, conditions: Conditions) -> Iterator[str]:
     """What the scenario changes about the train: each key with its value, and between what this is drawn."""
     for name, drawn in truth.conditions.items():
         value = getattr(conditions, name)
         if value != getattr(AS_PLANNED, name):
             ends = "" if drawn.low == drawn.high else f", drawn from {drawn.low:g} to {drawn.high:g}"
-            yield f"truth.{name} = {value:.4g}{ends}{most_mass if name == 'mass_ratio' else ''}"
+            yield f"truth.{name} = {value:.4g}{ends}"
     for name in ("vehicle", "load"):
         if getattr(truth, name) is not None:
             yield f"truth.{name} = {getattr(truth, name)}"
