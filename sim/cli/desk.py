@@ -14,8 +14,8 @@ from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption
 from das.command_line.printing import busy, loading_solver, say
 from das.domain.errors import DasError
-from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.cli.options import check_packages, new_recording, removed_if_unused
+from sim.cli.run import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.drivers.kinds import DESK
 from sim.options import MOST_NOTCHES, OfTrainOption, PaceOption, pace_factor, typed_command
 

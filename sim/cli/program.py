@@ -159,7 +159,7 @@ ABOUT: Final = (
 
 
 def _first_minute() -> None:
-    from sim.cli.first_minute import first_minute
+    from sim.cli.trips import first_minute
 
     first_minute()
 

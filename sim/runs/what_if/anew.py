@@ -30,7 +30,7 @@ from sim.drivers.parameters import DEFAULT, Participant, load_population, partic
 from sim.drivers.screen import recorded_screen
 from sim.options import WhatIfKind, typed_command
 from sim.recording.inputs import put, sha256, vehicle_files
-from sim.runs.hearing import HeardAgain, node_given
+from sim.runs.reproduce import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 from sim.world.disturbances import AnnouncedRestriction, DepartureDelay, as_figures

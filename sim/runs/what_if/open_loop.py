@@ -21,8 +21,18 @@ from das.node.process import CabPlan, plan_cab
 from sim.options import NodeSaid, WhatIfKind
 from sim.recording.inputs import sha256, vehicle_files
 from sim.recording.opening import NODE_ARGUMENTS, whole_recording
-from sim.runs.hearing import HeardAgain, NodeGiven, Rehearing, by_bus_clock, node_given, of_the_process
-from sim.runs.reproduce import BY_THE_WALL, COMPARED, EXTRACT, without_waiting
+from sim.runs.reproduce import (
+    BY_THE_WALL,
+    COMPARED,
+    EXTRACT,
+    HeardAgain,
+    NodeGiven,
+    Rehearing,
+    by_bus_clock,
+    node_given,
+    of_the_process,
+    without_waiting,
+)
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 
