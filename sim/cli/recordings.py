@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from das.command_line.files import check_outputs
 from das.command_line.given import refuse_given
 from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, progress_bar, tell, typed
+from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from sim.cli.options import (
     FromTimeOption,
@@ -25,7 +26,6 @@ from sim.cli.options import (
     chosen,
     naming_recorded,
     removed_if_unused,
-    tell_energy_range,
 )
 from sim.drivers.kinds import Presentation
 from sim.options import NodeSaid, OfTrainOption, WhatIfKind
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from sim.recording.check import Checked
     from sim.recording.recover import Recovered
     from sim.runs.reproduce import Difference, Reproduction
-    from sim.runs.what_if.difference import Changed
     from sim.runs.what_if.origin import Origin
 
 
@@ -276,7 +275,6 @@ def what_if(
     check_outputs(out, inputs=(file,), overwrite=overwrite)
     new = asked.otherwise()
     with loading_solver():
-        from sim.runs.what_if.difference import changed
         from sim.runs.what_if.origin import Origin
 
     with tempfile.TemporaryDirectory(prefix="das-what-if-") as folder:
@@ -287,11 +285,20 @@ def what_if(
         with _new_recording(file, out) as written:
             notes = _write_what_if(origin, new, kind, said, written)
         with busy("comparing …"):
-            found = changed(kind, file, written, origin.train)
+            compare = _compared_advice if kind is WhatIfKind.OPEN_LOOP else _compared_drives
+            found, print_difference = compare((file, written), origin.train)
     if as_json:
-        print(json.dumps(_what_if_dict(found, new, file, written, notes)))
-    else:
-        _print_what_if(found, new, (file, written), notes)
+        made = {"kind": str(kind), "recording": str(file), "written": str(written), "otherwise": new.described()}
+        print(json.dumps({**made, **found, "notes": notes}))
+        return
+    tell(f"{kind}: {WAYS[kind]}")
+    tell(f"otherwise: {'; '.join(new.described()) or 'nothing'}")
+    print_difference()
+    for note in notes:
+        tell(f"note: {note}")
+    tell(f"written: {written}")
+    both = f"{shlex.quote(str(file))} {shlex.quote(str(written))}"
+    tell(f"compare them: {typed('das-sim')} report {both} -o what-if.html")
 
 
 def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
@@ -337,34 +344,27 @@ def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeS
     return [] if origin.is_simulated else [FROM_A_DRIVE]
 
 
-def _what_if_dict(found: Changed, new: Otherwise, file: Path, written: Path, notes: list[str]) -> dict[str, object]:
-    return {
-        "kind": str(found.kind),
-        "recording": str(file),
-        "written": str(written),
-        "otherwise": new.described(),
-        **found.as_dict(),
-        "notes": notes,
-    }
+def _compared_advice(files: Sequence[Path], train: str) -> tuple[dict[str, object], Callable[[], None]]:
+    """How the advice of an open loop differs, for programs, and a function that prints it."""
+    from sim.runs.what_if.open_loop import advice_apart
+
+    apart = advice_apart(files[0], files[1], train)
+    return {"advice": apart._asdict()}, lambda: paragraph(apart.sentence)
 
 
-def _print_what_if(found: Changed, new: Otherwise, files: tuple[Path, Path], notes: list[str]) -> None:
-    from sim.runs.what_if.difference import NAMES
+def _compared_drives(files: Sequence[Path], train: str) -> tuple[dict[str, object], Callable[[], None]]:
+    """How two drives differ, for programs, and a function that prints it as a report does."""
+    from das.bus.recording import recording_of
+    from sim.cli.review import print_comparison
+    from sim.drive.comparison import AlignedDrives, as_dict, drives_on_track
+    from sim.drive.drive import Drive
+    from sim.recording.opening import open_contents
 
-    tell(f"{found.kind}: {WAYS[found.kind]}")
-    tell(f"otherwise: {'; '.join(new.described()) or 'nothing'}")
-    table = new_table("", ("",), NAMES, lines=True)
-    for row in found.rows():
-        table.add_row(*row)
-    if table.row_count:
-        print_table(table)
-    for line in found.sentences():
-        paragraph(line)
-    for note in notes:
-        tell(f"note: {note}")
-    if found.aligned is not None:
-        tell_energy_range(found.aligned.drives[0].drive.table.inputs.route)
-    old, written = files
-    tell(f"written: {written}")
-    both = f"{shlex.quote(str(old))} {shlex.quote(str(written))}"
-    tell(f"compare them: {typed('das-sim')} report {both} -o what-if.html")
+    aligned, why_not = None, ""
+    try:
+        drives = [Drive(recording=recording_of(open_contents(path), train)) for path in files]
+        aligned = AlignedDrives.of(drives_on_track(drives))
+    except DasError as error:
+        why_not = str(error)
+    compared = {"comparison": None if aligned is None else as_dict(aligned), "not_compared": why_not}
+    return compared, lambda: print_comparison(aligned, why_not)

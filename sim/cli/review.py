@@ -169,7 +169,7 @@ def report(
         return
     for subject in subjects:
         _print_parts(subject.drive, parts, listed)
-    _print_comparison(aligned, not_compared)
+    print_comparison(aligned, not_compared)
     tell_written(*written.paths, table)
 
 
@@ -273,7 +273,7 @@ def _print_causes(attribution: Attribution) -> None:
     print_table(table, {cause.label: cause.meaning.rstrip(".") for cause in told})
 
 
-def _print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
+def print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
     """Print how each drive differs from the first, or why they are not compared; nothing for a single drive."""
     if aligned is None:
         if not_compared:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from das import __version__
+from das.advice.regimes import Regime
 from das.bus import codec
 from das.bus.contents import RecordedMessage
 from das.bus.recorder import RecordingFile, message_time_ns
+from das.bus.recording import recording_of
 from das.bus.restrictions import encode_restriction
 from das.bus.scanning import UNCHECKED
 from das.bus.topics import JOURNEY, RESTRICTION, STATUS
@@ -18,9 +20,12 @@ from das.cab.heard import RestrictionsHeard
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.node.process import CabPlan, plan_cab
+from sim.drive.comparison import SAME_ADVICE_MPS
+from sim.drive.events import place_text
+from sim.drive.table import DriveTable
 from sim.options import NodeSaid, WhatIfKind
 from sim.recording.inputs import sha256, vehicle_files
-from sim.recording.opening import NODE_ARGUMENTS, whole_recording
+from sim.recording.opening import NODE_ARGUMENTS, open_contents, whole_recording
 from sim.runs.reproduce import (
     BY_THE_WALL,
     COMPARED,
@@ -156,3 +161,41 @@ def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dic
         if new.cab.level is None:
             run.pop("level", None)
     return run
+
+
+class AdviceApart(NamedTuple):
+    """How the advice of two recordings differs: common moments, those at which it differs, and the first place (m)."""
+
+    moments: int
+    differing: int
+    first_m: float | None
+
+    @property
+    def sentence(self) -> str:
+        """The difference in words."""
+        if self.first_m is None:
+            return "The advice is the same at every moment."
+        where = f"first at {place_text(self.first_m)}"
+        return f"The advice differs at {self.differing} of {self.moments} moments, {where}."
+
+
+def advice_apart(old: Path, new: Path, train: str) -> AdviceApart:
+    """Compare the advice of two recordings of one drive, moment by moment: mode and speed, also those of the guide."""
+    before, after = (_advice(DriveTable.of(recording_of(open_contents(path), train))) for path in (old, new))
+    both = [(one, after[time_ns]) for time_ns, one in sorted(before.items()) if time_ns in after]
+    differing = [
+        s_m
+        for (s_m, modes, speeds), (_, other_modes, others) in both
+        if modes != other_modes or max(abs(a - b) for a, b in zip(speeds, others, strict=True)) > SAME_ADVICE_MPS
+    ]
+    return AdviceApart(len(both), len(differing), differing[0] if differing else None)
+
+
+def _advice(table: DriveTable) -> dict[int, tuple[float, tuple[int, int], tuple[float, float]]]:
+    """Every advice by its time (ns): place (m), and mode and speed (m/s) of the plan and of the guide (0: silent)."""
+    columns = table.of_topic("advice", "s_m", "mode", "advised_speed_mps", "guide")
+    found = {}
+    for time_ns, s_m, mode, speed_mps, guide in zip(*(one.tolist() for one in columns), strict=True):
+        now = (int(Regime.NONE), 0.0) if guide is None else (guide.now.mode, guide.now.speed_mps)
+        found[time_ns] = s_m, (mode, now[0]), (0.0 if mode == Regime.NONE else speed_mps, now[1])
+    return found

@@ -26,13 +26,12 @@ from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.options import NodeSaid, WhatIfKind
+from sim.options import NodeSaid
 from sim.recording.check import check_file
 from sim.recording.inputs import inputs_of, sha256
 from sim.runs.reproduce import reproduce
 from sim.runs.what_if.anew import _on_the_day, attached_scenario, day_again, drive_again, scenario_of_drive
-from sim.runs.what_if.difference import changed
-from sim.runs.what_if.open_loop import advise_otherwise
+from sim.runs.what_if.open_loop import advice_apart, advise_otherwise
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 from sim.world.disturbances import AnnouncedRestriction, DepartureDelay
@@ -124,10 +123,8 @@ def test_with_nothing_otherwise_every_message_is_the_same_byte_for_byte(
     }
     assert [topic for topic in before if before[topic] != after[topic]] == []
     assert check_file(new).recording.metadata["run"]["what_if_changed"] == "nothing"
-    found = changed(WhatIfKind.OPEN_LOOP, recorded, new, "T1")
-    assert found.sentences() == ["The advice is the same at every moment."]
-    assert found.aligned is not None
-    assert found.aligned.is_same(1)
+    assert advice_apart(recorded, new, "T1").sentence == "The advice is the same at every moment."
+    assert AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(new)])).is_same(1)
 
 
 @pytest.mark.nightly
@@ -137,6 +134,11 @@ def test_an_open_loop_keeps_the_drive_and_changes_the_advice(recorded: Path, tmp
     assert all(before[topic] == after[topic] for topic in ("truth", "position", "cab", "journey", "control"))
     assert before["advice"] != after["advice"]
     assert len(before["advice"]) == len(after["advice"])
+    apart = advice_apart(recorded, new, "T1")
+    assert apart.moments == len(before["advice"]) > apart.differing > 0
+    assert apart.sentence.startswith(
+        f"The advice differs at {apart.differing} of {apart.moments} moments, first at km "
+    )
     run = read_contents(new).metadata["run"]
     assert (run["what_if"], run["level"], run["what_if_of"]) == ("open loop", "l0-noreg", "day.mcap")
     assert not ShownAdvice.of(read_recording(new)).any_shown  # no driver saw this advice
