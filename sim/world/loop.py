@@ -26,10 +26,9 @@ from sim.drivers.presentations.presenter import Shown, present, presenter_of
 from sim.drivers.screen import Screen, ScreenSettings
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST
-from sim.world.paper import PaperSheet
 from sim.world.scenario import EarlyDeparture
 from sim.world.service import Day, Service
-from sim.world.simpler import SimplerDisplays
+from sim.world.simpler import PaperSheet, SimplerDisplays
 from sim.world.surroundings import Surroundings
 
 

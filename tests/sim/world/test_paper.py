@@ -14,7 +14,7 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown, present, presenter_of
 from sim.drivers.presentations.sheet import SheetLook
 from sim.world.loop import InProcess, Run, World
-from sim.world.paper import LATE_S, PaperSheet
+from sim.world.simpler import LEFT_LATE_S, PaperSheet
 from sim.world.surroundings import Calls
 from tests.support.flat_days import flat_day
 
@@ -61,7 +61,7 @@ def test_what_is_read_changes_with_the_place_alone() -> None:
 def test_a_driver_who_leaves_late_or_is_held_up_puts_the_sheet_aside() -> None:
     day = flat_day()
     sheet, calls = PaperSheet(day), Calls(day)
-    late = day.plant.at(0.0, time_s=LATE_S + 1.0)
+    late = day.plant.at(0.0, time_s=LEFT_LATE_S + 1.0)
     calls.take(late, late._replace(speed_mps=0.5))
     assert sheet.look(day.plant.at(1000.0, 20.0, time_s=200.0), calls, 0) is None
     on_time = Calls(day)
