@@ -246,10 +246,10 @@ class World:
         around, paper = self._around, self._paper
         if paper is None and advice is None:
             return
-        shown, view = advice if paper is None else paper.look(state, around.calls, now_ns), None
+        shown, view = advice, None if paper is None else paper.look(state, around.calls, now_ns)
         if shown is not None and self._simpler is not None:
             shown = self._simpler.look(shown, around.calls.section, around.news.told)
-        if shown is not None:
+        if shown is not None and paper is None:
             view = present(
                 shown,
                 self.presentation,

@@ -7,6 +7,7 @@ shows it in whole steps, as a staircase that goes down where braking for a lower
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
@@ -17,7 +18,7 @@ from das.advice import kernels
 from das.advice.braking import AT_MARK_M, BEGINS_MPS
 from das.advice.goal import AT_STOP_M, COASTS_IN_S, LONGEST_RATIO, OVERSPEED_MPS, TrainState
 from das.advice.planner import BRAKED_EARLY_S, PlanBasis, Planner
-from das.advice.regimes import InstructionKind, Regime, departure_regime
+from das.advice.regimes import TRACTION, InstructionKind, Regime, departure_regime
 from das.advice.shown import steady_step, step_below
 from das.cab.heard import judged
 from das.cab.leg import AHEAD_DEVIATIONS
@@ -34,9 +35,9 @@ from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
 from das.solver.section import Section, with_braking
 from precompute.sheet import SectionSheet, SheetLine, section_sheet
-from sim.drivers.cab import Efforts
+from sim.drivers.cab import AdviceView, Efforts
+from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import FOUR_MODES, SimplerLook
-from sim.drivers.presentations.sheet import SheetLook
 from sim.plant.kernels import PlantState
 from sim.world.service import Day, Service
 from sim.world.surroundings import Calls
@@ -418,16 +419,22 @@ class PaperSheet:
     def __init__(self, day: Day) -> None:
         self._service = day.service
 
-    def look(self, state: PlantState, calls: Calls, now_ns: int) -> SheetLook | None:
-        """What the sheet says in a state; None where the driver drives by himself: late, held up, or arrived."""
-        blank = SheetLook(time_ns=now_ns, valid_until_ns=now_ns + round(VALID_S / NS), mode=int(Regime.STOP))
+    def look(self, state: PlantState, calls: Calls, now_ns: int) -> AdviceView | None:
+        """What the sheet says in a state; None where the driver drives by himself: late, or held up."""
+        zero_ns = self._service.timetables[0].departure_ns
+        blank = AdviceView(
+            time_s=(now_ns - zero_ns) * NS,
+            valid_until_s=(now_ns + round(VALID_S / NS) - zero_ns) * NS,
+            presentation=Presentation.SHEET,
+            mode=int(Regime.STOP),
+        )
         if calls.finished:
             return blank
         sheet = self._sheet(calls.section)
         lines = sheet.lines
         if calls.waits:
-            return blank._replace(
-                mode=int(Regime.DEPART), next_mode=_mode(lines[0]), next_speed_mps=lines[0].speed_mps,
+            return replace(
+                blank, mode=int(Regime.DEPART), next_mode=_mode(lines[0]), next_speed_mps=lines[0].speed_mps,
                 next_effort_ratio=lines[0].effort_ratio,
             )  # fmt: skip
         due_ns = self._service.timetables[calls.section].departure_ns
@@ -437,21 +444,22 @@ class PaperSheet:
             return None
         return self._said(blank, lines, number, state)
 
-    def _said(self, blank: SheetLook, lines: tuple[SheetLine, ...], number: int, state: PlantState) -> SheetLook:
+    def _said(self, blank: AdviceView, lines: tuple[SheetLine, ...], number: int, state: PlantState) -> AdviceView:
         line, efforts = lines[number], Efforts.at(state.speed_mps, self._service.line.train)
         braking = line.kind is InstructionKind.BRAKE
         following = lines[number + 1] if number + 1 < len(lines) else None
         end_m = self._service.stops[-1].position_m if following is None else following.posted_m
         way_m = max(end_m - state.s_m, 0.0)
-        said = blank._replace(
-            mode=_mode(line), speed_mps=line.speed_mps, effort_ratio=line.effort_ratio, way_m=way_m,
+        said = replace(
+            blank, mode=_mode(line), speed_mps=line.speed_mps, display_speed_mps=line.speed_mps, target_way_m=way_m,
+            lever_ratio=line.effort_ratio if _mode(line) in TRACTION else math.nan,
             force_n=-efforts.brakes_n if braking else line.effort_ratio * efforts.traction_n,
         )  # fmt: skip
         if following is None:
             return said
-        return said._replace(
-            next_mode=_mode(following), next_speed_mps=following.speed_mps, next_effort_ratio=following.effort_ratio,
-            next_change_s=way_m / max(state.speed_mps, 1.0),
+        return replace(
+            said, next_mode=_mode(following), next_speed_mps=following.speed_mps,
+            next_effort_ratio=following.effort_ratio, next_change_s=way_m / max(state.speed_mps, 1.0),
         )  # fmt: skip
 
     def _sheet(self, number: int) -> SectionSheet:
