@@ -16,7 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -256,20 +256,39 @@ RECORDER_WINDOW = 50
 """Ticks that the recorder may be behind before the simulation waits for it."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Counts:
+    """Numbers of ticks with advice given, withdrawn or not received, and with advice above the limit."""
+
+    advised: int = 0
+    withdrawn: int = 0
+    unheard: int = 0
+    above_limit: int = 0
+
+    def plus(self, advice: Any | None) -> Counts:
+        """The counts with one more tick, and its advice (None: not received)."""
+        if advice is None:
+            return replace(self, unheard=self.unheard + 1)
+        if advice.mode == Regime.NONE:
+            return replace(self, withdrawn=self.withdrawn + 1)
+        above = advice.advised_speed_mps > advice.limit_mps + 1e-6
+        return replace(self, advised=self.advised + 1, above_limit=self.above_limit + int(above))
+
+
 @dataclass(kw_only=True)
 class Traffic:
-    """Counts of a run: messages sent and recorded by topic; ticks by what the advice was: given, withdrawn, above the
-    limit.
-    """
+    """Counts of a run over the bus: messages sent and recorded, by topic, and ticks by what the advice was."""
 
-    ticks: int = 0
+    counts: Counts = Counts()
     start_s: float = 0.0
     """Time (s) that node and recorder took to start."""
     sent: Counter[str] = field(default_factory=Counter)
     recorded: Counter[str] = field(default_factory=Counter)
-    advices_given: int = 0
-    advices_withdrawn: int = 0
-    above_limit: int = 0
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks that were answered."""
+        return self.counts.advised + self.counts.withdrawn
 
     @property
     def lost(self) -> int:
@@ -405,12 +424,7 @@ class Lockstep:
             raise DasError(f"the node: {answers.reason}")
 
     def _count(self, advice: Any) -> None:
-        self.traffic.ticks += 1
-        if advice.mode == Regime.NONE:
-            self.traffic.advices_withdrawn += 1
-            return
-        self.traffic.advices_given += 1
-        self.traffic.above_limit += advice.advised_speed_mps > advice.limit_mps + 1e-6
+        self.traffic.counts = self.traffic.counts.plus(advice)
 
     def hear(self, done: Callable[[], bool], timeout_s: float, *, watch_node: bool = True) -> bool:
         """Receive messages until a condition holds; False after the timeout, DasError where a process has ended."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from das.advice.advice import Advice
-from das.advice.regimes import Regime
 from das.bus import codec
 from das.bus.recording import Stamped
 from das.bus.topics import Topic
@@ -26,6 +25,7 @@ from sim.drivers.presentations.presenter import Shown, present, presenter_of
 from sim.drivers.screen import Screen, ScreenSettings
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST
+from sim.world.lockstep import Counts
 from sim.world.scenario import EarlyDeparture
 from sim.world.service import Day, Service
 from sim.world.simpler import PaperSheet, SimplerDisplays
@@ -87,25 +87,6 @@ LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
 
 Progress = Callable[[float, float], None]
 """Called at every tick with the distance driven so far and the whole distance (m)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Counts:
-    """Numbers of ticks with advice given, withdrawn or not received, and with advice above the limit."""
-
-    advised: int = 0
-    withdrawn: int = 0
-    unheard: int = 0
-    above_limit: int = 0
-
-    def plus(self, advice: Any | None) -> Counts:
-        """The counts with one more tick, and its advice (None: not received)."""
-        if advice is None:
-            return replace(self, unheard=self.unheard + 1)
-        if advice.mode == Regime.NONE:
-            return replace(self, withdrawn=self.withdrawn + 1)
-        above = advice.advised_speed_mps > advice.limit_mps + 1e-6
-        return replace(self, advised=self.advised + 1, above_limit=self.above_limit + int(above))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

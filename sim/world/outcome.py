@@ -30,7 +30,8 @@ from sim.drive.passings import table as passing_table
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentation
 from sim.recording.course import minutes
-from sim.world.loop import Counts, Run
+from sim.world.lockstep import Counts
+from sim.world.loop import Run
 from sim.world.service import Day, Service, true_sections
 
 if TYPE_CHECKING:
