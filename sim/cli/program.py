@@ -148,6 +148,7 @@ GONE: Final = {
     "recover": "das-sim check RECORDING --save NEW.mcap",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
     "--only-driver": EXTERNAL,
+    "--point-mass": "length_m = 0 in the vehicle's file",
     "--planning-brake": "das-sim what-if --node with the options of das-node",
     "--below-limit": "das-sim what-if --node with the options of das-node",
 }

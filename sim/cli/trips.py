@@ -88,7 +88,7 @@ def _look(
         elif options.vehicle is not None:
             section = trip_section(read, options)
         else:
-            refuse_given("needs --vehicle or --vehicles", "--level", "--loss-map", "--point-mass")
+            refuse_given("needs --vehicle or --vehicles", "--level", "--loss-map")
         parts, part = (None, "") if section is None else stated_parts(read, section)
         found = {**describe(read, section, parts, part), "trains": tried}
         if out is not None:

@@ -282,8 +282,6 @@ def _node_arguments(options: TripOptions, start: str, end: str) -> tuple[str, ..
         arguments += ["--level", str(options.level)]
     if options.loss_map is not None:
         arguments += ["--loss-map", str(options.loss_map)]
-    if options.point_mass:
-        arguments.append("--point-mass")
     return tuple(arguments)
 
 

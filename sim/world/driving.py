@@ -208,8 +208,6 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
         arguments += ["--load", load]
     if scenario.loss_map is not None:
         arguments += ["--loss-map", str(scenario.loss_map)]
-    if scenario.point_mass:
-        arguments.append("--point-mass")
     if scenario.reverse:
         arguments.append("--reverse")
     if scenario.sensors.force_noise_ratio is not None:

@@ -273,7 +273,6 @@ class InProcess:
             route=service.route,
             vehicle=service.vehicle,
             level=service.level,
-            point_mass=service.scenario.point_mass,
             braking=service.scenario.braking,
         )
         trains = Trains(service.vehicle, service.vehicle)

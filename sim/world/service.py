@@ -27,7 +27,7 @@ from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
 from das.offline.journey.plan import plan_journey
 from das.solver.front import Front
-from das.solver.section import Section, SectionOptions, build_section, with_braking
+from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drive.passings import DuePassing
@@ -48,7 +48,7 @@ TIMETABLE_STEP_S = 6.0
 LATEST_TIME_S = 10 * 86_400.0
 """Latest time (s) on a journey's clock in a simulated day."""
 PLANNED = (
-    *("route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from_stop", "to_stop", "calls"),
+    *("route", "vehicle", "load", "loss_map", "reverse", "from_stop", "to_stop", "calls"),
     *("departure_ns", "buffer_ratio", "running_s", "dwell_s", "journey"),
 )
 """The fields of a scenario that decide its service."""
@@ -139,11 +139,8 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
     Raises DasError for anything unusable, InfeasibleError if the train cannot run.
     """
     route, vehicle, stops = lay_out(scenario, level=level)
-    options = SectionOptions(point_mass=scenario.point_mass)
     fronts = tuple(
-        solve_front(
-            build_section(route, vehicle, level=level, start_m=a.position_m, end_m=b.position_m, options=options)
-        )
+        solve_front(build_section(route, vehicle, level=level, start_m=a.position_m, end_m=b.position_m))
         for a, b in pairwise(stops)
     )
     journey = None if scenario.journey is None else _journey(scenario, route)
@@ -152,7 +149,7 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
         timetables = _timetables(scenario, vehicle, fronts)
     else:
         zero_ns = route.midnight_ns(scenario.departure_ns)
-        timetables = _planned_timetables(journey, zero_ns, route, vehicle, level, point_mass=scenario.point_mass)
+        timetables = _planned_timetables(journey, zero_ns, route, vehicle, level)
         dwells_s = tuple(call.dwell_s for call in journey.calls)
         passings = tuple(DuePassing.of(passing, zero_ns) for passing in journey.passings)
     return Service(
@@ -312,10 +309,10 @@ def _journey(scenario: Scenario, route: Route) -> Journey:
 
 
 def _planned_timetables(
-    journey: Journey, zero_ns: int, route: Route, vehicle: Vehicle, level: Level | None, *, point_mass: bool
+    journey: Journey, zero_ns: int, route: Route, vehicle: Vehicle, level: Level | None
 ) -> tuple[Timetable, ...]:
     """The times of the least-energy plan of a journey, to 0.1 s; InfeasibleError, which names a window, without one."""
-    plan = plan_journey(journey, route, vehicle, level=level, point_mass=point_mass)
+    plan = plan_journey(journey, route, vehicle, level=level)
     return tuple(
         Timetable(
             departure_ns=zero_ns + round(round(section.departure.time_s, 1) / NS),

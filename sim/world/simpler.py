@@ -302,7 +302,6 @@ class SimplerDisplays:
             route=service.route,
             vehicle=service.vehicle,
             level=service.level,
-            point_mass=service.scenario.point_mass,
             restrictions=tuple(judged(one) for one in told),
             braking=service.scenario.braking,
         )

@@ -104,6 +104,8 @@ def scenario_of_drive(origin: Origin, node: str | None) -> Scenario:
     """
     given = node_given(origin.contents, origin.train, origin.folder, node)
     options = given.options()
+    if options.driven.point_mass:
+        raise DasError(f"{origin.path}: was advised with --point-mass: expected --vehicle with a length of 0")
     tables, path = _tables(origin, options), origin.folder / "scenario" / f"{_id(origin)}.toml"
     put(path, "\n".join(_as_toml(tables)).encode())
     scenario, driven = scenario_of(Fields.of(path, tables)), options.driven
@@ -131,7 +133,6 @@ def _tables(origin: Origin, options: NodeOptions) -> dict[str, Any]:
             "vehicle": _bare(driven.vehicle),
             **({"load": load} if load else {}),
             **({"loss_map": driven.loss_map.name} if driven.loss_map else {}),
-            **({"point_mass": True} if driven.point_mass else {}),
             "reverse": journey.reversed,
             "from": stops[0].name,
             "to": stops[-1].name,

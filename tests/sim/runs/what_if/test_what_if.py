@@ -211,12 +211,12 @@ def test_the_window_of_a_recorded_restriction_is_on_the_clock_of_the_day_driven_
 
 
 @pytest.mark.slow
-def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_path: Path) -> None:
-    """The recording brings the map along, and the day, its new recording and its energy attribution have both."""
+def test_a_node_with_a_loss_map_is_driven_anew_with_it(tmp_path: Path) -> None:
+    """The recording brings the map along, and the day, its new recording and its energy attribution have it."""
     own_map = tmp_path / "own.csv"
     write_map(own_map, 1.2)
     run = read_contents(REPLAY).metadata["run"]
-    words = json.dumps([*json.loads(run["node_arguments"]), "--loss-map", "/nowhere/own.csv", "--point-mass"])
+    words = json.dumps([*json.loads(run["node_arguments"]), "--loss-map", "/nowhere/own.csv"])
     of_map = ("own.csv", own_map.read_bytes())
     path = with_run(
         REPLAY, tmp_path / "replay.mcap", of_map, node_arguments=words, loss_map_sha256=sha256(own_map)
@@ -227,11 +227,9 @@ def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_pa
     planned, given = load_vehicle("re460-ic").loss_model(Level.L3), vehicle.loss_model(Level.L3)
     at = np.array([1e5]), np.array([20.0])
     np.testing.assert_allclose(given.loss_w(*at), 1.2 * planned.loss_w(*at), rtol=0.02)
-    assert scenario.point_mass
     assert scenario_files(scenario)["loss_map"].name == "own.csv"
     inputs = inputs_of(read_recording(path))
     np.testing.assert_allclose(inputs.vehicle.loss_model(Level.L3).loss_w(*at), given.loss_w(*at))
-    assert inputs.vehicle.train_length_m == 0.0
 
 
 @pytest.mark.nightly
