@@ -53,11 +53,6 @@ def says_mode(view: AdviceView) -> bool:
     return presenter_of(view.presentation).says_mode
 
 
-def advice_kind(view: AdviceView) -> InstructionKind | None:
-    """The kind of advice; None for no advice. Every kind has a compliance parameter of its own."""
-    return KIND_OF.get(_shown_mode(view))
-
-
 def _shown_mode(view: AdviceView) -> int:
     """The driving regime of advice; advice without a regime counts as advice to hold a speed."""
     return view.mode if says_mode(view) else int(Regime.CRUISE)
@@ -184,7 +179,7 @@ class DisplayReading:
 
     def _judge(self, view: AdviceView | None, now_s: float) -> None:
         """Decide whether to follow new advice, and when to act; withdrawn advice is given up after a reaction."""
-        kind = None if view is None else advice_kind(view)
+        kind = None if view is None else KIND_OF.get(_shown_mode(view))
         if self._pending is not None:
             self._diary.note(now_s, "changed", self._noticed)
         self._noticed = 0 if view is None or kind is None else _shown_mode(view)

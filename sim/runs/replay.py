@@ -201,13 +201,15 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     front = solve_front(section)
     legs = driven_legs(trip, trip.run)
     timing = plan_timing(trip, legs, options)
+    given = [] if of_trip.posts is None else [of_trip.posts]
+    given += [] if options.journey is None else [locate_journey(options.journey)]
     processes = Processes(
         train=options.train,
         node_arguments=_node_arguments(of_trip, trip.start.name, trip.end.name),
         out=out,
         metadata={**_metadata(trip, section, of_trip), **timing.metadata, "command": command, "train": options.train},
         start_ns=timing.first_tick_ns,
-        attachments=(*_attachments(of_trip), *_journey_file(options)),
+        attachments=(*_input_files(of_trip).values(), *given),
         bus=bus,
     )
     run = trip.run
@@ -283,15 +285,6 @@ def _node_arguments(options: TripOptions, start: str, end: str) -> tuple[str, ..
     if options.loss_map is not None:
         arguments += ["--loss-map", str(options.loss_map)]
     return tuple(arguments)
-
-
-def _attachments(options: TripOptions) -> list[Path]:
-    paths = _input_files(options).values()
-    return [*paths, *([options.posts] if options.posts is not None else [])]
-
-
-def _journey_file(options: ReplayOptions) -> list[Path]:
-    return [] if options.journey is None else [locate_journey(options.journey)]
 
 
 def _input_files(options: TripOptions) -> dict[str, Path]:

@@ -22,9 +22,8 @@ from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
 from sim.drive.passings import passing_metadata
-from sim.drive.stability import AdviceStability
 from sim.drive.table import DriveTable
-from sim.drivers.cab import KINDS, Driver, DriverEvent
+from sim.drivers.cab import KINDS, Driver
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
 from sim.drivers.messages import CabLook, cab_message
 from sim.drivers.own_class import driver_versions
@@ -230,21 +229,26 @@ def only_recorded(day: Day, now_ns: int, told: Told, *, shows_cab: bool = True) 
     for text in told.events:
         yield LOG, happened(now_ns, text)
     for event in told.decisions:
-        yield DECISION, decision_message(day, event)
+        kind = das_pb2.Decision.Kind.ValueType(KINDS.index(event.what) + 1)
+        yield DECISION, das_pb2.Decision(time_ns=day.service.moment_ns(event.time_s), kind=kind, value=event.value)
 
 
 def _last_messages(day: Day, run: Run) -> Iterator[tuple[Topic, Message]]:
     """The messages at the end of a run: how stable the advice was, and the energy above the optimum if it is known."""
     end_ns = day.service.moment_ns(run.states[-1].time_s)
-    yield MEASURES, measures_message(end_ns, run.stability)
+    found = run.stability
+    yield (
+        MEASURES,
+        das_pb2.Measures(
+            time_ns=end_ns,
+            shown_s=found.shown_s,
+            advice_changes_per_min=found.changes_per_min,
+            reversals=found.reversals,
+            shortest_mode_s=found.shortest_mode_s,
+        ),
+    )
     with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
         yield SAVING, above_optimum(day, run).message(end_ns)
-
-
-def decision_message(day: Day, event: DriverEvent) -> Message:
-    """The message about what a driver did or decided."""
-    kind = das_pb2.Decision.Kind.ValueType(KINDS.index(event.what) + 1)
-    return das_pb2.Decision(time_ns=day.service.moment_ns(event.time_s), kind=kind, value=event.value)
 
 
 def truth_message(day: Day, now_ns: int, told: Told) -> Message:
@@ -270,15 +274,4 @@ def truth_message(day: Day, now_ns: int, told: Told) -> Message:
         unreturned_j=state.unreturned_j,
         comfort_j=state.comfort_j,
         blending_j=state.blending_j,
-    )
-
-
-def measures_message(now_ns: int, found: AdviceStability) -> Message:
-    """The message about how stable the advice shown was."""
-    return das_pb2.Measures(
-        time_ns=now_ns,
-        shown_s=found.shown_s,
-        advice_changes_per_min=found.changes_per_min,
-        reversals=found.reversals,
-        shortest_mode_s=found.shortest_mode_s,
     )

@@ -417,14 +417,8 @@ def _plant(service: Service, conditions: Conditions, disturbances: Sequence[Dist
 
 
 def _held_s(service: Service, disturbances: Sequence[Disturbance]) -> tuple[float, ...]:
-    return tuple(
-        sum(x.delay_s for x in disturbances if isinstance(x, DepartureDelay) and _same(x.stop, stop.name))
-        for stop in service.stops
-    )
-
-
-def _same(name: str, other: str) -> bool:
-    return name.casefold() == other.casefold()
+    delays = [(one.stop.casefold(), one.delay_s) for one in disturbances if isinstance(one, DepartureDelay)]
+    return tuple(sum(delay_s for name, delay_s in delays if name == stop.name.casefold()) for stop in service.stops)
 
 
 AS_PLANNED = Conditions()
