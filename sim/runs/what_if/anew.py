@@ -30,6 +30,7 @@ from sim.drivers.parameters import DEFAULT, Participant, load_population, partic
 from sim.drivers.screen import recorded_screen
 from sim.options import WhatIfKind, typed_command
 from sim.recording.inputs import put, sha256, vehicle_files
+from sim.recording.opening import OF, WHAT_IF
 from sim.runs.reproduce import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
@@ -209,8 +210,6 @@ def _on_the_day(one: AnnouncedRestriction) -> AnnouncedRestriction | None:
     return replace(one, valid_from_s=begins, valid_until_s=ends)
 
 
-TRUE_LEVEL: Final = "what_if_true_level"
-"""The key of the metadata for the loss level of the simulated train, if its advice is planned with another level."""
 BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
 """Braking of human drivers in recordings that are older than the choice of a `FrictionPolicy`."""
 
@@ -229,20 +228,20 @@ def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainD
     For a simulated day, scenario and seed are the recorded ones. For any other drive, the scenario is made from the
     recorded messages, and the driver is a simulated one with seed 0.
     """
-    whole = new.over(Otherwise.of(origin.run))
+    if WHAT_IF in origin.run:
+        raise DasError(f"{origin.path}: is a what-if itself: expected {origin.run.get(OF)}, with all changes at once")
     scenario = attached_scenario(origin) if origin.is_simulated else scenario_of_drive(origin, node)
     how = _how(origin, new)
     driver_versions(how.driver)
     person = _participant(origin, new, how.driver)
     warm_up()
     level, true_level = _levels(origin, new.cab, scenario)
-    scenario = _scenario(scenario, whole.cab, true_level)
+    scenario = _scenario(scenario, new.cab, true_level)
     service = prepare_service(scenario, level=level)
     _check_stops(origin, [stop.name for stop in service.stops])
     day = make_day(service.timed(origin.timetables()), _seed(origin), person)
-    metadata = origin.metadata(WhatIfKind.DRIVEN_ANEW, new, whole)
-    metadata |= {} if true_level is None else {TRUE_LEVEL: str(true_level)}
-    return AgainDay(day=_restricted(day, whole), how=replace(how, metadata=metadata))
+    metadata = origin.metadata(WhatIfKind.DRIVEN_ANEW, new)
+    return AgainDay(day=_restricted(day, new), how=replace(how, metadata=metadata))
 
 
 def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
@@ -262,18 +261,14 @@ def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -
 
 def _levels(origin: Origin, cab: CabOtherwise, scenario: Scenario) -> tuple[Level | None, Level | None]:
     """The loss level of the advice, and the true train's level if that must differ from the advice's."""
-    recorded = None if cab.vehicle is not None else _level(origin, "level")
-    if cab.level is None or cab.vehicle is not None:
-        return cab.level or recorded, None if cab.vehicle is not None else _level(origin, TRUE_LEVEL)
-    fixed = scenario.truth.level is not None or scenario.truth.loss_map is not None
-    return cab.level, None if fixed else _level(origin, TRUE_LEVEL) or recorded
-
-
-def _level(origin: Origin, key: str) -> Level | None:
-    name = origin.run.get(key) or (origin.journey.level if key == "level" else "")
+    if cab.vehicle is not None:
+        return cab.level, None
+    name = origin.run.get("level") or origin.journey.level
     if name and name not in list(Level):
-        raise DasError(f"{origin.path}: {key} {name!r}: expected one of {', '.join(Level)}")
-    return Level(name) if name else None
+        raise DasError(f"{origin.path}: level {name!r}: expected one of {', '.join(Level)}")
+    recorded = Level(name) if name else None
+    fixed = cab.level is None or scenario.truth.level is not None or scenario.truth.loss_map is not None
+    return cab.level or recorded, None if fixed else recorded
 
 
 def _seed(origin: Origin) -> int:
@@ -341,12 +336,8 @@ def _check_stops(origin: Origin, names: list[str]) -> None:
         raise DasError(f"{origin.path}: its journey calls at {', '.join(recorded)}, the line has {', '.join(names)}")
 
 
-def _restricted(day: Day, whole: Otherwise) -> Day:
+def _restricted(day: Day, new: Otherwise) -> Day:
     """The day with its restrictions and the added ones, which everybody knows from the beginning."""
-    kept = [
-        one for one in day.disturbances if not (whole.without_restrictions and isinstance(one, AnnouncedRestriction))
-    ]
-    added = [
-        AnnouncedRestriction.of(one, day.service.route.length_m, day.service.clock_s) for one in whole.restrictions
-    ]
+    kept = [one for one in day.disturbances if not (new.without_restrictions and isinstance(one, AnnouncedRestriction))]
+    added = [AnnouncedRestriction.of(one, day.service.route.length_m, day.service.clock_s) for one in new.restrictions]
     return with_disturbances(day, [*kept, *added]) if added or len(kept) < len(day.disturbances) else day

@@ -149,8 +149,7 @@ def _describe(file: RecordingFile, origin: Origin, cab: CabOtherwise) -> None:
 
 def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dict[str, str]:
     """The metadata of the run, with the changes of the what-if and the arguments of a node that has these changes."""
-    whole = new.over(Otherwise.of(origin.run))
-    run = {**origin.run, **origin.metadata(WhatIfKind.OPEN_LOOP, new, whole)}
+    run = {**origin.run, **origin.metadata(WhatIfKind.OPEN_LOOP, new)}
     run |= {"version": __version__, NODE_ARGUMENTS: json.dumps(given.typed)}
     if new.cab.level is not None:
         run["level"] = str(new.cab.level)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import astuple, dataclass, field, replace
-from typing import Annotated, Any, Final
+from dataclasses import astuple, dataclass, field
+from typing import Annotated, Final
 
 import typer
 
 from das.command_line.options import LoadOption
-from das.domain.errors import DasError, InputError
+from das.domain.errors import DasError
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.units import KM, KMH
@@ -19,7 +18,7 @@ from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.options import ParticipantOption, PopulationOption
 
 KEPT: Final = "what_if_kept"
-"""The key of a what-if's metadata that holds its changes, so that another what-if can start from it."""
+"""The key of a what-if's metadata that says how its day differs from the recorded one."""
 SLOWEST_KMH, FASTEST_KMH = 5.0, 700.0
 """Range of the limits that can be asked for."""
 _RESTRICTION: Final = re.compile(r"(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?):(\d+(?:\.\d+)?)")
@@ -83,18 +82,6 @@ class Otherwise:
     restrictions: tuple[Restriction, ...] = ()
     without_restrictions: bool = False
 
-    def over(self, earlier: Otherwise) -> Otherwise:
-        """These changes, and the earlier ones of a day that is a what-if itself."""
-        cab = self.cab
-        if cab.vehicle is None and cab.load is None:  # Another train comes with its own load.
-            cab = replace(cab, load=earlier.cab.load)
-        return Otherwise(
-            cab=cab,
-            driven=self.driven,
-            restrictions=(*(() if self.without_restrictions else earlier.restrictions), *self.restrictions),
-            without_restrictions=self.without_restrictions or earlier.without_restrictions,
-        )
-
     def described(self) -> list[str]:
         """Each change in words; empty if there is none."""
         cab, driven = self.cab, self.driven
@@ -113,24 +100,9 @@ class Otherwise:
         return [*said, *(f"restriction to {one.words}" for one in self.restrictions)]
 
     def kept(self) -> str:
-        """The changes that a what-if based on this one must repeat, as JSON; train and losses are in attached files."""
+        """The changes that make it another day, as JSON, for a comparison of both."""
         restrictions, without = [astuple(one) for one in self.restrictions], self.without_restrictions
         return json.dumps({"load": self.cab.load, "restrictions": restrictions, "without_restrictions": without})
-
-    @classmethod
-    def of(cls, run: Mapping[str, str]) -> Otherwise:
-        """The changes that a recorded day already has, by its metadata; DasError if these cannot be read."""
-        if KEPT not in run:
-            return cls()
-        try:
-            kept: dict[str, Any] = {key: value for key, value in json.loads(run[KEPT]).items() if value is not None}
-            restrictions = tuple(Restriction(*one) for one in kept.pop("restrictions"))
-            without, load = bool(kept.pop("without_restrictions")), kept.pop("load", None)
-            if kept:
-                raise ValueError(f"expected no {', '.join(kept)}")
-            return cls(cab=CabOtherwise(load=load), restrictions=restrictions, without_restrictions=without)
-        except (ValueError, TypeError, KeyError, AttributeError, InputError) as error:
-            raise DasError(f"metadata run.{KEPT}: cannot be read ({error})") from None
 
 
 def read_restriction(text: str) -> Restriction:

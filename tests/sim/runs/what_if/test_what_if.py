@@ -165,24 +165,30 @@ def told(recording: Recording, index: int) -> list[Restriction]:
 
 
 @pytest.mark.nightly
-def test_a_what_if_of_a_what_if_keeps_what_was_otherwise(recorded: Path, tmp_path: Path) -> None:
-    """The train keeps its true losses where its advice is planned with others, also the second time."""
+def test_a_day_driven_again_keeps_the_losses_of_its_train_and_is_compared_with_its_brakes(
+    recorded: Path, tmp_path: Path
+) -> None:
+    """The train keeps its true losses where its advice is planned with others."""
     new = Otherwise(
         cab=CabOtherwise(level=Level.L1),
         driven=DrivenOtherwise(driver="perfect", advice=Presentation.SPEED_AND_EFFORT),
         restrictions=(ONE_MORE,),
     )
-    once = anew(recorded, tmp_path / "once.mcap", new)
-    twice = anew(once, tmp_path / "twice.mcap")
-    assert payloads(once) == payloads(twice)
-    again = day_again(origin_of(once), Otherwise())
-    assert again.how.metadata["what_if_true_level"] == "l3"
+    again = day_again(origin_of(recorded), new)
     assert again.day.service.level is Level.L1
+    assert again.day.plant.level is Level.L3
+    once = anew(recorded, tmp_path / "once.mcap", new)
     drives = AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(once)]))
     before_j, after_j = (one.drive.energy.driven_j or 0.0 for one in drives.drives)
     assert after_j < 0.8 * before_j  # nobody brakes with friction for nothing
     assert not drives.own_energies  # the drives are compared without that
     assert drives.energy_j[1, -1] > 0.8 * drives.energy_j[0, -1]
+
+
+def test_a_what_if_is_not_driven_again(tmp_path: Path) -> None:
+    path = with_run(FOLDER / "clear-day.mcap", tmp_path / "day.mcap", what_if="driven anew", what_if_of="first.mcap")
+    with pytest.raises(DasError, match=r"day.mcap: is a what-if itself: expected first.mcap, with all changes at once"):
+        day_again(origin_of(path), Otherwise())
 
 
 @pytest.mark.slow
@@ -257,12 +263,6 @@ def test_a_class_that_a_recording_names_is_not_run_unless_the_user_names_it(
     assert Path("has-run").exists()
 
 
-def test_a_vehicle_that_the_kept_changes_name_is_not_opened() -> None:
-    kept = {"vehicle": "/tmp/other.toml", "restrictions": [], "without_restrictions": False}
-    with pytest.raises(DasError, match="expected no vehicle"):
-        Otherwise.of({"what_if_kept": json.dumps(kept)})
-
-
 @pytest.mark.parametrize("key", ["route", "vehicle"])
 def test_a_file_that_an_attached_scenario_names_is_not_opened(key: str, tmp_path: Path) -> None:
     """A pipe at the place would keep its reader waiting for ever; a regular file there would be read."""
@@ -303,15 +303,3 @@ def test_a_restriction_that_cannot_be_meant_is_refused(text: str, expected: str)
 def test_a_restriction_off_the_way_is_refused() -> None:
     with pytest.raises(DasError, match="expected on the way, km 0 to 29"):
         origin_of(bundled_recording()).check_on_the_way(Otherwise(restrictions=(read_restriction("40-41:80"),)))
-
-
-def test_what_is_otherwise_is_kept_for_the_next_what_if() -> None:
-    cab = CabOtherwise(load="full")
-    kept = Otherwise.of({"what_if_kept": Otherwise(cab=cab, restrictions=(ONE_MORE,)).kept()})
-    assert kept.cab == cab
-    assert kept.restrictions == (ONE_MORE,)
-    without = Otherwise(without_restrictions=True).over(kept)
-    assert without.restrictions == ()
-    assert without.cab == cab
-    with pytest.raises(DasError, match=r"run.what_if_kept: cannot be read"):
-        Otherwise.of({"what_if_kept": json.dumps({"restrictions": 3})})
