@@ -335,12 +335,12 @@ def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeS
     if origin.is_simulated:
         refuse_given("a simulated run is driven anew by its scenario", "--node")
     with busy("solving the sections …"):
-        again = day_again(origin, new, said.node)
+        day, how = day_again(origin, new, said.node)
     with (
         naming_recorded(out),
         progress_bar(f"driving {origin.path.name} again", "starting node and recorder", "m") as progress,
     ):
-        drive_again(again, out, progress)
+        drive_again(day, how, out, progress)
     return [] if origin.is_simulated else [FROM_A_DRIVE]
 
 

@@ -224,7 +224,7 @@ class _Guided:
 
         new = Otherwise(driven=DrivenOtherwise(driver=DRIVER, advice=Presentation.GUIDE))
         with tempfile.TemporaryDirectory(prefix="das-first-minute-") as folder:
-            drive_again(day_again(Origin.read(self._trip, None, Path(folder)), new), self._out, self._progress)
+            drive_again(*day_again(Origin.read(self._trip, None, Path(folder)), new), self._out, self._progress)
 
     def _progress(self, done_m: float, whole_m: float) -> None:
         if self._ended:

@@ -107,13 +107,6 @@ class Run:
     decisions: tuple[DriverEvent, ...] = ()
 
 
-class OnDisplay(NamedTuple):
-    """What is on the driver's display; without advice (None), why there is none, by its number on the bus."""
-
-    view: AdviceView | None = None
-    cause: int = 0
-
-
 class World:
     """The run of one day; `run` drives it to its end. `screen` is how the display shows advice (None: all, at once)."""
 
@@ -128,7 +121,8 @@ class World:
         self.day, self.driver, self.presentation, self.link = day, driver, presentation, link
         self._around = Surroundings(day)
         self._events: list[str] = []
-        self._shown = OnDisplay()
+        self._shown: tuple[AdviceView | None, int] = (None, 0)
+        """What is on the display; without advice (None), why there is none, by its number on the bus."""
         self._command: Command = COAST
         self._counts, self._shown_watch, self._instruction_watch = Counts(), ShownWatch(), InstructionWatch()
         self._told = 0
@@ -238,7 +232,7 @@ class World:
                 deviation_s=around.compared_s(state),
             )
         on_screen = self._screen.show(view, state.time_s, stands=state.speed_mps <= 0)
-        self._shown = OnDisplay(on_screen, int(advice.cause) if view is None and advice is not None else 0)
+        self._shown = on_screen, int(advice.cause) if view is None and advice is not None else 0
 
 
 TRAIN = "train"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any, Final
@@ -214,16 +214,8 @@ BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
 """Braking of human drivers in recordings that are older than the choice of a `FrictionPolicy`."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AgainDay:
-    """A day to be driven anew, and how it is driven."""
-
-    day: Day
-    how: How
-
-
-def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainDay:
-    """The recorded day with the changes of the what-if; raises DasError if it cannot be driven again.
+def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[Day, How]:
+    """The recorded day with the changes of the what-if, and how it is driven; raises DasError if it cannot be driven again.
 
     For a simulated day, scenario and seed are the recorded ones. For any other drive, the scenario is made from the
     recorded messages, and the driver is a simulated one with seed 0.
@@ -241,12 +233,11 @@ def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainD
     _check_stops(origin, [stop.name for stop in service.stops])
     day = make_day(service.timed(origin.timetables()), _seed(origin), person)
     metadata = origin.metadata(WhatIfKind.DRIVEN_ANEW, new)
-    return AgainDay(day=_restricted(day, new), how=replace(how, metadata=metadata))
+    return _restricted(day, new), replace(how, metadata=metadata)
 
 
-def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
+def drive_again(day: Day, how: How, out: Path, progress: HeardAgain) -> None:
     """Drive the day into a recording, with node and recorder as processes; DasError if it cannot be driven."""
-    day, how = again.day, again.how
     assert not isinstance(how.driver, External)
     drive_day(day, day.driver(how.driver, how.friction), how, out, progress)
 

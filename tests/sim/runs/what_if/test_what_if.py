@@ -84,7 +84,7 @@ def open_loop(path: Path, out: Path, new: Otherwise | None = None) -> Path:
 
 
 def anew(path: Path, out: Path, new: Otherwise | None = None) -> Path:
-    drive_again(day_again(origin_of(path), new or Otherwise()), out, quiet)
+    drive_again(*day_again(origin_of(path), new or Otherwise()), out, quiet)
     return out
 
 
@@ -174,9 +174,9 @@ def test_a_day_driven_again_keeps_the_losses_of_its_train_and_is_compared_with_i
         driven=DrivenOtherwise(driver="perfect", advice=Presentation.SPEED_AND_EFFORT),
         restrictions=(ONE_MORE,),
     )
-    again = day_again(origin_of(recorded), new)
-    assert again.day.service.level is Level.L1
-    assert again.day.plant.level is Level.L3
+    day, _ = day_again(origin_of(recorded), new)
+    assert day.service.level is Level.L1
+    assert day.plant.level is Level.L3
     once = anew(recorded, tmp_path / "once.mcap", new)
     drives = AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(once)]))
     before_j, after_j = (one.drive.energy.driven_j or 0.0 for one in drives.drives)
@@ -193,7 +193,7 @@ def test_a_what_if_is_not_driven_again(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_day_of_a_drive_without_a_simulator_is_made_from_what_was_heard() -> None:
-    day = day_again(origin_of(bundled_recording()), Otherwise()).day
+    day, _ = day_again(origin_of(bundled_recording()), Otherwise())
     assert [stop.name for stop in day.service.stops] == ["Zürich HB", "Zug"]  # it passes Thalwil without stopping
     (delay,) = day.of(DepartureDelay)
     assert delay.delay_s == pytest.approx(90.0, abs=2.0)
