@@ -215,7 +215,7 @@ BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
 
 
 def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[Day, How]:
-    """The recorded day with the changes of the what-if, and how it is driven; raises DasError if it cannot be driven again.
+    """The recorded day with the changes of the what-if, and how it is driven; DasError if it cannot be driven again.
 
     For a simulated day, scenario and seed are the recorded ones. For any other drive, the scenario is made from the
     recorded messages, and the driver is a simulated one with seed 0.
