@@ -204,15 +204,13 @@ class HumanRange:
 
     given: Mapping[str, Drawn]
 
-    def draw(self, seed: int) -> tuple[HumanParameters, dict[str, float]]:
-        """The driver of a seed, and the drawn values of the given parameters."""
+    def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
+        """The parameters of the participant, or of the seed's driver if there is none, and the values behind them."""
+        if who is not None:
+            return self.participant(who, source)
         random = np.random.default_rng([seed, HUMAN_STREAM])
         drawn = {name: figure.draw(random) for name, figure in self.given.items()}
         return _driver(drawn), drawn
-
-    def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of the participant, or of the seed's driver if there is none, and the values behind them."""
-        return self.draw(seed) if who is None else self.participant(who, source)
 
     def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
         """The parameters of a participant, and the values behind them.
