@@ -112,11 +112,7 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
 def _drive_at_desk(
     name_or_path: str, asked: DayAsked, recorded: RecordingAsked, factor: float, looks: DeskLooks, *, as_json: bool
 ) -> None:
-    """Simulate a day that a person drives in the browser, at a multiple of real time, and print the result.
-
-    The page is there first. Line and train are prepared while the person reads it, and the run begins when the person
-    is ready.
-    """
+    """Simulate a day that a person drives in the browser; the page is there before line and train are prepared."""
     recorded.check()
     _check_packages()
     from das.bus.access import Role

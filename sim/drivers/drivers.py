@@ -121,8 +121,7 @@ class PerfectDriver:
         return stand(cab) or follower.command(cab, view, outlook) or self._alone.command(cab)
 
     def _follower(self, presentation: Presentation) -> Follower | None:
-        """The follower of a presentation, the same one until the next departure; None if the display does not show how
-        to drive."""
+        """The follower of a presentation until the next departure; None if it does not show how to drive."""
         if presentation not in self._followers:
             self._followers[presentation] = presenter_of(presentation).follower()
         return self._followers[presentation]
@@ -135,8 +134,7 @@ class PerfectDriver:
         return hold(cab, outlook, target, high_n=max(most_n, 0.0))
 
     def _must_mind(self, cab: CabView) -> bool:
-        """Whether the train is near the highest speed under restrictions and signals, which may be unknown to the
-        advice."""
+        """Whether the train is near the highest speed under restrictions and signals that the advice may not know."""
         soon_m = cab.s_m + cab.speed_mps * RULE.anticipation_s
         return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - FOLLOWING.minded_mps
 

@@ -380,9 +380,7 @@ class HumanDriver:
 
     @property
     def _haste_ratio(self) -> float:
-        """The haste without advice on how to drive: from just in time (0) to as fast as allowed (1). If the display
-        shows the lateness, the driver drives proportionally faster when late, and slower when early.
-        """
+        """The haste without advice on how to drive, 0 (just in time) to 1; more if shown to be late, less if early."""
         haste, heeded = self.parameters.haste_ratio, self._display.heeded
         if heeded.view is None or not heeded.follows or math.isnan(heeded.view.deviation_s):
             return haste

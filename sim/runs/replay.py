@@ -412,10 +412,7 @@ class _Feed:
                 yield time_ns, Outgoing(LOCATION, location(time_ns, *place))
 
     def _delays(self) -> Iterator[tuple[int, Outgoing]]:
-        """The recording's delays from its own timetable, else the deviation from the optimum of the running time.
-
-        There are none without a timetable.
-        """
+        """The recorded delays, else those from the optimum of the running time; none without a timetable."""
         trip, timing = self.job.trip, self.job.timing
         if timing.own:
             return

@@ -151,10 +151,7 @@ def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]
 
 
 def _refuse_what_is_only_named(recording: Path, options: NodeOptions, folder: Path) -> None:
-    """Raise DasError if the arguments in a recording would open a file that is neither attached to it nor bundled.
-
-    Files in `folder` are the attached ones. The options are checked as parsed, however they were spelled.
-    """
+    """Raise DasError if parsed options would open a file that is neither in `folder` (attached) nor bundled."""
     line, driven, bundled = options.line, options.driven, {*catalogue("routes"), *catalogue("vehicles")}
     named: list[tuple[str, str | Path | None]] = [
         ("--route", line.route),

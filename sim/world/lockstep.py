@@ -166,9 +166,7 @@ class Stations:
         return Process("node", "das.node", arguments)
 
     def _place(self, own: int, role: Role) -> Sequence[str]:
-        """Arguments with the train and either the endpoints of a process (it listens on the port with the index `own`)
-        or its bus file.
-        """
+        """Arguments with the train, and a bus file or endpoints; the process listens on the port with index `own`."""
         if self._processes.bus is not None:
             return ["--train", self._processes.train, *self._processes.bus.file(role).arguments()]
         others = [port for i, port in enumerate(self._ports) if i != own]
