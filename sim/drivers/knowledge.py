@@ -251,6 +251,7 @@ def _limits(line: LineKnowledge, node_m: Floats, restrictions: tuple[Restriction
 
 
 def _least(stretches: Stretches, node_m: Floats) -> Floats:
+    """The least value at both ends and the middle of each cell."""
     start, end = node_m[:-1], node_m[1:] - POSITION_TOLERANCE_M
     return np.minimum(np.minimum(stretches.at(start), stretches.at(end)), stretches.at(0.5 * (start + end)))
 
