@@ -171,7 +171,3 @@ app = application(NAME, ABOUT, ENTRIES, without_command=_first_minute, gone=GONE
 def main() -> None:
     """Entry point of das-sim."""
     run_app(app, NAME)
-
-
-if __name__ == "__main__":
-    main()

@@ -360,7 +360,8 @@ def _compared_drives(files: Sequence[Path], train: str) -> tuple[dict[str, objec
     from sim.drive.drive import Drive
     from sim.recording.opening import open_contents
 
-    aligned, why_not = None, ""
+    aligned: AlignedDrives | None = None
+    why_not = ""
     try:
         drives = [Drive(recording=recording_of(open_contents(path), train)) for path in files]
         aligned = AlignedDrives.of(drives_on_track(drives))

@@ -1,4 +1,4 @@
-"""`python -m sim.world.late_kernels`: compile the kernels that a simulated day needs last, on a tiny line.
+"""Compiles the kernels that a simulated day needs last, on a tiny line.
 
 A command that compiles the solver starts this beside itself: the train model, the guide's plans and the last word come
 when sections have been solved.
@@ -59,7 +59,3 @@ def _brake(section: Section) -> None:
     localisation.take(PositionFix(time_ns=0, s_m=section.end_m, speed_mps=2.0))
     here = localisation.at(0)
     LastWord().judge(leg.advise(here), here, basis)
-
-
-if __name__ == "__main__":
-    main()
