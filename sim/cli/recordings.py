@@ -367,5 +367,5 @@ def _compared_drives(files: Sequence[Path], train: str) -> tuple[dict[str, objec
         aligned = AlignedDrives.of(drives_on_track(drives))
     except DasError as error:
         why_not = str(error)
-    compared = {"comparison": None if aligned is None else as_dict(aligned), "not_compared": why_not}
+    compared: dict[str, object] = {"comparison": None if aligned is None else as_dict(aligned), "not_compared": why_not}
     return compared, lambda: print_comparison(aligned, why_not)
