@@ -25,7 +25,6 @@ from das.command_line.options import (
     InsecureBusOption,
     LevelOption,
     LossMapOption,
-    PointMassOption,
     RecordedRouteOption,
     RecordedVehicleOption,
     StrictOption,
@@ -137,7 +136,6 @@ class TripOptions:
     strict: StrictOption = False
     level: LevelOption = None
     loss_map: LossMapOption = None
-    point_mass: PointMassOption = False
     of_train: OfTrainOption = None
 
     @property

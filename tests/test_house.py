@@ -32,7 +32,7 @@ class Budget(NamedTuple):
 BUDGETS = {
     "das": Budget(28_350, 157),
     "precompute": Budget(10_795, 47),
-    "sim": Budget(32_820, 146),
+    "sim": Budget(33_045, 150),
     "docs/studies": Budget(6_205, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

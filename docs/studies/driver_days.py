@@ -22,9 +22,9 @@ from das import __version__
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kmh
+from docs.examples.weak_drivers import Belated, Doubting, Lazy, WeakBraking
 from docs.studies.output import DOCS, plain, write_table
 from precompute.workers import Workers
-from sim.drivers.examples import Belated, Doubting, Lazy, WeakBraking
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.experiment.one_line import DaysAsked, row_of
 from sim.experiment.runner import JobWords, Rows, Runner

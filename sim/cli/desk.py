@@ -14,8 +14,8 @@ from das.command_line.application import refuse_given
 from das.command_line.options import JsonOption
 from das.command_line.printing import busy, loading_solver, say
 from das.domain.errors import DasError
-from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.cli.options import check_packages, new_recording, removed_if_unused
+from sim.cli.run import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.drivers.kinds import DESK
 from sim.options import MOST_NOTCHES, OfTrainOption, PaceOption, pace_factor, typed_command
 
@@ -93,7 +93,6 @@ def desk(
 
 
 def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) -> None:
-    """Show a recording until Ctrl-C."""
     _check_packages()
     with loading_solver():
         from sim.desk.host import address_of, listening, new_token
@@ -113,11 +112,7 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
 def _drive_at_desk(
     name_or_path: str, asked: DayAsked, recorded: RecordingAsked, factor: float, looks: DeskLooks, *, as_json: bool
 ) -> None:
-    """Simulate a day that a person drives in the browser, at a multiple of real time, and print the result.
-
-    The page is there first. Line and train are prepared while the person reads it, and the run begins when the person
-    is ready.
-    """
+    """Simulate a day that a person drives in the browser; the page is there before line and train are prepared."""
     recorded.check()
     _check_packages()
     from das.bus.access import Role
@@ -152,7 +147,6 @@ def _drive_at_desk(
 
 
 def _driven(read: Scenario, asked: DayAsked, how: How, out: Path | None, factor: float) -> DayResult:
-    """Prepare the day while the person reads the page, then let the person drive it."""
     with loading_solver():
         from das.cab.cab import warm_up
         from sim.world.external import AT_THE_DESK, ExternalDriver

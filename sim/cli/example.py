@@ -152,7 +152,6 @@ def _write_example(folder: Path, *, overwrite: bool) -> None:
 
 
 def _check_example(folder: Path, overwrite: bool) -> bool:
-    """Whether the folder holds files already; DasError if the example cannot be written."""
     if not folder.resolve().parent.is_dir():
         raise DasError(f"{folder}: no such folder {folder.parent}")
     if not folder.exists():

@@ -129,7 +129,6 @@ def run(
 
 
 def _days(*given: Any) -> Design:
-    """The design that the options describe; DasError for any that cannot be used."""
     from sim.drivers.parameters import DEFAULT
     from sim.experiment.one_line import DaysAsked, parse_participants, parse_seeds
 
@@ -162,7 +161,6 @@ def _drivers(text: str) -> list[DriverKind | OwnClass]:
 
 
 def _tell_run(design: Design, jobs: Sequence[TrialJob], found: StudyRun, *, as_json: bool) -> None:
-    """Print what was driven; exit with 1 where trials failed."""
     from sim.experiment.checking import print_run
     from sim.experiment.one_line import print_summary, told
     from sim.experiment.study_files import FAILED_TABLE

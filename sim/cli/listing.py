@@ -103,7 +103,6 @@ def _as_json(what: Listed, found: dict[str, Any]) -> Any:
 
 
 def _print_drivers(found: dict[str, str]) -> None:
-    """Print the drivers, and the parameters of the human one with their default, range and source."""
     from rich.table import Table
 
     from sim.drivers.parameters import parameter_table

@@ -71,10 +71,6 @@ DriverAtOption = Annotated[
         help=f"Where a run listens for an external driver [default: {DEFAULT_DRIVER_AT}].",
     ),
 ]
-OnlyDriverOption = Annotated[
-    bool,
-    typer.Option("--only-driver", help="Be only the driver, of a run elsewhere that has --driver external."),
-]
 DriversOption = Annotated[
     str,
     typer.Option(

@@ -62,10 +62,7 @@ ENTRIES: Final = (
         name="run",
         where="sim.cli.run:run",
         summary="Simulate a day: a train, its driver and the advice node in a closed loop, everything recorded.",
-        examples=(
-            "das-sim run departure-delay --driver human --advice speed-and-effort --seed 3",
-            "das-sim run clear-day --only-driver --driver human --seed 3",
-        ),
+        examples=("das-sim run departure-delay --driver human --advice speed-and-effort --seed 3",),
     ),
     Entry(
         name="desk",
@@ -134,11 +131,14 @@ ENTRIES: Final = (
         ),
     ),
 )
+EXTERNAL: Final = (
+    "a class of your own (--driver package.module:Class), or a program like docs/examples/external_driver.py"
+)
 GONE: Final = {
     "batch": "das-sim experiment run --scenario LIST --driver LIST --advice LIST --seeds LIST -o DIR",
     "sensitivity": "python -m docs.studies.sensitivity in a checkout, or a design with human_ factors",
     "compare": "das-sim report FIRST OTHER…, with --table for the table that --out wrote",
-    "drive": "das-sim run SCENARIO --only-driver",
+    "drive": EXTERNAL,
     "drivers": "das-sim list drivers",
     "energy": "das-sim report RECORDING --show energy",
     "events": "das-sim report RECORDING --show events, or --show bookmarks",
@@ -148,8 +148,12 @@ GONE: Final = {
     "recover": "das-sim check RECORDING --save NEW.mcap",
     "--beside": "das-sim report RECORDING OTHER -o page.html compares drives",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
+    "--only-driver": EXTERNAL,
+    "--point-mass": "length_m = 0 in the vehicle's file",
+    "--planning-brake": "das-sim what-if --node with the options of das-node",
+    "--below-limit": "das-sim what-if --node with the options of das-node",
 }
-"""Former commands, each with what to run instead."""
+"""Former commands and options, each with what to use instead."""
 ABOUT: Final = (
     "Replay a train's trip, or simulate a run, with a live advice node; record and review it.\n\n"
     "Without a command, das-sim replays the bundled recording, simulates its trip with the guide, and compares the two."
@@ -157,7 +161,7 @@ ABOUT: Final = (
 
 
 def _first_minute() -> None:
-    from sim.cli.first_minute import first_minute
+    from sim.cli.trips import first_minute
 
     first_minute()
 
@@ -168,7 +172,3 @@ app = application(NAME, ABOUT, ENTRIES, without_command=_first_minute, gone=GONE
 def main() -> None:
     """Entry point of das-sim."""
     run_app(app, NAME)
-
-
-if __name__ == "__main__":
-    main()

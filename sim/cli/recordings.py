@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from das.command_line.application import refuse_given
 from das.command_line.files import check_outputs
 from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, progress_bar, tell, typed
+from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from sim.cli.options import (
     FromTimeOption,
@@ -25,7 +26,6 @@ from sim.cli.options import (
     chosen,
     naming_recorded,
     removed_if_unused,
-    tell_energy_range,
 )
 from sim.drivers.kinds import Presentation
 from sim.options import NodeSaid, OfTrainOption, WhatIfKind
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from sim.recording.check import Checked
     from sim.recording.recover import Recovered
     from sim.runs.reproduce import Difference, Reproduction
-    from sim.runs.what_if.difference import Changed
     from sim.runs.what_if.origin import Origin
 
 
@@ -233,9 +232,8 @@ class WhatIfAsked:
         list[str] | None,
         typer.Option(
             "--restriction",
-            metavar="KM-KM:KM/H[@HH:MM-HH:MM]",
-            help="One more temporary restriction, known from the beginning, with a window (UTC) if it has one; may be "
-            "given several times.",
+            metavar="KM-KM:KM/H",
+            help="One more temporary restriction, known from the beginning; may be given several times.",
         ),
     ] = None
     without_restrictions: Annotated[
@@ -249,12 +247,12 @@ class WhatIfAsked:
         ),
     ] = None
 
-    def otherwise(self, departure_ns: int = 0) -> Otherwise:
-        """The changes, checked, on the day of a departure (ns since 1970); DasError for an impossible restriction."""
+    def otherwise(self) -> Otherwise:
+        """The changes; DasError for an impossible restriction."""
         return Otherwise(
             cab=self.cab,
             driven=self.driven,
-            restrictions=tuple(read_restriction(one, departure_ns) for one in self.restriction or ()),
+            restrictions=tuple(read_restriction(one) for one in self.restriction or ()),
             without_restrictions=self.without_restrictions,
         )
 
@@ -276,29 +274,35 @@ def what_if(
     What no option changes stays as it was. Without any change, the new recording holds the same messages.
     """
     check_outputs(out, inputs=(file,), overwrite=overwrite)
-    asked.otherwise()  # Refuses impossible changes before anything is read or solved.
+    new = asked.otherwise()
     with loading_solver():
-        from sim.runs.what_if.difference import changed
         from sim.runs.what_if.origin import Origin
 
     with tempfile.TemporaryDirectory(prefix="das-what-if-") as folder:
         with busy(f"reading {file} …"):
             origin = Origin.read(file, of_train, Path(folder))
-        new = asked.otherwise(origin.journey.stops[0].departure_ns)
         origin.check_on_the_way(new)
         kind = _kind_of(origin, new, asked.anew)
         with _new_recording(file, out) as written:
             notes = _write_what_if(origin, new, kind, said, written)
         with busy("comparing …"):
-            found = changed(kind, file, written, origin.train)
+            compare = _compared_advice if kind is WhatIfKind.OPEN_LOOP else _compared_drives
+            found, print_difference = compare((file, written), origin.train)
     if as_json:
-        print(json.dumps(_what_if_dict(found, new, file, written, notes)))
-    else:
-        _print_what_if(found, new, (file, written), notes)
+        made = {"kind": str(kind), "recording": str(file), "written": str(written), "otherwise": new.described()}
+        print(json.dumps({**made, **found, "notes": notes}))
+        return
+    tell(f"{kind}: {WAYS[kind]}")
+    tell(f"otherwise: {'; '.join(new.described()) or 'nothing'}")
+    print_difference()
+    for note in notes:
+        tell(f"note: {note}")
+    tell(f"written: {written}")
+    both = f"{shlex.quote(str(file))} {shlex.quote(str(written))}"
+    tell(f"compare them: {typed('das-sim')} report {both} -o what-if.html")
 
 
 def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
-    """The kind of what-if that the options ask for; DasError for options of the other kind."""
     if anew is None:
         anew = new.driven.asks_for_a_driver or not origin.has_advice
     if anew:
@@ -306,7 +310,7 @@ def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
     refuse_given("there is no driver in an open loop", "--driver", "--friction", "--participant", "--population")
     if new.driven.advice not in (None, Presentation.GUIDE, Presentation.SPEED_AND_EFFORT):
         refuse_given(
-            "there is there is no display in an open loop: expected guide or speed-and-effort, or --driven-anew",
+            "there is no display in an open loop: expected guide or speed-and-effort, or --driven-anew",
             "--advice",
         )
     return WhatIfKind.OPEN_LOOP
@@ -321,7 +325,6 @@ def _new_recording(file: Path, out: Path | None) -> Iterator[Path]:
 
 
 def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeSaid, out: Path) -> list[str]:
-    """Write the what-if's recording, and return notes for the user."""
     if kind is WhatIfKind.OPEN_LOOP:
         from sim.runs.what_if.open_loop import advise_otherwise
 
@@ -333,43 +336,37 @@ def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeS
     if origin.is_simulated:
         refuse_given("a simulated run is driven anew by its scenario", "--node")
     with busy("solving the sections …"):
-        again = day_again(origin, new, said.node)
+        day, how = day_again(origin, new, said.node)
     with (
         naming_recorded(out),
         progress_bar(f"driving {origin.path.name} again", "starting node and recorder", "m") as progress,
     ):
-        drive_again(again, out, progress)
+        drive_again(day, how, out, progress)
     return [] if origin.is_simulated else [FROM_A_DRIVE]
 
 
-def _what_if_dict(found: Changed, new: Otherwise, file: Path, written: Path, notes: list[str]) -> dict[str, object]:
-    return {
-        "kind": str(found.kind),
-        "recording": str(file),
-        "written": str(written),
-        "otherwise": new.described(),
-        **found.as_dict(),
-        "notes": notes,
-    }
+def _compared_advice(files: Sequence[Path], train: str) -> tuple[dict[str, object], Callable[[], None]]:
+    """How the advice of an open loop differs, for programs, and a function that prints it."""
+    from sim.runs.what_if.open_loop import advice_apart
+
+    apart = advice_apart(files[0], files[1], train)
+    return {"advice": apart._asdict()}, lambda: paragraph(apart.sentence)
 
 
-def _print_what_if(found: Changed, new: Otherwise, files: tuple[Path, Path], notes: list[str]) -> None:
-    from sim.runs.what_if.difference import NAMES
+def _compared_drives(files: Sequence[Path], train: str) -> tuple[dict[str, object], Callable[[], None]]:
+    """How two drives differ, for programs, and a function that prints it as a report does."""
+    from das.bus.recording import recording_of
+    from sim.cli.review import print_comparison
+    from sim.drive.comparison import AlignedDrives, as_dict, drives_on_track
+    from sim.drive.drive import Drive
+    from sim.recording.opening import open_contents
 
-    tell(f"{found.kind}: {WAYS[found.kind]}")
-    tell(f"otherwise: {'; '.join(new.described()) or 'nothing'}")
-    table = new_table("", ("",), NAMES, lines=True)
-    for row in found.rows():
-        table.add_row(*row)
-    if table.row_count:
-        print_table(table)
-    for line in found.sentences():
-        paragraph(line)
-    for note in notes:
-        tell(f"note: {note}")
-    if found.aligned is not None:
-        tell_energy_range(found.aligned.drives[0].drive.table.inputs.route)
-    old, written = files
-    tell(f"written: {written}")
-    both = f"{shlex.quote(str(old))} {shlex.quote(str(written))}"
-    tell(f"compare them: {typed('das-sim')} report {both} -o what-if.html")
+    aligned: AlignedDrives | None = None
+    why_not = ""
+    try:
+        drives = [Drive(recording=recording_of(open_contents(path), train)) for path in files]
+        aligned = AlignedDrives.of(drives_on_track(drives))
+    except DasError as error:
+        why_not = str(error)
+    compared: dict[str, object] = {"comparison": None if aligned is None else as_dict(aligned), "not_compared": why_not}
+    return compared, lambda: print_comparison(aligned, why_not)

@@ -161,12 +161,11 @@ def report(
         return
     for subject in subjects:
         _print_parts(subject.drive, parts, listed)
-    _print_comparison(aligned, not_compared)
+    print_comparison(aligned, not_compared)
     tell_written(*written.paths, table)
 
 
 def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, table: Path | None) -> None:
-    """Raise DasError for options that would have no effect."""
     if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
         raise DasError("--kind, --from and --to choose events: expected --show events or --show bookmarks with them")
     if table is not None and len(files) < 2:
@@ -174,7 +173,6 @@ def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: Lis
 
 
 def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
-    """Print events alone, for which no section is solved."""
     from sim.drive.drive import Drive
 
     with busy(f"reading {file} …"):
@@ -267,7 +265,7 @@ def _print_causes(attribution: Attribution) -> None:
     print_table(table, {cause.label: cause.meaning.rstrip(".") for cause in told})
 
 
-def _print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
+def print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
     """Print how each drive differs from the first, or why they are not compared; nothing for a single drive."""
     if aligned is None:
         if not_compared:
@@ -283,7 +281,6 @@ def _print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
 
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
-    """Print the stretches on which a drive differs most from the first; nothing if it does not differ."""
     from das.domain.units import kwh, kwh_figure
     from sim.drive.events import place_text
 

@@ -1,58 +1,182 @@
-"""The command run, which simulates one day, or is the driver of one."""
+"""The command run, which simulates one day; and what the command desk shares with it."""
 
 from __future__ import annotations
 
-import shlex
+import json
 import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from das.command_line.application import is_given, refuse_given
-from das.command_line.options import JsonOption
-from das.command_line.printing import loading_solver, one_line, say, typed
+from das.command_line.application import refuse_given
+from das.command_line.files import check_outputs
+from das.command_line.options import (
+    DEFAULT_TRAIN,
+    BusFolderOption,
+    InsecureBusOption,
+    JsonOption,
+    LevelOption,
+    OutRecordingOption,
+    OverwriteOption,
+    SeedOption,
+    TrainOption,
+)
+from das.command_line.printing import busy, loading_solver, one_line, progress_bar
 from das.domain.errors import DasError
-from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
+from das.domain.units import KM
 from sim.cli.options import (
     DEFAULT_DRIVER_AT,
+    AdviceOption,
     CardsOption,
     DriverAtOption,
     DriverOption,
     FrictionOption,
     InProcessOption,
-    OnlyDriverOption,
+    JourneyOption,
     ScenarioArgument,
+    naming_recorded,
     new_recording,
     removed_if_unused,
 )
-from sim.drivers.kinds import (
-    DESK,
-    EXTERNAL,
-    DriverKind,
-    DriverName,
-    External,
-    FrictionPolicy,
-    named_driver,
-)
-from sim.options import (
-    LATE_KERNELS,
-    PaceOption,
-    ParticipantOption,
-    PopulationOption,
-    pace_factor,
-    typed_command,
-)
+from sim.drivers.kinds import DESK, EXTERNAL, DriverKind, DriverName, FrictionPolicy, Presentation, named_driver
+from sim.options import LATE_KERNELS, PaceOption, ParticipantOption, PopulationOption, pace_factor, typed_command
 
 if TYPE_CHECKING:
+    from das.bus.config import BusFolder
     from sim.drive.table import DriveTable
+    from sim.drivers.cab import Driver
+    from sim.drivers.parameters import Participant
     from sim.world.driving import How
     from sim.world.external import ExternalDriver
+    from sim.world.outcome import DayResult
+    from sim.world.scenario import Scenario
     from sim.world.service import Day
 
-OF_THE_RUN: Final = (
-    *("--advice", "--level", "--journey", "--out", "--overwrite", "--friction", "--pace", "--in-process", "--cards"),
-    "--json",
-)
-"""Options that whoever only drives a run cannot have."""
+
+@dataclass(frozen=True, kw_only=True)
+class DayAsked:
+    """Options on the day to simulate, beside its scenario."""
+
+    journey: JourneyOption = None
+    advice: AdviceOption = Presentation.GUIDE
+    seed: SeedOption = 0
+    level: LevelOption = None
+    train: TrainOption = DEFAULT_TRAIN
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingAsked:
+    """Options on where the run is recorded, and over which bus."""
+
+    out: OutRecordingOption = None
+    overwrite: OverwriteOption = False
+    bus: BusFolderOption = None
+    insecure_bus: InsecureBusOption = False
+
+    def check(self) -> None:
+        """Raise DasError if the recording cannot be written."""
+        check_outputs(self.out, overwrite=self.overwrite)
+
+    def folder(self, train: str) -> BusFolder | None:
+        """The folder of bus files for a train; DasError for a bad one, and for a name that no train can have."""
+        from das.bus.config import bus_folder
+        from das.bus.topics import check_train_name
+
+        return bus_folder(self.bus, self.insecure_bus, check_train_name(train))
+
+
+def scenario_asked(name_or_path: str, journey: str | None, out: Path | None) -> Scenario:
+    """The scenario with its journey; DasError if the recording would replace a file of either."""
+    from sim.world.scenario import load_scenario
+    from sim.world.service import scenario_files
+
+    scenario = load_scenario(name_or_path, journey)
+    for what, path in scenario_files(scenario).items():
+        if out is not None and out.resolve() == path.resolve():
+            raise DasError(f"{out}: the recording to write would replace the {what.replace('_', ' ')} that is read")
+    return scenario
+
+
+def prepared_day(scenario: Scenario, asked: DayAsked, person: Participant | None = None) -> Day:
+    """The day of a seed, with its sections solved; warns of what is unusual about line and train."""
+    from das.command_line.files import warn_once, warn_unusual
+    from sim.world.service import make_day, prepare_service
+
+    with busy("solving the sections …"):
+        day = make_day(prepare_service(scenario, level=asked.level), asked.seed, person)
+        warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
+        warn_once(*day.service.unkept())
+    return day
+
+
+def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: float | None) -> DayResult:
+    """Run the day: over the bus if there is a recording to write, else in this process, with the table of the drive."""
+    from sim.world.disturbances import described
+    from sim.world.driving import drive_day
+    from sim.world.outcome import DayResult, outcome
+
+    try:
+        title = f"{day.service.scenario.id}, {how.driver}"
+        first = "starting node and recorder" if out else "driving"
+        with naming_recorded(out), progress_bar(title, first, "km") as progress:
+            pace = _Pace(None if how.paced else speed, progress)  # at a pace, the external driver alone keeps it
+            run, traffic, table = drive_day(day, driver, how, out, pace.tick, keep=out is None)
+    except DasError as error:
+        if out is None or not out.is_file() or out.stat().st_size == 0:
+            raise
+        raise DasError(f"{error}; recorded so far: {out}") from error
+    return DayResult(
+        outcome=outcome(day, run, how.driver),
+        driver=how.driver,
+        friction=how.friction,
+        advice=how.advice,
+        happens=described(day.disturbances),
+        drawn=day.drawn,
+        unkept=tuple(day.service.unkept()),
+        wall_s=pace.driven_s,
+        file=out,
+        traffic=traffic,
+        table=table,
+    )
+
+
+class _Pace:
+    """Paces a run at a multiple of real time (None: no waiting), and shows its progress."""
+
+    def __init__(self, speed: float | None, progress: Callable[[float, float], None]) -> None:
+        self._speed, self._progress = speed, progress
+        self._began = self._now = time.perf_counter()
+        self._ticks = 0
+
+    @property
+    def driven_s(self) -> float:
+        """Time (s) since the end of the first tick: node and recorder are still starting before it."""
+        return self._now - self._began
+
+    def tick(self, done_m: float, all_m: float) -> None:
+        """Count one driven second, and wait until it has passed at the wanted pace."""
+        from sim.world.lockstep import sleep_until
+        from sim.world.loop import TICK_S
+
+        if self._ticks == 0:
+            self._began = time.perf_counter()
+        self._ticks += 1
+        if self._speed is not None:
+            sleep_until(self._began + self._ticks * TICK_S / self._speed)
+        self._now = time.perf_counter()
+        self._progress(done_m / KM, all_m / KM)
+
+
+def tell_result(found: DayResult, as_json: bool) -> None:
+    """Print the result of a run."""
+    from sim.world.outcome import print_result
+
+    if as_json:
+        print(json.dumps(found.as_dict()))
+    else:
+        print_result(found)
 
 
 def run(
@@ -67,15 +191,11 @@ def run(
     participant: ParticipantOption = None,
     population: PopulationOption = None,
     driver_at: DriverAtOption = None,
-    only_driver: OnlyDriverOption = False,
     cards: CardsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train, its driver and the advice node in a closed loop, everything recorded."""
     who, factor = named_driver("--driver", driver), pace_factor(pace)
-    if only_driver:
-        _only_drive(scenario, (who, participant, population), asked, recorded, driver_at or DEFAULT_DRIVER_AT)
-        return
     if who is DESK:
         raise DasError(f"--driver {DESK}: a person drives at the desk: run das-sim desk {scenario}")
     _check_given(who, in_process=in_process, as_json=as_json)
@@ -105,7 +225,6 @@ def run(
 
 
 def _check_given(who: DriverName, *, in_process: bool, as_json: bool) -> None:
-    """Raise DasError for options that would have no effect."""
     if who is not DriverKind.HUMAN:
         refuse_given(f"needs --driver {DriverKind.HUMAN}", "--friction")
     if in_process:
@@ -146,47 +265,9 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
 
 
 def _external(day: Day, how: How, factor: float | None) -> ExternalDriver:
-    """The external driver, a process of its own; prints the command that starts it."""
+    """The external driver, a process of its own; says where the run waits for it."""
     from sim.world.external import ExternalDriver
 
-    where = f"--bus {how.bus.path}" if how.bus is not None else f"--driver-at {how.driver_at}"
-    scenario = shlex.quote(str(day.service.scenario.source))
-    command = f"{typed('das-sim')} run {scenario} --only-driver --train {how.train} {where}"
-    print(one_line(f"the run waits for its driver, for example: {command}"), file=sys.stderr)
+    where = how.bus.path if how.bus is not None else how.driver_at
+    print(one_line(f"train {how.train} waits for its driver at {where}"), file=sys.stderr)
     return ExternalDriver(day, times_real=factor)
-
-
-def _only_drive(
-    scenario: str, who: tuple[DriverName, int | None, str | None], asked: DayAsked, recorded: RecordingAsked, at: str
-) -> None:
-    """Be the driver of a run that waits elsewhere; DasError for options that only a run has."""
-    driver, participant, population = who
-    if isinstance(driver, External):
-        raise DasError(f"--driver {driver}: this is the external driver; expected who drives in it")
-    refuse_given("the run decides that, not its driver", *OF_THE_RUN)
-    with loading_solver():
-        from das.bus.access import Role
-        from das.bus.config import BusFolder, bus_options
-        from das.bus.session import Bus
-        from sim.drivers.drivers import make_driver
-        from sim.drivers.knowledge import LineKnowledge
-        from sim.drivers.parameters import participant_of, stream_of
-        from sim.world.external import HEARD, answer_looks, warm_up
-        from sim.world.scenario import load_scenario
-        from sim.world.service import lay_out
-
-        read = load_scenario(scenario)
-        route, vehicle, _ = lay_out(read)
-        line = LineKnowledge(route=route, vehicle=vehicle)
-        person = participant_of(driver, participant, population)
-        parameters, _ = read.human.of(asked.seed, person, read.source)
-        made = make_driver(driver, line, parameters=parameters, seed=asked.seed, stream=stream_of(person))
-        warm_up(line)
-    bus, insecure = recorded.bus, recorded.insecure_bus
-    folder = None if bus is None else BusFolder(bus, insecure).file(Role.DRIVER).path
-    file = bus_options(folder, insecure, None, [at] if is_given("--driver-at") else None)
-    there = [] if file is not None else [at]
-    with Bus(asked.train, connect=there, hear=HEARD, file=file) as opened:
-        say(f"{driver} waits for the run of train {asked.train} at {there[0] if there else bus}")
-        looks = answer_looks(opened, made, lambda: say("the run has begun"))
-    say(f"the run is over; looks answered: {looks}")

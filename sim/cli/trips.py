@@ -1,9 +1,12 @@
-"""The commands about recorded trips: look at one, or replay it."""
+"""The commands about recorded trips: look at one, or replay it; and das-sim without a command, which does both."""
 
 from __future__ import annotations
 
 import json
+import shlex
 import tempfile
+from concurrent.futures import ThreadPoolExecutor, wait
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -11,19 +14,19 @@ import typer
 
 from das.command_line.application import refuse_given
 from das.command_line.files import check_outputs, check_picture
-from das.command_line.options import (
-    JsonOption,
-    OutRecordingOption,
-    OverwriteOption,
-    PlotOption,
-)
-from das.command_line.printing import busy, loading_solver, progress_bar
+from das.command_line.options import JsonOption, OutRecordingOption, OverwriteOption, PlotOption
+from das.command_line.printing import busy, loading_solver, paragraph, progress_bar, tell, typed
 from das.domain.errors import DasError
+from das.domain.files.writing import new_file
+from das.domain.units import KM, NS, PERCENT, kwh, kwh_words
 from sim.cli.options import TripArgument, naming_recorded, new_recording, removed_if_unused, tell_written
+from sim.drivers.kinds import Presentation
 from sim.options import LATE_KERNELS, ReplayOptions, TripOptions, VehiclesOption, typed_command
 
 if TYPE_CHECKING:
     from das.domain.vehicle import Vehicle
+    from sim.drive.comparison import AlignedDrives
+    from sim.drive.drive import Drive
 
 
 def trip(
@@ -59,7 +62,6 @@ def trip(
 
 
 def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
-    """The trains that may have driven a trip; DasError if one cannot be used."""
     from sim.trips.find_train import candidates
 
     for name, value in (("--vehicle", options.vehicle), ("--loss-map", options.loss_map)):
@@ -71,7 +73,6 @@ def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
 def _look(
     file: Path, options: TripOptions, trains: list[tuple[str, Vehicle]] | None, out: Path | None, plot: Path | None
 ) -> tuple[dict[str, Any], Any]:
-    """Read the trip and write what is asked for; returns its description and the report on its cleaning."""
     from sim.runs.replay import stated_parts
     from sim.trips.estimate import estimate_run
     from sim.trips.report import describe, draw_trip, write_cleaned
@@ -87,7 +88,7 @@ def _look(
         elif options.vehicle is not None:
             section = trip_section(read, options)
         else:
-            refuse_given("needs --vehicle or --vehicles", "--level", "--loss-map", "--point-mass")
+            refuse_given("needs --vehicle or --vehicles", "--level", "--loss-map")
         parts, part = (None, "") if section is None else stated_parts(read, section)
         found = {**describe(read, section, parts, part), "trains": tried}
         if out is not None:
@@ -156,3 +157,126 @@ def bundled_recording() -> Path:
         if path.is_file():
             return path
     raise DasError(f"{BUNDLED}: the bundled recording is missing from this installation")
+
+
+DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
+"""The driver of the bundled recording, who can be shown the guide."""
+HANGS_ON: Final = (
+    "This driver ignores the clock without advice, follows the guide, and brakes with the motors first; drivers who "
+    "keep to the timetable save less (docs/explanation/guide.md)."
+)
+"""Conditions on which the figures of the result depend, in a sentence."""
+LOOK_AGAIN_S: Final = 0.2
+"""Interval (s) at which the progress of the drive with the guide is shown."""
+
+
+def first_minute() -> None:
+    """Replay the bundled recording while its trip is driven anew with the guide, and print what came of both."""
+    trip = bundled_recording()
+    recorded = new_recording("replay", "start das-sim in a folder where it can write")
+    with removed_if_unused(recorded):
+        load_solver()
+    guided = new_file(recorded.with_name(f"{recorded.stem}-guide.mcap"))
+    with removed_if_unused(recorded), removed_if_unused(guided), naming_recorded(guided):
+        with _Guided(trip, guided) as drive:
+            replayed(trip, ReplayOptions(), recorded)
+            with naming_recorded(recorded):
+                drive.finish()
+        found = _compared(recorded, guided)
+    _print(found)
+    files = f"{shlex.quote(str(guided))} --beside {shlex.quote(str(recorded))}"
+    tell(f"See it: {typed('das-sim')} view {files}")
+
+
+class _Guided:
+    """A recorded trip driven anew by the same driver with the guide, in a thread; use with `with`.
+
+    Each drive mostly waits for a node of its own, so that two at a time take little longer than one. If the block ends
+    early, the drive does too.
+    """
+
+    def __init__(self, trip: Path, out: Path) -> None:
+        self._trip, self._out = trip, out
+        self._pool = ThreadPoolExecutor(1, "guided")
+        self._done_m, self._whole_m, self._ended = 0.0, 0.0, False
+
+    def __enter__(self) -> _Guided:
+        self._drive = self._pool.submit(self._run)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended = True
+        self._pool.shutdown(wait=True)
+
+    def finish(self) -> None:
+        """Show how far the drive is until it has ended; raises what ended it early."""
+        if not self._drive.done():
+            with progress_bar("driving the trip with the guide", "under way", "m") as progress:
+                while wait([self._drive], LOOK_AGAIN_S).not_done:
+                    if self._whole_m:
+                        progress(self._done_m, self._whole_m)
+        self._drive.result()
+
+    def _run(self) -> None:
+        from sim.runs.what_if.anew import day_again, drive_again
+        from sim.runs.what_if.origin import Origin
+        from sim.runs.what_if.otherwise import DrivenOtherwise, Otherwise
+
+        new = Otherwise(driven=DrivenOtherwise(driver=DRIVER, advice=Presentation.GUIDE))
+        with tempfile.TemporaryDirectory(prefix="das-first-minute-") as folder:
+            drive_again(*day_again(Origin.read(self._trip, None, Path(folder)), new), self._out, self._progress)
+
+    def _progress(self, done_m: float, whole_m: float) -> None:
+        if self._ended:
+            raise DasError("the drive with the guide was ended early")
+        self._done_m, self._whole_m = done_m, whole_m
+
+
+def _compared(recorded: Path, guided: Path) -> AlignedDrives:
+    from sim.drive.comparison import AlignedDrives, drives_on_track
+    from sim.drive.drive import Drive
+
+    with busy("comparing …"):
+        return AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(guided)]))
+
+
+def _print(found: AlignedDrives) -> None:
+    """Print both drives beside each other, and in one sentence what the guide was worth and what that depends on."""
+    before, after = (one.drive for one in found.drives)
+    alone_j, guided_j = (float(one[-1]) for one in found.energy_j)
+    start, end = before.calls[0], before.calls[-1]
+    rows = (
+        ("", "as recorded", "with the guide"),
+        (f"leaves {start.name} (due {_clock(before, start.due_departure_ns)})", *_times(found, first=True)),
+        (f"arrives at {end.name} (due {_clock(before, end.due_arrival_ns)})", *_times(found, first=False)),
+        ("energy (estimated)", kwh_words(alone_j, finer=-1), kwh_words(guided_j, finer=-1)),
+        ("instructions in the cab", "none", f"{after.figures.instructions.instructions}"),
+    )
+    way = f"from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km"
+    tell(f"A late train {way}; the same simulated driver twice:")
+    width = max(len(name) for name, _, _ in rows)
+    for name, one, other in rows:
+        tell(f"{name:<{width}}  {one:>12}  {other:>14}")
+    equal = found.equal_arrival(1)
+    if equal.more_j is None or equal.ratio is None:
+        at_equal = equal.why_not
+    else:
+        share = f"{abs(equal.ratio) / PERCENT:.0f}\u00a0% of the optimum"
+        at_equal = f"at the same arrival time {_less(equal.more_j)} ({share})"
+    later_s = (after.calls[-1].arrived_ns - before.calls[-1].arrived_ns) * NS
+    came = f"arrived {abs(later_s):.0f} s {'later' if later_s >= 0 else 'earlier'}"
+    paragraph(f"With the guide the same driver {came} and needed {_less(guided_j - alone_j)}; {at_equal}. {HANGS_ON}")
+
+
+def _less(energy_j: float) -> str:
+    return f"{abs(kwh(energy_j)):.0f}\u00a0kWh {'less' if energy_j < 0 else 'more'}"
+
+
+def _times(found: AlignedDrives, *, first: bool) -> list[str]:
+    calls = [one.drive.calls[0 if first else -1] for one in found.drives]
+    times = [call.departed_ns if first else call.arrived_ns for call in calls]
+    return [_clock(one.drive, time_ns) for one, time_ns in zip(found.drives, times, strict=True)]
+
+
+def _clock(drive: Drive, time_ns: int) -> str:
+    return f"{datetime.fromtimestamp(round(time_ns * NS), drive.table.zone):%H:%M:%S}"

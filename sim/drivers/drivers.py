@@ -121,14 +121,12 @@ class PerfectDriver:
         return stand(cab) or follower.command(cab, view, outlook) or self._alone.command(cab)
 
     def _follower(self, presentation: Presentation) -> Follower | None:
-        """The follower of a presentation, the same one until the next departure; None if the display does not show how
-        to drive."""
+        """The follower of a presentation until the next departure; None if it does not show how to drive."""
         if presentation not in self._followers:
             self._followers[presentation] = presenter_of(presentation).follower()
         return self._followers[presentation]
 
     def _depart(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
-        """Set the cleared train in motion as advised."""
         target = min(view.speed_mps, cab.limit_mps)
         if math.isnan(view.lever_ratio):
             return hold(cab, outlook, target)
@@ -136,8 +134,7 @@ class PerfectDriver:
         return hold(cab, outlook, target, high_n=max(most_n, 0.0))
 
     def _must_mind(self, cab: CabView) -> bool:
-        """Whether the train is near the highest speed under restrictions and signals, which may be unknown to the
-        advice."""
+        """Whether the train is near the highest speed under restrictions and signals that the advice may not know."""
         soon_m = cab.s_m + cab.speed_mps * RULE.anticipation_s
         return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - FOLLOWING.minded_mps
 
@@ -177,7 +174,6 @@ class LiteralDriver:
         return due
 
     def _obeyed(self, cab: CabView, card: AdviceView) -> Command:
-        """The command for the card."""
         outlook = self._alone.foresight.outlook(cab)
         told = asked(card.mode, card.speed_mps, card.lever_ratio, cab.speed_mps, reached=self._reached)
         if told in (Asked.ACCELERATE, Asked.BRAKE):
@@ -193,7 +189,6 @@ class LiteralDriver:
         return lever(-1.0)  # The card says to stand.
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> Command:
-        """Brake steadily to the mark, or creep up to it."""
         if cab.speed_mps < FOLLOWING.creeping_mps and cab.stop_m - cab.s_m > AT_STOP_M:
             return hold(cab, outlook, FOLLOWING.creeping_mps)
         needed = needed_braking_mps2(cab, cab.stop_m)

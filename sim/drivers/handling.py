@@ -166,9 +166,7 @@ class SpeedHold:
         If the train is only slightly too fast, it rolls. `crawls`: the train is about to stop.
         """
         force_n = needed_n + self.push_n(error_mps, mass_kg)
-        # Downhill the driver brakes until the speed is right and then lets the train roll, because otherwise the driver
-        # would
-        # brake every few seconds.
+        # Downhill the driver brakes until the speed is right and then lets the train roll, to brake less often.
         if not self._correcting or error_mps > 0 or crawls:
             self._restraining = False
         elif error_mps <= -HANDLING.roll_mps:
@@ -257,8 +255,7 @@ class Handling:
             self._braking = True
         elif needed < HANDLING.released_ratio * human.braking_mps2:
             rolls_mps2 = -outlook.resisting_n(s, v) / outlook.train.inertial_mass_kg
-            # On a descent on which the train would speed up at once, the driver eases the brake but does not release
-            # it.
+            # Where the train would speed up downhill at once, the driver eases the brake but does not release it.
             steep = rolls_mps2 * HANDLING.regained_s > human.dead_band_mps
             settled_mps = -human.dead_band_mps if steep else HANDLING.settled_mps
             self._braking = self._braking and v > max(outlook.allowed_mps(s) + settled_mps, TRACKING.stopping_mps)
@@ -313,7 +310,6 @@ class Hand:
         self._begun_s = now_s if moved and before * self.setting <= 0 else self._begun_s
 
     def _by_notches(self, wanted: float, now_s: float) -> float:
-        """Move by one notch at a time, each with its duration."""
         human = self._human
         notch, aim = round(self.setting * human.notches), round(wanted * human.notches)
         if aim != notch and now_s - self._notched_s >= human.notch_s:

@@ -53,11 +53,6 @@ def says_mode(view: AdviceView) -> bool:
     return presenter_of(view.presentation).says_mode
 
 
-def advice_kind(view: AdviceView) -> InstructionKind | None:
-    """The kind of advice; None for no advice. Every kind has a compliance parameter of its own."""
-    return KIND_OF.get(_shown_mode(view))
-
-
 def _shown_mode(view: AdviceView) -> int:
     """The driving regime of advice; advice without a regime counts as advice to hold a speed."""
     return view.mode if says_mode(view) else int(Regime.CRUISE)
@@ -155,7 +150,6 @@ class DisplayReading:
             self._pending = None
 
     def _glance(self, cab: CabView) -> None:
-        """Look at the display, and assess new advice."""
         human, now_s = self._human, cab.time_s
         beyond_s = max(human.glance_mean_s - human.glance_least_s, 0.0)
         self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
@@ -172,7 +166,6 @@ class DisplayReading:
             self.heeded = self.heeded._replace(view=view)
 
     def _expect(self, view: AdviceView | None, now_s: float) -> None:
-        """Remember the next change that the display announces, and look again when it is due."""
         if view is None or view.next_mode == Regime.NONE or not math.isfinite(view.next_change_s):
             return
         self._announced = Announced(view.next_mode, view.time_s + view.next_change_s)
@@ -186,7 +179,7 @@ class DisplayReading:
 
     def _judge(self, view: AdviceView | None, now_s: float) -> None:
         """Decide whether to follow new advice, and when to act; withdrawn advice is given up after a reaction."""
-        kind = None if view is None else advice_kind(view)
+        kind = None if view is None else KIND_OF.get(_shown_mode(view))
         if self._pending is not None:
             self._diary.note(now_s, "changed", self._noticed)
         self._noticed = 0 if view is None or kind is None else _shown_mode(view)
@@ -331,7 +324,6 @@ class HumanDriver:
 
     @property
     def _by_top_speed(self) -> bool:
-        """Whether the driver follows a display of a top speed."""
         view, follows = self._display.heeded.view, self._display.heeded.follows
         return follows and view is not None and presenter_of(view.presentation).speed_is(view.mode) is SpeedIs.HIGHEST
 
@@ -368,11 +360,9 @@ class HumanDriver:
         return 0.0
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> float:
-        """The setting for advice to stop without an effort: the driver brakes at the last moment."""
         return self.handling.held(cab, outlook, max(cab.speed_mps, HEEDING.creeps_mps))
 
     def _soon_over(self, cab: CabView, outlook: Outlook, effort: float, target_mps: float) -> bool:
-        """Whether an acceleration or brake to a speed is ignored because it would be over too soon."""
         if self._hand.setting * math.copysign(1.0, effort) >= BEGUN_RATIO * abs(effort):
             return False
         efforts = self.handling.efforts
@@ -390,9 +380,7 @@ class HumanDriver:
 
     @property
     def _haste_ratio(self) -> float:
-        """The haste without advice on how to drive: from just in time (0) to as fast as allowed (1). If the display
-        shows the lateness, the driver drives proportionally faster when late, and slower when early.
-        """
+        """The haste without advice on how to drive, 0 (just in time) to 1; more if shown to be late, less if early."""
         haste, heeded = self.parameters.haste_ratio, self._display.heeded
         if heeded.view is None or not heeded.follows or math.isnan(heeded.view.deviation_s):
             return haste

@@ -1,4 +1,4 @@
-"""Conversion of cab and controller to messages of the bus and back; every number stays the same to the last bit."""
+"""The cab as a message of the bus, and advice and commands of such messages; every number keeps its last bit."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from google.protobuf.message import Message
 
 from das.advice.reason import Reason
 from das.bus import das_pb2
-from das.bus.restrictions import decode_restriction, encode_restriction
+from das.bus.restrictions import encode_restriction
 from das.domain.errors import DasError
-from das.domain.restriction import Restriction
 from sim.drivers.cab import AdviceView, CabView, lever_ratio
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.own_class import checked
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation
-from sim.plant.kernels import FORCE, LEVER, Command, demanded
+from sim.plant.kernels import Command, demanded
 from sim.plant.plant import force, lever, speed
 
 _SAME: Final = (
@@ -84,46 +83,6 @@ def cab_message(look: CabLook, line: LineKnowledge) -> Message:
     return message
 
 
-def cab_view(message: Any) -> CabView:
-    """The cab of a message `Cab`."""
-    return CabView(
-        time_s=message.clock_s,
-        s_m=message.s_m,
-        speed_mps=message.speed_mps,
-        limit_mps=message.limit_mps,
-        stop_m=message.stop_m,
-        departure_s=message.departure_s,
-        arrival_s=message.arrival_s,
-        may_depart=message.may_depart,
-        signal_m=math.inf if math.isnan(message.signal_m) else message.signal_m,
-        restrictions=tuple(decode_restriction(one, Restriction) for one in message.restrictions),
-        advice=_advice_view(message),
-        **({name: getattr(message, name) for name in _SEEN} if message.look else {}),
-    )
-
-
-def recorded_view(message: Any) -> AdviceView | None:
-    """The advice that a recorded cab showed; None if it showed none or its presentation is unknown."""
-    view = _advice_view(message)
-    # In a recording older than the fields of shown speed and stop, both are 0.
-    older = view is not None and not view.display_speed_mps and not message.stop_m
-    return replace(view, display_speed_mps=math.nan) if view is not None and older else view
-
-
-def controls_message(look: int, command: Command) -> Message:
-    """The message `Controls` that answers a look."""
-    message = das_pb2.Controls(look=look, friction_ratio=command.friction_ratio)
-    if command.law == LEVER:
-        message.lever_ratio = command.value
-    elif command.law == FORCE:
-        message.force_n = command.value
-    else:
-        held = message.held_speed
-        held.speed_mps, held.rate_mps2, held.force_n = command.value, command.rate_mps2, command.force_n
-        held.gain_per_s, held.low_n, held.high_n = command.gain_per_s, command.low_n, command.high_n
-    return message
-
-
 def command_of(message: Any, time_s: float) -> Command:
     """The command in a message `Controls` at a moment (s on the cab's clock). Raises DasError if it has none, or if a
     number is NaN or out of range.
@@ -157,11 +116,12 @@ def _advice_fields(view: AdviceView | None, *, horizons: bool) -> dict[str, Any]
     }
 
 
-def _advice_view(message: Any) -> AdviceView | None:
+def recorded_view(message: Any) -> AdviceView | None:
+    """The advice that a recorded cab showed; None if it showed none or its presentation is unknown."""
     presentation = shown_presentation(message.presentation)
     if presentation is None:
         return None
-    return AdviceView(
+    view = AdviceView(
         presentation=presentation,
         **{name: getattr(message, field) for name, field in _FIELDS.items()},
         **{name: getattr(message, name) for name in _MODES},
@@ -169,6 +129,9 @@ def _advice_view(message: Any) -> AdviceView | None:
         horizon_speed_mps=tuple(message.horizon_speed_mps),
         horizon_force_n=tuple(message.horizon_force_n),
     )
+    # In a recording older than the fields of shown speed and stop, both are 0.
+    older = not view.display_speed_mps and not message.stop_m
+    return replace(view, display_speed_mps=math.nan) if older else view
 
 
 def _limits_ahead(cab: CabView, line: LineKnowledge) -> list[tuple[float, float]]:

@@ -104,7 +104,6 @@ def _module(own: OwnClass) -> ModuleType:
 
 
 def _made(own: OwnClass, driver: type, line: LineKnowledge, seed: int) -> Any:
-    """An instance of the class, created with line and seed as far as it accepts them."""
     ways: tuple[tuple[tuple[Any, ...], dict[str, Any]], ...] = (
         ((line,), {"seed": seed}),
         ((line,), {}),
@@ -121,7 +120,6 @@ def _made(own: OwnClass, driver: type, line: LineKnowledge, seed: int) -> Any:
 
 
 def _takes(called: Any, *arguments: Any, **named: Any) -> bool:
-    """Whether `called` accepts these arguments."""
     try:
         inspect.signature(called).bind(*arguments, **named)
     except (TypeError, ValueError):
@@ -130,7 +128,6 @@ def _takes(called: Any, *arguments: Any, **named: Any) -> bool:
 
 
 def _raised(own: OwnClass, error: BaseException, when: str = "") -> DasError:
-    """An error with the exception of the user's code and its line."""
     words = " ".join(str(error).split())
     said = f"{type(error).__name__}: {words}" if words else type(error).__name__
     return DasError(f"--driver {own}: {_place(error)}raised{when}: {said}")
@@ -144,7 +141,6 @@ def _place(error: BaseException) -> str:
 
 
 def _of_others(file: Path) -> bool:
-    """Whether a file belongs to this program, to Python, or to an installed package."""
     ours = [Path(__file__).parents[2] / package for package in ("das", "precompute", "sim")]
     installed = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
     return any(file.is_relative_to(folder) for folder in (*ours, *installed))
@@ -192,7 +188,6 @@ def _within(value: Any, where: str, name: str, limits: tuple[float, float, str])
 
 
 def _short(value: Any) -> str:
-    """The repr of a value, shortened; the name of its type if the repr of a user's type fails."""
     try:
         text = repr(value)
     except Exception:

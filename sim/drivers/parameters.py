@@ -35,7 +35,6 @@ REASON = (
 
 
 def _parameter(default: float, unit: str, low: float, high: float, meaning: str, source: str = ASSUMPTION) -> Any:
-    """A field of `HumanParameters` with its unit, range, meaning and source."""
     return field(
         default=default, metadata={"unit": unit, "low": low, "high": high, "meaning": meaning, "source": source}
     )
@@ -204,7 +203,6 @@ class Spread:
         return min(max(self._of_straight(self._straight(self.middle) + self.sd * cut), self.low), self.high)
 
     def _standard(self, value: float) -> float:
-        """The distance of a value from the middle, in standard deviations."""
         return (self._straight(value) - self._straight(self.middle)) / self.sd
 
     def _straight(self, value: float) -> float:
@@ -383,6 +381,5 @@ def _triangle(path: Path, spreads: Sequence[Spread], correlations: Sequence[Corr
 
 
 def _normal(participant: int, name: str) -> float:
-    """A standard normal number that belongs to a participant and the name of a parameter."""
     stream = np.random.SeedSequence(participant, spawn_key=(zlib.crc32(name.encode()),))
     return float(np.random.default_rng(stream).standard_normal())

@@ -68,8 +68,7 @@ class Screen:
         return self._shown
 
     def _may_change(self, view: AdviceView, now_s: float) -> bool:
-        """Whether new advice may be shown: its text is unchanged, it is advice to brake, or the old advice was shown
-        long enough."""
+        """Whether new advice may be shown: the same text, advice to brake, or the old one was shown long enough."""
         assert self._shown is not None
         stood = now_s - self._since_s >= self._settings.hold_s - ROUNDING_S
         reading = Shown.of(view)
@@ -82,7 +81,6 @@ class Screen:
         self._shown, self._refreshed_s = view, now_s
 
     def _cut(self, view: AdviceView) -> AdviceView:
-        """The advice without the parts that the display does not show."""
         settings = self._settings
         if not settings.reason and view.reason:
             view = replace(view, reason=NO_REASON)

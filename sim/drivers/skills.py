@@ -6,8 +6,7 @@ All settings are the controller's, from −1 (both brakes) to 1 (full traction),
 from __future__ import annotations
 
 import math
-from collections import deque
-from typing import Final, Generic, Self, TypeVar
+from typing import Final, Self
 
 import numpy as np
 
@@ -20,14 +19,10 @@ from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.drivers.tracking import RULE, TRACKING, TimeRule, hold, stop_at, under_ceiling
 from sim.plant.kernels import Command, demanded
 
-LOOK_S: Final = 0.2
-"""Interval (s) between two settings of a driver."""
 BEFORE_SIGNAL_M: Final = 15.0
 """Distance (m) before a signal at danger at which a train is stopped."""
 CALM_PER_S: Final = 0.1
 """Share of a speed error that is corrected per second."""
-
-_Seen = TypeVar("_Seen")
 
 
 class Skills:
@@ -123,7 +118,6 @@ class Skills:
         return Efforts.at(self.cab.speed_mps, self.outlook.train)
 
     def _ratio(self, command: Command) -> float:
-        """The setting for a command."""
         return self._efforts().lever_ratio(demanded(command, 0.0, self.cab.speed_mps, self.outlook.train))
 
 
@@ -141,21 +135,6 @@ class NotchedLever:
             self.notch = round(self.count * wanted)
         self.notch = min(self.notch, math.floor(self.count * most))
         return self.notch / self.count
-
-
-class Late(Generic[_Seen]):
-    """A delay line: `seen` receives the view at each look, and returns the delayed one."""
-
-    def __init__(self, late_s: float, before: _Seen) -> None:
-        if not 0.0 <= late_s < math.inf:
-            raise DasError(f"Late: late_s = {late_s}: expected a finite time >= 0 s")
-        looks = round(late_s / LOOK_S)
-        self._seen: deque[_Seen] = deque([before] * looks, looks + 1)
-
-    def seen(self, now: _Seen) -> _Seen:
-        """The view of that time ago."""
-        self._seen.append(now)
-        return self._seen[0]
 
 
 class WanderingError:

@@ -55,7 +55,6 @@ def described_trains(
 
 
 def _found(one: FoundTrain, share: float | None) -> dict[str, Any]:
-    """What the motion says of a train."""
     return {
         "names": list(one.names),
         "vehicle": one.vehicle.name,
@@ -73,7 +72,6 @@ def _found(one: FoundTrain, share: float | None) -> dict[str, Any]:
 
 
 def _energies(trip: Trip, section: Section | None, why_not: str) -> dict[str, Any]:
-    """The energy of a trip with a possible train, and that of its optimum, or why they are not known."""
     if section is not None:
         try:
             _, above = beside_optimum(trip, section, compared_legs(trip, section))

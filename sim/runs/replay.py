@@ -133,7 +133,6 @@ def _due_ns(trip: Trip, journey: Journey, departed_ns: int) -> tuple[int, int]:
 
 
 def _call(journey: Journey, stop: str) -> Call:
-    """The call of a journey at a stop of the trip; DasError if it has none."""
     for call in journey.calls:
         if call.name == stop:
             return call
@@ -202,13 +201,15 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     front = solve_front(section)
     legs = driven_legs(trip, trip.run)
     timing = plan_timing(trip, legs, options)
+    given = [] if of_trip.posts is None else [of_trip.posts]
+    given += [] if options.journey is None else [locate_journey(options.journey)]
     processes = Processes(
         train=options.train,
         node_arguments=_node_arguments(of_trip, trip.start.name, trip.end.name),
         out=out,
         metadata={**_metadata(trip, section, of_trip), **timing.metadata, "command": command, "train": options.train},
         start_ns=timing.first_tick_ns,
-        attachments=(*_attachments(of_trip), *_journey_file(options)),
+        attachments=(*_input_files(of_trip).values(), *given),
         bus=bus,
     )
     run = trip.run
@@ -236,7 +237,6 @@ def driven_legs(trip: Trip, run: DrivenRun) -> tuple[DrivenLeg, ...]:
 
 
 def _on_the_way(trip: Trip, motion: DrivenMotion) -> tuple[KeptCall, ...]:
-    """The stops on the way at which a trip stood."""
     stood = [one for one in trip.route.stops if one.name in trip.stops_on_the_way]
     return calls_on_the_way(stood, motion, trip.matched)
 
@@ -284,20 +284,7 @@ def _node_arguments(options: TripOptions, start: str, end: str) -> tuple[str, ..
         arguments += ["--level", str(options.level)]
     if options.loss_map is not None:
         arguments += ["--loss-map", str(options.loss_map)]
-    if options.point_mass:
-        arguments.append("--point-mass")
     return tuple(arguments)
-
-
-def _attachments(options: TripOptions) -> list[Path]:
-    """The files that a replay is made from, besides the trip."""
-    paths = _input_files(options).values()
-    return [*paths, *([options.posts] if options.posts is not None else [])]
-
-
-def _journey_file(options: ReplayOptions) -> list[Path]:
-    """The file of the journey that times the trip, if one does."""
-    return [] if options.journey is None else [locate_journey(options.journey)]
 
 
 def _input_files(options: TripOptions) -> dict[str, Path]:
@@ -351,7 +338,6 @@ def replay(
 
 
 def _play(job: ReplayJob, lockstep: Lockstep, progress: Callable[[int, int], None]) -> None:
-    """Play all ticks, at the job's speed or as fast as node and recorder keep up."""
     timing = job.timing
     ticks = int(np.ceil((timing.last_tick_ns - timing.first_tick_ns) * NS / TICK_S)) + 1
     feed = _Feed(job)
@@ -426,10 +412,7 @@ class _Feed:
                 yield time_ns, Outgoing(LOCATION, location(time_ns, *place))
 
     def _delays(self) -> Iterator[tuple[int, Outgoing]]:
-        """The recording's delays from its own timetable, else the deviation from the optimum of the running time.
-
-        There are none without a timetable.
-        """
+        """The recorded delays, else those from the optimum of the running time; none without a timetable."""
         trip, timing = self.job.trip, self.job.timing
         if timing.own:
             return

@@ -120,9 +120,9 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
         "better_stops": trip.better_stops,
         "stops_on_the_way": list(trip.stops_on_the_way),
         "advices": traffic.ticks,
-        "advices_given": traffic.advices_given,
-        "advices_withdrawn": traffic.advices_withdrawn,
-        "advices_above_limit": traffic.above_limit,
+        "advices_given": traffic.counts.advised,
+        "advices_withdrawn": traffic.counts.withdrawn,
+        "advices_above_limit": traffic.counts.above_limit,
         **_energies(job, energies),
         **_timetable(job, energies),
         **_messages(outcome),
@@ -132,7 +132,6 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
 
 
 def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
-    """Energy as driven, that of the optimum with the same arrivals, and what is above it."""
     energy, above, spread = found.energy, found.above, found.above_range
     likely = above.likely
     return {
@@ -157,7 +156,6 @@ def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
 
 
 def _sections(found: TripEnergies) -> list[dict[str, Any]]:
-    """Every section of the trip with its energies."""
     return [
         {
             "from": one.start,
@@ -172,7 +170,6 @@ def _sections(found: TripEnergies) -> list[dict[str, Any]]:
 
 
 def _timetable(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
-    """The trajectory for the arrival by the timetable, and how late the trip was; None if it has no timetable."""
     if job.timing.own:
         return dict.fromkeys(TIMETABLE_FIGURES)
     left_s = (job.timing.arrival_ns - job.departed_ns) * NS
@@ -191,7 +188,6 @@ def _timetable(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
 
 
 def _messages(outcome: ReplayOutcome) -> dict[str, Any]:
-    """Messages of the replay, and how fast it went."""
     traffic = outcome.traffic
     return {
         **traffic.as_dict(),
@@ -201,7 +197,6 @@ def _messages(outcome: ReplayOutcome) -> dict[str, Any]:
 
 
 def _matching(trip: Trip) -> dict[str, Any]:
-    """How the trip fits the line, and what was cleaned."""
     report = trip.matched.report
     return {
         "map_anchor": report.anchor,

@@ -18,7 +18,7 @@ from das.domain.files.vehicles import read_loss_map
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KMH, NS
 from das.domain.vehicle import Vehicle
-from das.solver.section import Section, SectionOptions, build_section
+from das.solver.section import Section, build_section
 from sim.options import TripOptions
 from sim.recording.course import DrivenCourse, stood_ns
 from sim.recording.inputs import AttachedFiles
@@ -309,5 +309,4 @@ def section_with(trip: Trip, vehicle: Vehicle, options: TripOptions) -> Section:
         level=options.level,
         start_m=trip.start.position_m,
         end_m=trip.end.position_m,
-        options=SectionOptions(point_mass=options.point_mass),
     )

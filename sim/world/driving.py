@@ -6,25 +6,24 @@ import contextlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
 from das import __version__
-from das.advice.advice import Advice
-from das.bus import codec, das_pb2
+from das.bus import das_pb2
 from das.bus.config import BusFolder
-from das.bus.recording import Recording, Stamped
+from das.bus.recording import Recording
 from das.bus.topics import CAB, DECISION, LOCATION, LOG, MEASURES, SAVING, TRUTH, Topic
 from das.cab.heard import PositionHeard
 from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
 from sim.drive.calls import passing_metadata
-from sim.drive.figures import AdviceStability
 from sim.drive.table import DriveTable
-from sim.drivers.cab import KINDS, Driver, DriverEvent
+from sim.drivers.cab import KINDS, Driver
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
 from sim.drivers.messages import CabLook, cab_message
 from sim.drivers.own_class import driver_versions
@@ -65,7 +64,6 @@ class OverBus:
         return self._lockstep.newest() if self._paced else None
 
     def _locate(self, now_ns: int, s_m: float) -> None:
-        """Record the place of the train on the map, if the route has a map."""
         place = self._day.service.route.location_deg(s_m)
         if place is not None:
             self._lockstep.send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
@@ -78,35 +76,6 @@ class OverBus:
     def restart(self) -> None:
         """Kill the node and restart it."""
         self._lockstep.restart_node()
-
-
-class KeptInProcess(InProcess):
-    """The link to an on-board system in this process; `messages` has what a recorder would write, by topic."""
-
-    def __init__(self, day: Day, *, guide: bool = False) -> None:
-        self._day = day
-        self.messages: dict[str, list[Stamped]] = {}
-        super().__init__(day.service, guide=guide)
-        began_ns = day.service.moment_ns(-BEFORE_S)
-        self.keep(*codec.encode_input(day.service.journey(TRAIN, began_ns)), began_ns)
-
-    def exchange(self, tick: Tick) -> Advice:
-        """The advice for a tick."""
-        for heard in tick.told:
-            self.keep(*codec.encode_input(heard), tick.now_ns)
-        advice = super().exchange(tick)
-        for output in (*self.said, advice):
-            self.keep(*codec.encode_output(output, tick.number), tick.now_ns)
-        return advice
-
-    def tell(self, now_ns: int, told: Told) -> None:
-        """Keep what the on-board system does not receive."""
-        for topic, message in only_recorded(self._day, now_ns, told):
-            self.keep(topic, message, now_ns)
-
-    def keep(self, topic: Topic, message: Any, now_ns: int) -> None:
-        """Keep a message that was sent at a time (ns since 1970)."""
-        self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,8 +128,7 @@ def drive_day(
         outside = isinstance(driver, ExternalDriver)
         if isinstance(driver, ExternalDriver):
             driver.begin(lockstep)
-        link_to_node = OverBus(day, lockstep, shows_cab=not outside)
-        run = World(day, driver, how.advice, link_to_node, how.screen).run(progress)
+        run = World(day, driver, how.advice, OverBus(day, lockstep, shows_cab=not outside), how.screen).run(progress)
         for topic, message in _last_messages(day, run):
             lockstep.send(topic, message)
         lockstep.finish(day.service.moment_ns(run.states[-1].time_s))
@@ -169,13 +137,12 @@ def drive_day(
 
 def drive_kept(day: Day, driver: Driver, how: How, progress: Progress | None = None) -> tuple[Run, DriveTable]:
     """Drive a day in this process, and make the table of the drive; DasError if the train does not arrive."""
-    link, service = KeptInProcess(day, guide=presenter_of(how.advice).needs_guide), day.service
+    service = day.service
+    link = InProcess(service, guide=presenter_of(how.advice).needs_guide, recorded=partial(only_recorded, day))
     run = World(day, driver, how.advice, link, how.screen).run(progress)
     for topic, message in _last_messages(day, run):
         link.keep(topic, message, service.moment_ns(run.states[-1].time_s))
-    given = DriveInputs(
-        route=service.route, vehicle=service.vehicle, level=service.level, source="those of the day"
-    )  # fmt: skip
+    given = DriveInputs(route=service.route, vehicle=service.vehicle, level=service.level, source="those of the day")
     recording = Recording(
         path=Path(f"{service.scenario.id} in memory"), train=TRAIN, trains=(TRAIN,), attachments=(), complete=True,
         messages={name: tuple(entries) for name, entries in link.messages.items()},
@@ -240,8 +207,6 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
         arguments += ["--load", load]
     if scenario.loss_map is not None:
         arguments += ["--loss-map", str(scenario.loss_map)]
-    if scenario.point_mass:
-        arguments.append("--point-mass")
     if scenario.reverse:
         arguments.append("--reverse")
     if scenario.sensors.force_noise_ratio is not None:
@@ -264,21 +229,26 @@ def only_recorded(day: Day, now_ns: int, told: Told, *, shows_cab: bool = True) 
     for text in told.events:
         yield LOG, happened(now_ns, text)
     for event in told.decisions:
-        yield DECISION, decision_message(day, event)
+        kind = das_pb2.Decision.Kind.ValueType(KINDS.index(event.what) + 1)
+        yield DECISION, das_pb2.Decision(time_ns=day.service.moment_ns(event.time_s), kind=kind, value=event.value)
 
 
 def _last_messages(day: Day, run: Run) -> Iterator[tuple[Topic, Message]]:
     """The messages at the end of a run: how stable the advice was, and the energy above the optimum if it is known."""
     end_ns = day.service.moment_ns(run.states[-1].time_s)
-    yield MEASURES, measures_message(end_ns, run.stability)
+    found = run.stability
+    yield (
+        MEASURES,
+        das_pb2.Measures(
+            time_ns=end_ns,
+            shown_s=found.shown_s,
+            advice_changes_per_min=found.changes_per_min,
+            reversals=found.reversals,
+            shortest_mode_s=found.shortest_mode_s,
+        ),
+    )
     with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
         yield SAVING, above_optimum(day, run).message(end_ns)
-
-
-def decision_message(day: Day, event: DriverEvent) -> Message:
-    """The message about what a driver did or decided."""
-    kind = das_pb2.Decision.Kind.ValueType(KINDS.index(event.what) + 1)
-    return das_pb2.Decision(time_ns=day.service.moment_ns(event.time_s), kind=kind, value=event.value)
 
 
 def truth_message(day: Day, now_ns: int, told: Told) -> Message:
@@ -304,15 +274,4 @@ def truth_message(day: Day, now_ns: int, told: Told) -> Message:
         unreturned_j=state.unreturned_j,
         comfort_j=state.comfort_j,
         blending_j=state.blending_j,
-    )
-
-
-def measures_message(now_ns: int, found: AdviceStability) -> Message:
-    """The message about how stable the advice shown was."""
-    return das_pb2.Measures(
-        time_ns=now_ns,
-        shown_s=found.shown_s,
-        advice_changes_per_min=found.changes_per_min,
-        reversals=found.reversals,
-        shortest_mode_s=found.shortest_mode_s,
     )

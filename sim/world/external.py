@@ -6,7 +6,6 @@ At every look, the simulation sends the cab and the driver answers. If the drive
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -15,15 +14,12 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
-from das.bus.session import Bus
-from das.bus.topics import CAB, CONTROL, CONTROLS, LOG
+from das.bus.topics import CAB, CONTROLS, LOG
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
-from sim.drivers.cab import CabView, Driver
-from sim.drivers.drivers import make_driver
-from sim.drivers.kinds import DESK, EXTERNAL, DriverKind, External
-from sim.drivers.knowledge import LineKnowledge
-from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
+from sim.drivers.cab import CabView
+from sim.drivers.kinds import DESK, EXTERNAL, External
+from sim.drivers.messages import CabLook, cab_message, command_of
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, lever
 from sim.world.lockstep import Lockstep, happened
@@ -222,52 +218,3 @@ class ExternalDriver:
                 f"--driver {self._patience.driver}: the driver is gone, and the dead-man brake has stopped the train "
                 f"({cab.s_m:.0f} m, {cab.time_s:.0f} s after the departure)"
             )
-
-
-HEARD = (CAB, CONTROL)
-"""Topics that the process of an external driver must receive."""
-CALLED_EVERY_S: Final = 0.2
-"""Interval (s) at which the driver's process announces itself until the run begins."""
-LOST_S: Final = 60.0
-"""Silence (s) after which a run is taken to be gone."""
-
-
-def answer_looks(bus: Bus, driver: Driver, begun: Callable[[], None] = lambda: None) -> int:
-    """Answer every look of a run until the run is over; returns the number of looks.
-
-    `begun` is called at the first look. Raises DasError if the run falls silent.
-    """
-    looks, heard_s = 0, time.monotonic()
-    _say_it_is_there(bus)
-    while True:
-        received = bus.receive(CALLED_EVERY_S)
-        if received is None:
-            if not looks:
-                _say_it_is_there(bus)
-            elif time.monotonic() - heard_s > LOST_S:
-                raise DasError(f"no message from the run for {LOST_S:.0f} s, after {looks} looks")
-            continue
-        heard_s, message = time.monotonic(), received.message
-        if message is None:
-            continue
-        if received.topic is CONTROL and message.command == das_pb2.Control.COMMAND_FINISH:
-            return looks
-        if received.topic is CAB and message.look:
-            if not looks:
-                begun()
-            looks += 1
-            bus.publish(CONTROLS, controls_message(message.look, driver.command(cab_view(message))))
-
-
-def warm_up(line: LineKnowledge) -> None:
-    """Load the compiled code of the drivers before the first look, which must be answered in time."""
-    s_m = float(line.limits_mps.start_m[0])
-    cab = CabView(
-        time_s=0.0, s_m=s_m, speed_mps=10.0, limit_mps=20.0, stop_m=s_m + 5000.0, departure_s=-10.0, arrival_s=300.0
-    )
-    for kind in (DriverKind.HUMAN, DriverKind.PERFECT):
-        make_driver(kind, line).command(cab)
-
-
-def _say_it_is_there(bus: Bus) -> None:
-    bus.publish(CONTROLS, das_pb2.Controls())

@@ -1,4 +1,4 @@
-"""`python -m sim.world.late_kernels`: compile the kernels that a simulated day needs last, on a tiny line.
+"""Compiles the kernels that a simulated day needs last, on a tiny line.
 
 A command that compiles the solver starts this beside itself: the train model, the guide's plans and the last word come
 when sections have been solved.
@@ -33,7 +33,6 @@ def main() -> None:
 
 
 def _drive(section: Section) -> None:
-    """Drive one step, and look at line, weather and controller, as the world does."""
     plant, train = Plant(section.route, section.vehicle), train_numbers(section.vehicle)
     start = plant.at(section.start_m)
     plant.advance(start, COAST)
@@ -43,14 +42,12 @@ def _drive(section: Section) -> None:
 
 
 def _plan(section: Section) -> None:
-    """Plan a run that takes a little longer than the fastest."""
     front, state = GuideFront(section), State.at(section)
     run, _ = in_time(front, state, 1.1 * state.fastest().time_s)
     scheduled_run(front, run)
 
 
 def _brake(section: Section) -> None:
-    """Advise a train that comes to its stop, and judge the advice."""
     start, end = section.route.stops[0], section.route.stops[-1]
     leg = Leg(start, end, section, guide=True)
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
@@ -61,7 +58,3 @@ def _brake(section: Section) -> None:
     localisation.take(PositionFix(time_ns=0, s_m=section.end_m, speed_mps=2.0))
     here = localisation.at(0)
     LastWord().judge(leg.advise(here), here, basis)
-
-
-if __name__ == "__main__":
-    main()

@@ -16,7 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -166,9 +166,7 @@ class Stations:
         return Process("node", "das.node", arguments)
 
     def _place(self, own: int, role: Role) -> Sequence[str]:
-        """Arguments with the train and either the endpoints of a process (it listens on the port with the index `own`)
-        or its bus file.
-        """
+        """Arguments with the train, and a bus file or endpoints; the process listens on the port with index `own`."""
         if self._processes.bus is not None:
             return ["--train", self._processes.train, *self._processes.bus.file(role).arguments()]
         others = [port for i, port in enumerate(self._ports) if i != own]
@@ -256,20 +254,39 @@ RECORDER_WINDOW = 50
 """Ticks that the recorder may be behind before the simulation waits for it."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Counts:
+    """Numbers of ticks with advice given, withdrawn or not received, and with advice above the limit."""
+
+    advised: int = 0
+    withdrawn: int = 0
+    unheard: int = 0
+    above_limit: int = 0
+
+    def plus(self, advice: Any | None) -> Counts:
+        """The counts with one more tick, and its advice (None: not received)."""
+        if advice is None:
+            return replace(self, unheard=self.unheard + 1)
+        if advice.mode == Regime.NONE:
+            return replace(self, withdrawn=self.withdrawn + 1)
+        above = advice.advised_speed_mps > advice.limit_mps + 1e-6
+        return replace(self, advised=self.advised + 1, above_limit=self.above_limit + int(above))
+
+
 @dataclass(kw_only=True)
 class Traffic:
-    """Counts of a run: messages sent and recorded by topic; ticks by what the advice was: given, withdrawn, above the
-    limit.
-    """
+    """Counts of a run over the bus: messages sent and recorded, by topic, and ticks by what the advice was."""
 
-    ticks: int = 0
+    counts: Counts = Counts()
     start_s: float = 0.0
     """Time (s) that node and recorder took to start."""
     sent: Counter[str] = field(default_factory=Counter)
     recorded: Counter[str] = field(default_factory=Counter)
-    advices_given: int = 0
-    advices_withdrawn: int = 0
-    above_limit: int = 0
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks that were answered."""
+        return self.counts.advised + self.counts.withdrawn
 
     @property
     def lost(self) -> int:
@@ -395,7 +412,6 @@ class Lockstep:
         return written.tick >= self._asked_tick and written.advice_tick >= self._asked_tick
 
     def _until_taken(self) -> None:
-        """Wait until the node is ready and the recorder has written that it is."""
         answers, ready, refused = self.answers, NodeState.READY, NodeState.WITHDRAWN
         self._until(
             lambda: answers.node_state == refused or answers.node_state == answers.written.node_state == ready,
@@ -406,12 +422,7 @@ class Lockstep:
             raise DasError(f"the node: {answers.reason}")
 
     def _count(self, advice: Any) -> None:
-        self.traffic.ticks += 1
-        if advice.mode == Regime.NONE:
-            self.traffic.advices_withdrawn += 1
-            return
-        self.traffic.advices_given += 1
-        self.traffic.above_limit += advice.advised_speed_mps > advice.limit_mps + 1e-6
+        self.traffic.counts = self.traffic.counts.plus(advice)
 
     def hear(self, done: Callable[[], bool], timeout_s: float, *, watch_node: bool = True) -> bool:
         """Receive messages until a condition holds; False after the timeout, DasError where a process has ended."""
@@ -429,7 +440,6 @@ class Lockstep:
         return True
 
     def _until(self, done: Callable[[], bool], timeout_s: float, what: str, *, watch_node: bool = True) -> None:
-        """Receive messages until a condition holds; DasError where a process has ended or after the timeout."""
         if not self.hear(done, timeout_s, watch_node=watch_node):
             raise DasError(f"waited {timeout_s:.0f} s for {what}")
 

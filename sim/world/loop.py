@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from das.advice.advice import Advice
-from das.advice.regimes import Regime
+from das.bus import codec
+from das.bus.recording import Stamped
+from das.bus.topics import Topic
 from das.cab.cab import Cab, CabSettings
 from das.cab.heard import STATES, Heard, Kind
 from das.cab.orders import Post, Trains
-from das.cab.outputs import Output
 from das.cab.situation import Situation
 from das.domain.errors import DasError
 from sim.drive.calls import KeptCall
@@ -24,10 +25,10 @@ from sim.drivers.presentations.presenter import Shown, present, presenter_of
 from sim.drivers.screen import Screen, ScreenSettings
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST
-from sim.world.paper import PaperSheet
+from sim.world.lockstep import Counts
 from sim.world.scenario import EarlyDeparture
 from sim.world.service import Day, Service
-from sim.world.simpler import SimplerDisplays
+from sim.world.simpler import PaperSheet, SimplerDisplays
 from sim.world.surroundings import Surroundings
 
 
@@ -88,25 +89,6 @@ Progress = Callable[[float, float], None]
 """Called at every tick with the distance driven so far and the whole distance (m)."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Counts:
-    """Numbers of ticks with advice given, withdrawn or not received, and with advice above the limit."""
-
-    advised: int = 0
-    withdrawn: int = 0
-    unheard: int = 0
-    above_limit: int = 0
-
-    def plus(self, advice: Any | None) -> Counts:
-        """The counts with one more tick, and its advice (None: not received)."""
-        if advice is None:
-            return replace(self, unheard=self.unheard + 1)
-        if advice.mode == Regime.NONE:
-            return replace(self, withdrawn=self.withdrawn + 1)
-        above = advice.advised_speed_mps > advice.limit_mps + 1e-6
-        return replace(self, advised=self.advised + 1, above_limit=self.above_limit + int(above))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
     """A finished run: the state at each tick, the calls at stops, counts, stability and instructions of the advice, and
@@ -125,13 +107,6 @@ class Run:
     decisions: tuple[DriverEvent, ...] = ()
 
 
-class OnDisplay(NamedTuple):
-    """What is on the driver's display; without advice (None), why there is none, by its number on the bus."""
-
-    view: AdviceView | None = None
-    cause: int = 0
-
-
 class World:
     """The run of one day; `run` drives it to its end. `screen` is how the display shows advice (None: all, at once)."""
 
@@ -146,7 +121,8 @@ class World:
         self.day, self.driver, self.presentation, self.link = day, driver, presentation, link
         self._around = Surroundings(day)
         self._events: list[str] = []
-        self._shown = OnDisplay()
+        self._shown: tuple[AdviceView | None, int] = (None, 0)
+        """What is on the display; without advice (None), why there is none, by its number on the bus."""
         self._command: Command = COAST
         self._counts, self._shown_watch, self._instruction_watch = Counts(), ShownWatch(), InstructionWatch()
         self._told = 0
@@ -186,7 +162,6 @@ class World:
         )
 
     def _second(self, tick: int, state: PlantState) -> PlantState:
-        """Simulate one second: the advice of this tick, then the driver's looks."""
         around, now_ns = self._around, self.day.service.moment_ns(state.time_s)
         self._events += around.news.update(state)
         answered = self._advise(tick, now_ns, state)
@@ -214,7 +189,6 @@ class World:
         return COAST if self.day.service.scenario.early_departure is EarlyDeparture.WITHHELD else command
 
     def _decided(self) -> tuple[DriverEvent, ...]:
-        """What the driver did or decided since the last call."""
         told, kept = self._told, kept_by(self.driver)
         self._told = len(kept)
         return tuple(kept[told:])
@@ -247,10 +221,10 @@ class World:
         around, paper = self._around, self._paper
         if paper is None and advice is None:
             return
-        shown, view = advice if paper is None else paper.look(state, around.calls, now_ns), None
+        shown, view = advice, None if paper is None else paper.look(state, around.calls, now_ns)
         if shown is not None and self._simpler is not None:
             shown = self._simpler.look(shown, around.calls.section, around.news.told)
-        if shown is not None:
+        if shown is not None and paper is None:
             view = present(
                 shown,
                 self.presentation,
@@ -258,24 +232,33 @@ class World:
                 deviation_s=around.compared_s(state),
             )
         on_screen = self._screen.show(view, state.time_s, stands=state.speed_mps <= 0)
-        self._shown = OnDisplay(on_screen, int(advice.cause) if view is None and advice is not None else 0)
+        self._shown = on_screen, int(advice.cause) if view is None and advice is not None else 0
 
 
 TRAIN = "train"
 """Name of the train whose advice is computed within the process."""
 
 
-class InProcess:
-    """The link to an on-board system in this process, which receives what the bus would carry; nothing is recorded."""
+Recorded = Callable[[int, Told], Iterable[tuple[Topic, Any]]]
+"""What is only recorded of a tick, as messages; called with its time (ns since 1970)."""
 
-    def __init__(self, service: Service, *, guide: bool = False) -> None:
-        self._service, self._guide = service, guide
+
+class InProcess:
+    """The link to an on-board system in this process, which receives what the bus would carry.
+
+    With `recorded`, `messages` has by topic what a recorder would write; else nothing is kept.
+    """
+
+    def __init__(self, service: Service, *, guide: bool = False, recorded: Recorded | None = None) -> None:
+        self._service, self._guide, self._recorded = service, guide, recorded
         self._kept: dict[Kind, Heard] = {}
         self._judged_ns = 0
-        self.said: list[Output] = []
-        """The on-board system's other outputs at the last tick."""
+        self.messages: dict[str, list[Stamped]] = {}
         self.restart()
-        self._hear(service.journey(TRAIN, service.moment_ns(-BEFORE_S)))
+        began_ns = service.moment_ns(-BEFORE_S)
+        journey = service.journey(TRAIN, began_ns)
+        self._hear(journey)
+        self.keep(*codec.encode_input(journey), began_ns)
 
     def restart(self) -> None:
         """Start a new on-board system that receives only what the bus keeps: journey, restrictions, targets."""
@@ -284,7 +267,6 @@ class InProcess:
             route=service.route,
             vehicle=service.vehicle,
             level=service.level,
-            point_mass=service.scenario.point_mass,
             braking=service.scenario.braking,
         )
         trains = Trains(service.vehicle, service.vehicle)
@@ -300,8 +282,13 @@ class InProcess:
         """The advice for a tick."""
         for heard in tick.told:
             self._hear(heard)
-        *self.said, advice = self.cab.tick(tick.now_ns)
+        outputs = self.cab.tick(tick.now_ns)
         self._judged_ns = tick.now_ns
+        if self._recorded is not None:
+            sent = [*map(codec.encode_input, tick.told), *(codec.encode_output(one, tick.number) for one in outputs)]
+            for topic, message in sent:
+                self.keep(topic, message, tick.now_ns)
+        advice = outputs[-1]
         assert isinstance(advice, Advice)
         return advice
 
@@ -309,7 +296,13 @@ class InProcess:
         """Return None: `exchange` has returned all advice."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Nothing is recorded in this process."""
+        """Keep what the on-board system does not receive, if anything is kept."""
+        for topic, message in () if self._recorded is None else self._recorded(now_ns, told):
+            self.keep(topic, message, now_ns)
+
+    def keep(self, topic: Topic, message: Any, now_ns: int) -> None:
+        """Keep a message that was sent at a time (ns since 1970)."""
+        self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
 
     def _hear(self, heard: Heard) -> None:
         if heard.kind in STATES:

@@ -27,7 +27,8 @@ from sim.drive.figures import DriveFigures
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentation
 from sim.recording.course import minutes
-from sim.world.loop import Counts, Run
+from sim.world.lockstep import Counts
+from sim.world.loop import Run
 from sim.world.service import Day, Service, true_sections
 
 if TYPE_CHECKING:
@@ -247,7 +248,6 @@ def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:
 
 
 def _parts(balance: EnergyBalance) -> dict[str, float]:
-    """Every term of the balance but the input (kWh), and the shares of what is lost for good."""
     parts = shares(balance)
     return {
         **{f"{name}_kwh": kwh(energy_j) for name, (energy_j, _) in parts.items()},
@@ -355,7 +355,6 @@ def _stops(result: DayResult) -> Table:
 
 
 def _rows(result: DayResult) -> list[tuple[str, str]]:
-    """Rows of energies, where they went, the advice and the messages."""
     found, energies = result.outcome, result.outcome.energies
     braking, own_j = "this driver" if result.driver is DriverKind.HUMAN else "advised", energies.own_braking_j
     rows = [
@@ -379,7 +378,6 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
 
 
 def _balance_rows(found: DayOutcome) -> list[tuple[str, str]]:
-    """The energy with that at stops, the parts that sum to it, and the comfort systems beside it."""
     parts = found.balance.parts.items()
     return [
         ("  at stops on the way", kwh_words(found.energies.at_stops_j, signed=True)),
@@ -390,7 +388,6 @@ def _balance_rows(found: DayOutcome) -> list[tuple[str, str]]:
 
 
 def _notes(result: DayResult) -> list[str]:
-    """Notes that help to read the figures: what happened, who drove, what was violated."""
     found, violations = result.outcome, result.outcome.figures.violations
     notes = [f"disturbances: {result.happens}"]
     human = result.drawn["human"] if result.driver is DriverKind.HUMAN else {}

@@ -204,15 +204,13 @@ class HumanRange:
 
     given: Mapping[str, Drawn]
 
-    def draw(self, seed: int) -> tuple[HumanParameters, dict[str, float]]:
-        """The driver of a seed, and the drawn values of the given parameters."""
+    def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
+        """The parameters of the participant, or of the seed's driver if there is none, and the values behind them."""
+        if who is not None:
+            return self.participant(who, source)
         random = np.random.default_rng([seed, HUMAN_STREAM])
         drawn = {name: figure.draw(random) for name, figure in self.given.items()}
         return _driver(drawn), drawn
-
-    def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of the participant, or of the seed's driver if there is none, and the values behind them."""
-        return self.draw(seed) if who is None else self.participant(who, source)
 
     def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
         """The parameters of a participant, and the values behind them.
@@ -266,7 +264,7 @@ _ID = re.compile(r"\w[\w.-]{0,63}")
 """The form of an id, which becomes part of file names."""
 
 KEYS = (
-    *("id", "title", "description", "route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from", "to"),
+    *("id", "title", "description", "route", "vehicle", "load", "loss_map", "reverse", "from", "to"),
     *("calls", "journey"),
 )
 """The keys of the table `[scenario]`."""
@@ -332,9 +330,9 @@ class Scenario:
 
     Sections take the times of `running_s` or, if that is None, the least time of the train braked in service and a
     buffer on top of it. `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map`
-    is the file of the losses (L3) with which the advice is planned in place of the vehicle's own; `point_mass` plans a
-    train of no length. `journey` gives stops, dwells, passings and times; its clock shows 0 at midnight before the
-    departure. `early_departure` says what happens when a driver sets traction before the train may depart.
+    is the file of the losses (L3) with which the advice is planned in place of the vehicle's own. `journey` gives
+    stops, dwells, passings and times; its clock shows 0 at midnight before the departure. `early_departure` says what
+    happens when a driver sets traction before the train may depart.
     """
 
     id: str
@@ -358,7 +356,6 @@ class Scenario:
     disturbances: tuple[PlannedDisturbance, ...]
     calls: tuple[str, ...] | None = None
     loss_map: Path | None = None
-    point_mass: bool = False
     journey: str | None = None
     early_departure: EarlyDeparture = EarlyDeparture.WITHHELD
 
@@ -428,7 +425,6 @@ def scenario_of(fields: Fields) -> Scenario:
         disturbances=_disturbances(fields),
         calls=_calls(main),
         loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,
-        point_mass=main.flag("point_mass", False),
         journey=beside(path.parent, main.text("journey")) if main.has("journey") else None,
         early_departure=timetable.choice("early_departure", EarlyDeparture, EarlyDeparture.WITHHELD),
     )

@@ -6,21 +6,18 @@ The service is the same for every seed; the day has what happens on it, and the 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
-
-import numpy as np
 
 from das.advice.advice import Timetable
 from das.cab.heard import JourneyHeard, OrderedStop
 from das.cab.preparation import Fronts
 from das.domain.braking import USUAL, ServiceBraking
 from das.domain.conditions import Conditions
-from das.domain.errors import DasError, InputError, RunawayError
+from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_journey, load_route, load_vehicle, locate_journey
 from das.domain.files.vehicles import read_loss_map
 from das.domain.journey import Journey
@@ -30,7 +27,7 @@ from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
 from das.offline.journey import JourneyPlanner
 from das.solver.front import Front
-from das.solver.section import Section, SectionOptions, build_section, with_braking
+from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drive.calls import DuePassing
@@ -51,7 +48,7 @@ TIMETABLE_STEP_S = 6.0
 LATEST_TIME_S = 10 * 86_400.0
 """Latest time (s) on a journey's clock in a simulated day."""
 PLANNED = (
-    *("route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from_stop", "to_stop", "calls"),
+    *("route", "vehicle", "load", "loss_map", "reverse", "from_stop", "to_stop", "calls"),
     *("departure_ns", "buffer_ratio", "running_s", "dwell_s", "journey"),
 )
 """The fields of a scenario that decide its service."""
@@ -142,11 +139,8 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
     Raises DasError for anything unusable, InfeasibleError if the train cannot run.
     """
     route, vehicle, stops = lay_out(scenario, level=level)
-    options = SectionOptions(point_mass=scenario.point_mass)
     fronts = tuple(
-        solve_front(
-            build_section(route, vehicle, level=level, start_m=a.position_m, end_m=b.position_m, options=options)
-        )
+        solve_front(build_section(route, vehicle, level=level, start_m=a.position_m, end_m=b.position_m))
         for a, b in pairwise(stops)
     )
     journey = None if scenario.journey is None else _journey(scenario, route)
@@ -155,7 +149,7 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
         timetables = _timetables(scenario, vehicle, fronts)
     else:
         zero_ns = route.midnight_ns(scenario.departure_ns)
-        timetables = _planned_timetables(journey, zero_ns, route, vehicle, level, point_mass=scenario.point_mass)
+        timetables = _planned_timetables(journey, zero_ns, route, vehicle, level)
         dwells_s = tuple(call.dwell_s for call in journey.calls)
         passings = tuple(DuePassing.of(passing, zero_ns) for passing in journey.passings)
     return Service(
@@ -223,13 +217,11 @@ def scenario_files(scenario: Scenario) -> dict[str, Path]:
 
 
 def _true_files(truth: Truth) -> dict[str, Path]:
-    """The files of the true train that the plan does not use; raises DasError if one is missing."""
     files = {} if truth.vehicle is None else vehicle_files(truth.vehicle)
     return files if truth.loss_map is None else {**files, "loss_map": _there("truth.loss_map", truth.loss_map)}
 
 
 def _there(key: str, path: Path) -> Path:
-    """The file that a scenario names under a key; DasError if there is none."""
     if not path.is_file():
         raise DasError(f"{key} = {str(path)!r}: no such file")
     return path
@@ -300,7 +292,6 @@ def _timetables(scenario: Scenario, vehicle: Vehicle, fronts: Sequence[Front]) -
 
 
 def _least_s(front: Front, braking: ServiceBraking) -> float:
-    """The least running time (s) of a front's section with a service braking."""
     return float(with_braking(front.section, braking).fastest_run.time_to_go_s[0])
 
 
@@ -318,10 +309,10 @@ def _journey(scenario: Scenario, route: Route) -> Journey:
 
 
 def _planned_timetables(
-    journey: Journey, zero_ns: int, route: Route, vehicle: Vehicle, level: Level | None, *, point_mass: bool
+    journey: Journey, zero_ns: int, route: Route, vehicle: Vehicle, level: Level | None
 ) -> tuple[Timetable, ...]:
     """The times of the least-energy plan of a journey, to 0.1 s; InfeasibleError, which names a window, without one."""
-    plan = JourneyPlanner(journey, route, vehicle, level=level, point_mass=point_mass).plan()
+    plan = JourneyPlanner(journey, route, vehicle, level=level).plan()
     return tuple(
         Timetable(
             departure_ns=zero_ns + round(round(section.departure.time_s, 1) / NS),
@@ -404,7 +395,6 @@ def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
 
 
 def _population(participant: Participant | None) -> dict[str, dict[str, str]]:
-    """The id of a participant's population, and the hash of its file; empty without a participant."""
     if participant is None:
         return {}
     population = participant.population
@@ -427,19 +417,11 @@ def _plant(service: Service, conditions: Conditions, disturbances: Sequence[Dist
 
 
 def _held_s(service: Service, disturbances: Sequence[Disturbance]) -> tuple[float, ...]:
-    return tuple(
-        sum(x.delay_s for x in disturbances if isinstance(x, DepartureDelay) and _same(x.stop, stop.name))
-        for stop in service.stops
-    )
-
-
-def _same(name: str, other: str) -> bool:
-    return name.casefold() == other.casefold()
+    delays = [(one.stop.casefold(), one.delay_s) for one in disturbances if isinstance(one, DepartureDelay)]
+    return tuple(sum(delay_s for name, delay_s in delays if name == stop.name.casefold()) for stop in service.stops)
 
 
 AS_PLANNED = Conditions()
-MASS_STEP_RATIO = 0.01
-"""The largest mass that the brakes hold is given in such steps of the mass ratio."""
 
 
 def check_train(
@@ -459,45 +441,24 @@ def true_sections(
     do not hold it on a descent, it stalls, or its losses do not cover what it can do.
     """
     vehicle, level = scenario.truth.train(*planned)
-
-    def sections(mass_ratio: float) -> tuple[Section, ...]:
-        changed = replace(conditions, mass_ratio=mass_ratio)
-        line, train = changed.line(route), changed.train(vehicle)
+    line, train = conditions.line(route), conditions.train(vehicle)
+    try:
         return tuple(
             build_section(line, train, level=level, start_m=a.position_m, end_m=b.position_m)
             for a, b in pairwise(stops)
         )
-
-    try:
-        return sections(conditions.mass_ratio)
     except DasError as error:
-        most = _most_mass(sections, conditions.mass_ratio) if isinstance(error, RunawayError) else ""
-        changed = ", ".join(_changed(scenario.truth, conditions, most))
+        changed = ", ".join(_changed(scenario.truth, conditions))
         raise DasError(f"{scenario.source}: {changed or 'truth'}: the true train: {error}") from None
 
 
-def _most_mass(sections: Callable[[float], tuple[Section, ...]], mass_ratio: float) -> str:
-    """What is expected of the mass of a train that its brakes do not hold; empty if no smaller mass helps."""
-
-    def too_heavy(ratio: float) -> bool:
-        try:
-            sections(ratio)
-        except DasError:
-            return True
-        return False
-
-    ratios = np.arange(MASS_STEP_RATIO, mass_ratio, MASS_STEP_RATIO)
-    held = bisect_left(ratios, True, key=too_heavy)
-    return f" (expected at most {ratios[held - 1]:.2f})" if held else ""
-
-
-def _changed(truth: Truth, conditions: Conditions, most_mass: str) -> Iterator[str]:
+def _changed(truth: Truth, conditions: Conditions) -> Iterator[str]:
     """What the scenario changes about the train: each key with its value, and between what this is drawn."""
     for name, drawn in truth.conditions.items():
         value = getattr(conditions, name)
         if value != getattr(AS_PLANNED, name):
             ends = "" if drawn.low == drawn.high else f", drawn from {drawn.low:g} to {drawn.high:g}"
-            yield f"truth.{name} = {value:.4g}{ends}{most_mass if name == 'mass_ratio' else ''}"
+            yield f"truth.{name} = {value:.4g}{ends}"
     for name in ("vehicle", "load"):
         if getattr(truth, name) is not None:
             yield f"truth.{name} = {getattr(truth, name)}"

@@ -1,4 +1,4 @@
-"""Displays that show less than the node says: one top speed, or four modes, computed from its message and the line.
+"""Displays that show less than the node says (one top speed, or four modes), and a sheet made before the day.
 
 The top speed is the reduced maximum speed: the one with which a train that brakes gently keeps the timetable. A display
 shows it in whole steps, as a staircase that goes down where braking for a lower speed begins.
@@ -7,6 +7,8 @@ shows it in whole steps, as a staircase that goes down where braking for a lower
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,21 +18,29 @@ from das.advice import kernels
 from das.advice.braking import AT_MARK_M, BEGINS_MPS
 from das.advice.goal import AT_STOP_M, COASTS_IN_S, LONGEST_RATIO, OVERSPEED_MPS, TrainState
 from das.advice.planner import BRAKED_EARLY_S, PlanBasis, Planner
-from das.advice.regimes import Regime
+from das.advice.regimes import TRACTION, InstructionKind, Regime, departure_regime
 from das.advice.shown import steady_step, step_below
 from das.cab.heard import judged
 from das.cab.leg import AHEAD_DEVIATIONS
 from das.cab.situation import Situation
+from das.domain.braking import ServiceBraking
 from das.domain.errors import DasError
+from das.domain.journey import Window
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
+from das.solver.front import Front
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope
 from das.solver.kernels.forces import largest_gain, mean_resistance, on_supply
 from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
-from das.solver.section import Section
+from das.solver.section import Section, with_braking
+from precompute.sheet import SectionSheet, SheetLine, section_sheet
+from sim.drivers.cab import AdviceView, Efforts
+from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import FOUR_MODES, SimplerLook
-from sim.world.service import Service
+from sim.plant.kernels import PlantState
+from sim.world.service import Day, Service
+from sim.world.surroundings import Calls
 
 EASY_BRAKING_MPS2: Final = 0.5
 """The deceleration of comfortable service braking (assumption)."""
@@ -251,7 +261,6 @@ class SimplerDisplay:
         return self._reduced.shown_mps(max(advice.s_m, self.section.start_m), advice.speed_mps, now_ns, arrival_ns)
 
     def _four(self, advice: Any, mode: Regime, after: Regime) -> tuple[Regime, Regime, float]:
-        """What a display of four modes shows: the mode now and the next one, both replaced if they are not safe."""
         section, planner = self.section, self._planner
         s_m, advised_mps = max(advice.s_m, section.start_m), advice.advised_speed_mps
         planned_m = 0.0 if section.braking is None else section.braking.deviation_m
@@ -293,7 +302,6 @@ class SimplerDisplays:
             route=service.route,
             vehicle=service.vehicle,
             level=service.level,
-            point_mass=service.scenario.point_mass,
             restrictions=tuple(judged(one) for one in told),
             braking=service.scenario.braking,
         )
@@ -388,3 +396,103 @@ def brakes_late(planner: Planner, state: TrainState, v_mps: float, within_s: flo
     section, from_m = planner.section, state.braked_m
     lowest_w = kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, planner.allowed_w)
     return math.sqrt(lowest_w) < min(v_mps, planner.allowed_mps(state.s_m)) - BEGINS_MPS
+
+
+VALID_S = 3600.0
+"""The driver's view of advice has an end of validity; a sheet, which does not expire, is re-read long before (s)."""
+LEFT_LATE_S = 60.0
+"""Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet says."""
+HELD_UP_MPS = 5.0
+"""Shortfall of the sheet's speed (m/s) above which a driver does not follow its coasting and braking instructions."""
+SHEETS_KEPT = 256
+_MODES = {
+    InstructionKind.HOLD: Regime.CRUISE,
+    InstructionKind.COAST: Regime.COAST,
+    InstructionKind.BRAKE: Regime.REDUCED_BRAKE,
+}
+
+
+class PaperSheet:
+    """The sheet of a day, read at the place of the train."""
+
+    def __init__(self, day: Day) -> None:
+        self._service = day.service
+
+    def look(self, state: PlantState, calls: Calls, now_ns: int) -> AdviceView | None:
+        """What the sheet says in a state; None where the driver drives by himself: late, or held up."""
+        zero_ns = self._service.timetables[0].departure_ns
+        blank = AdviceView(
+            time_s=(now_ns - zero_ns) * NS,
+            valid_until_s=(now_ns + round(VALID_S / NS) - zero_ns) * NS,
+            presentation=Presentation.SHEET,
+            mode=int(Regime.STOP),
+        )
+        if calls.finished:
+            return blank
+        sheet = self._sheet(calls.section)
+        lines = sheet.lines
+        if calls.waits:
+            return replace(
+                blank, mode=int(Regime.DEPART), next_mode=_mode(lines[0]), next_speed_mps=lines[0].speed_mps,
+                next_effort_ratio=lines[0].effort_ratio,
+            )  # fmt: skip
+        due_ns = self._service.timetables[calls.section].departure_ns
+        late_s = calls.departures[-1].time_s - self._service.clock_s(due_ns)
+        number = sum(line.posted_m <= state.s_m for line in lines[1:])
+        if late_s > LEFT_LATE_S or _held_up(sheet, lines[number], state):
+            return None
+        return self._said(blank, lines, number, state)
+
+    def _said(self, blank: AdviceView, lines: tuple[SheetLine, ...], number: int, state: PlantState) -> AdviceView:
+        line, efforts = lines[number], Efforts.at(state.speed_mps, self._service.line.train)
+        braking = line.kind is InstructionKind.BRAKE
+        following = lines[number + 1] if number + 1 < len(lines) else None
+        end_m = self._service.stops[-1].position_m if following is None else following.posted_m
+        way_m = max(end_m - state.s_m, 0.0)
+        said = replace(
+            blank, mode=_mode(line), speed_mps=line.speed_mps, display_speed_mps=line.speed_mps, target_way_m=way_m,
+            lever_ratio=line.effort_ratio if _mode(line) in TRACTION else math.nan,
+            force_n=-efforts.brakes_n if braking else line.effort_ratio * efforts.traction_n,
+        )  # fmt: skip
+        if following is None:
+            return said
+        return replace(
+            said, next_mode=_mode(following), next_speed_mps=following.speed_mps,
+            next_effort_ratio=following.effort_ratio, next_change_s=way_m / max(state.speed_mps, 1.0),
+        )  # fmt: skip
+
+    def _sheet(self, number: int) -> SectionSheet:
+        service = self._service
+        table, front = service.timetables[number], service.fronts[number]
+        braking = service.scenario.braking.of(service.vehicle)
+        point_m, window = _window(service, number)
+        return _made(front, braking, (table.arrival_ns - table.departure_ns) * NS, point_m, window)
+
+
+@lru_cache(maxsize=SHEETS_KEPT)
+def _made(
+    front: Front, braking: ServiceBraking, time_s: float, point_m: float | None, window: Window | None
+) -> SectionSheet:
+    return section_sheet(with_braking(front.section, braking), time_s, point_m, window)
+
+
+def _window(service: Service, number: int) -> tuple[float | None, Window | None]:
+    """The first passing of a section with a window that is enforced, and the window (s from the departure)."""
+    departs_ns = service.timetables[number].departure_ns
+    first_m, last_m = (service.stops[i].position_m for i in (number, number + 1))
+    for due in service.passings:
+        if first_m < due.s_m < last_m and not due.wish and (due.earliest_ns or due.latest_ns):
+            earliest_s = (due.earliest_ns - departs_ns) * NS if due.earliest_ns else -math.inf
+            latest_s = (due.latest_ns - departs_ns) * NS if due.latest_ns else math.inf
+            return due.s_m, Window(earliest_s=earliest_s, latest_s=latest_s)
+    return None, None
+
+
+def _mode(line: SheetLine) -> int:
+    return int(_MODES.get(line.kind, departure_regime(line.effort_ratio)))
+
+
+def _held_up(sheet: SectionSheet, line: SheetLine, state: PlantState) -> bool:
+    """Whether a train is so slow that coasting or braking as the sheet says would stop it before its place."""
+    slows = line.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
+    return slows and state.speed_mps < sheet.speed_at(state.s_m) - HELD_UP_MPS

@@ -87,8 +87,7 @@ class Calls:
         return not self.waits or now_s >= self._ready_s()
 
     def _ready_s(self) -> float:
-        """When the train may depart (s): at the timetable's departure or the end of the dwell, whichever is later, plus
-        the day's delay at this stop."""
+        """When the train may depart (s): timetable or end of the dwell, the later one, plus the delay at this stop."""
         ready_s = self._service.clock_s(self.timetable.departure_ns)
         if self.arrivals:
             ready_s = max(ready_s, self.arrivals[-1].time_s + self._service.dwells_s[self.section])
@@ -367,10 +366,7 @@ class DayNews:
         return self._seen_s.get(signal, math.inf) + signal.clears_after_s
 
     def _traffic(self, state: PlantState) -> list[str]:
-        """Update the targets; a train that keeps to them sees only clear signals.
-
-        Returns a sentence for each new target.
-        """
+        """Update the targets; returns a sentence for each new one. Who keeps to them sees clear signals only."""
         before = self.targets
         due = tuple(
             Target(s_m=x.s_m, earliest_ns=x.earliest_ns, latest_ns=x.latest_ns, reason=f"passing {x.name}")

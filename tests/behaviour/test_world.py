@@ -40,7 +40,7 @@ from das.domain.units import KMH, NS, kwh
 from sim.drive.drive import Drive
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.world.lockstep import Traffic
+from sim.world.lockstep import Counts, Traffic
 from sim.world.loop import InProcess, Tick, World
 from sim.world.scenario import read_scenario
 from sim.world.service import make_day, prepare_service
@@ -355,7 +355,7 @@ def test_bad_input_of_run_is_one_line(folder: Path, arguments: list[str], messag
 
 
 def test_lost_messages_are_counted() -> None:
-    traffic = Traffic(ticks=3)
+    traffic = Traffic(counts=Counts(advised=3))
     traffic.sent.update({"position": 3, "log": 2})
     traffic.recorded.update({"position": 2, "log": 2, "advice": 3, "plan": 1})
     assert traffic.lost == 1

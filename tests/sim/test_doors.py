@@ -24,7 +24,7 @@ import numpy as np
 from das.advice.regimes import Regime
 from das.domain.vehicle import Resistance
 from precompute.vehicle_import.train import ImportedTrain, Mode
-from sim.drivers.examples import Lazy
+from docs.examples.weak_drivers import Lazy
 from sim.drivers.presentations.presenter import LaneState, Presenter, Shown
 
 

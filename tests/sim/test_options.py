@@ -10,8 +10,8 @@ import pytest
 from das.command_line.files import load_route
 from das.domain.errors import DasError
 from das.domain.route import Altitudes
-from sim.cli.first_minute import first_minute
 from sim.cli.options import naming_recorded, new_recording, tell_energy_range
+from sim.cli.trips import first_minute
 
 
 def test_an_interrupt_names_only_recordings_in_which_there_is_something(

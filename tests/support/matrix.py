@@ -18,7 +18,7 @@ import numpy as np
 
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
-from sim.cli.driving import DayAsked
+from sim.cli.run import DayAsked
 from sim.drive.above_optimum import AboveOptimum
 from sim.drive.figures import DriveFigures
 from sim.drivers.cab import AT_STOP_M, CabView, Driver

@@ -25,7 +25,7 @@ KEPT_S = 10.0
 class Wanted:
     """What a reference is made for: the train's state, the time left to the end (s), and a point with its window.
 
-    It arrives earlier by as much of `reserve_s` as costs no more than `GuideFront.dearest`. The `window` counts from now.
+    It arrives earlier by as much of `reserve_s` as costs no more than `GuideFront.dearest`. `window` counts from now.
     `kept` is a reference, with its forecast, to be kept for the next `KEPT_S`; a phase that begins within `shown_s` is
     shown already. `told` is the phase that the train is in.
     """

@@ -86,7 +86,6 @@ class GuidePresenter(Presenter):
 
 
 def _second(change: Any | None) -> dict[str, Any]:
-    """The change after the next, as the display shows it; empty without one."""
     if change is None:
         return {}
     return {
@@ -135,7 +134,6 @@ class GuideFollower:
         return hold(cab, outlook, min(view.next_speed_mps, cab.limit_mps), high_n=most_n)
 
     def _obeyed(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
-        """The command that obeys the advice that is due."""
         v, target = cab.speed_mps, min(view.speed_mps, cab.limit_mps)
         told = asked(view.mode, view.speed_mps, view.lever_ratio, v)
         if told is Asked.COAST:

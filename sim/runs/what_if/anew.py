@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,7 @@ from das.domain.files.reading import Fields
 from das.domain.files.writing import toml_string
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
-from das.domain.units import KMH, NS
+from das.domain.units import NS
 from das.node.command import NodeOptions
 from sim.drive.calls import KeptCall, calls
 from sim.drive.events import place_m
@@ -30,7 +30,8 @@ from sim.drivers.parameters import DEFAULT, Participant, load_population, partic
 from sim.drivers.screen import recorded_screen
 from sim.options import WhatIfKind, typed_command
 from sim.recording.inputs import put, sha256, vehicle_files
-from sim.runs.hearing import HeardAgain, node_given
+from sim.recording.opening import OF, WHAT_IF
+from sim.runs.reproduce import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 from sim.world.disturbances import AnnouncedRestriction, DepartureDelay, as_figures
@@ -104,6 +105,8 @@ def scenario_of_drive(origin: Origin, node: str | None) -> Scenario:
     """
     given = node_given(origin.contents, origin.train, origin.folder, node)
     options = given.options()
+    if options.driven.point_mass:
+        raise DasError(f"{origin.path}: was advised with --point-mass: expected --vehicle with a length of 0")
     tables, path = _tables(origin, options), origin.folder / "scenario" / f"{_id(origin)}.toml"
     put(path, "\n".join(_as_toml(tables)).encode())
     scenario, driven = scenario_of(Fields.of(path, tables)), options.driven
@@ -116,7 +119,6 @@ def _id(origin: Origin) -> str:
 
 
 def _tables(origin: Origin, options: NodeOptions) -> dict[str, Any]:
-    """The tables of the scenario, as its file has them."""
     journey, line, driven = origin.journey, options.line, options.driven
     stops, dwell_s = journey.stops, _dwell_s(journey.stops)
     load = driven.load or journey.vehicle_id.partition("/")[2] or journey.load
@@ -132,7 +134,6 @@ def _tables(origin: Origin, options: NodeOptions) -> dict[str, Any]:
             "vehicle": _bare(driven.vehicle),
             **({"load": load} if load else {}),
             **({"loss_map": driven.loss_map.name} if driven.loss_map else {}),
-            **({"point_mass": True} if driven.point_mass else {}),
             "reverse": journey.reversed,
             "from": stops[0].name,
             "to": stops[-1].name,
@@ -144,7 +145,6 @@ def _tables(origin: Origin, options: NodeOptions) -> dict[str, Any]:
 
 
 def _as_toml(tables: Mapping[str, Any]) -> Iterator[str]:
-    """The lines of a file with these tables."""
     yield "# Made from a recording by das-sim what-if. Its timetable is that of the recorded journey."
     for name, value in tables.items():
         listed = isinstance(value, list)
@@ -163,12 +163,10 @@ def _as_value(value: Any) -> str:
 
 
 def _bare(name: str) -> str:
-    """A name as it is, or the bare name of a file."""
     return Path(name).name if Path(name).suffix else name
 
 
 def _dwell_s(stops: Any) -> float:
-    """The shortest scheduled dwell at a stop on the way (s)."""
     dwells = [(stop.departure_ns - stop.arrival_ns) * NS for stop in stops[1:-1]]
     return max(min(dwells, default=0.0), 0.0)
 
@@ -212,78 +210,56 @@ def _on_the_day(one: AnnouncedRestriction) -> AnnouncedRestriction | None:
     return replace(one, valid_from_s=begins, valid_until_s=ends)
 
 
-TRUE_LEVEL: Final = "what_if_true_level"
-"""The key of the metadata for the loss level of the simulated train, if its advice is planned with another level."""
 BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
 """Braking of human drivers in recordings that are older than the choice of a `FrictionPolicy`."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AgainDay:
-    """A day to be driven anew, and how it is driven."""
-
-    day: Day
-    how: How
-
-
-def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainDay:
-    """The recorded day with the changes of the what-if; raises DasError if it cannot be driven again.
+def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[Day, How]:
+    """The recorded day with the changes of the what-if, and how it is driven; DasError if it cannot be driven again.
 
     For a simulated day, scenario and seed are the recorded ones. For any other drive, the scenario is made from the
     recorded messages, and the driver is a simulated one with seed 0.
     """
-    whole = new.over(Otherwise.of(origin.run))
+    if WHAT_IF in origin.run:
+        raise DasError(f"{origin.path}: is a what-if itself: expected {origin.run.get(OF)}, with all changes at once")
     scenario = attached_scenario(origin) if origin.is_simulated else scenario_of_drive(origin, node)
     how = _how(origin, new)
     driver_versions(how.driver)
     person = _participant(origin, new, how.driver)
     warm_up()
     level, true_level = _levels(origin, new.cab, scenario)
-    scenario = _scenario(scenario, whole.cab, true_level)
+    scenario = _scenario(scenario, new.cab, true_level)
     service = prepare_service(scenario, level=level)
     _check_stops(origin, [stop.name for stop in service.stops])
     day = make_day(service.timed(origin.timetables()), _seed(origin), person)
-    metadata = origin.metadata(WhatIfKind.DRIVEN_ANEW, new, whole)
-    metadata |= {} if true_level is None else {TRUE_LEVEL: str(true_level)}
-    return AgainDay(day=_restricted(day, whole), how=replace(how, metadata=metadata))
+    metadata = origin.metadata(WhatIfKind.DRIVEN_ANEW, new)
+    return _restricted(day, new), replace(how, metadata=metadata)
 
 
-def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
+def drive_again(day: Day, how: How, out: Path, progress: HeardAgain) -> None:
     """Drive the day into a recording, with node and recorder as processes; DasError if it cannot be driven."""
-    day, how = again.day, again.how
     assert not isinstance(how.driver, External)
     drive_day(day, day.driver(how.driver, how.friction), how, out, progress)
 
 
 def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -> Scenario:
-    """The scenario with another train, planning brake or margin to limits; the train keeps the losses `true_level`."""
     if cab.vehicle is not None:
         scenario = replace(scenario, vehicle=cab.vehicle, load=cab.load, loss_map=None)
     elif cab.load is not None:
         scenario = replace(scenario, load=cab.load)
-    braking = scenario.braking
-    if cab.planning_brake is not None:
-        braking = replace(braking, deceleration_mps2=cab.planning_brake)
-    if cab.below_limit is not None:
-        braking = replace(braking, below_limit_mps=cab.below_limit * KMH)
-    truth = scenario.truth if true_level is None else replace(scenario.truth, level=true_level)
-    return replace(scenario, braking=braking, truth=truth)
+    return scenario if true_level is None else replace(scenario, truth=replace(scenario.truth, level=true_level))
 
 
 def _levels(origin: Origin, cab: CabOtherwise, scenario: Scenario) -> tuple[Level | None, Level | None]:
     """The loss level of the advice, and the true train's level if that must differ from the advice's."""
-    recorded = None if cab.vehicle is not None else _level(origin, "level")
-    if cab.level is None or cab.vehicle is not None:
-        return cab.level or recorded, None if cab.vehicle is not None else _level(origin, TRUE_LEVEL)
-    fixed = scenario.truth.level is not None or scenario.truth.loss_map is not None
-    return cab.level, None if fixed else _level(origin, TRUE_LEVEL) or recorded
-
-
-def _level(origin: Origin, key: str) -> Level | None:
-    name = origin.run.get(key) or (origin.journey.level if key == "level" else "")
+    if cab.vehicle is not None:
+        return cab.level, None
+    name = origin.run.get("level") or origin.journey.level
     if name and name not in list(Level):
-        raise DasError(f"{origin.path}: {key} {name!r}: expected one of {', '.join(Level)}")
-    return Level(name) if name else None
+        raise DasError(f"{origin.path}: level {name!r}: expected one of {', '.join(Level)}")
+    recorded = Level(name) if name else None
+    fixed = cab.level is None or scenario.truth.level is not None or scenario.truth.loss_map is not None
+    return cab.level or recorded, None if fixed else recorded
 
 
 def _seed(origin: Origin) -> int:
@@ -351,12 +327,8 @@ def _check_stops(origin: Origin, names: list[str]) -> None:
         raise DasError(f"{origin.path}: its journey calls at {', '.join(recorded)}, the line has {', '.join(names)}")
 
 
-def _restricted(day: Day, whole: Otherwise) -> Day:
+def _restricted(day: Day, new: Otherwise) -> Day:
     """The day with its restrictions and the added ones, which everybody knows from the beginning."""
-    kept = [
-        one for one in day.disturbances if not (whole.without_restrictions and isinstance(one, AnnouncedRestriction))
-    ]
-    added = [
-        AnnouncedRestriction.of(one, day.service.route.length_m, day.service.clock_s) for one in whole.restrictions
-    ]
+    kept = [one for one in day.disturbances if not (new.without_restrictions and isinstance(one, AnnouncedRestriction))]
+    added = [AnnouncedRestriction.of(one, day.service.route.length_m, day.service.clock_s) for one in new.restrictions]
     return with_disturbances(day, [*kept, *added]) if added or len(kept) < len(day.disturbances) else day

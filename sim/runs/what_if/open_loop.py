@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from das import __version__
+from das.advice.regimes import Regime
 from das.bus import codec
 from das.bus.recorder import RecordingFile, message_time_ns
-from das.bus.recording import RecordedMessage
+from das.bus.recording import RecordedMessage, recording_of
 from das.bus.restrictions import encode_restriction
 from das.bus.scanning import UNCHECKED
 from das.bus.topics import JOURNEY, RESTRICTION, STATUS
@@ -18,11 +19,24 @@ from das.cab.cab import warm_up
 from das.cab.heard import RestrictionsHeard
 from das.domain.errors import DasError
 from das.node.process import CabPlan, plan_cab
+from sim.drive.comparison import SAME_ADVICE_MPS
+from sim.drive.events import place_text
+from sim.drive.table import DriveTable
 from sim.options import NodeSaid, WhatIfKind
 from sim.recording.inputs import sha256, vehicle_files
-from sim.recording.opening import NODE_ARGUMENTS, whole_recording
-from sim.runs.hearing import HeardAgain, NodeGiven, Rehearing, by_bus_clock, node_given, of_the_process
-from sim.runs.reproduce import BY_THE_WALL, COMPARED, EXTRACT, without_waiting
+from sim.recording.opening import NODE_ARGUMENTS, open_contents, whole_recording
+from sim.runs.reproduce import (
+    BY_THE_WALL,
+    COMPARED,
+    EXTRACT,
+    HeardAgain,
+    NodeGiven,
+    Rehearing,
+    by_bus_clock,
+    node_given,
+    of_the_process,
+    without_waiting,
+)
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 
@@ -63,19 +77,11 @@ def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, 
 
 
 def _words(words: Sequence[str], new: Otherwise) -> list[str]:
-    """The arguments of a node's command line, with the changes of the what-if."""
     cab, found = new.cab, list(words)
     if cab.vehicle is not None:
         for option in ("--load", "--loss-map"):
             found = _without(found, option)
-    values = {
-        "--vehicle": cab.vehicle,
-        "--load": cab.load,
-        "--level": cab.level,
-        "--planning-brake": cab.planning_brake,
-        "--below-limit": cab.below_limit,
-    }
-    for option, value in values.items():
+    for option, value in (("--vehicle", cab.vehicle), ("--load", cab.load), ("--level", cab.level)):
         if value is not None:
             found = [*_without(found, option), option, str(value)]
     if new.driven.advice is not None:
@@ -85,7 +91,6 @@ def _words(words: Sequence[str], new: Otherwise) -> list[str]:
 
 
 def _without(words: Sequence[str], option: str) -> list[str]:
-    """The arguments of a command line without one option and its value."""
     kept, words = [], list(words)
     while words:
         word = words.pop(0)
@@ -143,8 +148,7 @@ def _describe(file: RecordingFile, origin: Origin, cab: CabOtherwise) -> None:
 
 def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dict[str, str]:
     """The metadata of the run, with the changes of the what-if and the arguments of a node that has these changes."""
-    whole = new.over(Otherwise.of(origin.run))
-    run = {**origin.run, **origin.metadata(WhatIfKind.OPEN_LOOP, new, whole)}
+    run = {**origin.run, **origin.metadata(WhatIfKind.OPEN_LOOP, new)}
     run |= {"version": __version__, NODE_ARGUMENTS: json.dumps(given.typed)}
     if new.cab.level is not None:
         run["level"] = str(new.cab.level)
@@ -155,3 +159,41 @@ def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dic
         if new.cab.level is None:
             run.pop("level", None)
     return run
+
+
+class AdviceApart(NamedTuple):
+    """How the advice of two recordings differs: common moments, those at which it differs, and the first place (m)."""
+
+    moments: int
+    differing: int
+    first_m: float | None
+
+    @property
+    def sentence(self) -> str:
+        """The difference in words."""
+        if self.first_m is None:
+            return "The advice is the same at every moment."
+        where = f"first at {place_text(self.first_m)}"
+        return f"The advice differs at {self.differing} of {self.moments} moments, {where}."
+
+
+def advice_apart(old: Path, new: Path, train: str) -> AdviceApart:
+    """Compare the advice of two recordings of one drive, moment by moment: mode and speed, also those of the guide."""
+    before, after = (_advice(DriveTable.of(recording_of(open_contents(path), train))) for path in (old, new))
+    both = [(one, after[time_ns]) for time_ns, one in sorted(before.items()) if time_ns in after]
+    differing = [
+        s_m
+        for (s_m, modes, speeds), (_, other_modes, others) in both
+        if modes != other_modes or max(abs(a - b) for a, b in zip(speeds, others, strict=True)) > SAME_ADVICE_MPS
+    ]
+    return AdviceApart(len(both), len(differing), differing[0] if differing else None)
+
+
+def _advice(table: DriveTable) -> dict[int, tuple[float, tuple[int, int], tuple[float, float]]]:
+    """Every advice by its time (ns): place (m), and mode and speed (m/s) of the plan and of the guide (0: silent)."""
+    columns = table.of_topic("advice", "s_m", "mode", "advised_speed_mps", "guide")
+    found = {}
+    for time_ns, s_m, mode, speed_mps, guide in zip(*(one.tolist() for one in columns), strict=True):
+        now = (int(Regime.NONE), 0.0) if guide is None else (guide.now.mode, guide.now.speed_mps)
+        found[time_ns] = s_m, (mode, now[0]), (0.0 if mode == Regime.NONE else speed_mps, now[1])
+    return found

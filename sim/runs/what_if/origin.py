@@ -95,12 +95,12 @@ class Origin:
                 way = f"expected on the way, km {first_m / 1000:g} to {last_m / 1000:g}"
                 raise DasError(f"--restriction from km {one.start_m / 1000:g} to {one.end_m / 1000:g}: {way}")
 
-    def metadata(self, kind: WhatIfKind, new: Otherwise, whole: Otherwise) -> dict[str, str]:
-        """The metadata of a what-if of this day; `whole` holds the changes of earlier what-ifs as well."""
+    def metadata(self, kind: WhatIfKind, new: Otherwise) -> dict[str, str]:
+        """The metadata of a what-if of this day."""
         return {
             WHAT_IF: str(kind),
             OF: self.path.name,
             OF_SHA256: sha256(self.path),
             CHANGED: "; ".join(new.described()) or NOTHING,
-            KEPT: whole.kept(),
+            KEPT: new.kept(),
         }

@@ -14,11 +14,11 @@ from das.advice.advice import Advice, Guidance, Instruction
 from das.advice.regimes import Regime
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
+from docs.examples.weak_drivers import Attentive
 from sim.bundled.recorded_driver import RecordedDriver
 from sim.drive.instructions import InstructionWatch
 from sim.drivers.cab import AdviceView, Asked, CabView, Driver, Efforts, asked
 from sim.drivers.drivers import LiteralDriver, PerfectDriver, make_driver
-from sim.drivers.examples import Attentive
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.kernels import FORCE, LEVER, Command, demanded

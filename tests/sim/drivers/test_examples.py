@@ -9,9 +9,9 @@ import pytest
 from das.advice.regimes import Regime
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
+from docs.examples.weak_drivers import Attentive, Belated, Doubting, Lazy, WeakBraking
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.drivers import make_driver
-from sim.drivers.examples import Attentive, Belated, Doubting, Lazy, WeakBraking
 from sim.drivers.kinds import OwnClass, Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.own_class import load_class

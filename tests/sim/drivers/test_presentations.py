@@ -17,7 +17,7 @@ from sim.drivers import presentations
 from sim.drivers.cab import AdviceView
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.drivers.messages import cab_view
+from sim.drivers.messages import recorded_view
 from sim.drivers.presentations.presenter import Shown, presenter_of, shown_presentation
 from sim.experiment.study_files import level_words
 from sim.meanings import DARK
@@ -52,7 +52,7 @@ def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentat
     recording = recorded_day(day, driver, traffic_light)
 
     seen = [entry.message for entry in recording.of(topics.CAB) if entry.message.presentation]
-    views = [view for message in seen if (view := cab_view(message).advice) is not None]
+    views = [view for message in seen if (view := recorded_view(message)) is not None]
     assert len(views) == len(seen) > 100
     assert {message.presentation for message in seen} == {17}
     assert {view.presentation for view in views} == {traffic_light}

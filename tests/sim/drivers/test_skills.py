@@ -9,9 +9,10 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
+from docs.examples.weak_drivers import LOOK_S, Late
 from sim.drivers.cab import CabView
 from sim.drivers.knowledge import LineKnowledge
-from sim.drivers.skills import LOOK_S, Late, NotchedLever, Skills, WanderingError
+from sim.drivers.skills import NotchedLever, Skills, WanderingError
 from sim.plant.plant import Plant, lever
 
 LINE = LineKnowledge(route=load_route("flat-6km"), vehicle=load_vehicle("re460-ic"))
@@ -99,11 +100,6 @@ def test_noise_wanders_by_its_seed_and_spread() -> None:
     assert WanderingError(2, deviation=2.0, correlation_s=5.0).at(0.0) != values[0]
 
 
-def test_what_is_not_late_is_seen_at_once_and_nonsense_is_refused() -> None:
-    now = Late(0.0, "nothing")
-    assert [now.seen(str(look)) for look in range(3)] == ["0", "1", "2"]
-    for late_s in (-1.0, math.nan, math.inf):
-        with pytest.raises(DasError, match="expected a finite time >= 0 s"):
-            Late(late_s, None)
+def test_a_lever_without_notches_is_refused() -> None:
     with pytest.raises(DasError, match=r"NotchedLever: count = 0: expected at least one notch"):
         NotchedLever(0)

@@ -25,8 +25,7 @@ from das.domain.files.load import catalogue
 from sim.cli.recordings import reproduce as reproduce_command
 from sim.cli.trips import bundled_recording
 from sim.options import NodeSaid
-from sim.runs.hearing import Said
-from sim.runs.reproduce import COMPARED, IGNORED, TOLERANCES, Reproduction, compare, reproduce, tolerance
+from sim.runs.reproduce import COMPARED, IGNORED, TOLERANCES, Reproduction, Said, compare, reproduce, tolerance
 from sim.world.scenario import bundled_scenarios
 from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER, REPLAY, names

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,22 +20,20 @@ import pytest
 from das.advice.reason import Reason, ReasonCode
 from das.bus import das_pb2
 from das.bus.recording import read_recording
+from das.bus.restrictions import decode_restriction
 from das.bus.session import endpoint, free_ports
 from das.bus.topics import CAB, CONTROLS, LOG, Topic
 from das.domain.clocks import Clocks
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
-from sim.drive.figures import stability
-from sim.drive.table import DriveTable
 from sim.drivers.cab import AdviceView, CabView
-from sim.drivers.kinds import DESK, EXTERNAL, DriverKind, Presentation
-from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
+from sim.drivers.kinds import DESK, EXTERNAL, Presentation
+from sim.drivers.messages import CabLook, cab_message, command_of, recorded_view
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, force, lever, speed
 from sim.world.driving import DayRun, How, drive_day
 from sim.world.external import DeadMan, ExternalDriver, Patience
 from sim.world.lockstep import Answers
-from sim.world.loop import InProcess, World
 from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import REPOSITORY, das_sim
@@ -109,45 +108,6 @@ def day_of(folder: Path, name: str, seed: int = 3) -> Day:
 def driven(day: Day, place: str, out: Path, shown: Presentation, patience: Patience | None = None) -> DayRun:
     how = How(driver=EXTERNAL, advice=shown, train="T1", command="test", driver_at=place)
     return drive_day(day, ExternalDriver(day, patience=patience), how, out)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    "shown", [pytest.param(Presentation.SPEED_AND_EFFORT, marks=pytest.mark.nightly), Presentation.GUIDE]
-)
-def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
-    folder: Path, tmp_path: Path, shown: Presentation
-) -> None:
-    """On a day with a restriction and a signal; against the same human in this process, without a bus."""
-    day, place = day_of(folder, "eventful.toml"), endpoint(*free_ports(1))
-    here = World(
-        day, day.driver(DriverKind.HUMAN), shown, InProcess(day.service, guide=shown is Presentation.GUIDE)
-    ).run()
-    arguments = (
-        "eventful.toml",
-        "--driver",
-        "human",
-        "--seed",
-        "3",
-        "--train",
-        "T1",
-        "--driver-at",
-        place,
-        "--only-driver",
-    )
-    with process(folder, "-m", "sim.cli", "run", *arguments) as other:
-        run, traffic = driven(day_of(folder, "eventful.toml"), place, tmp_path / "a.mcap", shown)
-        _, said = other.communicate(timeout=60)
-    assert run.states == here.states
-    assert traffic.lost == 0
-    assert other.returncode == 0
-    assert f"looks answered: {5 * (len(run.states) - 1)}" in said
-    recording = read_recording(tmp_path / "a.mcap")
-    looks = [entry.message.look for entry in recording.of(CAB)]
-    assert looks == list(range(1, len(looks) + 1))
-    assert asdict(stability(DriveTable.of(recording))) == pytest.approx(
-        asdict(run.stability), nan_ok=True
-    )  # of one look a second
 
 
 @pytest.mark.nightly
@@ -356,24 +316,39 @@ ADVICE = AdviceView(
 
 @pytest.mark.parametrize("advice", [None, ADVICE])
 @pytest.mark.parametrize("signal_m", [float("inf"), 1234.5])
-def test_a_cab_comes_back_from_the_bus_as_it_was_sent(folder: Path, advice: AdviceView | None, signal_m: float) -> None:
+def test_a_cab_is_on_the_bus_as_the_driver_sees_it(folder: Path, advice: AdviceView | None, signal_m: float) -> None:
     line = day_of(folder, "flat.toml").service.line
     cab = CabView(
         0.1 + 0.2, 1 / 3, 2 / 3, 38.8, 6000.0, -0.1, 234.5, False, signal_m, (Restriction(1.1, 2.2, 3.3),), advice,
         7, 1.25, 0.004, 1e4 / 3, -2.0,
     )  # fmt: skip
-    sent = cab_message(CabLook(1, cab, COAST, 5), line)
-    assert cab_view(das_pb2.Cab.FromString(sent.SerializeToString())) == cab
+    sent = das_pb2.Cab.FromString(cab_message(CabLook(1, cab, COAST, 5), line).SerializeToString())
+    assert recorded_view(sent) == advice
+    same = [name for name in CabView._fields if name not in ("time_s", "signal_m", "restrictions", "advice")]
+    assert {name: getattr(sent, name) for name in same} == {name: getattr(cab, name) for name in same}
+    assert sent.clock_s == cab.time_s
+    assert sent.signal_m == signal_m if math.isfinite(signal_m) else math.isnan(sent.signal_m)
+    assert [decode_restriction(one, Restriction) for one in sent.restrictions] == list(cab.restrictions)
+
+
+HELD = das_pb2.Controls.HeldSpeed
 
 
 @pytest.mark.parametrize(
-    "command",
-    [lever(0.1 + 0.2, friction_ratio=0.3), force(-1e5 / 3, friction_ratio=1.0), COAST, speed(10 / 3),
-     speed(0.0, rate_mps2=-0.1, force_n=7.0, gain_per_s=0.0, low_n=-5.0, high_n=0.0)],
-)  # fmt: skip
-def test_a_command_comes_back_from_the_bus_as_it_was_sent(command: tuple[float, ...]) -> None:
-    sent = controls_message(5, command)  # type: ignore[arg-type]
-    assert command_of(das_pb2.Controls.FromString(sent.SerializeToString()), 0.0) == command
+    ("said", "command"),
+    [
+        (das_pb2.Controls(lever_ratio=0.1 + 0.2, friction_ratio=0.3), lever(0.1 + 0.2, friction_ratio=0.3)),
+        (das_pb2.Controls(force_n=-1e5 / 3, friction_ratio=1.0), force(-1e5 / 3, friction_ratio=1.0)),
+        (das_pb2.Controls(force_n=0.0), COAST),
+        (das_pb2.Controls(held_speed=HELD(speed_mps=10 / 3)), speed(10 / 3)),
+        (
+            das_pb2.Controls(held_speed=HELD(speed_mps=0, rate_mps2=-0.1, force_n=7, gain_per_s=0, low_n=-5, high_n=0)),
+            speed(0.0, rate_mps2=-0.1, force_n=7.0, gain_per_s=0.0, low_n=-5.0, high_n=0.0),
+        ),
+    ],
+)
+def test_controls_are_the_command_that_they_say(said: das_pb2.Controls, command: Command) -> None:
+    assert command_of(das_pb2.Controls.FromString(said.SerializeToString()), 0.0) == command
 
 
 @pytest.mark.parametrize(

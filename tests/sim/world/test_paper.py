@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
 import pytest
 
 from das.advice.regimes import Regime
+from sim.drivers.cab import AdviceView
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.drivers.presentations.presenter import Shown, present, presenter_of
-from sim.drivers.presentations.sheet import SheetLook
+from sim.drivers.presentations.presenter import Shown, presenter_of
 from sim.world.loop import InProcess, Run, World
-from sim.world.paper import LATE_S, PaperSheet
+from sim.world.simpler import LEFT_LATE_S, PaperSheet
 from sim.world.surroundings import Calls
 from tests.support.flat_days import flat_day
 
@@ -53,7 +53,7 @@ def test_what_is_read_changes_with_the_place_alone() -> None:
     assert modes[0] in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
     assert changes[-1] == Regime.REDUCED_BRAKE
     assert len(changes) <= 5
-    assert all(look.way_m > 0 for look in seen.values())
+    assert all(look.target_way_m > 0 for look in seen.values())
     later = sheet.look(day.plant.at(3000.0, 40.0, time_s=500.0), calls, 0)
     assert later == seen[3000]
 
@@ -61,7 +61,7 @@ def test_what_is_read_changes_with_the_place_alone() -> None:
 def test_a_driver_who_leaves_late_or_is_held_up_puts_the_sheet_aside() -> None:
     day = flat_day()
     sheet, calls = PaperSheet(day), Calls(day)
-    late = day.plant.at(0.0, time_s=LATE_S + 1.0)
+    late = day.plant.at(0.0, time_s=LEFT_LATE_S + 1.0)
     calls.take(late, late._replace(speed_mps=0.5))
     assert sheet.look(day.plant.at(1000.0, 20.0, time_s=200.0), calls, 0) is None
     on_time = Calls(day)
@@ -76,18 +76,16 @@ def test_a_driver_who_leaves_late_or_is_held_up_puts_the_sheet_aside() -> None:
     assert sheet.look(day.plant.at(float(braking), 3.0, time_s=1.0), on_time, 0) is None
 
 
-def test_advice_of_the_node_is_not_on_paper() -> None:
-    look = SheetLook(0, 10**9, int(Regime.COAST), speed_mps=20.0, next_mode=int(Regime.REDUCED_BRAKE))
-    view = present(look, Presentation.SHEET)
-    assert view is not None
+def test_a_line_of_the_sheet_is_read_like_a_card_without_an_effort_to_brake() -> None:
+    view = AdviceView(
+        time_s=0.0, valid_until_s=1.0, presentation=Presentation.SHEET, mode=Regime.COAST, speed_mps=20.0,
+        next_mode=Regime.REDUCED_BRAKE,
+    )  # fmt: skip
     assert Shown.of(view) == Shown(mode=Regime.COAST, speed_kmh=72, effort=None)
     presenter = presenter_of(Presentation.SHEET)
     assert presenter.headline(view) == "coast until 72 km/h"
     assert not presenter.needs_guide
-    traction = present(look._replace(mode=int(Regime.FULL_TRACTION), effort_ratio=0.6), Presentation.SHEET)
-    assert traction is not None
-    assert Shown.of(traction).effort == 3
-    assert math.isnan(view.lever_ratio)
+    assert Shown.of(replace(view, mode=Regime.FULL_TRACTION, lever_ratio=0.6)).effort == 3
 
 
 def test_the_sheet_is_read_while_the_bus_is_down() -> None:

@@ -1,4 +1,4 @@
-"""Four drivers with one weakness each, as examples of own drivers: `das-sim run … --driver sim.drivers.examples:Lazy`.
+"""Four drivers with one weakness each: `das-sim run … --driver docs.examples.weak_drivers:Lazy`.
 
 They share no code with the bundled human driver. `Attentive` has no weakness; the others change the advice that is
 perceived (`heeded`) or the setting that results (`set`). Their savings by advice: docs/explanation/guide-figures.md.
@@ -7,12 +7,14 @@ perceived (`heeded`) or the setting that results (`set`). Their savings by advic
 from __future__ import annotations
 
 import math
+from collections import deque
 from random import Random
+from typing import Generic, TypeVar
 
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.presentations.presenter import presenter_of
-from sim.drivers.skills import Late, NotchedLever, Skills
+from sim.drivers.skills import NotchedLever, Skills
 from sim.plant.kernels import Command
 from sim.plant.plant import lever
 
@@ -20,6 +22,22 @@ BY_EYE_M = 100.0
 """Distance (m) before a stop from which the drivers here drive by eye."""
 LATE_S = 3.0
 """Delay (s) of `Belated`."""
+LOOK_S = 0.2
+"""Interval (s) between two settings of a driver."""
+_Seen = TypeVar("_Seen")
+
+
+class Late(Generic[_Seen]):
+    """A delay line: `seen` receives the view at each look, and returns the delayed one."""
+
+    def __init__(self, late_s: float, before: _Seen) -> None:
+        looks = round(late_s / LOOK_S)
+        self._seen: deque[_Seen] = deque([before] * looks, looks + 1)
+
+    def seen(self, now: _Seen) -> _Seen:
+        """The view of that time ago."""
+        self._seen.append(now)
+        return self._seen[0]
 
 
 class Attentive:
