@@ -18,8 +18,19 @@ from das.domain.route import Floats
 from das.domain.units import NS
 from sim.recording.course import stretches_of, utc
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.settings import LEAST_KEPT_RATIO, MAX_BACKWARD_M, STALL_HALF_WINDOW_S, STRAY_WEIGHT, WRONG_SPEED_MPS
 
+MAX_BACKWARD_M: Final = 30.0
+"""Length (m) up to which steps back are noise; longer ones mean that the train turned, or are jumps if it drives on."""
+STRAY_WEIGHT: Final = 3.0
+"""Cost of each point left out between two points that only just fit each other. Without it, the chain of positions
+could change to a wrong part of the record and back, as if the train braked and accelerated as hard as it can."""
+LEAST_KEPT_RATIO: Final = 0.5
+"""Share of a record's points that must fit together, or of the section that they must cover."""
+STALL_HALF_WINDOW_S: Final = 15.0
+"""Time (s) within which the positions of a receiver that stalled have caught up again."""
+WRONG_SPEED_MPS: Final = 4.0
+"""Difference (m/s) from that of the positions above which, and above `WRONG_SPEED_RATIO`, a reported speed is wrong; a
+delay of 3 s at 1 m/s² explains less."""
 JUMP_M: Final = 50.0
 """Distance (m) from the place that its neighbours give beyond which a position is a jump, if no change of speed
 explains it."""

@@ -25,8 +25,7 @@ from sim.review.report.sentences import (
     ran,
     where_time_went,
 )
-from sim.trips.estimate import BRAKING, MASS, RESISTANCE
-from sim.trips.settings import ESTIMATE_FOREIGN_RATIO
+from sim.trips.estimate import BRAKING, ESTIMATE_FOREIGN_RATIO, MASS, RESISTANCE
 
 NOT_KNOWN: Final = "not known"
 NUMBERS: Final = "The numbers mark the findings: the place of each, or the place where its cause lost most."

@@ -14,7 +14,7 @@ from das.domain.errors import DasError
 from das.domain.route import Floats, Route, Stop
 from sim.options import TripOptions
 from sim.trips.cleaning import FindingKind
-from sim.trips.points import slowed_to
+from sim.trips.matching import slowed_to
 from sim.trips.record import read_trip
 from sim.trips.report import describe, write_cleaned
 from sim.trips.trip import Trip, load_trip
