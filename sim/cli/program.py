@@ -146,6 +146,7 @@ GONE: Final = {
     "make-scenario": "das-sim example SCENARIO.toml --route ROUTE --vehicle VEHICLE",
     "make-trip": "das-sim run SCENARIO --advice none, whose recording is a recorded trip for replay and trip",
     "recover": "das-sim check RECORDING --save NEW.mcap",
+    "--strict": "what was cleaned is in the table, and under cleaning with --json",
     "--plot": "das-sim report RECORDING -o report.html draws a drive; replay a trip first",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
 }

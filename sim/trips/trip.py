@@ -101,7 +101,7 @@ def load_trip(path: Path, reading: Reading, route: Route, said: TripOptions) -> 
     against the stated direction is turned round if no stops are named. Raises DasError or InputError for anything
     unusable.
     """
-    log = FindingLog(strict=said.strict, read=len(reading.record))
+    log = FindingLog(read=len(reading.record))
     record = in_order(reading.record, log)
     driven, reverse, line = _direction(record, route, said, log)
     start, end = section_stops(driven, said.from_stop, said.to_stop)

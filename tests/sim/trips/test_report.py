@@ -181,7 +181,6 @@ def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> N
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "itself": ({"out": "trip.csv"}, "the output file is also an input"),
     "nowhere": ({"out": "no/x.csv"}, "no such folder"),
-    "strict": ({"strict": True}, "line 43: time given twice"),
     "stops": ({"from_stop": "nowhere"}, "no stop 'nowhere'"),
     "no route": ({"route": None}, "a trip without a journey needs --route"),
     "a train that is none": ({"vehicle": "none"}, "not a bundled vehicle"),
