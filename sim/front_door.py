@@ -264,7 +264,7 @@ class StudyTables(Summary):
 
     def facts(self) -> dict[str, str]:
         """The folder, the number of trials, and the finding of each planned comparison."""
-        from sim.experiment.analysis.words import in_short
+        from sim.experiment.analysis.page import in_short
 
         study = self.findings.study
         told = {"folder": str(study.folder), "trials": str(len(study.trials)), "failed": str(len(study.failed))}
@@ -309,11 +309,10 @@ def run_experiment(design: str | Path, folder: str | Path, *, workers: int | Non
         das.to_pandas(study.differences())
     """
     try:
-        from sim.experiment.analysis.comparing import analyse_study
+        from sim.experiment.analysis.comparing import analyse_study, read_study
     except ImportError as error:
         raise DasError(f"an analysis needs {error.name}: pip install '.[experiment]' in the checkout") from None
     from precompute.workers import Workers
-    from sim.experiment.analysis.reading import read_study
     from sim.experiment.checking import checked_in
     from sim.experiment.design import load_design
     from sim.experiment.study_files import FAILED_TABLE

@@ -27,7 +27,6 @@ from das.command_line.options import (
     LossMapOption,
     RecordedRouteOption,
     RecordedVehicleOption,
-    StrictOption,
     TablesOption,
     ToOption,
     TrainOption,
@@ -123,8 +122,7 @@ class TripOptions:
     """The options of a trip besides its file; None means the value in the recording, or else the default.
 
     Without `reverse`, the direction of the trip is not given. Without stops, the trip runs from the route's first stop
-    to its last. `posts` is a file of kilometre posts. `strict` refuses a trip if points would have to be dropped, or if
-    it would have to be turned round.
+    to its last. `posts` is a file of kilometre posts.
     """
 
     route: RecordedRouteOption = None
@@ -133,7 +131,6 @@ class TripOptions:
     posts: PostsOption = None
     from_stop: FromOption = None
     to_stop: ToOption = None
-    strict: StrictOption = False
     level: LevelOption = None
     loss_map: LossMapOption = None
     of_train: OfTrainOption = None

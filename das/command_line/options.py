@@ -71,12 +71,6 @@ ModeOption = Annotated[
     typer.Option("--mode", metavar="NAME", help="Mode named in the vehicle's file [default: its default_mode]."),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
-StrictOption = Annotated[
-    bool,
-    typer.Option(
-        "--strict", help="Reject a trip if points would have to be dropped, or its order or direction reversed."
-    ),
-]
 
 # --- the bus ------------------------------------------------------------------------------------------------------
 

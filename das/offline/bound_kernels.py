@@ -388,8 +388,6 @@ def local_values(k, run: RelaxedRun, z):
     z[2], z[3], z[4] = run.local[k, 0], run.local[k, 1], run.local[k, 2]
 
 
-Floats = NDArray[np.float64]
-
 _TO_BOUNDARY = 0.99
 """Share of the way to the nearest bound that a step takes."""
 _LEAST_SLACK = 0.01

@@ -291,9 +291,6 @@ class Timeline:
         return f"{event.what} ({event.window.held_at(time_s, tol.TIME_TOLERANCE_S)} {clock(time_s)})"
 
 
-Floats = NDArray[np.float64]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimedStretch:
     """A stretch and its time."""

@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from sim.experiment.analysis.comparing import ALL_PATTERNS, probabilities, signs_of
-from sim.experiment.analysis.reading import Floats
+from sim.experiment.analysis.comparing import ALL_PATTERNS, Floats, probabilities, signs_of
 
 ALPHA: Final = 0.05
 SIZES: Final = (8, 12, 24)

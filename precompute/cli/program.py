@@ -128,7 +128,7 @@ _OF_SECTION = "--boundary-speed-mps --start-speed-mps --end-speed-mps --step"
 GONE: Final = {
     "catalogue": "das-precompute show",
     "loss-map": "das-precompute show VEHICLE --losses, or das-precompute show MAP.csv",
-    "bench": "python -m docs.studies.bench in a checkout",
+    "bench": "das-precompute solve … --json, which states solve_s",
     "few-switch": "python -m docs.studies.few_switch ROUTE VEHICLE in a checkout",
     "sensitivity": "python -m docs.studies.changed_world ROUTE VEHICLE in a checkout",
     **dict.fromkeys(_OF_VEHICLE.split(), "change it in the vehicle's file"),

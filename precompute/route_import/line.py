@@ -279,8 +279,8 @@ def route_toml(route: Route, remarks: Sequence[str] = ()) -> str:
         lines += _table("receptivity", ("position_km", "receptivity_ratio"), (taken.start_m / KM, taken.value))
     for key, zones in (("neutral_sections", route.neutral_sections), ("no_regeneration", route.no_regeneration)):
         if zones:
-            columns = [(zone.start_m / KM, zone.length_m) for zone in zones]
-            lines += _table(key, ("position_km", "length_m"), tuple(np.array(columns).T))
+            places = [(zone.start_m / KM, zone.length_m) for zone in zones]
+            lines += _table(key, ("position_km", "length_m"), tuple(np.array(places).T))
     if len(route.geometry_position_m):
         place = route.geometry_position_m / KM, route.geometry_latitude_deg, route.geometry_longitude_deg
         lines += _table("geometry", ("position_km", "latitude_deg", "longitude_deg"), place)

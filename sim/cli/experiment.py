@@ -6,6 +6,7 @@ import contextlib
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -55,11 +56,11 @@ def check(
         asked = load_design(design)
     with contextlib.nullcontext() if out is None else made_folder(out):
         found = check_design(asked)
-        if out is not None and not found.refusals:
+        if out is not None and not found.refused:
             freeze(asked, out)
-    print(json.dumps(found.as_dict())) if as_json else print_check(asked, found, out)
-    if found.refusals:
-        raise DasError(f"{asked.source}: {found.refusals[0]}")
+    print(json.dumps(asdict(found))) if as_json else print_check(asked, found, out)
+    if found.refused:
+        raise DasError(f"{asked.source}: {found.refused[0]}")
 
 
 OneOfTwo = Annotated[
@@ -190,10 +191,8 @@ def analyse(
 ) -> None:
     """Analyse a completed study: planned differences with intervals, corrected p, effect sizes, a forest plot."""
     check_packages("experiment", "jinja2", "matplotlib", "scipy")
-    from sim.experiment.analysis.comparing import analyse_study
-    from sim.experiment.analysis.page import as_dict, page
-    from sim.experiment.analysis.reading import read_study
-    from sim.experiment.analysis.words import hangs_on, in_short
+    from sim.experiment.analysis.comparing import analyse_study, read_study
+    from sim.experiment.analysis.page import as_dict, hangs_on, in_short, page
     from sim.experiment.design import DESIGN_JSON
     from sim.experiment.study_files import TRIALS_TABLE
 
@@ -225,7 +224,7 @@ def rescore(
     These are the measures that a recording alone gives, among them those of other packages (das-sim list).
     """
     from sim.experiment.measures import MEASURES
-    from sim.experiment.rescore import rescore as written
+    from sim.experiment.study_files import rescore as written
 
     names = measure or [one.name for one in MEASURES.values() if one.of_table is not None]
     count = written(folder, names, out)

@@ -56,7 +56,7 @@ ENTRIES: Final = (
         name="trip",
         where="sim.cli.trips:trip",
         summary="Analyse a recorded trip: cleaning, match with the line, energy.",
-        examples=("das-sim trip trip.csv --route route.toml --vehicle train.toml --posts posts.csv --plot trip.png",),
+        examples=("das-sim trip trip.csv --route route.toml --vehicle train.toml --posts posts.csv",),
     ),
     Entry(
         name="run",
@@ -136,7 +136,7 @@ EXTERNAL: Final = (
 )
 GONE: Final = {
     "batch": "das-sim experiment run --scenario LIST --driver LIST --advice LIST --seeds LIST -o DIR",
-    "sensitivity": "python -m docs.studies.sensitivity in a checkout, or a design with human_ factors",
+    "sensitivity": "das-sim experiment run with a design that has human_ factors",
     "compare": "das-sim report FIRST OTHER…, with --table for the table that --out wrote",
     "drive": EXTERNAL,
     "drivers": "das-sim list drivers",
@@ -147,6 +147,8 @@ GONE: Final = {
     "make-trip": "das-sim run SCENARIO --advice none, whose recording is a recorded trip for replay and trip",
     "recover": "das-sim check RECORDING --save NEW.mcap",
     "--beside": "das-sim report RECORDING OTHER -o page.html compares drives",
+    "--strict": "what was cleaned is in the table, and under cleaning with --json",
+    "--plot": "das-sim report RECORDING -o report.html draws a drive; replay a trip first",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
     "--only-driver": EXTERNAL,
     "--point-mass": "length_m = 0 in the vehicle's file",

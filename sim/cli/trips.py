@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from das.command_line.application import refuse_given
-from das.command_line.files import check_outputs, check_picture
-from das.command_line.options import JsonOption, OutRecordingOption, OverwriteOption, PlotOption
+from das.command_line.files import check_outputs
+from das.command_line.options import JsonOption, OutRecordingOption, OverwriteOption
 from das.command_line.printing import busy, loading_solver, paragraph, progress_bar, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
@@ -37,17 +37,15 @@ def trip(
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Cleaned trip (.csv) to write: one row a point."),
     ] = None,
-    plot: PlotOption = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Analyse a recorded trip: cleaning, match with the line, standstills, energy, train."""
-    check_picture(plot)
     inputs = (file, options.route, options.vehicle, options.posts, options.loss_map)
-    check_outputs(out, plot, inputs=inputs, overwrite=overwrite)
+    check_outputs(out, inputs=inputs, overwrite=overwrite)
     trains = None if vehicles is None else _trains(vehicles, options)
     with busy("reading the trip …") if trains is None else loading_solver():
-        found, report = _look(file, options, trains, out, plot)
+        found, report = _look(file, options, trains, out)
     if as_json:
         print(json.dumps(found))
         return
@@ -58,7 +56,7 @@ def trip(
         from sim.runs.found_trains import print_trains
 
         print_trains(found["trains"])
-    tell_written(out, plot)
+    tell_written(out)
 
 
 def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
@@ -71,11 +69,10 @@ def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
 
 
 def _look(
-    file: Path, options: TripOptions, trains: list[tuple[str, Vehicle]] | None, out: Path | None, plot: Path | None
+    file: Path, options: TripOptions, trains: list[tuple[str, Vehicle]] | None, out: Path | None
 ) -> tuple[dict[str, Any], Any]:
     from sim.runs.replay import stated_parts
-    from sim.trips.estimate import estimate_run
-    from sim.trips.report import describe, draw_trip, write_cleaned
+    from sim.trips.report import describe, write_cleaned
     from sim.trips.trip import open_trip, trip_section
 
     with tempfile.TemporaryDirectory(prefix="das-trip-") as folder:
@@ -93,10 +90,6 @@ def _look(
         found = {**describe(read, section, parts, part), "trains": tried}
         if out is not None:
             write_cleaned(out, read)
-        if plot is not None:
-            run = read.run
-            driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps) if section is not None else None
-            draw_trip(plot, read, driven, section)
     return found, read.matched.report.cleaning
 
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from das.command_line.files import warn_once, warn_unusual
 from das.command_line.printing import busy, new_table, paragraph, print_table, tell, typed
@@ -67,35 +67,21 @@ def _minds_reasons(design: Design, setting: Setting) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class DesignCheck:
-    """What the check of a design found.
+    """What the check of a design found; the fields are the keys of `--json`.
 
-    `person_s` is the time of the busiest participant, breaks included, and `all_s` that of all participants together.
-    `notes` are sentences about balance and order; `refusals` say why the design is refused, if it is.
+    The longest participant is the busiest one, breaks included. `notes` are sentences about balance and order;
+    `refused` says why the design is refused, if it is.
     """
 
-    digest: str
+    hash: str
     trials: int
-    practice: int
+    practice_trials: int
     conditions: int
     participants: int
-    person_s: float
-    all_s: float
+    longest_participant_s: float
+    all_participants_s: float
     notes: tuple[str, ...]
-    refusals: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """The figures, for programs."""
-        return {
-            "hash": self.digest,
-            "trials": self.trials,
-            "practice_trials": self.practice,
-            "conditions": self.conditions,
-            "participants": self.participants,
-            "longest_participant_s": self.person_s,
-            "all_participants_s": self.all_s,
-            "notes": list(self.notes),
-            "refused": list(self.refusals),
-        }
+    refused: tuple[str, ...]
 
 
 def check_design(design: Design) -> DesignCheck:
@@ -107,15 +93,15 @@ def check_design(design: Design) -> DesignCheck:
     with busy("solving the lines …"):
         spans_s = _spans_s(design, trials, _lengths_s(design, trials))
     return DesignCheck(
-        digest=resolved(design)["hash"],
+        hash=resolved(design)["hash"],
         trials=len(trials),
-        practice=sum(trial.practice for trial in trials),
+        practice_trials=sum(trial.practice for trial in trials),
         conditions=len(design.conditions(within=True)) * len(design.conditions(within=False)),
         participants=design.people.count,
-        person_s=max(spans_s),
-        all_s=sum(spans_s),
+        longest_participant_s=max(spans_s),
+        all_participants_s=sum(spans_s),
         notes=(*imbalances(design, trials), *_order_notes(design), *group_notes(design), *pair_notes(design)),
-        refusals=tuple(idle_factors(design)),
+        refused=tuple(idle_factors(design)),
     )
 
 
@@ -198,8 +184,8 @@ def checked_in(design: Design, folder: Path) -> None:
         return
     with made_folder(folder):
         found = check_design(design)
-        if found.refusals:
-            raise DasError(f"{design.source}: {found.refusals[0]}")
+        if found.refused:
+            raise DasError(f"{design.source}: {found.refused[0]}")
         freeze(design, folder)
 
 
@@ -224,23 +210,23 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
     for factor in design.factors:
         table.add_row(factor.name, ", ".join(factor.texts), "all" if factor.within else "one")
     print_table(table)
-    practice = f", {found.practice} of them practice" if found.practice else ""
+    practice = f", {found.practice_trials} of them practice" if found.practice_trials else ""
     each = found.trials / found.participants
     paragraph(
         f"{found.trials} trials{practice}: {found.participants} participants, {each:g} trials each, "
         f"{found.conditions} conditions, order {design.procedure.order}"
     )
     paragraph(
-        f"duration: {found.person_s / MINUTE_S:.0f} min for a participant with breaks, "
-        f"{found.all_s / HOUR_S:.1f} h for all"
+        f"duration: {found.longest_participant_s / MINUTE_S:.0f} min for a participant with breaks, "
+        f"{found.all_participants_s / HOUR_S:.1f} h for all"
     )
     planned = len(design.comparisons)
     planned_words = f"{planned}, alpha {design.alpha:g}, correction {design.correction}" if planned else "none"
     paragraph(f"measures: {len(design.measures)}; planned comparisons: {planned_words}")
     for note in found.notes:
         paragraph(f"note: {note}", hanging="  ")
-    tell(f"hash: {found.digest}")
-    if folder is not None and not found.refusals:
+    tell(f"hash: {found.hash}")
+    if folder is not None and not found.refused:
         tell(f"frozen: {folder}")
 
 

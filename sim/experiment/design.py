@@ -49,8 +49,6 @@ class ConditionOrder(StrEnum):
     WILLIAMS = "williams"
     """Each participant is assigned a row of a Williams square, in which every condition follows every other equally
     often."""
-    FULL = "full"
-    """The participants are assigned all permutations in turn."""
     RANDOM = "random"
     """Each participant has an individual order, drawn with the seed of the design."""
     LISTED = "listed"
@@ -64,8 +62,6 @@ class Days(StrEnum):
     """Every participant has individual days, one for each repetition, and drives each under every condition."""
     COMMON = "common"
     """All participants drive the same days, one for each repetition, each under every condition."""
-    NEW = "new"
-    """Every trial has its own day."""
 
 
 class Chances(StrEnum):

@@ -1,26 +1,33 @@
-"""The files of a study: its table of trials, its recordings, and a README that says what made them."""
+"""The files of a study: table of trials, recordings, README; and measures computed again from the recordings."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
+from pathlib import Path
 from typing import Any, Final
 
 from das import __version__
+from das.command_line.printing import progress_bar
 from das.domain.errors import DasError
+from das.domain.files.reading import read_json, read_text
+from das.domain.files.writing import make_folder, write_whole
 from das.domain.levels import Level
 from precompute.workers import Workers, source_sha256
+from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
-from sim.experiment.design import DESIGN_JSON, DESIGN_TEXT, Design
+from sim.experiment.design import DESIGN_JSON, DESIGN_TEXT, Design, design_sha256, read_frozen
 from sim.experiment.driving import StudyTrial
 from sim.experiment.factors import FACTORS, day_of
 from sim.experiment.measures import MEASURES
 from sim.options import typed_command
+from sim.recording.opening import open_recording
 
 TRIALS_TABLE: Final = "trials.csv"
 """The tidy table (UTF-8, comma, decimal point): one row for each finished trial, sorted by participant and trial order.
@@ -43,34 +50,34 @@ TRIAL_COLUMNS: Final = {
 }
 """The first columns of the table of trials; those of the factors, the seed of the day and the measures follow."""
 
+RESCORED: Final = "rescored from"
+"""Key of the frozen design with the hash of the one whose recordings were read."""
 
-_FRICTION: Final = {
-    FrictionPolicy.AS_MEASURED: "a share of each braking by friction brakes, as measured on real trains, whatever is "
-    "advised",
-    FrictionPolicy.ELECTRIC_FIRST: "friction brakes only where the motors cannot give what is asked",
-    FrictionPolicy.BY_ADVICE: "as measured, but electric first while the driver follows advice on effort",
-}
-_DRIVERS: Final = {
-    DriverKind.PERFECT: "follows advice exactly and at once",
-    DriverKind.LITERAL: "does what the guide's card says and knows nothing else",
-    DriverKind.FAST: "drives as fast as is allowed",
-    DriverKind.TOP_SPEED: "never drives faster than the reduced maximum speed",
-    DriverKind.TIMETABLE: "keeps to the timetable without advice",
-    DriverKind.HUMAN: "a simulated human driver, who looks, reacts, errs and refuses",
-}
-_LEVELS: Final = {
-    Level.L0_NOREG: "no losses, but all braking energy becomes heat",
-    Level.L0_REG: "no losses",
-    Level.L1: "a constant efficiency",
-    Level.L2: "a constant efficiency and an idle loss",
-    Level.L3: "a map of losses over force and speed",
-    Level.OWN: "the losses that the train's file gives",
-}
 _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
-    "loss_level": {str(level): text for level, text in _LEVELS.items()},
-    "friction": {str(level): text for level, text in _FRICTION.items()},
-    "driver": {str(level): text for level, text in _DRIVERS.items()},
+    "loss_level": {
+        Level.L0_NOREG: "no losses, but all braking energy becomes heat",
+        Level.L0_REG: "no losses",
+        Level.L1: "a constant efficiency",
+        Level.L2: "a constant efficiency and an idle loss",
+        Level.L3: "a map of losses over force and speed",
+        Level.OWN: "the losses that the train's file gives",
+    },
+    "friction": {
+        FrictionPolicy.AS_MEASURED: "a share of each braking by friction brakes, as measured on real trains, whatever "
+        "is advised",
+        FrictionPolicy.ELECTRIC_FIRST: "friction brakes only where the motors cannot give what is asked",
+        FrictionPolicy.BY_ADVICE: "as measured, but electric first while the driver follows advice on effort",
+    },
+    "driver": {
+        DriverKind.PERFECT: "follows advice exactly and at once",
+        DriverKind.LITERAL: "does what the guide's card says and knows nothing else",
+        DriverKind.FAST: "drives as fast as is allowed",
+        DriverKind.TOP_SPEED: "never drives faster than the reduced maximum speed",
+        DriverKind.TIMETABLE: "keeps to the timetable without advice",
+        DriverKind.HUMAN: "a simulated human driver, who looks, reacts, errs and refuses",
+    },
 }
+"""Meanings of the levels of factors, where the text of a level does not say it."""
 
 
 def recording_file(trial: StudyTrial) -> str:
@@ -169,3 +176,52 @@ def level_words(factor: str, level: str) -> str:
     if factor == "presentation" and level in list(Presentation):
         return presenter_of(Presentation(level)).meaning
     return _WORDS.get(factor, {}).get(level, "")
+
+
+def rescore(folder: Path, names: Sequence[str], out: Path) -> int:
+    """Write a study's design and table into another folder, with some measures computed from its recordings.
+
+    Only measures that need nothing but a recording can be; those that the study had are replaced, others become new
+    columns. Returns the number of trials. Raises DasError for a study without recordings, and for other measures.
+    """
+    for name in names:
+        if name not in MEASURES or MEASURES[name].of_table is None:
+            able = ", ".join(one.name for one in MEASURES.values() if one.of_table is not None)
+            raise DasError(f"--measure {name}: expected one that a recording alone gives: {able}")
+    design = read_frozen(folder)
+    rows = list(csv.DictReader(io.StringIO(read_text(folder / TRIALS_TABLE))))
+    if out.resolve() == folder.resolve() or (out / TRIALS_TABLE).exists():
+        raise DasError(f"{out}: holds a study already, expected another folder")
+    files = [folder / RECORDINGS / _recording(design, row) for row in rows]
+    if missing := [file for file in files if not file.is_file()]:
+        raise DasError(f"{missing[0]}: no such file: only a study with recordings (--recordings) can be rescored")
+    with progress_bar("rescore", f"{len(rows)} recordings to read", "trials") as progress:
+        for number, (row, file) in enumerate(zip(rows, files, strict=True), start=1):
+            row.update(measured_of_table(DriveTable.of(open_recording(file)), names))
+            progress(number, len(rows))
+    make_folder(out)
+    head = [*rows[0]] if rows else []
+    write_whole(out / TRIALS_TABLE, table_text(head, ([row[name] for name in head] for row in rows)))
+    write_whole(out / DESIGN_JSON, _frozen_with(folder, tuple(dict.fromkeys([*design.measures, *names]))))
+    return len(rows)
+
+
+def measured_of_table(table: DriveTable, names: Sequence[str]) -> dict[str, Any]:
+    """The values of some measures that a recording alone gives, by name."""
+    return {name: of(table) for name in names if (of := MEASURES[name].of_table) is not None}
+
+
+def _recording(design: Design, row: Mapping[str, str]) -> str:
+    try:
+        return recording_name(row["participant"], int(row["position"]), row["condition"], row["seed"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise DasError(f"{TRIALS_TABLE}: expected the rows that the study wrote ({error})") from error
+
+
+def _frozen_with(folder: Path, measures: tuple[str, ...]) -> bytes:
+    """The frozen design with these measures, and a hash of its own."""
+    data = {**read_json(folder / DESIGN_JSON).data}
+    was = data.pop("hash")
+    data["analysis"] = {**data["analysis"], "measures": list(measures)}
+    data["files"] = {**data.get("files", {}), RESCORED: was}
+    return json.dumps({"hash": design_sha256(data), **data}, indent=2, ensure_ascii=False).encode() + b"\n"

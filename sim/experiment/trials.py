@@ -12,8 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
-from itertools import islice, permutations
-from math import factorial
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
@@ -43,8 +41,6 @@ from sim.experiment.study_files import (
 from sim.recording.inputs import sha256
 from sim.world.service import PLANNED
 
-MOST_PERMUTED: Final = 6
-"""Largest number of conditions whose permutations are all used: 720 orders."""
 ORDER_STREAM: Final = 1
 """Number of the stream of a design's seed from which orders are drawn."""
 DAY_STREAM: Final = 2
@@ -54,7 +50,7 @@ EVERYBODY: Final = 2**32 - 1
 
 
 def trials_of(design: Design) -> list[StudyTrial]:
-    """All trials, by participant and then in the order of the participant; raises DasError for too many orders."""
+    """All trials, by participant and then in the order of the participant."""
     found: list[StudyTrial] = []
     for who in range(design.people.count):
         found += _of_participant(design, who, len(found))
@@ -83,22 +79,18 @@ def _of_participant(design: Design, who: int, before: int) -> Iterator[StudyTria
             practice=turn < 0,
             levels=tuple(condition[factor.name].text for factor in design.factors),
             setting=design.setting(condition),
-            seed=_day_seed(design, who, turn, place),
+            seed=_day_seed(design, who, turn),
             chance=place if procedure.chances is Chances.NEW else 0,
             trips=people.trips_before + place if people.learning else None,
         )
 
 
-def _day_seed(design: Design, who: int, turn: int, place: int) -> int:
+def _day_seed(design: Design, who: int, turn: int) -> int:
     """The seed of a trial's day, below 2**31; `turn` is the repetition, negative for practice."""
     days, seeds = design.procedure.days, design.procedure.seeds
     if seeds and turn >= 0:
         return seeds[turn]
-    key = (
-        EVERYBODY if days is Days.COMMON else who,
-        1 + 2 * turn if turn >= 0 else -2 * turn,
-        place if days is Days.NEW else 0,
-    )
+    key = (EVERYBODY if days is Days.COMMON else who, 1 + 2 * turn if turn >= 0 else -2 * turn, 0)
     drawn = np.random.SeedSequence([design.seed, DAY_STREAM], spawn_key=key)
     return int(drawn.generate_state(1)[0] >> 1)
 
@@ -121,36 +113,24 @@ def imbalances(design: Design, trials: Sequence[StudyTrial]) -> list[str]:
 
 
 def order_count(order: ConditionOrder, conditions: int) -> int | None:
-    """After how many participants the orders begin again; None if each participant's order is drawn.
-
-    Raises DasError if all permutations would be too many.
-    """
-    if order is ConditionOrder.FULL and conditions > MOST_PERMUTED:
-        most = f"at most {MOST_PERMUTED} conditions, whose {factorial(MOST_PERMUTED)} orders can be used"
-        raise DasError(f"procedure.order = 'full': the design has {conditions} conditions, expected {most}")
-    counts = {
-        ConditionOrder.WILLIAMS: conditions * (1 if conditions % 2 == 0 or conditions == 1 else 2),
-        ConditionOrder.FULL: factorial(min(conditions, MOST_PERMUTED)),
-        ConditionOrder.LISTED: 1,
-    }
-    return counts.get(order)
+    """After how many participants the orders begin again; None if each participant's order is drawn."""
+    if order is ConditionOrder.WILLIAMS:
+        return conditions * (1 if conditions % 2 == 0 or conditions == 1 else 2)
+    return 1 if order is ConditionOrder.LISTED else None
 
 
 def order_of(order: ConditionOrder, conditions: int, row: int, seed: Sequence[int]) -> list[int]:
     """The order of a participant: the numbers of the conditions, from 0.
 
     `row` counts all orders before it: the orders of other participants and of earlier repetitions. `seed` decides an
-    order that is drawn. Raises DasError as `order_count` does.
+    order that is drawn.
     """
     if order is ConditionOrder.RANDOM:
         return [int(one) for one in np.random.default_rng([*seed, ORDER_STREAM]).permutation(conditions)]
-    count = order_count(order, conditions)
-    assert count is not None
-    if order is ConditionOrder.WILLIAMS:
-        return williams(conditions)[row % count]
-    if order is ConditionOrder.FULL:
-        return list(next(islice(permutations(range(conditions)), row % count, None)))
-    return list(range(conditions))
+    if order is ConditionOrder.LISTED:
+        return list(range(conditions))
+    rows = williams(conditions)
+    return rows[row % len(rows)]
 
 
 def williams(count: int) -> list[list[int]]:

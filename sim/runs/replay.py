@@ -40,8 +40,7 @@ from sim.options import ReplayOptions, TripOptions, pace_factor
 from sim.recording.course import OWN_TIMETABLE
 from sim.recording.inputs import input_files, sha256
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
-from sim.trips.profile import DrivenRun, to_profile
-from sim.trips.settings import SMOOTHING_JERK_PSD_M2PS5
+from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location, sleep_until
 

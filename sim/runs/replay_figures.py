@@ -33,9 +33,9 @@ from sim.drive.attribution.driven_legs import (
 from sim.recording.inputs import DriveInputs
 from sim.runs.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
 from sim.trips.cleaning import FindingKind
-from sim.trips.estimate import EnergyRange, doubt, energy_range
+from sim.trips.estimate import ESTIMATE_FOREIGN_RATIO, EnergyRange, doubt, energy_range
+from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5
 from sim.trips.report import direction_by_posts, doubt_words, part_words, unknowns
-from sim.trips.settings import ESTIMATE_FOREIGN_RATIO, SMOOTHING_JERK_PSD_M2PS5
 from sim.trips.trip import Trip
 
 LEAST_CERTAIN_RATIO = 0.01
@@ -321,8 +321,8 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     if found["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(
-            f"in {share:.0f} % of the time the trip needs more force than this vehicle has: das-sim trip marks where "
-            "(--plot), and finds other trains (--vehicles all)"
+            f"in {share:.0f} % of the time the trip needs more force than this vehicle has: das-sim trip finds other "
+            "trains (--vehicles all)"
         )
         notes.append(doubt_words(found["energy_unknowns"]))
     if found["above_optimum_kwh"] is not None and not found["above_optimum_certain"]:

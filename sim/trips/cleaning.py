@@ -18,8 +18,19 @@ from das.domain.route import Floats
 from das.domain.units import NS
 from sim.recording.course import stretches_of, utc
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.settings import LEAST_KEPT_RATIO, MAX_BACKWARD_M, STALL_HALF_WINDOW_S, STRAY_WEIGHT, WRONG_SPEED_MPS
 
+MAX_BACKWARD_M: Final = 30.0
+"""Length (m) up to which steps back are noise; longer ones mean that the train turned, or are jumps if it drives on."""
+STRAY_WEIGHT: Final = 3.0
+"""Cost of each point left out between two points that only just fit each other. Without it, the chain of positions
+could change to a wrong part of the record and back, as if the train braked and accelerated as hard as it can."""
+LEAST_KEPT_RATIO: Final = 0.5
+"""Share of a record's points that must fit together, or of the section that they must cover."""
+STALL_HALF_WINDOW_S: Final = 15.0
+"""Time (s) within which the positions of a receiver that stalled have caught up again."""
+WRONG_SPEED_MPS: Final = 4.0
+"""Difference (m/s) from that of the positions above which, and above `WRONG_SPEED_RATIO`, a reported speed is wrong; a
+delay of 3 s at 1 m/s² explains less."""
 JUMP_M: Final = 50.0
 """Distance (m) from the place that its neighbours give beyond which a position is a jump, if no change of speed
 explains it."""
@@ -65,30 +76,29 @@ _REMOVING = ("dropped", "cut")
 
 
 class FindingKind(StrEnum):
-    """All that cleaning looks for: a name, words, what is done about it, and whether `--strict` refuses the record."""
+    """All that cleaning looks for: a name, words, and what is done about it."""
 
     words: str
     done: str
-    refused: bool
 
-    def __new__(cls, name: str, words: str, done: str, refused: bool = False) -> FindingKind:
+    def __new__(cls, name: str, words: str, done: str) -> FindingKind:
         """A kind of finding, whose value is its name."""
         kind = str.__new__(cls, name)
-        kind._value_, kind.words, kind.done, kind.refused = name, words, done, refused
+        kind._value_, kind.words, kind.done = name, words, done
         return kind
 
-    NO_TIME = "no_time", "no time", "dropped", True
-    NEWEST_FIRST = "newest_first", "newest point first", "reversed", True
-    OTHER_WAY = "other_way", "trip runs the other way", "replayed the other way", True
-    DUPLICATE_TIME = "duplicate_time", "time given twice", "dropped", True
-    TIME_BACK = "time_back", "time running back", "dropped", True
-    NO_POSITION = "no_position", "no position", "dropped", True
-    OFF_LINE = "off_line", "off the line before or after", "cut", True
-    POSITION_FROZEN = "position_frozen", "position frozen while moving", "dropped", True
-    POSITION_JUMP = "position_jump", "position jump", "dropped", True
-    FAR_APART = "far_apart", "other part of the record, beyond a long gap", "cut", True
-    BEFORE_SECTION = "before_section", "before the section", "cut", True
-    AFTER_SECTION = "after_section", "after the section", "cut", True
+    NO_TIME = "no_time", "no time", "dropped"
+    NEWEST_FIRST = "newest_first", "newest point first", "reversed"
+    OTHER_WAY = "other_way", "trip runs the other way", "replayed the other way"
+    DUPLICATE_TIME = "duplicate_time", "time given twice", "dropped"
+    TIME_BACK = "time_back", "time running back", "dropped"
+    NO_POSITION = "no_position", "no position", "dropped"
+    OFF_LINE = "off_line", "off the line before or after", "cut"
+    POSITION_FROZEN = "position_frozen", "position frozen while moving", "dropped"
+    POSITION_JUMP = "position_jump", "position jump", "dropped"
+    FAR_APART = "far_apart", "other part of the record, beyond a long gap", "cut"
+    BEFORE_SECTION = "before_section", "before the section", "cut"
+    AFTER_SECTION = "after_section", "after the section", "cut"
     LONG_STAND_AT_START = "long_stand_at_start", "long stand at the start", "cut"
     LONG_STAND_AT_END = "long_stand_at_end", "long stand at the end", "cut"
     STANDING_DRIFT = "standing_drift", "position drifts while standing", "merged"
@@ -156,28 +166,18 @@ class CleaningReport:
 
 @dataclass
 class FindingLog:
-    """Collects findings while a record of `read` points is cleaned.
+    """Collects findings while a record of `read` points is cleaned."""
 
-    A `strict` log refuses a record from which points would be dropped, or whose trip would be turned round.
-    """
-
-    strict: bool = False
     read: int = 0
     found: list[TripFinding] = field(default_factory=list)
 
     def add(self, kind: FindingKind, record: Record, which: Any, detail: str = "") -> None:
-        """Add a finding at the points `which` (mask or indices) of a record; no points, no finding.
-
-        Raises DasError if the log is strict and refuses this kind.
-        """
+        """Add a finding at the points `which` (mask or indices) of a record; no points, no finding."""
         which = np.asarray(which)
         points = np.flatnonzero(which) if which.dtype == bool else which
         if not len(points):
             return
         first, time_ns = record.where(points[0]), int(record.time_ns[points[0]])
-        if self.strict and kind.refused:
-            seen = f", {detail}" if detail else ""
-            raise DasError(f"{record.source}: {first}: {kind.words}{seen} ({len(points)} in all; --strict)")
         self.found.append(TripFinding(kind=kind, count=len(points), first=first, first_time_ns=time_ns, detail=detail))
 
     def report(self, kept: int, unread: tuple[str, ...]) -> CleaningReport:

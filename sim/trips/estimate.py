@@ -21,16 +21,22 @@ from das.domain.trajectory import EnergyBalance, Trajectory, mean_resistance_n
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
-from sim.trips.settings import (
-    ESTIMATE_BEYOND_RATIO,
-    ESTIMATE_FOREIGN_RATIO,
-    ESTIMATE_HELD_S,
-    ESTIMATE_MASS_RATIO,
-    ESTIMATE_RESISTANCE_RATIO,
-    ESTIMATE_WIND_MPS,
-    SMOOTHING_JERK_PSD_M2PS5,
-)
+from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5
 
+ESTIMATE_BEYOND_RATIO: Final = 1.05
+"""Multiple of the vehicle's envelope beyond which a force is more than the vehicle has."""
+ESTIMATE_MASS_RATIO: Final = 0.05
+"""Share by which the mass may be off."""
+ESTIMATE_RESISTANCE_RATIO: Final = 0.10
+"""Share by which the running resistance may be off."""
+ESTIMATE_WIND_MPS: Final = 5.0
+"""Speed (m/s) of a wind that may blow along the line, either way."""
+ESTIMATE_HELD_S: Final = 8
+"""Time (s) for which the strongest force is held: the smoothing acts over it and hides shorter ones."""
+ESTIMATE_FOREIGN_RATIO: Final = 0.005
+"""Share of the time with more force than the vehicle has above which another vehicle drove the trip."""
+CHOICE_OVERSPEED_RATIO: Final = 1.05
+"""Multiple of their top speed up to which trains are driven: train protection brakes above it."""
 ESTIMATE_MIN_STEP_M: Final = 0.05
 """Distance (m) below which points count as one, at which the train stands."""
 ESTIMATE_MOST_DOUBT_RATIO: Final = 0.25
@@ -129,7 +135,7 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
         limit_mps=profile.limit_mps,
         supply=profile.supply,
     )
-    loss = section.loss.loss_w(_in_map(section, electric, mean), _speed_in_map(section, mean)) * np.diff(t)
+    loss = _loss_w(section, electric, mean) * np.diff(t)
     (pulls, lacking_traction), (holds, lacking_brakes) = _beyond(t, force, traction), _beyond(t, -force, brakes_limit)
     return DrivenEstimate(
         trajectory=trajectory,
@@ -360,17 +366,11 @@ def _moving_points(s_m: Floats) -> NDArray[np.intp]:
     return np.array(keep, dtype=np.intp)
 
 
-def _in_map(section: Section, force_n: Floats, speed_mps: Floats) -> Floats:
-    """Forces (N) limited to the range of a loss map at their speeds; a foreign run may need more."""
-    if not isinstance(section.loss, LossMap):
-        return force_n
-    speed = _speed_in_map(section, speed_mps)
-    low = np.interp(speed, section.loss.speed_mps, section.loss.force_low_n)
-    high = np.interp(speed, section.loss.speed_mps, section.loss.force_high_n)
-    return np.clip(force_n, low, high)
-
-
-def _speed_in_map(section: Section, speed_mps: Floats) -> Floats:
-    if not isinstance(section.loss, LossMap):
-        return speed_mps
-    return np.asarray(np.minimum(speed_mps, section.loss.speed_mps[-1]), dtype=float)
+def _loss_w(section: Section, force_n: Floats, speed_mps: Floats) -> Floats:
+    """Losses (W), with forces and speeds limited to the range of a loss map; a foreign run may need more."""
+    loss = section.loss
+    if isinstance(loss, LossMap):
+        speed_mps = np.asarray(np.minimum(speed_mps, loss.speed_mps[-1]), dtype=float)
+        low_n, high_n = (np.interp(speed_mps, loss.speed_mps, one) for one in (loss.force_low_n, loss.force_high_n))
+        force_n = np.clip(force_n, low_n, high_n)
+    return loss.loss_w(force_n, speed_mps)

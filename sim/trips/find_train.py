@@ -24,7 +24,7 @@ from das.domain.route import Floats
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration import NORMAL_MAD, SLOWEST_MPS, SPEED_SD_MPS, LineIntegral, MeasuredWindow
-from sim.trips.settings import CHOICE_OVERSPEED_RATIO, ESTIMATE_BEYOND_RATIO, ESTIMATE_HELD_S
+from sim.trips.estimate import CHOICE_OVERSPEED_RATIO, ESTIMATE_BEYOND_RATIO, ESTIMATE_HELD_S
 from sim.trips.trip import Trip
 
 WINDOW_SAMPLES: Final = 12

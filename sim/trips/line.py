@@ -13,8 +13,7 @@ from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
 from precompute.polylines import nearest_on_segments
-from sim.trips.cells import LATITUDE_NAMES, LONGITUDE_NAMES, CellTable, check_column, check_location, number
-from sim.trips.settings import MAX_CROSS_TRACK_M, SCALE_TOLERANCE_RATIO
+from sim.trips.record import LARGEST_DEG, LATITUDE_NAMES, LONGITUDE_NAMES, CellTable, check_column, number
 
 COLUMNS: Final = {
     "latitude": LATITUDE_NAMES,
@@ -22,6 +21,12 @@ COLUMNS: Final = {
     "kilometre": ("kilometre", "kilometer", "km", "position_km"),
 }
 """The quantities in a list of kilometre posts, and the names that the column of each may have."""
+MAX_CROSS_TRACK_M: Final = 200.0
+"""Distance (m) from the line beyond which a point is not on it. Lines through kilometre posts cut curves: 62 m at a
+radius of 2 km."""
+SCALE_TOLERANCE_RATIO: Final = 0.01
+"""Largest ratio by which matched length and distance between the stops may differ for the kilometrage to be scaled to
+the stops."""
 _LENGTH_TOLERANCE_RATIO: Final = 0.3
 """Share by which the distance between two posts on the map may differ from their difference in kilometres."""
 _PAIRS_AT_ONCE: Final = 1_000_000
@@ -142,7 +147,9 @@ def read_kilometre_posts(path: Path) -> Line:
     """
     first, values = _read_columns(path)
     latitude, longitude, kilometre = values
-    check_location(path, latitude, longitude, first)
+    for name, angle in (("latitude", latitude), ("longitude", longitude)):
+        largest = LARGEST_DEG[name]
+        check_column(path, name, angle, np.abs(angle) > largest, f"-{largest:g} to {largest:g} deg", first)
     steps = np.diff(kilometre)
     bad = np.append(False, (steps == 0) | (np.sign(steps) != np.sign(steps[0])))
     check_column(path, "kilometre", kilometre, bad, "kilometres that only rise or only fall", first)
@@ -162,7 +169,7 @@ def _read_columns(path: Path) -> tuple[int, Floats]:
     table = CellTable.read(path, "list of posts", tuple(COLUMNS))
     columns = {quantity: _column(path, table.names, quantity) for quantity in COLUMNS}
     values = [
-        [number(path, line, quantity, cells[column]) for quantity, column in columns.items()]
+        [number(path, f"line {line} {quantity}", cells[column]) for quantity, column in columns.items()]
         for line, cells in enumerate(table.body(), table.first)
     ]
     return table.first, np.array(values).T.copy()

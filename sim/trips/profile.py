@@ -13,8 +13,12 @@ from das.domain.units import NS
 from sim.recording.course import DrivenCourse
 from sim.trips.matching import MatchedTrip
 from sim.trips.record import Bools
-from sim.trips.settings import SMOOTHING_JERK_PSD_M2PS5, SMOOTHING_MAX_POSITION_GAP_S
 
+SMOOTHING_JERK_PSD_M2PS5: Final = 0.03
+"""Density of the white jerk (m²/s⁵). With the speed's weight the smoothing acts like a local fit over
+(σ²/psd)^¼ ≈ 1.7 s on either side, about 8 s in all."""
+SMOOTHING_MAX_POSITION_GAP_S: Final = 6.0
+"""Longest gap (s) over which positions are joined; inertia leads through longer ones."""
 SMOOTHING_POSITION_SIGMA_M: Final = 25.0
 """Weight of a position per second, as a standard deviation (m): errors of some 6 m last about 15 s, hence 6·√15."""
 SMOOTHING_SPEED_SIGMA_MPS: Final = 0.5

@@ -1,10 +1,19 @@
-"""The record of a trip, and reading it from its file: a GPS record as CSV or GPX, or a recording of das-sim."""
+"""The record of a trip, and reading it from its file: a GPS record as CSV or GPX, or a recording of das-sim.
+
+Text files become rows of cells under the names of `COLUMNS`, whatever their format; the cells are read in one place.
+Times are whole ns since 1970, without the rounding of a double.
+"""
 
 from __future__ import annotations
 
+import csv
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from datetime import UTC, datetime, timedelta
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, NamedTuple, Self, TypeVar
 from xml.parsers import expat
 
 import numpy as np
@@ -15,32 +24,20 @@ from das.bus.sealing import MAGIC
 from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import TRIPS, refuse_foreign
+from das.domain.files.reading import read_text
 from das.domain.route import Floats
-from das.domain.units import KM, KMH, NS
+from das.domain.units import KM, KMH, MS, NS
 from das.estimate.estimate import Quality
 from sim.recording.opening import open_recording
-from sim.trips.cells import (
-    LATITUDE_NAMES,
-    LONGITUDE_NAMES,
-    CellTable,
-    check_column,
-    degrees,
-    known,
-    not_negative,
-    number,
-    time_from_iso,
-    time_from_number,
-    usable,
-)
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+Read = TypeVar("Read")
 
-_BEFORE_XML = b"\xef\xbb\xbf\xff\xfe \t\r\n"
-BACKWARD_NOISE_MPS = 0.3
-"""Speed below 0 (m/s) up to which a recorded one is taken for noise of the sensor at a standstill."""
-WITHOUT_HEADER = ("latitude_deg", "longitude_deg", "speed_kmh", "time_ms")
-COLUMNS = {
+LATITUDE_NAMES = ("latitude", "latitude_deg", "lat")
+LONGITUDE_NAMES = ("longitude", "longitude_deg", "lon", "lng")
+"""Names that a column of latitudes or of longitudes may have."""
+COLUMNS: Final = {
     "latitude": dict.fromkeys(LATITUDE_NAMES, 1.0),
     "longitude": dict.fromkeys(LONGITUDE_NAMES, 1.0),
     "position": {"position_m": 1.0, "position_km": KM},
@@ -49,10 +46,26 @@ COLUMNS = {
     "time": {"time_ms": 0.0, "time_s": 0.0, "time": 0.0, "timestamp": 0.0},
 }
 """Quantities, the names that their columns may have, and factors to SI (times are read digit by digit instead)."""
-ISO_TIMES = ("time", "timestamp")
-"""Columns of times in ISO 8601; the others are numbers."""
+WITHOUT_HEADER = ("latitude_deg", "longitude_deg", "speed_kmh", "time_ms")
+"""Columns of a CSV file without a header."""
+GPX_COLUMNS = ("latitude", "longitude", "speed_mps", "time")
+PER_UNIT_NS = {"time_ms": round(MS / NS), "time_s": round(1 / NS)}
+"""Nanoseconds in the unit of each column of times that are numbers; the others are ISO 8601."""
 LARGEST_DEG = {"latitude": 90.0, "longitude": 180.0}
+LATEST_NS = round(9e9 / NS)
+"""The latest time (ns since 1970, year 2255) that fits in integer nanoseconds."""
+NO_VALUE = frozenset(("", "-", "n/a", "na", "nan", "none", "null"))
+"""Texts of a cell, in small letters, that stand for a value that is not known."""
+NO_SPEED = -1.0
+"""Speed that iOS writes if it knows none."""
+ROUNDING = 1e-6
+"""Distance from 0 (in its file's unit) at which a negative speed comes from rounding."""
+BACKWARD_NOISE_MPS = 0.3
+"""Speed below 0 (m/s) up to which a recorded one is taken for noise of the sensor at a standstill."""
+_BEFORE_XML = b"\xef\xbb\xbf\xff\xfe \t\r\n"
 _SHOWN_NAMES = 6
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_NS_PER_MICROSECOND = 1000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -226,92 +239,81 @@ def _locations(recording: Recording, time_ns: Any) -> tuple[Floats, Floats]:
     return np.interp(time_ns, t, latitude), np.interp(time_ns, t, longitude)
 
 
-@dataclass(frozen=True)
-class _Column:
-    """The column of a quantity: its index, its name, and the factor to SI."""
-
-    index: int
-    name: str
-    factor: float
-
-
 def read_csv(path: Path) -> Record:
     """Read a record from a CSV file; an empty cell is an unknown value.
 
     Raises DasError or InputError (file, line, value, expectation).
     """
     table = CellTable.read(path, "trip", WITHOUT_HEADER)
-    names, first = table.names, table.first
-    columns, body = _columns(path, names), table.body()
-    latitude, longitude, position, speed, derived = (
-        _values(path, quantity, columns.get(quantity), body, first) for quantity in COLUMNS if quantity != "time"
-    )
-    check_column(path, "speed_from_positions", derived, ~np.isin(derived, (0, 1)) & ~np.isnan(derived), "0 or 1", first)
-    time_ns, untimed = _times(path, columns["time"], body, first)
-    used = {column.index for column in columns.values()}
+    columns, rows = _columns(path, table.names), table.body()
+    used = {index for index, _ in columns.values()}
+    unread = tuple(name for i, name in enumerate(table.names) if i not in used)
+    return replace(_record(path, columns, rows, np.arange(len(rows)) + table.first), unread=unread)
+
+
+def _record(
+    path: Path, columns: dict[str, tuple[int, str]], rows: list[list[str]], number: Ints, *, located: bool = False
+) -> Record:
+    """The record in rows of cells, of which row i is at line `number[i]`; `located` rows must have a place."""
+
+    def cells(quantity: str, read: Callable[[str, str], Read], *, needed: bool) -> list[Read | None]:
+        index, _ = columns[quantity]
+        return usable(
+            [row[index] for row in rows], lambda i, cell: read(f"line {number[i]} {quantity}", cell), needed=needed
+        )
+
+    def values(quantity: str) -> Floats:
+        if quantity not in columns:
+            return np.full(len(rows), np.nan)
+        found = cells(
+            quantity, lambda key, cell: _value(path, key, quantity, cell), needed=located and quantity in LARGEST_DEG
+        )
+        return known(found) * COLUMNS[quantity][columns[quantity][1]]
+
+    latitude, longitude, position, speed, derived = (values(quantity) for quantity in COLUMNS if quantity != "time")
+    wrong = ~np.isin(derived, (0, 1)) & ~np.isnan(derived)
+    check_column(path, "speed_from_positions", derived, wrong, "0 or 1", int(number[0]))
+    clock = columns["time"][1]
+    time_ns, untimed = _with_neighbours(cells("time", lambda key, cell: read_time(path, key, cell, clock), needed=True))
     return Record.of(
-        str(path),
-        np.arange(len(body)) + first,
-        time_ns,
-        untimed=untimed,
-        latitude_deg=latitude,
-        longitude_deg=longitude,
-        position_m=position,
-        speed_mps=speed,
-        degraded=derived == 1,
-        unread=tuple(name for i, name in enumerate(names) if i not in used),
-    )
+        str(path), number, time_ns, untimed=untimed, latitude_deg=latitude, longitude_deg=longitude,
+        position_m=position, speed_mps=speed, degraded=derived == 1,
+    )  # fmt: skip
 
 
-def _columns(path: Path, names: tuple[str, ...]) -> dict[str, _Column]:
-    """The column of each quantity that the file has; raises InputError if time or place is missing."""
-    found: dict[str, _Column] = {}
+def _columns(path: Path, names: tuple[str, ...]) -> dict[str, tuple[int, str]]:
+    """Index and name of the column of each quantity in the file; raises InputError if time or place is missing."""
+    found: dict[str, tuple[int, str]] = {}
     for index, name in enumerate(names):
         for quantity, accepted in COLUMNS.items():
-            if name not in accepted:
-                continue
-            if quantity in found:
-                raise InputError(
-                    path, "line 1", name, f"one column of {quantity} only, there is {found[quantity].name}"
-                )
-            found[quantity] = _Column(index, name, accepted[name])
+            if name in accepted and quantity in found:
+                raise InputError(path, "line 1", name, f"one column of {quantity} only, there is {found[quantity][1]}")
+            if name in accepted:
+                found[quantity] = (index, name)
     unknown = [name for name in names if not any(name in accepted for accepted in COLUMNS.values())]
     for quantity in ("time", "speed"):
         unclear = [name for name in unknown if quantity not in found and name.startswith(quantity)]
         if unclear:
             raise InputError(path, "line 1", unclear[0], f"{quantity} as {' or '.join(COLUMNS[quantity])}")
-    located = "position" in found or {"latitude", "longitude"} <= found.keys()
-    if "time" not in found or not located:
+    if "time" not in found or not ("position" in found or {"latitude", "longitude"} <= found.keys()):
         shown = ",".join(names[:_SHOWN_NAMES]) + ("…" if len(names) > _SHOWN_NAMES else "")
         expected = f"columns of time ({', '.join(COLUMNS['time'])}) and latitude_deg, longitude_deg or position_m"
         raise InputError(path, "line 1", shown, expected)
     return found
 
 
-def _values(path: Path, quantity: str, column: _Column | None, rows: list[list[str]], first: int) -> Floats:
-    """The values of a column in SI; NaN where its cell has none, or everywhere if there is no such column."""
-    if column is None:
-        return np.full(len(rows), np.nan)
-    cells = [row[column.index] for row in rows]
-    return known(usable(cells, lambda i, cell: _value(path, i + first, quantity, cell))) * column.factor
-
-
-def _value(path: Path, line: int, quantity: str, cell: str) -> float:
+def _value(path: Path, key: str, quantity: str, cell: str) -> float:
     """A value in the unit of its column; raises InputError for a text or a number that it cannot be."""
-    if quantity in LARGEST_DEG:
-        return degrees(path, line, quantity, cell, LARGEST_DEG[quantity])
-    value = number(path, line, quantity, cell)
-    return not_negative(path, line, value) if quantity == "speed" else value
-
-
-def _times(path: Path, column: _Column, rows: list[list[str]], first: int) -> tuple[Ints, Bools]:
-    def read(i: int, cell: str) -> int:
-        key = f"line {i + first} time"
-        if column.name in ISO_TIMES:
-            return time_from_iso(path, key, cell)
-        return time_from_number(path, key, cell, column.name)
-
-    return _with_neighbours(usable([row[column.index] for row in rows], read, needed=True))
+    value, largest = number(path, key, cell), LARGEST_DEG.get(quantity)
+    if largest is not None and abs(value) > largest:
+        raise InputError(path, key, value, f"-{largest:g} to {largest:g} deg")
+    if quantity != "speed":
+        return value
+    if value == NO_SPEED:
+        return math.nan
+    if value < -ROUNDING:
+        raise InputError(path, key, value, "a speed >= 0")
+    return max(value, 0.0)
 
 
 def _with_neighbours(time_ns: list[int | None]) -> tuple[Ints, Bools]:
@@ -319,6 +321,35 @@ def _with_neighbours(time_ns: list[int | None]) -> tuple[Ints, Bools]:
     last = next(one for one in time_ns if one is not None)
     filled = [last := one if one is not None else last for one in time_ns]
     return np.array(filled, dtype=np.int64), np.array([one is None for one in time_ns])
+
+
+def read_time(path: Path, key: str, text: str, column: str) -> int:
+    """A time (ns since 1970): a number in the unit of its column, or ISO 8601, which is UTC if it names no zone.
+
+    Raises InputError (file, key, value) for any other text.
+    """
+    per_unit_ns = PER_UNIT_NS.get(column)
+    if per_unit_ns is None:
+        expected = "an ISO 8601 time like 2026-11-21T08:04:00Z"
+        try:
+            moment = datetime.fromisoformat(text)
+        except ValueError:
+            raise InputError(path, key, text, expected) from None
+        moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+        ns = (moment - _EPOCH) // timedelta(microseconds=1) * _NS_PER_MICROSECOND
+        if not 0 <= ns <= LATEST_NS:
+            raise InputError(path, key, text, f"{expected}, 1970 to 2255")
+        return ns
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        raise InputError(path, key, text, "a number") from None
+    if not value.is_finite():
+        raise InputError(path, key, text, "a finite number")
+    # A figure like 1e999999999 must not become an integer of so many digits.
+    if not 0 <= value <= LATEST_NS or not 0 <= value * per_unit_ns <= LATEST_NS:
+        raise InputError(path, key, text, f"an epoch time in {column.rpartition('_')[2]}")
+    return round(value * per_unit_ns)
 
 
 def read_gpx(path: Path) -> Record:
@@ -336,39 +367,21 @@ def read_gpx(path: Path) -> Record:
         points.parser.Parse(content, True)
     except (expat.ExpatError, LookupError) as error:  # the latter: an unknown encoding
         raise DasError(f"{path}: not usable XML ({error})") from error
-    if len(points.found) < 2:
-        raise DasError(f"{path}: GPX with {len(points.found)} track points, expected at least 2")
-    lines = [line for line, _ in points.found]
-
-    def column(quantity: str) -> Floats:
-        cells = [texts.get(quantity, "") for _, texts in points.found]
-        needed = quantity in LARGEST_DEG
-        return known(usable(cells, lambda i, cell: _value(path, lines[i], quantity, cell), needed=needed))
-
-    times = [texts.get("time", "") for _, texts in points.found]
-    read = usable(times, lambda i, cell: time_from_iso(path, f"line {lines[i]} time", cell), needed=True)
-    time_ns, untimed = _with_neighbours(read)
-    return Record.of(
-        str(path),
-        np.array(lines),
-        time_ns,
-        untimed=untimed,
-        latitude_deg=column("latitude"),
-        longitude_deg=column("longitude"),
-        speed_mps=column("speed"),
-    )
+    if len(points.rows) < 2:
+        raise DasError(f"{path}: GPX with {len(points.rows)} track points, expected at least 2")
+    return _record(path, _columns(path, GPX_COLUMNS), points.rows, np.array(points.lines), located=True)
 
 
 @dataclass
 class _TrackPoints:
-    """Collects track points from the events of the XML parser: the line of each, and its texts by quantity."""
+    """Collects track points from the events of the XML parser: the line of each, and its cells (`GPX_COLUMNS`)."""
 
     path: Path
-    found: list[tuple[int, dict[str, str]]] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+    rows: list[list[str]] = field(default_factory=list)
     _line: int = 0
-    _attributes: dict[str, str] | None = None
-    """XML attributes of the track point that is being read."""
-    _texts: dict[str, str] = field(default_factory=dict)
+    _texts: dict[str, str] | None = None
+    """Texts of the track point that is being read."""
     _open: str = ""
 
     def __post_init__(self) -> None:
@@ -385,24 +398,123 @@ class _TrackPoints:
             raise DasError(f"{self.path}: XML of {name!r}, expected GPX")
         self._root = False
         if name == "trkpt":
-            self._line, self._attributes, self._texts = self.parser.CurrentLineNumber, attributes, {}
-        self._open = name if name not in self._texts else ""  # the point's own value wins over an extension's
+            self._line = self.parser.CurrentLineNumber
+            self._texts = {"latitude": attributes.get("lat", ""), "longitude": attributes.get("lon", "")}
+        # the point's own value wins over an extension's
+        self._open = name if self._texts is not None and name not in self._texts else ""
 
     def _text(self, text: str) -> None:
-        if self._attributes is not None and self._open in ("time", "speed"):
+        if self._texts is not None and self._open in ("time", "speed"):
             self._texts[self._open] = self._texts.get(self._open, "") + text
 
     def _end(self, tag: str) -> None:
         self._open = ""
-        if tag.rpartition(" ")[2] == "trkpt" and self._attributes is not None:
-            self._take(self._attributes)
-            self._attributes = None
-
-    def _take(self, attributes: dict[str, str]) -> None:
-        texts = {name: text.strip() for name, text in self._texts.items()}
-        places = {"latitude": attributes.get("lat", ""), "longitude": attributes.get("lon", "")}
-        self.found.append((self._line, {**texts, **places}))
+        if tag.rpartition(" ")[2] == "trkpt" and self._texts is not None:
+            self.lines.append(self._line)
+            self.rows.append([self._texts.get(one, "").strip() for one in ("latitude", "longitude", "speed", "time")])
+            self._texts = None
 
     def _refuse_entity(self, name: str, *_: object) -> None:
         line = self.parser.CurrentLineNumber
         raise DasError(f"{self.path}: line {line} declares the entity {name!r}, expected a GPX file without entities")
+
+
+class CellTable(NamedTuple):
+    """A CSV file: what it holds, names of columns, rows of cells, line of the first row, and separator."""
+
+    path: Path
+    what: str
+    names: tuple[str, ...]
+    rows: list[list[str]]
+    first: int
+    separator: str
+
+    @classmethod
+    def read(cls, path: Path, what: str, names: tuple[str, ...]) -> CellTable:
+        """Read a file with or without a header; `names` are the columns of a file without one.
+
+        Cells are separated by semicolons or tabs if line 1 has one, else by commas. Raises DasError for a missing or
+        empty file, or one with a line break inside quotes.
+        """
+        lines = read_text(path).rstrip().splitlines()
+        if not lines:
+            raise DasError(f"{path}: empty {what}, expected a header, or lines of {', '.join(names)}")
+        separator = next((mark for mark in ";\t" if mark in lines[0]), ",")
+        try:
+            rows = list(csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True))
+        except csv.Error as error:
+            raise DasError(f"{path}: not a usable CSV file ({error})") from error
+        if len(rows) != len(lines):
+            raise DasError(f"{path}: a quoted cell goes over several lines, expected one line a row")
+        rows = [[cell.strip() for cell in row] for row in rows]
+        if any(is_number(cell) for cell in rows[0]):
+            return cls(path, what, names, rows, 1, separator)
+        return cls(path, what, tuple(cell.casefold() for cell in rows[0]), rows[1:], 2, separator)
+
+    def body(self) -> list[list[str]]:
+        """The rows with points as decimal signs; if cells are not separated by commas, a comma is a decimal sign.
+
+        Raises DasError for fewer than two rows, and InputError for a row with another number of columns.
+        """
+        count, width = len(self.rows), f"{len(self.names)} columns: {', '.join(self.names)}"
+        if count < 2:
+            lines = f"{count} line{'s' * (not count)}"
+            raise DasError(f"{self.path}: {self.what} of {lines}, expected at least 2 lines of points")
+        for line, cells in enumerate(self.rows, self.first):
+            if len(cells) != len(self.names):
+                raise InputError(self.path, f"line {line}", self.separator.join(cells), width)
+        return self.rows if self.separator == "," else [[cell.replace(",", ".") for cell in row] for row in self.rows]
+
+
+def number(path: Path, key: str, cell: str) -> float:
+    """Read a cell as a finite number; raises InputError for anything else."""
+    try:
+        value = float(cell)
+    except ValueError:
+        raise InputError(path, key, cell, "a number") from None
+    if not np.isfinite(value):
+        raise InputError(path, key, cell, "a finite number")
+    return value
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a point or a comma as the decimal sign."""
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def usable(cells: Sequence[str], read: Callable[[int, str], Read], *, needed: bool = False) -> list[Read | None]:
+    """The values of a column's cells; None for a cell without a value, or with one that `read` refuses.
+
+    `read` is given the index and the text of a cell. Raises the first InputError if at least half of the stated cells
+    are refused: then the column holds something else. Where a value is `needed`, an empty cell is refused as well.
+    """
+    found: list[Read | None] = []
+    refused, stated = [], 0
+    for i, cell in enumerate(cells):
+        value = None
+        if needed or cell.casefold() not in NO_VALUE:
+            stated += 1
+            try:
+                value = read(i, cell)
+            except InputError as error:
+                refused.append(error)
+        found.append(value)
+    if refused and 2 * len(refused) >= stated:
+        raise refused[0]
+    return found
+
+
+def known(values: Sequence[float | None]) -> Floats:
+    """Values as an array; NaN for None."""
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def check_column(path: Path, name: str, values: Floats, bad: NDArray[np.bool_], expected: str, first: int = 1) -> None:
+    """Raise InputError for the first row that is marked in `bad`; row 0 is line `first`."""
+    if bad.any():
+        i = int(bad.argmax())
+        raise InputError(path, f"line {i + first} {name}", float(values[i]), expected)

@@ -1,4 +1,4 @@
-"""Reports on a trip: JSON for programs, tables and notes for people, a picture, and the cleaned record."""
+"""Reports on a trip: JSON for programs, tables and notes for people, and the cleaned record."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from das.domain.files.writing import write_whole
 from das.domain.route import Floats
 from das.domain.trajectory import PART_WORDS
 from das.domain.units import KM, KMH, KN, MS, NS, in_kwh, kwh
-from das.drawing.colors import INK, LIMIT, MODES
 from das.solver.section import Section
-from sim.meanings import LIGHT, Meaning
 from sim.trips.cleaning import CleaningReport, FindingKind
 from sim.trips.estimate import (
+    ESTIMATE_FOREIGN_RATIO,
+    ESTIMATE_HELD_S,
     MASS,
     RESISTANCE,
-    DrivenEstimate,
     EnergyRange,
     SmoothedParts,
     doubt,
@@ -30,23 +29,11 @@ from sim.trips.estimate import (
     estimate_run,
     strongest_held_n,
 )
-from sim.trips.record import Bools
-from sim.trips.settings import (
-    ESTIMATE_FOREIGN_RATIO,
-    ESTIMATE_HELD_S,
-    SMOOTHING_JERK_PSD_M2PS5,
-    SMOOTHING_MAX_POSITION_GAP_S,
-)
+from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, SMOOTHING_MAX_POSITION_GAP_S
 from sim.trips.trip import Trip
 
-BEST: Final = {"color": LIGHT.of[Meaning.NO_ADVICE], "linewidth": 1, "linestyle": "--"}
-"""Style in which the most that the vehicle can do is drawn."""
 LEGEND: Final = {"from, to": "least and greatest possible energy, with all unknowns at their limits"}
 """Explanations that are printed below the table of energies."""
-PANEL_HEIGHTS = (3, 1, 2)
-"""Relative heights of the panels of speeds, distances from the smooth run, and forces."""
-FORCES_SHOWN_RATIO = 1.3
-"""Multiple of the strongest held force up to which forces are drawn, so that no spike of a second sets the scale."""
 COLUMNS = ("time_ms", "position_m", "speed_mps", "speed_from_positions", "latitude_deg", "longitude_deg")
 _NS_PER_MS = round(MS / NS)
 
@@ -236,7 +223,7 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
         tell(f"not known: {note}")
     if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO:
         share = 100 * found["energy"]["beyond_vehicle_ratio"]
-        tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has (marked by --plot)")
+        tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has")
         tell(f"note: {doubt_words(found['energy']['unknowns'])}")
 
 
@@ -316,92 +303,6 @@ def _energy_table(energy: dict[str, Any]) -> Table:
         f"{energy['strongest_braking_kn']:.0f}",
     )
     return table
-
-
-def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None, section: Section | None = None) -> None:
-    """Draw a trip over the position; without an estimate there are no forces, and no fastest run without a section.
-
-    The suffix of `path` (.png, .pdf, .svg) decides the kind of picture. Raises DasError without matplotlib.
-    """
-    from das.drawing.picture import Picture
-
-    heights = PANEL_HEIGHTS[: 2 if driven is None else 3]
-    figure = Picture(figsize=(12, 3 + sum(heights)), layout="constrained")
-    axes = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-    _speeds(axes[0], trip, section)
-    _distances(axes[1], trip)
-    if driven is not None:
-        draw_forces(axes[2], driven, trip.run.inferred)
-    axes[-1].set_xlabel("position, km")
-    figure.save(path, overwrite=True)
-
-
-def _speeds(axis: Any, trip: Trip, section: Section | None) -> None:
-    matched, run = trip.matched, trip.run
-    axis.plot(run.s_m / KM, trip.route.limits_mps.at(run.s_m) / KMH, color=LIMIT, linewidth=1, label="limit")
-    if section is not None:
-        name, fastest_mps = f"fastest run of {section.vehicle.id}", section.fastest_run.speed_mps
-        axis.plot(section.node_m / KM, fastest_mps / KMH, **BEST, label=name)
-    seen, unseen = (np.where(which, run.speed_mps, np.nan) / KMH for which in (~run.inferred, run.inferred))
-    axis.plot(run.s_m / KM, seen, color=LIGHT.of[Meaning.DRIVEN], label="smooth run")
-    if run.inferred.any():
-        axis.plot(run.s_m / KM, unseen, ":", color=LIGHT.of[Meaning.DRIVEN], label="inferred in a gap")
-    for which, colour, label in (
-        (~matched.dropout, INK, "measured"),
-        (matched.dropout, LIGHT.of[Meaning.ERROR], "from positions"),
-    ):
-        shown = which & ~matched.invalid
-        if shown.any():
-            axis.plot(matched.s_m[shown] / KM, matched.speed_mps[shown] / KMH, ".", color=colour, ms=3, label=label)
-    axis.set_ylabel("speed, km/h")
-    axis.set_ylim(bottom=0)
-    axis.legend(loc="lower center", ncols=5)
-    kept = f"{matched.report.cleaning.kept} of {matched.report.cleaning.read} points"
-    credit = f"\ndata of the line: {trip.route.credit}" if trip.route.credit else ""
-    axis.set_title(f"{trip.path.name}: {trip.start.name} – {trip.end.name}, {kept}{credit}")
-
-
-def _distances(axis: Any, trip: Trip) -> None:
-    matched, run = trip.matched, trip.run
-    since_s = (matched.time_ns - run.start_time_ns) * NS
-    apart_m = matched.s_m - np.interp(since_s, run.time_s, run.s_m)
-    axis.plot(matched.s_m[~matched.invalid] / KM, apart_m[~matched.invalid], ".", color=INK, ms=3)
-    axis.axhline(0, color="0.3", linewidth=0.5)
-    axis.set_ylabel("record − run, m")
-
-
-def draw_forces(axis: Any, driven: DrivenEstimate, inferred: Bools) -> None:
-    """Draw the wheel forces of motors and friction brake, the largest ones of the vehicle, and where more was needed.
-
-    Peaks that are not held are cut, and the title names them. `inferred` marks the points of the run in gaps.
-    """
-    at_km = driven.trajectory.s_m / KM
-    together_n = driven.trajectory.force_el_n + driven.trajectory.force_friction_n
-    motors_kn, friction_kn = driven.trajectory.force_el_n / KN, driven.trajectory.force_friction_n / KN
-    axis.stairs(motors_kn, at_km, baseline=0, fill=True, color=LIGHT.of[Meaning.DRIVEN], label="motors")
-    if friction_kn.any():
-        axis.stairs(friction_kn, at_km, baseline=0, color=MODES["friction brake"], label="friction brake")
-    for largest_n, label in ((driven.traction_n, "largest of this vehicle"), (-driven.brakes_n, None)):
-        axis.plot(at_km[:-1], largest_n / KN, **BEST, label=label)
-    if driven.beyond.any():
-        more_n = np.where(driven.beyond, together_n, 0.0)
-        axis.stairs(
-            more_n / KN,
-            at_km,
-            baseline=0,
-            fill=True,
-            color=LIGHT.of[Meaning.AGAINST],
-            label=f"more than it has, for {ESTIMATE_HELD_S} s",
-        )
-    axis.axhline(0, color="0.3", linewidth=0.5)
-    axis.set_ylabel("wheel force, kN")
-    force_kn = together_n / KN
-    shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(driven, inferred)) / KN
-    cut = [f"{peak:.0f} kN" for peak in (force_kn.min(), force_kn.max()) if abs(peak) > shown_kn > 0]
-    axis.set_ylim(*(shown_kn * np.array([-1.0, 1.0]) if shown_kn > 0 else (None, None)))
-    if cut:
-        axis.set_title(f"cut, as shorter than {ESTIMATE_HELD_S} s: {', '.join(cut)}", fontsize="small")
-    axis.legend(loc="upper right")
 
 
 def write_cleaned(path: Path, trip: Trip) -> None:

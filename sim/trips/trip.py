@@ -22,13 +22,11 @@ from das.solver.section import Section, build_section
 from sim.options import TripOptions
 from sim.recording.course import DrivenCourse, stood_ns
 from sim.recording.inputs import AttachedFiles
-from sim.trips.cleaning import FindingKind, FindingLog, find_gaps, in_order
+from sim.trips.cleaning import LEAST_KEPT_RATIO, FindingKind, FindingLog, find_gaps, in_order
 from sim.trips.line import Line, read_kilometre_posts
-from sim.trips.matching import MatchedTrip, match_trip
-from sim.trips.points import runs_back, stands
+from sim.trips.matching import AT_PLATFORM_M, WANDER_M, MatchedTrip, match_trip, runs_back, stands
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.record import Reading, Record, read_trip, reading_of
-from sim.trips.settings import AT_PLATFORM_M, LEAST_KEPT_RATIO, WANDER_M
 
 SHORTEST_STAND_S: Final = 5.0
 """Shortest stand (s) on the way that is reported: at 1 Hz a shorter one may be a single slow point."""
@@ -103,7 +101,7 @@ def load_trip(path: Path, reading: Reading, route: Route, said: TripOptions) -> 
     against the stated direction is turned round if no stops are named. Raises DasError or InputError for anything
     unusable.
     """
-    log = FindingLog(strict=said.strict, read=len(reading.record))
+    log = FindingLog(read=len(reading.record))
     record = in_order(reading.record, log)
     driven, reverse, line = _direction(record, route, said, log)
     start, end = section_stops(driven, said.from_stop, said.to_stop)

@@ -15,8 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from sim.experiment.analysis.comparing import generator, paired_estimate, paired_trials
-from sim.experiment.analysis.reading import FinishedTrials, Floats, RunStudy
+from sim.experiment.analysis.comparing import (
+    FinishedTrials,
+    Floats,
+    RunStudy,
+    generator,
+    paired_estimate,
+    paired_trials,
+)
 from sim.experiment.design import Design, Factor, People, PlannedComparison, Procedure
 from sim.experiment.factors import FactorLevel
 

@@ -31,6 +31,7 @@ from sim.recording.course import STANDING_MPS, DrivenCourse, Floats, Times
 from sim.recording.inputs import DriveInputs
 from sim.trips.estimate import (
     BRAKING,
+    CHOICE_OVERSPEED_RATIO,
     DrivenCase,
     EnergyRange,
     Unknown,
@@ -39,8 +40,7 @@ from sim.trips.estimate import (
     one_by_one,
     over_unknowns,
 )
-from sim.trips.profile import DrivenRun, to_profile
-from sim.trips.settings import CHOICE_OVERSPEED_RATIO, SMOOTHING_JERK_PSD_M2PS5
+from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
 from sim.trips.trip import recorded_trip
 
 EQUAL_MPS: Final = 0.5

@@ -1,4 +1,4 @@
-"""The page of an analysis with its forest plots, and the same findings for programs.
+"""The findings of a study: in sentences, as a page with forest plots, and for programs.
 
 The pictures are dark on white, with units, in colours that people with any colour vision can tell apart.
 """
@@ -6,24 +6,42 @@ The pictures are dark on white, with units, in colours that people with any colo
 from __future__ import annotations
 
 import math
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from matplotlib.figure import Figure
 
 import sim.review.report
 from das import __version__
 from das.drawing.colors import SEVERAL
-from sim.experiment.analysis import words
-from sim.experiment.analysis.comparing import ConditionValues, FoundDifference, StudyFindings
-from sim.experiment.analysis.reading import Floats, ShownMeasure, probability
-from sim.experiment.design import PlannedComparison
+from sim.experiment.analysis.comparing import (
+    LEAST_IN_GROUP,
+    SAME,
+    ConditionValues,
+    Floats,
+    FoundDifference,
+    RunStudy,
+    ShownMeasure,
+    StudyFindings,
+    conditions_of,
+    probability,
+)
+from sim.experiment.design import Design, PlannedComparison
+from sim.experiment.factors import FACTORS
+from sim.experiment.study_files import level_words
 from sim.meanings import LIGHT
-from sim.review.canvas import INK, as_image, light_figure, named
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SIGNALS: Final = "signals_passed"
+CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni"}
+MOST_FAILED: Final = 3
+"""Failed trials that the page names; failed.csv has all."""
+MOST_MISSING: Final = 6
+"""Drivers whose missing trials are named in a sentence; the table of the page has all."""
 TEMPLATE: Final = "page.html.j2"
 COLUMNS_AT_ONCE: Final = 5
 """Number of measures in a table of the conditions."""
@@ -34,8 +52,171 @@ SCATTER: Final = 0.16
 """Largest distance (rows) of drivers' points from their row, so that equal values do not hide each other."""
 
 
+def hangs_on(found: StudyFindings) -> list[str]:
+    """Sentences on the assumptions of all findings: the drivers, and the uncertainty that the intervals cover."""
+    design, trials = found.study.design, found.study.trials
+    drivers = len(np.unique(trials.participant[~trials.practice]))
+    count = int((~trials.practice).sum())
+    said = [
+        f"No person drove. {drivers} simulated drivers from the population “{design.people.population}” made {count} "
+        "trials. How they react, look, follow advice and err are assumptions (docs/reference/populations.md and "
+        "drivers.md list them). The figures show the result that would be expected if people were like these drivers.",
+        "The intervals cover the sampling of simulated drivers. They do not cover errors in the assumptions, "
+        "and more simulated trials do not reduce that uncertainty.",
+    ]
+    missing = _missing(found.study)
+    if missing:
+        named = "; ".join(missing[:MOST_MISSING]) + "; …" * (len(missing) > MOST_MISSING)
+        said.append(
+            f"{found.study.missing.total()} of the {design.planned.total()} planned trials are missing ({named}). "
+            "The drivers who stopped, and the trials that failed, may not be like the others, so that the means may be "
+            "biased; and the orders of the conditions are no longer balanced as designed."
+        )
+    return said
+
+
+def _missing(study: RunStudy) -> list[str]:
+    """The planned trials that are missing, a text for each driver."""
+    by_driver, planned = defaultdict(list), Counter[str]()
+    for (name, _), count in study.design.planned.items():
+        planned[name] += count
+    for (name, condition), count in study.missing.items():
+        by_driver[name].append((condition, count))
+    found = []
+    for name, lacking in by_driver.items():
+        total = sum(count for _, count in lacking)
+        conditions = ", ".join(condition + (f" ({count})" if count > 1 else "") for condition, count in lacking)
+        found.append(f"{name}: all {total}" if total == planned[name] else f"{name}: {conditions}")
+    return found
+
+
+def in_short(found: StudyFindings) -> list[tuple[str, str]]:
+    """Each planned comparison by its name, with the finding in a sentence or two."""
+    if not found.differences and not found.failed:
+        return [("", "No comparison was planned; the tables describe the conditions.")]
+    broken = [(name, f"The comparison could not be made: {why}.") for name, why in found.failed]
+    said = [(one.comparison.title, verdict(one, found.study.design)) for one in found.differences]
+    return [*said, *broken, *_safety(found)]
+
+
+def _safety(found: StudyFindings) -> list[tuple[str, str]]:
+    """A sentence on signals that were passed at danger, whether or not a comparison was planned about them."""
+    trials = found.study.trials
+    if SIGNALS not in trials.values:
+        return []
+    passed = np.nan_to_num(trials.values[SIGNALS]) * ~trials.practice
+    where = [
+        f"{int(passed[mine].sum())} with {name}" for name, mine in conditions_of(found.study) if passed[mine].any()
+    ]
+    count = int(passed.sum())
+    if not count:
+        return []
+    times = "1 signal was" if count == 1 else f"{count} signals were"
+    return [("Safety", f"{times} passed at danger in {int((~trials.practice).sum())} trials ({'; '.join(where)}).")]
+
+
+def verdict(one: FoundDifference, design: Design) -> str:
+    """The result of a comparison, and whether it is statistically significant."""
+    comparison, shown, estimate = one.comparison, one.shown, one.estimate
+    changed = shown.changed(estimate.mean)
+    with_b = f"{'as' if changed == SAME else 'than'} with “{comparison.b}”"
+    of_what = "; ".join([comparison.factor, *(f"{name}: {level}" for name, level in comparison.where.items())])
+    start = f"{shown.name}: {changed} with “{comparison.a}” {with_b} ({of_what})"
+    drivers = _drivers(one)
+    if not estimate.known:
+        return f"{start}, for {drivers}. No interval can be given, because {_why_unknown(one)}."
+    said = f"{start}. The 95 % interval is {_reach(shown, estimate.interval)}, from {drivers}."
+    chance = f"{'p' if design.correction == 'none' else 'corrected p'} {probability(one.corrected)}"
+    other = f"Student's t disagrees ({shown.range(estimate.t_interval)} {shown.difference_unit}): take care."
+    but = f" {other}" if one.disagrees else ""
+    if one.corrected < design.alpha:
+        return f"{said} The difference is statistically significant ({chance}).{but}"
+    return (
+        f"{said} It is not statistically significant ({chance}): the study neither shows a "
+        f"difference nor rules one out within the interval.{but}"
+    )
+
+
+def _why_unknown(one: FoundDifference) -> str:
+    """The reason why a difference has no interval."""
+    count, sd = one.estimate.participants, one.estimate.sd
+    if math.isnan(sd):
+        few = f"a group has fewer than {LEAST_IN_GROUP} drivers"
+        return "only one driver took part" if one.groups is None else few
+    if sd > 0:
+        return f"{count} drivers are too few: p exceeds 0.05 for any data"
+    return "the drivers do not differ at all"
+
+
+def _drivers(one: FoundDifference) -> str:
+    if one.groups is not None:
+        return f"two groups of {len(one.groups.a)} and {len(one.groups.b)} drivers"
+    assert one.pairs is not None
+    return f"{len(one.pairs.participants)} drivers, {len(one.pairs.owner)} pairs"
+
+
+def _reach(shown: ShownMeasure, interval: tuple[float, float]) -> str:
+    low, high = interval
+    if low < 0 < high:
+        return f"from {shown.with_unit(low)} lower to {shown.with_unit(high)} higher"
+    near, far = sorted((abs(low), abs(high)))
+    return f"{shown.value(near)} to {shown.with_unit(far)} {'lower' if high <= 0 else 'higher'}"
+
+
+def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
+    """The number of trials driven, and which ones are missing or failed."""
+    trials, design = found.study.trials, found.study.design
+    driven, failed, missing = ~trials.practice, found.study.failed, found.study.missing.total()
+    counts = Counter(trials.participant[driven].tolist())
+    without = {name: int(np.sum(~np.isfinite(values[driven]))) for name, values in trials.values.items()}
+    gaps = ", ".join(f"{found.shown(name).name}: {count}" for name, count in without.items() if count)
+    return [
+        ("drivers", str(len(counts))),
+        ("finished trials", str(int(driven.sum()))),
+        ("practice trials, left out", str(int(trials.practice.sum()))),
+        ("missing trials", f"{missing} of {design.planned.total()} planned{': ' * (missing > 0)}"
+         f"{'; '.join(_missing(found.study))}"),
+        ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
+         if failed else "0 (a trial fails if the train does not reach its last stop)"),
+        ("trials without a value", gaps or "0"),
+        ("comparisons planned", f"{len(design.comparisons)}, p corrected by {CORRECTION_NAMES[design.correction]}"
+         if design.correction != "none" else f"{len(design.comparisons)}, p not corrected"),
+    ]  # fmt: skip
+
+
+def design_rows(found: StudyFindings) -> list[tuple[str, str]]:
+    """The design as frozen before the run."""
+    design = found.study.design
+    rows = [("study", design.name), ("design frozen with hash", design.hash or "not frozen")]
+    procedure = design.procedure
+    rows += [
+        ("seed", str(design.seed)),
+        ("order, days, chances", f"{procedure.order}, {procedure.days}, {procedure.chances}"),
+    ]
+    for name, level in design.fixed.items():
+        known = FACTORS.get(name)
+        unit = f" {known.unit}" if known is not None and known.unit and level.text != "all" else ""
+        rows.append((f"not varied: {name if known is None else known.title.lower()}", f"{level.text}{unit}"))
+    for one in design.factors:
+        kind = "every driver drives all levels" if one.within else "each driver drives one level"
+        rows.append((one.name, f"{', '.join(one.texts)} ({kind})"))
+    return [*rows, ("statistically significant", f"if the corrected p is below {design.alpha:g}")]
+
+
+def level_rows(found: StudyFindings) -> list[tuple[str, str]]:
+    """The meaning of each factor's levels, unless their names state it."""
+    words = [
+        (f"{one.name}: {level}", level_words(one.name, level))
+        for one in found.study.design.factors
+        for level in one.texts
+    ]
+    return [(name, text) for name, text in words if text]
+
+
 def page(found: StudyFindings) -> str:
     """The page as HTML that needs no other file."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
     style = Path(sim.review.report.__path__[0])  # all pages share their style
     environment = Environment(
         loader=FileSystemLoader([Path(__file__).parent, style]),
@@ -48,7 +229,11 @@ def page(found: StudyFindings) -> str:
         design=found.study.design,
         version=__version__,
         theme=LIGHT,
-        words=words,
+        hangs_on=hangs_on,
+        in_short=in_short,
+        trial_rows=trial_rows,
+        design_rows=design_rows,
+        level_rows=level_rows,
         probability=probability,
         size=_size,
         difference_images=_difference_images(found),
@@ -66,6 +251,8 @@ def _size(value: float) -> str:
 
 
 def _difference_images(found: StudyFindings) -> list[dict[str, str]]:
+    from sim.review.canvas import as_image
+
     images = []
     for shown in found.measures:
         some = [one for one in found.differences if one.shown.column == shown.column]
@@ -93,18 +280,18 @@ def _mean_and_spread(one: ConditionValues, shown: ShownMeasure) -> str:
 def as_dict(found: StudyFindings) -> dict[str, Any]:
     """The findings for programs: values in the units of the columns of `trials.csv`."""
     design = found.study.design
-    said = (f"{name}: {line}" if name else line for name, line in words.in_short(found))
+    said = (f"{name}: {line}" if name else line for name, line in in_short(found))
     content: dict[str, Any] = _plain(
         {
             "study": design.name,
             "design_hash": design.hash,
-            "in_words": [*words.hangs_on(found), *said],
+            "in_words": [*hangs_on(found), *said],
             "alpha": design.alpha,
             "correction": design.correction,
             "differences": [_difference_dict(one, design.alpha) for one in found.differences],
             "not_compared": dict(found.failed),
             "conditions": [_condition_dict(one) for one in found.conditions],
-            "trials": dict(words.trial_rows(found)),
+            "trials": dict(trial_rows(found)),
         }
     )
     return content
@@ -161,6 +348,8 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
 
 def _differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figure:
     """The planned differences of one measure: the mean with its 95 % interval, and a point for each driver."""
+    from sim.review.canvas import INK, light_figure, named
+
     shown = found[0].shown
     figure, (axis,) = light_figure((max(ROW_IN * len(found) + 0.3, 0.9),))
     for row, one in enumerate(reversed(found)):

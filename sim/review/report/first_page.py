@@ -23,8 +23,7 @@ from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
 from sim.recording.opening import CHANGED, NOTHING, OF, WHAT_IF
 from sim.review.report.findings import NAMED_KWH, TOLD_S, DriveFinding, findings
-from sim.trips.estimate import BRAKING, MASS, RESISTANCE
-from sim.trips.settings import ESTIMATE_FOREIGN_RATIO
+from sim.trips.estimate import BRAKING, ESTIMATE_FOREIGN_RATIO, MASS, RESISTANCE
 
 RIGHT_TRAIN: Final = "Is it the right train?"
 LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not contain its line."

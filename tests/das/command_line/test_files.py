@@ -34,7 +34,6 @@ WRITERS = {
     "report --table": ("das-sim", "report", DAY, REPLAY, "--table", "out.csv"),
     "view --save": ("das-sim", "view", DAY, "--save", "out.rrd"),
     "trip": ("das-sim", "trip", DAY, "--out", "out.csv"),
-    "trip --plot": ("das-sim", "trip", DAY, "--plot", "out.svg"),
     "analyse": ("das-sim", "experiment", "analyse", "study", "-o", "out.html"),
     "solve": ("das-precompute", "solve", "flat-6km", "re460-ic", "--buffer", "10", "--out", "out.csv"),
     "solve --plot": ("das-precompute", "solve", "flat-6km", "re460-ic", "--buffer", "10", "--plot", "out.pdf"),

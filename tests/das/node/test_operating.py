@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,21 @@ def test_unit_and_container_have_one_command_which_starts_a_healthy_node(tmp_pat
         status = Path(f"/proc/{node.pid}/status").read_text()
         assert int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) / 1000 < MOST_MB
     assert health("IC1", here).returncode == 1
+
+
+def test_the_container_file_names_what_the_checkout_has() -> None:
+    """No engine builds the image here, so its Python, its script and its folders are compared with the project."""
+    text, project = (EXAMPLES / "Containerfile").read_text(), tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
+    (minor,) = re.findall(r"^FROM python:3\.(\d+)-slim$", text, re.MULTILINE)
+    (least,) = re.findall(r"^>=3\.(\d+)$", project["project"]["requires-python"])
+    assert int(minor) >= int(least)
+    assert container()[0] in project["project"]["scripts"]
+    (check,) = re.findall(r"CMD (\[.*\])$", text, re.MULTILINE)
+    assert (REPOSITORY / Path(json.loads(check)[1]).relative_to("/src")).is_file()
+    (volumes,) = re.findall(r"^VOLUME (.*)$", text, re.MULTILINE)
+    (cache,) = re.findall(r"^ENV NUMBA_CACHE_DIR=(.*)$", text, re.MULTILINE)
+    for path in (cache, *(word for word in container() if word.startswith("/"))):
+        assert any(Path(path).is_relative_to(volume) for volume in volumes.split()), path
 
 
 def test_the_unit_is_one_that_systemd_reads(tmp_path: Path) -> None:

@@ -54,9 +54,9 @@ def test_a_check_counts_trials_and_says_how_long_a_participant_takes(designed: D
     procedure = "[procedure]\npractice_trials = 1\nbreak_after = 2\nbreak_s = 100\n"
     design = designed(f"{TWO}[fixed]\nscenario = 'flat-6km'\n{procedure}{factor}")
     found = check_design(design)
-    assert (found.trials, found.practice, found.conditions, found.participants) == (6, 2, 2, 2)
+    assert (found.trials, found.practice_trials, found.conditions, found.participants) == (6, 2, 2, 2)
     timetable_s = 234.0  # by the timetable of this day, and 10 s before and after
-    assert found.person_s == pytest.approx(3 * (timetable_s + 20.0) + 100.0)
-    assert found.all_s == pytest.approx(2 * found.person_s)
-    assert found.refusals == ()
+    assert found.longest_participant_s == pytest.approx(3 * (timetable_s + 20.0) + 100.0)
+    assert found.all_participants_s == pytest.approx(2 * found.longest_participant_s)
+    assert found.refused == ()
     assert [note[:23] for note in found.notes] == ["the order has no effect"]

@@ -260,7 +260,7 @@ def test_bad_input_is_one_line(folder: Path, arguments: list[str], message: str)
 
 def test_former_commands_name_what_to_run(folder: Path) -> None:
     assert "run instead: das-sim experiment run --scenario" in refusal("batch", "clear-day", "-o", "x", cwd=folder)
-    assert "docs.studies.sensitivity" in refusal("sensitivity", "clear-day", cwd=folder)
+    assert "human_ factors" in refusal("sensitivity", "clear-day", cwd=folder)
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from das.domain.errors import DasError
 from sim.experiment.checking import group_notes, pair_notes
 from sim.experiment.design import ConditionOrder, Design
 from sim.experiment.trials import imbalances, in_order_of_work, jobs_of, order_of, trials_of, williams
@@ -31,14 +30,10 @@ def test_in_a_williams_design_everything_follows_everything_equally_often(count:
     assert set(followed.values()) <= {1 if count % 2 == 0 else 2}
 
 
-def test_the_full_order_takes_every_permutation_and_a_random_one_is_the_seeds() -> None:
-    full = {tuple(order_of(ConditionOrder.FULL, 3, row, (1,))) for row in range(6)}
-    assert len(full) == 6
+def test_a_random_order_is_the_seeds() -> None:
     drawn = [order_of(ConditionOrder.RANDOM, 8, 0, (1, who, 0)) for who in range(20)]
     assert drawn == [order_of(ConditionOrder.RANDOM, 8, 0, (1, who, 0)) for who in range(20)]
     assert len({tuple(one) for one in drawn}) > 15
-    with pytest.raises(DasError, match="the design has 7 conditions, expected at most 6"):
-        order_of(ConditionOrder.FULL, 7, 0, (1,))
 
 
 def test_a_participant_meets_one_day_under_all_conditions(designed: Designed) -> None:
@@ -53,13 +48,11 @@ def test_a_participant_meets_one_day_under_all_conditions(designed: Designed) ->
     assert len({trial.seed for trial in trials}) == 12
 
 
-def test_days_can_be_common_or_new_and_chances_paired(designed: Designed) -> None:
+def test_days_can_be_common_and_chances_paired(designed: Designed) -> None:
     people = "[participants]\ncount = 6\n[procedure]\n"
     common = trials_of(designed(FLAT + f"{people}days = 'common'\nchances = 'paired'\n{THREE}"))
     assert len({trial.seed for trial in common}) == 1
     assert {trial.stream for trial in common} == set(range(2, 8))  # those of participants 1 to 6 of a batch
-    new = trials_of(designed(FLAT + f"{people}days = 'new'\n{THREE}"))
-    assert len({trial.seed for trial in new}) == 18
 
 
 def test_days_can_be_given_and_the_driver_be_the_average_one(designed: Designed) -> None:

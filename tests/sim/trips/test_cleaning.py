@@ -18,9 +18,8 @@ from das.bus.topics import POSITION
 from das.domain.errors import DasError
 from sim.options import TripOptions
 from sim.trips import cleaning
-from sim.trips.cleaning import FindingKind
+from sim.trips.cleaning import STRAY_WEIGHT, FindingKind
 from sim.trips.record import read_trip
-from sim.trips.settings import STRAY_WEIGHT
 from sim.trips.trip import load_trip
 from tests.support import dirt
 from tests.support.dirt import EPOCH_S, STOOD_S, Points, changed, check_truth, clean, counts, load, truth_of_run

@@ -28,16 +28,20 @@ from sim.options import ReplayOptions, TripOptions
 from sim.runs import replay_figures as replay_report
 from sim.runs.replay import ReplayOutcome, driven_legs, prepare, stated_parts
 from sim.runs.replay_figures import trip_energies
-from sim.trips.estimate import MASS, RESISTANCE, EnergyRange, doubt, energy_range, estimate_run, strongest_held_n
-from sim.trips.profile import to_profile
-from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
-from sim.trips.settings import (
+from sim.trips.estimate import (
     ESTIMATE_FOREIGN_RATIO,
     ESTIMATE_MASS_RATIO,
     ESTIMATE_RESISTANCE_RATIO,
     ESTIMATE_WIND_MPS,
-    SMOOTHING_JERK_PSD_M2PS5,
+    MASS,
+    RESISTANCE,
+    EnergyRange,
+    doubt,
+    energy_range,
+    estimate_run,
+    strongest_held_n,
 )
+from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, to_profile
 from sim.trips.trip import Trip
 from sim.world.lockstep import Traffic
 from sim.world.loop import InProcess, World
@@ -115,13 +119,13 @@ def test_dirt_hardly_changes_the_energy(tmp_path: Path, driven: tuple[Trip, Sect
     assert energy_j == pytest.approx(found.estimate_j, rel=0.01)
 
 
-def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A made-up trip with many defects: they are named, the picture is drawn, and the cleaned file has none left."""
+def test_the_command_shows_and_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A made-up trip with many defects: they are named, and the cleaned file has none left."""
     monkeypatch.setenv("COLUMNS", "140")  # No phrase is broken over lines.
     trip = write(tmp_path, late_end(dropouts(spikes(clean(6000.0)))))
     posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
     where = ("--route", "flat-6km", "--vehicle", "re460-ic", "--no-reverse")
-    files = ("--out", "cleaned.csv", "--plot", "trip.png")
+    files = ("--out", "cleaned.csv")
     done = das_sim("trip", str(trip), *where, "--posts", str(posts), *files, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for told in (
@@ -133,7 +137,6 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
         "running resistance",
     ):
         assert told in done.stdout
-    assert (tmp_path / "trip.png").read_bytes().startswith(b"\x89PNG")
     again = das_sim("trip", "cleaned.csv", *where, "--json", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     found = json.loads(again.stdout)
@@ -177,8 +180,7 @@ def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> N
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "itself": ({"out": "trip.csv"}, "the output file is also an input"),
-    "nowhere": ({"plot": "no/x.png"}, "no such folder"),
-    "strict": ({"strict": True}, "line 43: time given twice"),
+    "nowhere": ({"out": "no/x.csv"}, "no such folder"),
     "stops": ({"from_stop": "nowhere"}, "no stop 'nowhere'"),
     "no route": ({"route": None}, "a trip without a journey needs --route"),
     "a train that is none": ({"vehicle": "none"}, "not a bundled vehicle"),
@@ -189,7 +191,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 def test_the_command_refuses_before_it_writes(tmp_path: Path, changed: dict[str, Any], expected: str) -> None:
     dirty = [q for i, p in enumerate(clean(6000.0)) for q in ([p, p] if i == 40 else [p])]
     trip = write(tmp_path, dirty, on_route=True)
-    files = {"out": "out.csv", **{key: changed[key] for key in ("out", "plot") if key in changed}}
+    files = {"out": "out.csv", **{key: changed[key] for key in ("out",) if key in changed}}
     said = {"route": "flat-6km", **{key: value for key, value in changed.items() if key not in files}}
     with pytest.raises(DasError, match=expected):
         trip_command.trip(trip, TripOptions(**said), **{key: tmp_path / name for key, name in files.items()})
@@ -223,34 +225,15 @@ def test_the_strongest_force_is_one_that_is_held(driven: tuple[Trip, Section, En
 
 
 @pytest.mark.parametrize(("seconds", "beyond_s"), [(2, 0), (12, 12)])
-def test_more_force_than_the_vehicle_has_counts_if_it_is_held_and_is_marked(
+def test_more_force_than_the_vehicle_has_counts_if_it_is_held(
     driven: tuple[Trip, Section, EnergyRange], seconds: int, beyond_s: int
 ) -> None:
     """0.5 m/s², then 1.25 m/s² (of 100 kN and 100 t) for a while, then a steady speed."""
-    from matplotlib.figure import Figure
-
     t = np.arange(0.0, 121.0)
     v = np.interp(t, [0, 30, 30 + seconds, 120], [0, 15, 15 + 1.25 * seconds, 15 + 1.25 * seconds])
     found = estimate_run(driven[1], t, np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]))), v)
     assert found.beyond_ratio * 120 == pytest.approx(beyond_s, abs=4)
     assert not found.beyond[:25].any()
-    axis = Figure().subplots()
-    draw_forces(axis, found, SEEN)
-    marked = [str(text.get_text()) for text in axis.get_legend().get_texts()]
-    assert ("more than it has, for 8 s" in marked) == (beyond_s > 0)
-
-
-def test_the_picture_is_scaled_to_forces_that_are_held(driven: tuple[Trip, Section, EnergyRange]) -> None:
-    from matplotlib.figure import Figure
-
-    axis = Figure().subplots()
-    found = estimate_run(driven[1], *braked_hard_at_last())
-    draw_forces(axis, found, SEEN)
-    motors: Any = axis.patches[0]
-    np.testing.assert_allclose(1e3 * motors.get_data().values, found.trajectory.force_el_n)
-    shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(found, SEEN)) / 1e3
-    assert axis.get_ylim() == pytest.approx((-shown_kn, shown_kn))
-    assert axis.get_title() == "cut, as shorter than 8 s: -148 kN"
 
 
 def hand_made(mass: float, resistance: float, wind_mps: float) -> Vehicle:

@@ -14,7 +14,7 @@ from das.domain.errors import DasError
 from das.domain.route import Floats, Route, Stop
 from sim.options import TripOptions
 from sim.trips.cleaning import FindingKind
-from sim.trips.points import slowed_to
+from sim.trips.matching import slowed_to
 from sim.trips.record import read_trip
 from sim.trips.report import describe, write_cleaned
 from sim.trips.trip import Trip, load_trip
@@ -331,26 +331,6 @@ RANDOM: dict[str, Callable[[Points, int, int], Points]] = {
     "backwards": lambda p, i, j: [replace(q, t=x.t) for q, x in zip(p[::-1], p, strict=True)],
     "sparse": lambda p, i, j: p[::9],
 }
-
-STRICT = {
-    "duplicates": (dirt.duplicates, "line 43: time given twice, same time as a point before (4 in all; --strict)"),
-    "times back": (dirt.times_back, "line 62: time running back, up to 4.5 s back (3 in all; --strict)"),
-    "jumps": (dirt.jumps_along, "line 52: position jump, by up to 300 m (6 in all; --strict)"),
-    "no position": (dirt.no_position, "line 35: no position, neither on the map nor on the route (3 in all; --strict)"),
-    "newest first": (dirt.newest_first, "line 2: newest point first"),
-}
-
-
-@pytest.mark.parametrize(("plant", "expected"), STRICT.values(), ids=STRICT)
-def test_strict_refuses_what_would_be_dropped(tmp_path: Path, plant: Callable[[Points], Points], expected: str) -> None:
-    with pytest.raises(DasError) as caught:
-        load(tmp_path, plant(clean()), strict=True)
-    assert str(caught.value).startswith(f"{tmp_path / 'trip.csv'}: {expected}")
-
-
-@pytest.mark.parametrize("plant", [dirt.spikes, dirt.dropouts, dirt.gap, dirt.late_end])
-def test_strict_lets_pass_what_is_mended(tmp_path: Path, plant: Callable[[Points], Points]) -> None:
-    assert counts(load(tmp_path, plant(clean()), strict=True)) == counts(load(tmp_path, plant(clean())))
 
 
 def shuffled(p: Points) -> Points:

@@ -9,13 +9,13 @@ import pytest
 from scipy import stats
 
 from sim.experiment.analysis.comparing import (
+    RunStudy,
     corrected,
     group_estimate,
     paired_estimate,
     paired_trials,
     two_groups,
 )
-from sim.experiment.analysis.reading import RunStudy
 from tests.support.made_up_study import MEASURE, NOISE, SPEED_AND_EFFORT, Truth, made_up_study, positive, presentations
 
 

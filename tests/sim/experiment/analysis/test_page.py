@@ -15,10 +15,8 @@ import numpy as np
 import pandas
 import pytest
 
-from sim.experiment.analysis.comparing import StudyFindings, analyse_study
-from sim.experiment.analysis.page import as_dict, page
-from sim.experiment.analysis.reading import RunStudy, read_study
-from sim.experiment.analysis.words import hangs_on, in_short, trial_rows
+from sim.experiment.analysis.comparing import RunStudy, StudyFindings, analyse_study, read_study
+from sim.experiment.analysis.page import as_dict, hangs_on, in_short, page, trial_rows
 from tests.support.made_up_study import (
     APART,
     LEVELS,

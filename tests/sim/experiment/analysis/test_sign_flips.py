@@ -9,8 +9,15 @@ import pytest
 from scipy import stats
 
 from docs.studies.null_experiments import NULLS, SIZES, false_alarms
-from sim.experiment.analysis.comparing import FLIPS, SOME_FLIPS, interval, paired_estimate, probabilities, signs_of
-from sim.experiment.analysis.reading import Floats
+from sim.experiment.analysis.comparing import (
+    FLIPS,
+    SOME_FLIPS,
+    Floats,
+    interval,
+    paired_estimate,
+    probabilities,
+    signs_of,
+)
 from tests.support.made_up_study import EIGHT_POINTS
 
 EIGHT = np.array(EIGHT_POINTS)

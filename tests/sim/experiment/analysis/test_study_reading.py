@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.reading import ShownMeasure, read_study
+from sim.experiment.analysis.comparing import ShownMeasure, read_study
 from tests.support.made_up_study import MEASURE, Truth, compared, made_up_study, write_study
 
 STUDY = made_up_study(
