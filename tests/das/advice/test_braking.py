@@ -11,7 +11,7 @@ from das.advice.braking import BACK_IN_S, SPEED_SLACK_MPS, STOP_SLACK_M, Braking
 from das.advice.regimes import Regime
 from das.domain.braking import USUAL
 from das.domain.files.load import load_vehicle
-from das.domain.route import Zone
+from das.domain.route import Tunnel, Zone
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from tests.support.making import make_route
@@ -165,3 +165,20 @@ def test_no_motors_brake_where_the_line_takes_no_power() -> None:
     assert ahead.force_n(1.0, 2500.0, 25.0) == pytest.approx(-6.1e6 / 25.0)
     assert ahead.force_n(100.0, 2500.0, 25.0) == pytest.approx(-(6.1e6 / 25.0 + 400e3))
     assert ahead.force_n(100.0, 3150.0, 25.0) == pytest.approx(-400e3)
+
+
+def test_a_train_that_coasts_through_a_tunnel_loses_speed_to_its_air() -> None:
+    """Against an integration in steps of 1 m."""
+    train = replace(TRAIN, tunnel_area_m2=(20.0, 60.0), tunnel_resistance_n_per_mps2=(15.0, 5.0))
+    tunnel = Tunnel(start_m=2000.0, length_m=3000.0, area_m2=40.0)
+    route = replace(make_route(END_M, [(0.0, 40.0)]), tunnels=(tunnel,))
+    section = build_section(route, train, options=SectionOptions(braking=USUAL.of(train), point_mass=True))
+    w = open_w = 35.0**2
+    for s_m in range(1000, 6000):
+        air_n = 10.0 * w * (2000 <= s_m < 5000)
+        w -= 2.0 * (float(train.resistance.force_n(w**0.5)) + air_n) / train.inertial_mass_kg
+        open_w -= 2.0 * float(train.resistance.force_n(open_w**0.5)) / train.inertial_mass_kg
+    rolls_mps = BrakingAhead(section).rolling_mps(1000.0, 35.0)
+    found_mps = float(np.interp(6000.0, section.node_m[-len(rolls_mps) :], rolls_mps))
+    assert found_mps == pytest.approx(w**0.5, abs=0.3)
+    assert found_mps < open_w**0.5 - 1.0

@@ -291,6 +291,13 @@ def test_the_train_may_be_two_deviations_ahead_but_sees_the_mark() -> None:
     assert judged(near, at(near.s_m, near.speed_mps, sd_m=30.0))[1] == ()
 
 
+def test_the_limit_shown_may_be_that_of_any_place_where_the_train_may_be() -> None:
+    """A higher limit begins 7 m ahead of the estimated position."""
+    early = advice_of(6_993.0, LOW, Regime.CRUISE, 0.0, limit_mps=HIGH)
+    for sd_m, parts in ((4.0, []), (1.0, [Part.LIMIT])):
+        assert [act.part for act in judged(early, at(early.s_m, LOW, sd_m=sd_m))[1]] == parts
+
+
 def test_a_brake_announced_too_late_is_left_out_with_what_comes_after_it() -> None:
     s_m = 5_400.0  # The brake is due at 5 583 m.
     late = replace(GUIDE_FAST.following[0], way_m=270.0, in_s=9.0)

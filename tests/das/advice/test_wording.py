@@ -15,11 +15,14 @@ from das.advice.wording import (
     deviation,
     instruction_words,
     mode_words,
+    problem,
     top_speed,
     words,
     words_before_speed,
 )
 from das.domain.units import KMH
+from das.estimate.estimate import Problem, ProblemKind
+from das.estimate.speed_scale import FACTORS
 
 DE, EN, FR = Language.DE, Language.EN, Language.FR
 ZURICH = ZoneInfo("Europe/Zurich")
@@ -53,6 +56,12 @@ def test_every_code_has_words_in_every_language(language: Language) -> None:
 def test_the_words_of_the_languages_differ(code: ReasonCode) -> None:
     """A limit reads alike but for the word before its place."""
     assert len({words(full(code), language) for language in Language}) == len(Language)
+
+
+def test_a_wrong_unit_is_named_with_what_to_send_instead() -> None:
+    said = [problem(Problem(ProblemKind.SPEED_UNIT, factor)) for factor in FACTORS]
+    assert all(": send " in text for text in said)
+    assert len(set(said)) == len(FACTORS)
 
 
 @pytest.mark.parametrize("language", Language)

@@ -16,8 +16,10 @@ from das.cab.leg import Leg
 from das.cab.preparation import Fronts, Preparation
 from das.cab.situation import Situation
 from das.domain.restriction import Restriction
+from das.domain.units import KMH, NS
 from das.estimate.estimate import Estimate
 from tests.support.bundled_sections import BUNDLED, asked_s, guide_of, section_of
+from tests.support.guide import kept, reference
 from tests.support.keeping import Keeping, goal_of, ns, started
 
 LINE = BUNDLED[2]
@@ -73,6 +75,18 @@ def test_a_reason_never_repeats_the_instruction_and_names_limits_and_stops_of_th
 def test_the_last_brake_names_the_stop() -> None:
     _, last = said_on_the_way()[-1]
     assert (last.reason.code, last.reason.stop) == (ReasonCode.STOP, "Zug")
+
+
+def test_a_stop_is_named_from_4_km_on() -> None:
+    """To a driver who coasts, and then brakes for it."""
+    schedule = reference(("H", 0.0, 0.0, 100), ("C", 0.0, 1000.0, 60), ("B", 0.0, 4700.0, 0), at_kmh=100)
+    for left_m, code in ((4100.0, ReasonCode.NONE), (3900.0, ReasonCode.STOP)):
+        state = TrainState(ns(100), schedule.section.end_m - left_m, 95 * KMH)
+        standing = kept(schedule, state)
+        goal = Goal(due_ns=state.now_ns + round(standing.forecast.time_s / NS))
+        found = Guide(schedule.section, None).show(standing, state, goal, FREE)
+        assert found is not None
+        assert (found.now.mode, found.reason.code) == (Regime.COAST, code)
 
 
 def test_a_train_that_is_too_fast_is_told_so() -> None:

@@ -316,6 +316,15 @@ def test_while_a_reference_is_being_made_the_one_before_stands() -> None:
     assert later.forecast.time_s == pytest.approx(again.time_s, abs=1e-9)
 
 
+def test_a_reference_asked_for_before_the_line_changed_is_not_made_any_more() -> None:
+    """The worker makes one after the other: the one for the new limits does not wait for a useless one."""
+    worker, start = PatientWorker(), TrainState(0, section_of(LINE).start_m, 0.0)
+    keeper, after = (sure(section_of(LINE), guide_of(LINE), worker) for _ in range(2))
+    assert keeper.keep(start, goal_of(LINE, BUFFER)) is None
+    after.take_over(keeper)
+    assert [answer.cancelled() for _, answer in worker.waiting] == [True]
+
+
 def test_a_reference_made_in_doubt_waits_for_a_change_that_came_meanwhile() -> None:
     """It was asked for before the instruction changed, and is ready just after."""
     worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
