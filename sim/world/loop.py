@@ -122,7 +122,7 @@ class World:
         self._around = Surroundings(day)
         self._events: list[str] = []
         self._shown: tuple[AdviceView | None, int] = (None, 0)
-        """What is on the display; without advice (None), why there is none, by its number on the bus."""
+        """The advice on the display; without advice (None), why there is none, by its number on the bus."""
         self._command: Command = COAST
         self._counts, self._shown_watch, self._instruction_watch = Counts(), ShownWatch(), InstructionWatch()
         self._told = 0
@@ -240,7 +240,7 @@ TRAIN = "train"
 
 
 Recorded = Callable[[int, Told], Iterable[tuple[Topic, Any]]]
-"""What is only recorded of a tick, as messages; called with its time (ns since 1970)."""
+"""The messages about a tick that are only recorded; called with its time (ns since 1970)."""
 
 
 class InProcess:

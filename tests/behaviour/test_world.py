@@ -359,7 +359,7 @@ def test_lost_messages_are_counted() -> None:
     traffic.sent.update({"position": 3, "log": 2})
     traffic.recorded.update({"position": 2, "log": 2, "advice": 3, "plan": 1})
     assert traffic.lost == 1
-    assert replace(traffic, ticks=5).lost == 3
+    assert replace(traffic, counts=Counts(advised=3, withdrawn=2)).lost == 3
 
 
 @pytest.mark.nightly

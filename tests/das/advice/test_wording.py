@@ -22,7 +22,7 @@ from das.advice.wording import (
 )
 from das.domain.units import KMH
 from das.estimate.estimate import Problem, ProblemKind
-from das.estimate.speed_scale import FACTORS
+from das.estimate.plausibility import FACTORS
 
 DE, EN, FR = Language.DE, Language.EN, Language.FR
 ZURICH = ZoneInfo("Europe/Zurich")

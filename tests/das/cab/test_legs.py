@@ -29,6 +29,7 @@ from das.domain.route import Route, Stop, Stretches
 from das.domain.units import NS
 from das.domain.vehicle import Load
 from das.estimate.estimate import PositionFix
+from das.solver.state import least_time_s
 from tests.support.small_trips import (
     DUE,
     FRONTS,
@@ -295,7 +296,7 @@ def test_far_too_much_time_is_not_crawled_away() -> None:
     ample = [Timetable(departure_ns=ns(a), arrival_ns=ns(b)) for a, b in ((0, 3000), (3030, 3290))]
     made = trip(due=ample)
     first = at(made, 0, 0.0, 0.0)
-    least_s = made.leg.planner.least_time_s(0.0, 0.0)
+    least_s = least_time_s(made.leg.section, 0.0, 0.0)
     run_s = (first.predicted_arrival_ns - T0) * NS
     assert run_s <= LONGEST_RATIO * least_s + 1
     assert first.predicted_deviation_s < -1000

@@ -98,7 +98,6 @@ OF_SIM = [
     ((*DAYS, "--population", "usual"), "--population usual: needs --participants"),
     (("experiment", "run", "smoke", "-o", "b", "--seeds", "1"), "--seeds 1: needs --scenario"),
     (("trip", "trip.csv", "--route", "flat-6km", "--level", "l1"), "--level l1: needs --vehicle or --vehicles"),
-    (("trip", "trip.csv", "--route", "flat-6km", "--point-mass"), "--point-mass: needs --vehicle or --vehicles"),
     (("trip", "trip.csv", "--of-train", "IC1"), "--of-train IC1: trip.csv is no recording"),
     (("trip", "trip.csv", "--route", "flat-6km", "--posts", "posts.csv"), "trip.csv has positions on the route"),
     (("trip", "trip.csv", "--overwrite"), "--overwrite: no file to write is named"),

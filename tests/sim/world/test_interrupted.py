@@ -10,7 +10,7 @@ import pytest
 
 from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
-from sim.cli import driving
+from sim.cli import run
 from tests.support.crossing import few
 from tests.support.making import das_sim
 
@@ -21,15 +21,15 @@ def test_a_run_that_is_asked_to_end_leaves_a_whole_recording(
 ) -> None:
     """At the 20th second of the day, with a node and a recorder as processes."""
     ticks: list[float] = []
-    tick = driving._Pace.tick
+    tick = run._Pace.tick
 
-    def asked_to_end(pace: driving._Pace, done_m: float, all_m: float) -> None:
+    def asked_to_end(pace: run._Pace, done_m: float, all_m: float) -> None:
         tick(pace, done_m, all_m)
         ticks.append(done_m)
         if len(ticks) == 20:
             signal.raise_signal(number)
 
-    monkeypatch.setattr(driving._Pace, "tick", asked_to_end)
+    monkeypatch.setattr(run._Pace, "tick", asked_to_end)
     scenario = flat("")
     with pytest.raises(KeyboardInterrupt):  # the exit code 130
         das_sim("run", scenario.name, "--driver", "perfect", "--out", f"cut-{number}.mcap", cwd=scenario.parent)
