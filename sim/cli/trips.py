@@ -177,8 +177,7 @@ def first_minute() -> None:
                 drive.finish()
         found = _compared(recorded, guided)
     _print(found)
-    files = f"{shlex.quote(str(guided))} --beside {shlex.quote(str(recorded))}"
-    tell(f"See it: {typed('das-sim')} view {files}")
+    tell(f"See it: {typed('das-sim')} view {shlex.quote(str(guided))}")
 
 
 class _Guided:

@@ -75,10 +75,10 @@ def test_das_sim_alone_compares_the_bundled_trip_with_the_guide(
     """At most 12 lines: both drives, one sentence with what its figures hang on, and how to look at them."""
     done, _ = default_run
     assert done.returncode == 0, done.stderr
-    replayed, guided = recordings(default_run)
+    _, guided = recordings(default_run)
     lines = done.stdout.splitlines()
     assert len(lines) <= 11  # the last one is longer than 80 columns
-    assert lines[-1].endswith(f"das-sim view recordings/{guided.name} --beside recordings/{replayed.name}")
+    assert lines[-1].endswith(f"das-sim view recordings/{guided.name}")
     said = " ".join(lines[:-1])
     assert all(
         words in said for words in ("as recorded", "with the guide", "at the same arrival time", "simulated driver")
