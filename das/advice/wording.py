@@ -1,6 +1,6 @@
-"""The words of advice, for people, in the languages of drivers. Programs read codes, causes and modes, never these.
+"""The words of advice in the languages of drivers. Programs read codes, causes and modes, never these words.
 
-Why there is no advice is said in English alone: a cab shows nothing then, and the words are for logs.
+The text of a withdrawal is in English only: the cab then shows nothing, and the text is for logs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is wanted of this train: the present step, or the way back to it for a driver who has strayed from it."""
+"""The wanted instruction: the present step, or the return to it for a driver who has departed from it."""
 
 from __future__ import annotations
 
@@ -34,15 +34,17 @@ from das.solver.kernels.schedule import BACK_SHARE
 WORTH_S = 40.0
 """The time (s) before the next step within which no acceleration back to a speed is shown: it would be wasted."""
 ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
-"""A driver above the speed to hold coasts back if that takes no longer than the first; else he has it after the second
-by braking, with the motors alone where they slow the train."""
+"""The longest time (s) in which a driver coasts back to a speed to hold; else he brakes back in the second time, with
+the motors alone if they slow the train.
+"""
 COAST_MISSES_MPS = 4.0 * KMH
-"""The distance (m/s) of the end of coasting from the speed shown above which the speed that it leads to is shown."""
+"""The difference (m/s) between the shown and the actual end speed of coasting above which the actual one is shown."""
 ROLLS_SOON_S = 10.0
-"""The time (s) to roll up to a speed within which it is held instead: coasting would be over at once."""
+"""The time (s) to roll up to a speed below which holding it is shown instead of coasting, which would end at once."""
 BRIEF_S, GAINS_S = 30.0, 2.5
-"""An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast. Nor is
-a brake for the stop released for less than the first, unless even the least effort shown would be too much."""
+"""An acceleration that a brake follows within the first (s) must gain the second (s): drivers gain less than forecast.
+A brake for the stop is released for at least the first, unless even the least effort is too much.
+"""
 EARLY_RATIO = 0.5
 """The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
 CREEP_MPS = 10.0 * KMH
@@ -52,7 +54,7 @@ Floats = NDArray[np.float64]
 
 
 def advanced(scene: Sight, memory: Memory) -> Memory:
-    """The memory at the step in force here; it goes back only if the train turns out to be far behind its begin."""
+    """The memory at the step in force here; an earlier step only if the train proves to be far before this one."""
     state = scene.state
     number = memory.step if scene.due_s(memory.step) <= STANDS_S else 0
     while number + 1 < len(scene.steps):
@@ -64,12 +66,12 @@ def advanced(scene: Sight, memory: Memory) -> Memory:
 
 
 def at_step(memory: Memory, number: int) -> Memory:
-    """The memory at the begin of a step."""
+    """The memory at the beginning of a step."""
     return replace(memory, step=number, mode=Lead.FOLLOW, back=None, reached=False)
 
 
 def wanted(scene: Sight, memory: Memory) -> tuple[Proposal, Memory]:
-    """What the train is to do now by its step, due when that begins, and the memory after it."""
+    """The proposal of the present step, due when the step begins, and the memory after it."""
     step = scene.steps[memory.step]
     if memory.back is not None and _is_back(scene, memory, step):
         memory = replace(memory, mode=Lead.FOLLOW, back=None, reached=memory.mode is not Lead.CREEP)
@@ -94,7 +96,7 @@ def _of_step(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
 
 
 def _has_rolled_up(scene: Sight, step: GuideStep) -> bool:
-    """Whether a train that coasts to a higher speed has it, maybe sooner than planned."""
+    """Whether a train that coasts to a higher speed has reached it, possibly sooner than planned."""
     begins_mps = scene.schedule.speed_at(step.from_m)
     return begins_mps < step.speed_mps - SAME_MPS and scene.state.v_mps > step.speed_mps - SAME_READING_MPS
 
@@ -110,7 +112,7 @@ def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
 
 
 def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
-    """The speed of a step is held; a train too far from it returns to it."""
+    """The hold of a step's speed; the return to it for a train that is too far from it."""
     to_mps, away_mps = step.speed_mps, scene.state.v_mps - step.speed_mps
     if away_mps < -OFF_MPS and scene.due_s(memory.step + 1) > WORTH_S:
         back = traction(step.effort if step.kind is InstructionKind.TRACTION else BACK_SHARE, to_mps)
@@ -129,7 +131,7 @@ def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
 
 
 def reachable_mps(scene: Sight, number: int) -> float:
-    """The speed to accelerate to: no higher than the next step needs of a train that is slower than the reference."""
+    """The speed to accelerate to: for a train slower than the reference, no higher than the next step needs."""
     to_mps = scene.steps[number].speed_mps
     after = scene.after(number)
     if after is not None and after.kind in (InstructionKind.BRAKE, InstructionKind.HOLD) and after.speed_mps < to_mps:
@@ -139,7 +141,7 @@ def reachable_mps(scene: Sight, number: int) -> float:
 
 
 def _accelerating(scene: Sight, memory: Memory, step: GuideStep, to_mps: float) -> Instruction:
-    """The acceleration of a step; a hold where it would gain too little before a brake that follows soon."""
+    """The acceleration of a step; a hold if it would gain too little time before a brake that follows soon."""
     state, shown = scene.state, memory.shown
     if shown.mode in TRACTION or not is_vain(scene, memory.step):
         return traction(step.effort, to_mps)
@@ -158,7 +160,7 @@ def is_vain(scene: Sight, number: int) -> bool:
 
 
 def _brakes_m(scene: Sight, number: int) -> float:
-    """Where a train that accelerates as forecast must brake (m): for the step after it, or for a limit before that."""
+    """The place (m) where a train that accelerates as forecast must brake, for the next step or a limit before."""
     after = scene.after(number)
     next_m = after.from_m if after is not None else math.inf
     speeds_mps, at_m = scene.foreseen.ahead_mps[1:-1], scene.foreseen.at_m[1:-1]
@@ -174,7 +176,7 @@ def _brakes_m(scene: Sight, number: int) -> float:
 
 
 class _Leads(NamedTuple):
-    """Where coasting leads: the speeds on the way, and the highest speed that may be named for its end."""
+    """The result of coasting: the speeds on the way, and the highest speed that may be named for its end."""
 
     end_m: float
     speeds_mps: Floats
@@ -189,7 +191,7 @@ class _Leads(NamedTuple):
 
 
 def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
-    """To coast to where that leads; a hold where it does as well, or where the train would be there in a moment."""
+    """Coasting to the speed it leads to; a hold if that serves as well, or if coasting would end at once."""
     step, after = scene.steps[number], scene.after(number)
     from_m = max(scene.state.s_m, step.from_m)
     v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
@@ -212,9 +214,9 @@ def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
 
 
 def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads:
-    """Where the coasting of a step leads from a place and a speed.
+    """The result of a step's coasting from a place and a speed.
 
-    It ends with the step, or where the train must brake before: by more than a driver would hold a limit with.
+    Coasting ends with the step, or earlier where the train must brake harder than a driver would to hold a limit.
     """
     ahead, state, section, end_m = scene.ahead, scene.state, scene.schedule.section, step.by_m
     rolled_mps = ahead.rolling_mps(from_m, v_mps)
@@ -234,7 +236,7 @@ def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads
 
 
 def _told_mps(scene: Sight, shown: Instruction, step: GuideStep, leads: _Leads) -> float:
-    """The speed to name to a driver who coasts: the one shown or planned if the train ends near it, else its own."""
+    """The speed to name to a driver who coasts: the shown or planned one if near the end speed, else the end speed."""
     ends_mps = float(leads.speeds_mps[-1])
     goes_on = shown.mode is Regime.COAST and shown.speed_mps <= leads.highest_mps + SAME_READING_MPS
     for told in (shown.speed_mps if goes_on else math.nan, step.speed_mps):
@@ -247,7 +249,7 @@ def _told_mps(scene: Sight, shown: Instruction, step: GuideStep, leads: _Leads) 
 
 
 def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
-    """The brake of a step with one effort; one who has braked too much coasts to a lower speed, or creeps to a stop."""
+    """The brake of a step with one effort; after too much braking, coasting to a lower speed, or creeping to a stop."""
     state, to_mps, slows = scene.state, step.speed_mps, step.speed_mps > SAME_MPS
     if slows and state.v_mps <= to_mps + SAME_MPS:
         return _holding(scene, replace(memory, reached=True), step)
@@ -259,14 +261,14 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
         if back is not None:
             mode = Lead.BACK_DOWN if slows else Lead.CREEP
             return Proposal(back, mode=mode), replace(memory, mode=mode, back=back)
-    if step.effort > 0.0:  # No limit asks for this brake: the motors' is enough.
+    if step.effort > 0.0:  # No limit requires this brake: the motors suffice.
         need = min(max(need, step.effort), 1.0)
     found = braked(scene, memory, NeededBrake(need, to_mps, _by_m(scene, step)), in_s)
     return found._replace(waits=step.effort > 0.0), memory
 
 
 def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instruction | None:
-    """What a driver does who has braked early or hard; None if he is too near to do anything else."""
+    """The proposal for a driver who has braked early or hard; None if he is too near to do anything but brake."""
     state, v_mps, to_mps = scene.state, scene.state.v_mps, step.speed_mps
     left_m = _by_m(scene, step) - state.s_m
     if to_mps > SAME_MPS:
@@ -275,7 +277,7 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instru
     shown = memory.shown if memory.shown.mode in BRAKES else brake(planned_effort(scene, step), 0.0)
     soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
     low_mps = max(target_below(soon_mps), CREEP_MPS)
-    # Where even the least effort shown is too much, he would stop short of the mark: a brief release is worth it.
+    # If even the least effort shown is too much, he would stop short of the mark: a brief release is worthwhile.
     least_s = BRIEF_S if need >= STEP_RATIO else BRAKES_BACK_S
     if scene.ahead.is_due(state.braked_m, low_mps, least_s):
         return None
@@ -285,7 +287,7 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instru
 
 
 def _by_m(scene: Sight, step: GuideStep) -> float:
-    """Where a brake has its speed (m); for a train beyond that, where the step ends."""
+    """The place (m) where a brake has reached its speed; for a train beyond it, the end of the step."""
     return step.by_m if scene.state.s_m < step.by_m else step.to_m
 
 
