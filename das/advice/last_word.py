@@ -275,8 +275,7 @@ class _Judgement:
     def _safe_guide(self, guide: Guidance) -> Guidance:
         """The guide's advice with the least change that is safe.
 
-        The change removes what is announced, or limits the speed to what is allowed here, or brakes as strongly as
-        needed.
+        The change drops what is announced, or limits the speed to what is allowed here, or brakes as needed.
         """
         held_mps = step_below(min(guide.now.speed_mps, self._model.allowed_mps(self._ahead_m)))
         now = Instruction(mode=Regime.CRUISE, speed_mps=held_mps)
@@ -350,7 +349,7 @@ class _Judgement:
             self._replace(first, guide=replace(guide, following=tuple(kept)))
 
     def _late(self, guide: Guidance) -> Excess | None:
-        """The excess of a driver who follows what is shown now until the announced brake is due; None if there is none."""
+        """The excess of a driver who follows the present instruction until the announced brake is due; None if none."""
         in_s = guide.following[0].in_s
         if not in_s <= LONGEST_S:
             return None
@@ -507,7 +506,7 @@ class BrakingModel:
         places[kernels.BOUND + 2] = (limit_mps + LIMIT_TOLERANCE_MPS) ** 2
         self.line = nodes_m, places, _forces_n(train)
         self.train = *self.line, train.inertial_mass_kg, min(train.max_deceleration_mps2, 1e6)
-        """The model in the form of the kernels: the arrays of `line`, then the train's mass and largest deceleration.
+        """The model for the kernels: the arrays of `line`, then the train's mass and largest deceleration.
         """
         for row in (kernels.ALLOWED, kernels.BOUND):
             kernels.fill_curve(*self.train, row)

@@ -51,8 +51,8 @@ class _Sample(NamedTuple):
 
 
 class Quiet:
-    """Detects, at each advice message, a driver who brakes against an instruction to accelerate or to hold a speed, and
-    a train that stands where it has no stop.
+    """Detects, at each advice message, a driver who brakes although he is to accelerate or to hold a speed, and a train
+    that stands where it has no stop.
     """
 
     def __init__(self) -> None:

@@ -37,7 +37,7 @@ BESIDE_M = 100.0
 BINDS_MPS = 10.0 * KMH
 """The difference (m/s) between a limit and the forecast speed there above which the limit is not the reason."""
 SLOWED_S = 30.0
-"""The delay (s) of a passing after the point's earliest time above which the point is not the reason for slowing."""
+"""The delay (s) of a passing after its earliest time above which the point is not the reason for slowing."""
 SAID_LATE_S = 30.0
 """The least lateness or earliness (s) that is named: a driver cannot correct less."""
 SAID_ANEW_S = 10.0
