@@ -99,7 +99,8 @@ class BrakingAhead:
         return float(np.interp(self.feared_m(s_m), self.section.node_m, self.section.allowed_mps))
 
     def feared_m(self, s_m: float) -> float:
-        """The furthest position (m) of a train estimated at `s_m`: ahead by the planned deviation, but not at the mark."""
+        """The furthest position (m) of a train estimated at `s_m`: ahead by the planned deviation, except at the
+        mark."""
         planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
         return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
 
@@ -108,7 +109,7 @@ class BrakingAhead:
         return len(self.section.node_m) - 1 - _interval(self.section, s_m)
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
-        """The place (m) at which a train with these speeds, less its excess here, meets a braking curve; else the end."""
+        """The place (m) where a train with these speeds, less its excess here, meets a braking curve; else the end."""
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)

@@ -108,8 +108,7 @@ STEPS = 2
 """Iterations that find the speed at the end of an interval."""
 TRIES, NEAR_W = 14, 0.02
 """The search for an effort takes at most `TRIES` steps, and ends when v² is met to within `NEAR_W` (m²/s²); on average
-it takes three.
-"""
+it takes three."""
 
 
 @kernel

@@ -506,8 +506,7 @@ class BrakingModel:
         places[kernels.BOUND + 2] = (limit_mps + LIMIT_TOLERANCE_MPS) ** 2
         self.line = nodes_m, places, _forces_n(train)
         self.train = *self.line, train.inertial_mass_kg, min(train.max_deceleration_mps2, 1e6)
-        """The model for the kernels: the arrays of `line`, then the train's mass and largest deceleration.
-        """
+        """The model for the kernels: the arrays of `line`, then the train's mass and largest deceleration."""
         for row in (kernels.ALLOWED, kernels.BOUND):
             kernels.fill_curve(*self.train, row)
 

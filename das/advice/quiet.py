@@ -52,8 +52,7 @@ class _Sample(NamedTuple):
 
 class Quiet:
     """Detects, at each advice message, a driver who brakes although he is to accelerate or to hold a speed, and a train
-    that stands where it has no stop.
-    """
+    that stands where it has no stop."""
 
     def __init__(self) -> None:
         self._samples: deque[_Sample] = deque()

@@ -71,8 +71,7 @@ class CabSettings:
     background: bool = False
     """Whether fronts are searched for in a thread of their own; otherwise each tick waits for what it needs."""
     stopwatch: Callable[[], float] = no_stopwatch
-    """The clock (s) for the durations in the status: in real time `WALL_STOPWATCH`; by default the durations are 0.
-    """
+    """The clock (s) for the durations in the status: in real time `WALL_STOPWATCH`; by default the durations are 0."""
     guide: bool = False
     """Whether there is a guide; if not, nothing is computed for it."""
 

@@ -47,8 +47,7 @@ TOKEN_AFTER_S = 2.0
 """Time (s) after its first message from which a publisher whose liveliness token was not seen counts as having none."""
 NOT_STAMPED = "one without its sender's time stamp (or with one ahead of the clock)"
 SILENT_S = STALE_AFTER_S
-"""Silence (s) after which another publisher of measurements may take over; a position is usable for as long.
-"""
+"""Silence (s) after which another publisher of measurements may take over; a position is usable for as long."""
 
 
 class Guard:

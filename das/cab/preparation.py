@@ -38,8 +38,7 @@ KEPT_BYTES = 60_000_000
 """Total size (bytes) up to which fronts are kept (30 km take 18 MB); the newest front is always kept."""
 EVERY_MULTIPLIER = 3
 """Step in the solver's multipliers on board. Solving every third takes 0.4 of the memory and costs 0.003 to 0.03 % of
-the energy on average, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same.
-"""
+the energy on average, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
 
 T = TypeVar("T")
 
@@ -182,8 +181,8 @@ class _Prepared:
     served: PassingTarget | None = None
     """The point to pass for which the front was found, or is being searched for."""
     held_from_m: float = math.inf
-    """Place (m) from which the brakes hold the train, if the leg is refused for a descent; it is checked again there.
-    """
+    """Place (m) from which the brakes hold the train, if the leg is refused for a descent; it is checked again
+    there."""
     ready: bool = False
     search: Future[_Answer] | None = None
     guide: Future[FoundGuide | str] | None = None

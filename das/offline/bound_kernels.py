@@ -18,7 +18,7 @@ from das.solver.kernels.arrays import add, put
 from das.solver.kernels.forces import ADHESION_EXTRA, ADHESION_LEAST, ADHESION_OFFSET, ADHESION_SPEED
 
 TURNED_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8)
-"""Shares of the price of time (and of the loss) that a plane may shift to its term of the kinetic energy."""
+"""Shares of the price of time (and of the loss) that a plane may shift to its kinetic-energy term."""
 SECANTS = ((1, 0), (4, -1), (0, 3), (20, 0))
 """Pairs of rows, before and after the state's own row, between which a plane's slope in the slowness is taken. There
 are several pairs, because the loss of a map jumps."""
@@ -102,7 +102,7 @@ def plane_constant(a_b_d, least_n, rows, ends_tau, enough):
 
     `least_n[i]` is the least ψ − a·f of row i. Between two rows, and beyond the slowest one, where ψ rises by at least
     `standing_w` with τ, the least is taken in closed form. Only slownesses between `ends_tau` count. A c of at most
-    `enough` is of no use, and the search ends there.
+    `enough` is useless, and the search then ends.
     """
     _, b, d = a_b_d
     low_tau, high_tau = ends_tau
@@ -213,7 +213,7 @@ class Planes(NamedTuple):
 
 
 class Program(NamedTuple):
-    """The convex relaxation as the kernels take it; all forces are in units of one force."""
+    """The convex relaxation in the form of the kernels; all forces are in units of one force."""
 
     motion: RelaxedMotion
     efforts: RelaxedEfforts

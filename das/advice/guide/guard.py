@@ -20,8 +20,7 @@ from das.solver.guide.schedule import Prospect, Schedule
 
 BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0
 """The times (s) before it is due at which a brake is shown: usually, to a driver who accelerates or is faster than the
-reference (he ends traction late), and at least. A brake shown earlier is begun too early.
-"""
+reference (he ends traction late), and at least. A brake shown earlier is begun too early."""
 SOONER_S = 0.7
 """The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
 SHORT_M = 8.0
