@@ -34,7 +34,7 @@ FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
 
 
 class ClockKind(StrEnum):
-    """The clock that the node follows."""
+    """The clock that the node uses."""
 
     WALL = "wall"
     BUS = "bus"
