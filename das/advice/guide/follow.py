@@ -34,15 +34,15 @@ from das.solver.kernels.schedule import BACK_SHARE
 WORTH_S = 40.0
 """The time (s) before the next step within which no acceleration back to a speed is shown: it would be wasted."""
 ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
-"""The longest time (s) in which a driver coasts back to a speed to hold; else he brakes back in the second time, with
+"""The longest time (s) for coasting back to a speed to hold, and the time (s) for braking back to it otherwise, with
 the motors alone if they slow the train."""
 COAST_MISSES_MPS = 4.0 * KMH
 """The difference (m/s) between the shown and the actual end speed of coasting above which the actual one is shown."""
 ROLLS_SOON_S = 10.0
-"""The time (s) to roll up to a speed below which holding it is shown instead of coasting, which would end at once."""
+"""The time (s) within which a train rolls up to a speed that is held instead: coasting would end at once."""
 BRIEF_S, GAINS_S = 30.0, 2.5
-"""An acceleration that a brake follows within the first (s) must gain the second (s): drivers gain less than forecast.
-A brake for the stop is released for at least the first, unless even the least effort is too much."""
+"""The time (s) before a brake within which an acceleration must gain the second time (s), as drivers gain less than
+forecast; a brake for the stop is not released for less, unless even the least effort is too much."""
 EARLY_RATIO = 0.5
 """The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
 CREEP_MPS = 10.0 * KMH

@@ -19,8 +19,8 @@ from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.solver.guide.schedule import Prospect, Schedule
 
 BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0
-"""The times (s) before it is due at which a brake is shown: usually, to a driver who accelerates or is faster than the
-reference (he ends traction late), and at least. A brake shown earlier is begun too early."""
+"""The times (s) before it is due at which a brake is shown: usually; to a driver who accelerates or is faster than the
+reference, because he ends traction late; and at least. A brake shown earlier is begun too early."""
 SOONER_S = 0.7
 """The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
 SHORT_M = 8.0
@@ -34,9 +34,9 @@ NEAR_MARK_M = 3.0
 STEP_RATIO, FRICTION_STEP_RATIO = 0.05, 0.5
 """The steps to which efforts are rounded up: of the motors, and of the friction brake, which is not set more finely."""
 ANSWERED_S = 4.0
-"""The reaction time (s) for which an increased effort allows, so that it is increased only once."""
+"""The reaction time (s) that an increased effort allows for, so that it is increased only once."""
 BEGUN_S = 2.0
-"""The reaction time (s) for which the effort first shown for a lower limit allows."""
+"""The reaction time (s) that the effort first shown for a lower limit allows for."""
 GROWN_RATIO = 1.6
 """The largest ratio of an increased effort to the effort needed now."""
 LACKS_RATIO = 0.05
@@ -315,7 +315,7 @@ def stepped(effort: float) -> float:
 
 
 def rate_mps2(ahead: BrakingAhead, effort: float, state: TrainState) -> float:
-    """The deceleration (m/s²) of the train here with an effort, at least one that ends."""
+    """The deceleration (m/s²) of the train here with an effort, at least `LEAST_MPS2`."""
     return max(_slows_mps2(ahead, effort, state), LEAST_MPS2)
 
 
@@ -335,7 +335,7 @@ def way_m(ahead: BrakingAhead, effort: float, to_mps: float, state: TrainState) 
 
 
 def _answered(ahead: BrakingAhead, needed: NeededBrake, state: TrainState, begin_m: float) -> float:
-    """An effort that suffices even if the driver reacts late; above the motors' only once more is needed."""
+    """An effort that suffices even if the driver reacts late; above the motors' effort only once needed."""
     late_m = max(state.braked_m + state.v_mps * ANSWERED_S, begin_m + state.v_mps * BEGUN_S)
     answered = ahead.effort_to(min(late_m, needed.at_m), state.v_mps, needed.at_m, needed.target_mps)
     most = math.inf if needed.target_mps > SAME_MPS and needed.effort > 1.0 else 1.0

@@ -97,7 +97,7 @@ class Kept(NamedTuple):
 
 
 class _Gain(NamedTuple):
-    """The gain of a new reference: energy saved (J), improvement of the arrival (s), and their sum at the price (J)."""
+    """The gain of a new reference: energy saved (J), arrival improved (s), and their sum at the price of time (J)."""
 
     energy_j: float = 0.0
     lateness_s: float = 0.0

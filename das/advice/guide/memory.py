@@ -14,7 +14,7 @@ from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime, depar
 from das.domain.units import NS
 
 SAME_CHANGE_S = 10.0
-"""The shift (s) of its due time in a second up to which an announcement is of the same change."""
+"""The shift (s) of the due time within a second below which an announcement is of the same change."""
 PASSED_S = 2.0
 """The time (s) before it is due within which an announcement that ends is not dropped: its change comes now."""
 NOTHING = Instruction()

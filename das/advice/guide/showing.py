@@ -305,7 +305,7 @@ def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:
     return min(max(wanted_n, least_n), most_n)
 
 
-# --- the gate: the only hysteresis. When a wanted instruction replaces the one shown -------------------------
+# --- the gate: the only hysteresis. When a wanted instruction replaces the one shown ----------------------------------
 
 
 class Opening(NamedTuple):

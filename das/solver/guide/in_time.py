@@ -15,8 +15,8 @@ from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
 SLOWER = (4, 8, 16, 24, 32, 41)
-"""Steps down the ladder from the higher of two neighbouring prices to prices that follow it to fill the gap between
-their runs, which may be many seconds: 0.9 to 0.3 of it."""
+"""Steps down the ladder from the higher of two neighbouring prices to those that may follow it, to fill the gap between
+their runs (possibly many seconds): 0.9 to 0.3 of the price."""
 ROUNDS = 2
 """Number of rounds in which the price after a place is found: it depends on the speed there, which depends on it."""
 
