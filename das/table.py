@@ -32,7 +32,7 @@ from das.solver.solution import Fit
 
 SCHEMA_VERSION: Final = 4
 MOST_BYTES: Final = 20_000_000
-"""Largest table that is read (bytes); that of a section of 30 km has some 0.2 MB."""
+"""Largest table that is read (bytes); that of a section of 30 km has about 0.2 MB."""
 LARGEST_NUMBER: Final = 1e300
 LARGEST_MPS: Final = 200.0
 SEAL: Final = "sha256"
@@ -45,7 +45,7 @@ Test = tuple[str, Callable[[Any], bool]]
 
 
 class TableError(DasError):
-    """A table cannot be used; the message says why."""
+    """A table cannot be used; the message states why."""
 
 
 def _is_number(value: Any) -> bool:

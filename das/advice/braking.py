@@ -78,7 +78,7 @@ class BrakingAhead:
         _, firsts, which = np.unique(section.supply, return_index=True, return_inverse=True)
         brakes = np.array([_most_n(section, self._train, i, 1.0) > 0.0 for i in firsts.tolist()])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
-        # A planned brake that is announced asks for the same effort every second.
+        # For an announced brake, the same effort is requested every second.
         self.effort_to = lru_cache(maxsize=64)(self._effort_to)
         """The least effort that slows the train from a place (m) and speed (m/s) to a place and speed there; the
         largest if none is enough."""

@@ -118,7 +118,7 @@ class Display:
         self._show(Regime.FRICTION_BRAKE if train.friction_force_n > 0 else Regime.FULL_BRAKE, state.now_ns)
         allowed = planner.allowed_mps(state.s_m)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * np.arange(1, HORIZON_S + 1), 0.0)
-        # The lowest speed allowed on the way to each point: the horizon never tells the driver to speed up again.
+        # The lowest speed allowed on the way to each point, so that the horizon never rises again.
         way_m = np.cumsum(0.5 * (np.append(v_mps, speeds[:-1]) + speeds))
         lowest = [planner.lowest_allowed_mps(state.s_m, state.s_m + one) for one in way_m]
         there = np.minimum(np.minimum.accumulate(lowest), allowed)

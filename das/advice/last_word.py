@@ -48,7 +48,7 @@ HELD_ABOVE_MPS = 1.0
 BACK_IN_S = 5.0
 """Time (s) in which strong enough braking brings a train back under a limit."""
 FULL_RATIO = 0.97
-"""Share of the full braking force from which braking counts as full: nothing stronger can be asked for."""
+"""Share of the full braking force above which braking counts as full: no stronger braking can be required."""
 FORCE_RATIO = 1.02
 """Multiple of the largest force at a speed up to which a force counts as available: the difference is rounding."""
 LONGEST_S = 30.0
@@ -153,7 +153,7 @@ class _Judgement:
             self._brake(excess)
 
     def _shown(self) -> Iterator[Doing]:
-        """What the full advice tells the driver to do: the advised force until the next change, then the horizon's.
+        """The driver's actions under the full advice: the advised force until the next change, then the horizon's.
 
         If the horizon shows a brake becoming stronger, the driver follows it. He uses traction only up to the speeds
         shown, and stops where the speed shown is 0, whatever the force.
@@ -237,7 +237,7 @@ class _Judgement:
         self._judge_following()
 
     def _excess_of(self, guide: Guidance) -> Excess | None:
-        """The excess of a driver who does what the guide says, with the force shown or with the reference's, if any.
+        """The excess of a driver who follows the guide, with the force shown or with the reference's, if any.
 
         If a brake is shown without an effort, he brakes by eye and stops at the mark, but may miss a limit before it.
         """
@@ -359,7 +359,7 @@ class _Judgement:
         excess = self._excess(led, in_s, in_s)
         if excess is None or now.mode is not Regime.COAST or now.speed_mps <= self._v_mps:
             return excess
-        # He rolls up to that speed and is then told to hold it: he is no faster than one who holds it at once.
+        # He rolls up to that speed and is then told to hold it: he is no faster than a driver who holds it at once.
         return self._excess([*led[:-1], led[-1]._replace(speed_mps=now.speed_mps, holds=True)], in_s, in_s)
 
     # --- what happens to a train from the furthest place where it may be, if its driver does what is shown -----------
@@ -544,7 +544,7 @@ class BrakingModel:
     def needed(self, s_m: float, v_mps: float, within_s: float) -> Needed:
         """The least constant deceleration from here that keeps every limit ahead and the stop.
 
-        A train above the limit where it is comes down to that limit within `within_s` as well.
+        A train above the limit at its position also comes down to that limit within `within_s`.
         """
         nodes_m, places, _ = self.line
         i, here_mps = int(kernels.interval(nodes_m, s_m)), self.limit_mps(s_m)

@@ -137,7 +137,7 @@ class Planner:
         here = plan.at(state.s_m)
         age_s = (state.now_ns - plan.made_ns) * NS
         if state.v_mps < STANDSTILL_MPS and plan.force_n[here.interval] < 0:
-            return False  # The train stands where the plan brakes: the plan does not say how to depart.
+            return False  # The train stands where the plan brakes: the plan has no departure.
         return (
             0 <= age_s <= LONGEST_AGE_S
             and -SLOWER_BAND_MPS <= state.v_mps - here.speed_mps <= FASTER_BAND_MPS

@@ -1,4 +1,4 @@
-"""A worker for long computations: in a background thread, so that advice goes on meanwhile, or at once."""
+"""A worker for long computations: in a background thread, so that advice continues meanwhile, or immediately."""
 
 from __future__ import annotations
 

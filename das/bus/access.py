@@ -26,7 +26,7 @@ class Role(StrEnum):
     SIMULATOR = "simulator"
     """The whole environment: sensors, operator, and the messages of a simulation."""
     SENSORS = "sensors"
-    """Localisation and train control: where the train is, and its forces."""
+    """Localisation and train control: the position of the train, and its forces."""
     OPERATOR = "operator"
     """The ground: journey, restrictions, targets and delay."""
     NODE = "node"

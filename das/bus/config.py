@@ -153,7 +153,7 @@ class BusFolder:
     insecure: bool = False
 
     def file(self, role: Role) -> BusFile:
-        """The file of a role; raises DasError where it is missing."""
+        """The file of a role; raises DasError if it is missing."""
         file = self.path / f"{role}.json5"
         if not file.is_file():
             raise DasError(f"{file}: does not exist; expected a folder made by das-node tls-init")
@@ -161,7 +161,7 @@ class BusFolder:
 
 
 def bus_folder(path: Path | None, insecure: bool, train: str) -> BusFolder | None:
-    """The folder that a simulation uses; raises DasError where one of its files cannot be used."""
+    """The folder that a simulation uses; raises DasError if one of its files cannot be used."""
     if path is None:
         _refuse_lone_insecure(insecure)
         return None
@@ -172,7 +172,7 @@ def bus_folder(path: Path | None, insecure: bool, train: str) -> BusFolder | Non
 
 
 def bus_options(file: Path | None, insecure: bool, listen: str | None, connect: Sequence[str] | None) -> BusFile | None:
-    """The bus file from the options of a process; raises DasError where the options contradict each other."""
+    """The bus file from the options of a process; raises DasError if the options contradict each other."""
     if file is None:
         _refuse_lone_insecure(insecure)
         return None

@@ -100,7 +100,7 @@ class Raw:
     attachments: list[records.Attachment] = field(default_factory=list)
     metadata: list[tuple[records.Metadata, bool | None]] = field(default_factory=list)
     numbered: bool = False
-    """Whether the recorder wrote the file: it gives each message of the file a number of its own."""
+    """Whether the recorder wrote the file: it gives each message of the file a unique number."""
 
     described: dict[int, tuple[records.Channel, records.Schema]] = field(default_factory=dict)
     """Channels and their schemas by the metadata of the recorder, with the numbers that it gave them."""

@@ -164,7 +164,7 @@ class Scan:
             self._note(at, self.size, "the end of the file", lost=False)
 
     def _end(self, at: int) -> int:
-        """The stated end of the record at a place; beyond the file where there is no record."""
+        """The stated end of the record at a place; beyond the file if there is no record."""
         head = self.data[at : min(at + RECORD.size, self._last)]
         return at + RECORD.size + RECORD.unpack(head)[1] if len(head) == RECORD.size else self.size + 1
 

@@ -84,7 +84,7 @@ def topic_of(key: str) -> Topic | None:
 
 @dataclass(frozen=True)
 class Received:
-    """A received message; `message` is None where the payload is not of the topic's type.
+    """A received message; `message` is None if the payload is not of the topic's type.
 
     `source` is the session that put the time stamp on it, normally the sender's; `size` is in bytes.
     """

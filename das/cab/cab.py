@@ -69,7 +69,7 @@ class CabSettings:
     calibrate: bool = False
     """Whether mass and running resistance are estimated from the measured efforts and used in plans."""
     background: bool = False
-    """Whether fronts are searched for in a thread of their own; otherwise each tick waits for what it needs."""
+    """Whether fronts are searched for in a separate thread; otherwise each tick waits for the fronts it needs."""
     stopwatch: Callable[[], float] = no_stopwatch
     """The clock (s) for the durations in the status: in real time `WALL_STOPWATCH`; by default the durations are 0."""
     guide: bool = False

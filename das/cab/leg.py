@@ -74,7 +74,7 @@ class Leg:
         self._stood_short = self._too_fast = False
 
     def facts(self, refusal: str) -> LegFacts:
-        """The facts on which `decide` is based; `refusal` says why the section cannot be driven, if it cannot."""
+        """The facts on which `decide` is based; `refusal` states why the section cannot be driven, if it cannot."""
         section, goal = self.section, self.goal
         return LegFacts(
             start_m=section.start_m,
@@ -131,7 +131,7 @@ class Leg:
         if self.arrival_ns == before.target_ns and passing == before.passing:
             return
         point, here = before.passing, self.here
-        # If the train has passed the goal's point and no other follows, the plan goes on.
+        # If the train has passed the goal's point and no other follows, the plan continues.
         is_behind = passing is None and point is not None and here is not None and here.s_m >= point.s_m
         if self.arrival_ns != before.target_ns or (passing != point and not is_behind):
             self.planner.forget()

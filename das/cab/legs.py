@@ -106,7 +106,7 @@ class Legs:
     ) -> None:
         """Take over a journey, by default with the train and the level of the start.
 
-        Raises DasError if the journey cannot be driven on this line; the previous journey then goes on.
+        Raises DasError if the journey cannot be driven on this line; the previous journey then continues.
         """
         started, before = self._started, self.situation
         situation = replace(before, vehicle=vehicle or started.vehicle, level=level or started.level)
@@ -194,7 +194,8 @@ class Legs:
         self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
 
     def _note_change(self) -> None:
-        """Take note of a change. A new search begins at once if it has its own thread; otherwise when advice is due."""
+        """Take note of a change. A new search begins immediately if it has its own thread; otherwise when advice is
+        due."""
         self._changed = True
         if self.preparation.in_background and self.legs:
             self.prepare(self._now_ns)

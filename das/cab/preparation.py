@@ -59,7 +59,7 @@ class _Kept(Generic[T]):
         return known
 
     def put(self, key: str, found: T) -> T:
-        """Keep a result, drop the least recently used ones where the size is exceeded, and return the result."""
+        """Keep a result, drop the least recently used ones if the size is exceeded, and return the result."""
         with self._lock:
             self._known[key] = found
             while len(self._known) > 1 and sum(map(self._size, self._known.values())) > self._most_bytes:
@@ -206,9 +206,9 @@ class _Prepared:
 class Preparation:
     """Keeps the legs that are near prepared for the present situation.
 
-    With `background`, searches for fronts run in a thread of their own, and all work for the guide in another one;
-    otherwise each is over when the call returns, so that the advice depends on the messages alone. `stopwatch` gives
-    seconds, which go into `solve_s` only. Call `close` at the end.
+    With `background`, searches for fronts run in a separate thread, and all work for the guide in another; otherwise
+    each is finished when the call returns, so that the advice depends on the messages alone. `stopwatch` gives seconds,
+    which go into `solve_s` only. Call `close` at the end.
     """
 
     def __init__(
@@ -225,7 +225,7 @@ class Preparation:
 
     @property
     def in_background(self) -> bool:
-        """Whether searches run in a thread of their own."""
+        """Whether searches run in a separate thread."""
         return self._solver.in_background
 
     @property
@@ -263,7 +263,7 @@ class Preparation:
     def rehearse(self, section: Section) -> None:
         """Find the front of a section before there is a journey; raises DasError if there is none.
 
-        In the background the search for the guide's policies goes on: the front alone is enough to advise.
+        In the background the search for the guide's policies continues: the front alone suffices for advice.
         """
         began = self._stopwatch()
         self._fronts.find(section)

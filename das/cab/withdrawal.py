@@ -49,7 +49,7 @@ class LegFacts:
     """The facts of the leg on which the decision is based.
 
     They are its two ends (m), its departure (ns since 1970), whether it has a timetable, and why it cannot be driven.
-    `stood_short`: the train has stood clearly short of the stop where the leg begins, and has not reached it yet.
+    `stood_short`: the train has stood clearly short of the leg's first stop, and has not reached it yet.
     """
 
     start_m: float

@@ -45,8 +45,8 @@ def load_vehicle(name_or_path: str) -> Vehicle:
 def warn_of_braking(vehicle: Vehicle) -> None:
     """Print a warning about a train with friction brakes whose file does not state `max_deceleration`.
 
-    Plans then assume that all brakes act with full force at once. But a friction brake takes some seconds to build up
-    (4 s in position P, UIC 540), so a driver who follows such advice runs past the stop.
+    Plans then assume that all brakes act immediately with full force. But a friction brake takes some seconds to build
+    up (4 s in position P, UIC 540), so a driver who follows such advice runs past the stop.
     """
     from das.domain.vehicle import BrakePolicy
 
@@ -106,7 +106,7 @@ def check_picture(path: Path | None) -> None:
 def save_figure(path: Path, figure: Any, *, dpi: int = 120, **settings: Any) -> None:
     """Write a matplotlib figure in the format that the suffix of `path` names.
 
-    The same figure gives the same bytes. Raises DasError for another suffix, or where the file cannot be written.
+    The same figure gives the same bytes. Raises DasError for another suffix, or if the file cannot be written.
     """
     check_picture(path)
     kind = path.suffix.lower()[1:]

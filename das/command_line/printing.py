@@ -56,7 +56,7 @@ def one_line(text: str) -> str:
 
 @functools.cache
 def _plain_console() -> type[Console]:
-    """A console that takes every string as it is: without markup, emoji codes, highlighting or control characters."""
+    """A console that prints every string unchanged: without markup, emoji codes, highlighting or control characters."""
     from rich.console import Console
     from rich.text import Text
 
@@ -103,7 +103,7 @@ def new_table(
 def print_table(table: Table, legend: Mapping[str, str] | None = None) -> None:
     """Print a table, and below it a legend that explains the abbreviations in it.
 
-    Columns that do not wrap are never cut: the table becomes wider than the terminal where it must.
+    Columns that do not wrap are never cut: the table becomes wider than the terminal if necessary.
     """
     console = _plain_console()(highlight=False, markup=False, emoji=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
@@ -192,7 +192,7 @@ def progress_bar(title: str, first: str, unit: str) -> Iterator[Progressed]:
 
 
 def _lines(title: str, first: str, unit: str) -> Progressed:
-    """Progress as lines on standard error, none of them twice in a row."""
+    """Progress as lines on standard error, without consecutive repetitions."""
     said, said_s = "", time.monotonic()
 
     def line(done: float, whole: float) -> None:

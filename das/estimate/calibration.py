@@ -58,7 +58,7 @@ class MeasuredWindow(NamedTuple):
 
 
 class LineIntegral:
-    """The forces of the line on a train, integrated along the way: a difference gives the mean over any stretch."""
+    """The forces of the line on a train, integrated along the track: a difference gives the mean over any stretch."""
 
     def __init__(
         self, route: Route, vehicle: Vehicle, train_length_m: float, *, speed_sd_mps: float = SPEED_SD_MPS
@@ -119,7 +119,7 @@ class LineIntegral:
         return np.asarray((ahead - behind) / way_m)
 
     def _in_neutral(self, from_m: float, to_m: float) -> bool:
-        """Whether the way between two positions of the head (m) comes near a neutral section."""
+        """Whether the track between two positions of the head (m) comes near a neutral section."""
         ends = np.interp([from_m - POSITION_M, to_m + POSITION_M], self._node_m, self._neutral_m)
         return bool(ends[1] > ends[0])
 

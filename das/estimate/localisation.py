@@ -1,4 +1,4 @@
-"""Localisation: where the train is and how fast it runs, estimated from fixes (docs/explanation/localisation.md).
+"""Localisation: position and speed of the train, estimated from fixes (docs/explanation/localisation.md).
 
 The same fixes give the same estimate, bit for bit. A fix that cannot be true is rejected with the reason.
 """

@@ -42,8 +42,8 @@ CREEP_FIXES: Final = 5
 FROZEN_WAY_M: Final = 2.0
 """Distance (m) by the measured speeds above which a position that stays the same is frozen."""
 COARSE_SDS: Final = 4.0
-"""Standard deviations of the position which that distance must also exceed where only the speeds change, because a
-coarse receiver repeats its position for a while."""
+"""Standard deviations of the position that this distance must also exceed if only the speeds change, because a coarse
+receiver repeats its position for a while."""
 SILENCE_S: Final = 30.0
 """Time (s) without an accepted fix after which the estimate is dropped; the next fix begins a new one."""
 AGREEING_FIXES: Final = 4
@@ -209,7 +209,7 @@ class FrozenReceiver:
         return Problem(ProblemKind.FROZEN, fix.s_m) if self._way_m > most_m else None
 
     def accept(self, fix: PositionFix, *, begins: bool) -> None:
-        """Take note of a fix that was accepted. `begins` says that the estimate restarts with it."""
+        """Take note of a fix that was accepted. `begins`: the estimate restarts with it."""
         if begins or self.first is None or not fix.repeats(self.first):
             self.first = fix
         self._repeated_ns = fix.time_ns
@@ -259,7 +259,7 @@ class SpeedScale:
         return Problem(ProblemKind.SPEED_UNIT, self.factor) if self.factor != 1.0 else None
 
     def judge(self, fix: PositionFix) -> Problem | None:
-        """Return the problem of a fix whose speed, like those before it, is a multiple of the one from the positions.
+        """Return the problem of a fix whose speed, like those before it, is a multiple of the speed from the positions.
 
         The problem remains until the speeds match the distance again. Any fix may be passed, even a rejected one.
         """

@@ -238,7 +238,7 @@ class TrainMotion:
     def expected(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected when a fix comes, `span_s` after the last one.
 
-        The driver is expected to hold the effort; where the measured speed contradicts that, the effort is unknown.
+        The driver is expected to hold the effort; if the measured speed contradicts that, the effort is unknown.
         """
         # A receiver that filters its speeds sends them late; a stated deviation includes this error.
         speed_wander_sd_mps = 0.0 if fix.speed_uncertainty_mps > 0 else abs(SPEED_LATE_S * x.a)
@@ -255,7 +255,7 @@ class TrainMotion:
         return predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps, SPEED_SCALE_SD)
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the state of a standing train at a fix: it stays where it was, and the fix does not move it."""
+        """Return the state of a standing train at a fix: its position stays, and the fix does not move it."""
         wander_sd_m = self._wander_sd_m = self._wandering_sd_m(fix)
         return stand(x, span_s, wander_sd_m)
 

@@ -244,7 +244,7 @@ def least_brake_n(train: TrainParams, fastest_mps: float) -> float:
 
 
 def acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
-    """Largest acceleration of each interval (m/s²); none where a descent is too steep for the brakes to keep it."""
+    """Largest acceleration of each interval (m/s²); no limit where a descent is too steep for the brakes to keep it."""
     train = task.section.train
     fastest_mps = float(task.envelope_mps.max()) + tol.SPEED_TOLERANCE_MPS
     weakest_n = np.array([least_brake_n(on_supply(train, u), fastest_mps) for u in task.line.supply])
@@ -497,7 +497,7 @@ class Certificate:
 def certificate(solution: Solution) -> Certificate:
     """The certificate of a solution; proving it takes 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
 
-    If the run of least energy ends early, the bound holds for the time that was asked for.
+    If the run of least energy ends early, the bound holds for the requested time.
     """
     allowed_s = max(solution.time_s, solution.requested_s) if solution.saves_time else solution.time_s
     task, bound_j, reason = task_of(solution, allowed_s), math.nan, ""

@@ -132,8 +132,8 @@ def loss_planes(force_at, state, price_w, ends_tau, rows, out):
     """Fill planes (a, b, d/2, c) of every interval near the forces `force_at` (n, planes) at the speeds of `state`.
 
     A plane's slope in the force is that of the map, its slope in the slowness one of several secants, and a share of it
-    and of the price of time is shifted to the kinetic energy. Of all these planes, which hold for slownesses between
-    `ends_tau` (two arrays, n), the one highest at the state is taken.
+    and of the price of time is shifted to the kinetic energy. Of all these planes, which are valid for slownesses
+    between `ends_tau` (two arrays, n), the highest at the state is taken.
     """
     low_tau, high_tau = ends_tau
     size = rows.tau.size
@@ -194,7 +194,7 @@ class RelaxedEfforts(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Bounds of v²/2 at the nodes (n + 1,) and of the slowness (n,); `free` says which speeds are variables."""
+    """Bounds of v²/2 at the nodes (n + 1,) and of the slowness (n,); `free` marks the speeds that are variables."""
 
     low_w: Floats
     high_w: Floats
@@ -389,7 +389,7 @@ def local_values(k, run: RelaxedRun, z):
 
 
 _TO_BOUNDARY = 0.99
-"""Share of the way to the nearest bound that a step takes."""
+"""Share of the distance to the nearest bound that a step covers."""
 _LEAST_SLACK = 0.01
 """Least slack of a constraint at the first point, whether the point satisfies the constraint or not."""
 _CENTRE = 0.1

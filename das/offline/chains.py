@@ -304,7 +304,7 @@ class TimedStretch:
 class DrivenStretch(TimedStretch):
     """A stretch with its trajectory: the speeds at its nodes, and the price of time there (W).
 
-    `feasible` says that the trajectory is within limits and forces, and on time.
+    `feasible`: the trajectory is within limits and forces, and on time.
     """
 
     speeds_mps: Floats

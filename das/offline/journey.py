@@ -240,17 +240,17 @@ class JourneyPlan(Summary):
 
     @property
     def bound_j(self) -> float:
-        """Proven lower bound (J) of the energy of every run that keeps the windows; NaN where none is proven."""
+        """Proven lower bound (J) of the energy of every run that keeps the windows; NaN if none is proven."""
         return self.certificate.bound_j
 
     @property
     def gap_ratio(self) -> float:
-        """(input − bound)/|input|, never negative; NaN where no bound is proven (see `gap_reason`)."""
+        """(input − bound)/|input|, never negative; NaN if no bound is proven (see `gap_reason`)."""
         return (self.input_j - self.bound_j) / max(abs(self.input_j), 1.0)
 
     @property
     def gap_reason(self) -> str:
-        """Why no bound is proven; empty where one is."""
+        """Why no bound is proven; empty if one is."""
         return self.certificate.reason
 
     @property
@@ -267,7 +267,7 @@ class JourneyPlanner:
     """Plans a journey of a train on a route, with one split of the time or with several.
 
     `level` is the level of losses (default: the vehicle's). `point_mass` takes the train's length as 0. Raises what
-    `build_section` raises, and InfeasibleError where no run can keep a time or the speeds of a passing.
+    `build_section` raises, and InfeasibleError if no run can keep a time or the speeds of a passing.
     """
 
     def __init__(
@@ -290,8 +290,7 @@ class JourneyPlanner:
         the default is the optimum).
 
         Runs take their times to within `JOURNEY_TIME_TOLERANCE_S`; windows are kept to within `TIME_TOLERANCE_S`.
-        Raises InfeasibleError where the windows cannot be kept; it names the window and by how many seconds it is
-        missed.
+        Raises InfeasibleError if the windows cannot be kept, with the window and the seconds by which it is missed.
         """
         solved, timeline = self._solve(split), self.chains.timeline
         price_w = np.full(len(timeline.links), math.nan)

@@ -84,7 +84,7 @@ class TubeRun(NamedTuple):
 def refined(solution: Solution, settings: RefinementSettings = SETTINGS) -> Solution:
     """The solution, improved in a tube around its trajectory; never later and never with more energy than before.
 
-    A trajectory that is `Fit.EARLY` may take the requested time. The fastest trajectory is returned as it is, because
+    A trajectory that is `Fit.EARLY` may take the requested time. The fastest trajectory is returned unchanged, because
     no other takes its time. If nothing is saved, the solution itself is returned.
     """
     if is_fastest(solution):

@@ -192,7 +192,7 @@ class Guide:
         for at_m, limit_mps in zip(*falling_limits(section.route), strict=True):
             leads_m = holds_m if now.speed_mps <= limit_mps + SPEED_STEP_MPS else slows_m
             near = state.s_m < at_m <= min(leads_m + BESIDE_M, state.s_m + NEAR_M)
-            # A brake to the stop is not for a board on the way.
+            # A brake to the stop is not caused by a higher limit on the way.
             is_passed = now.mode in BRAKES and limit_mps > now.speed_mps + TARGET_STEP_MPS
             binds = limit_mps < from_mps and kept.forecast.passes_mps(at_m) > limit_mps - BINDS_MPS
             if near and binds and not is_passed:

@@ -49,7 +49,7 @@ LATE_S: Final = 3.0
 EARLY_S: Final = 5.0
 """The largest earliness (s) with which the reference is kept."""
 LEARNED_TO_M = 50.0
-"""The distance from the stop (m) within which drivers brake by eye, and the forecast says little about the arrival."""
+"""The distance from the stop (m) within which drivers brake by eye, so that the forecast of the arrival is poor."""
 
 
 class Changes(NamedTuple):

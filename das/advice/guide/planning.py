@@ -18,7 +18,7 @@ from das.solver.state import State
 DEPARTS_WITHIN_M, DEPARTS_MPS = 50.0, 2.0
 """The distance from the start of a section (m) and the speed (m/s) up to which a train departs there."""
 KEPT_S = 10.0
-"""The time (s) for which a new reference that is not necessary leaves the present one as it is."""
+"""The time (s) for which a new, unnecessary reference keeps the present one unchanged."""
 
 
 @dataclass(frozen=True, kw_only=True)

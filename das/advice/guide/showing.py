@@ -466,7 +466,7 @@ def _after_brake(scene: Sight, now: Instruction, found: list[Instruction]) -> li
 
 
 def _allowed(scene: Sight, now: Instruction, found: list[Instruction]) -> tuple[Instruction, ...]:
-    """The changes, none of which repeats the one before it, with no speed above the limit where it applies.
+    """The changes without repetitions, each speed reduced to the limit where it applies.
 
     The speed of a brake or of coasting applies at its end; any other speed, where the change is due.
     """

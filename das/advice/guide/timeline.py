@@ -31,7 +31,7 @@ class GuideStep(NamedTuple):
     """One action: its kind, the speed that it leads to and then holds, its effort, and its places.
 
     It begins at `from_m`, has led to its speed at `by_m`, and holds it up to `to_m`. `effort` is a share of the largest
-    traction or motor brake (0: none, or what limits ask for), `number` that of its phase.
+    traction or motor brake (0: none, or as limits require), `number` that of its phase.
     """
 
     kind: InstructionKind

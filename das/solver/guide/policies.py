@@ -289,7 +289,7 @@ class GuideFront:
     def _policies(self, numbers: Sequence[int], node: int) -> list[_Solved]:
         """The policies of these prices from a decision node on, or from one before it.
 
-        Those not kept are solved, several at once on the threads.
+        Those not kept are solved, several at a time on the threads.
         """
         with self._lock:
             kept = self._ahead.policies
