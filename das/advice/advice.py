@@ -201,7 +201,7 @@ class Timetable:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """An advice message; fields, units and signs are those of the message in das.proto.
+    """One advice message; fields, units and signs are those of the message in das.proto.
 
     Mode NONE means that advice is withdrawn: `cause` says why, and `reason` has it as a text. In mode DEPART the
     driver waits until the train is cleared: advised speed, force and horizon are those of a standing train, and

@@ -68,7 +68,7 @@ class Quiet:
         self._began, self._against, self._advised_s = None, False, -math.inf
 
     def cause(self, advice: Advice, here: Estimate, section: Section) -> Cause:
-        """The cause for hiding an advice message from the driver; NONE to show it. Call it for every message."""
+        """The cause for hiding advice from the driver; NONE to show it. Call it for every advice message."""
         if advice.mode is Regime.NONE:
             self.forget()
             return Cause.NONE

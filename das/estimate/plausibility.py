@@ -42,8 +42,8 @@ CREEP_FIXES: Final = 5
 FROZEN_WAY_M: Final = 2.0
 """Distance (m) by the measured speeds above which a position that stays the same is frozen."""
 COARSE_SDS: Final = 4.0
-"""Standard deviations of the position that this distance must also exceed if only the speeds change, because a coarse
-receiver repeats its position for a while."""
+"""Standard deviations of the position that the same distance must also exceed if only the speeds change, because a
+coarse receiver repeats its position for a while."""
 SILENCE_S: Final = 30.0
 """Time (s) without an accepted fix after which the estimate is dropped; the next fix begins a new one."""
 AGREEING_FIXES: Final = 4
