@@ -99,7 +99,7 @@ class BrakingAhead:
         return float(np.interp(self.feared_m(s_m), self.section.node_m, self.section.allowed_mps))
 
     def feared_m(self, s_m: float) -> float:
-        """The furthest position (m) of a train estimated at `s_m`: ahead by the planned deviation, except at the
+        """The furthest position (m) of a train estimated at `s_m`: ahead by the planned deviation, at most near the
         mark."""
         planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
         return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
