@@ -26,7 +26,7 @@ STAMP_CURE: Final = "switch on timestamping in the sender's Zenoh configuration,
 
 UNSTAMPED: Final = (
     "positions come without their sender's time stamp (or with one ahead of the clock), so that one publisher cannot "
-    f"be told from two: {STAMP_CURE}"
+    f"be distinguished from two: {STAMP_CURE}"
 )
 
 

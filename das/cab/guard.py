@@ -132,7 +132,7 @@ class Guard:
         for kind, operator in self._operators.items():
             if operator.turns_out_unannounced(now_ns):
                 self._news.append(
-                    f"{kind}: {_named(operator.source)} has no liveliness token: nobody can tell when it is gone, and "
+                    f"{kind}: {_named(operator.source)} has no liveliness token: its end cannot be detected, and "
                     "a newer order of another publisher replaces its own; publish with das.bus.session.Bus, or with "
                     "zenoh.ext.declare_advanced_publisher and publisher_detection=True"
                 )
@@ -187,7 +187,7 @@ class Guard:
             return self._unheeded(found)
         received = list(message.restrictions)
         if found := self._replayed(message):
-            if received != self._in_force:  # A replay, or an operator whose clock was set back: nobody can tell.
+            if received != self._in_force:  # A replay, or an operator whose clock was set back.
                 return self._unheeded(f"{found}, which said otherwise")
             return f"{Kind.RESTRICTION}: {found} was ignored"
         self._in_force, self.unheeded = received, None

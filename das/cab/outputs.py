@@ -205,8 +205,8 @@ class Reporting:
         agree = abs(off_s) < CLOCKS_DIFFER_S
         self._clock_reported = (0.0 if agree else off_s), here.time_ns
         severity = Severity.INFO if agree else Severity.WARNING
-        late = "are heard late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
-        way = f"{late} {abs(off_s):.1f} s; the train may be anywhere on the way of that time"
+        late = "arrive late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
+        way = f"{late} {abs(off_s):.1f} s; the train may be anywhere within the distance run in that time"
         text = f"position: its time stamps {'agree with the clock again' if agree else way}"
         self.complain(here.time_ns, text, severity)
 
