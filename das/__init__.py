@@ -10,7 +10,7 @@
 
 `__init__.pyi` lists the names and where they live; the functions are explained in `das.front_door`. A name's module is
 imported when the name is first used, so that `import das` itself is quick. Values are in SI units, and names carry
-their unit. A `DasError` says in one line why something cannot be done.
+their unit. A `DasError` states in one line why something cannot be done.
 """
 
 from lazy_loader import attach_stub

@@ -84,9 +84,9 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 class _Part(_NumbaLibrary):  # type: ignore[misc]
     """The code of a kernel for the kernels that call it, in LLVM's language; each caller compiles it with its own.
 
-    Numba by itself would also make machine code of it, which nobody calls, and wrappers for calls from outside. It is
-    optimised exactly as numba does it: less would make trajectories 1.1 times as slow, and fast mathematics would
-    round otherwise.
+    Numba by itself would also generate machine code, which is never called, and wrappers for calls from outside. The
+    code is optimised exactly as by numba: with less optimisation trajectories would take 1.1 times as long, and fast
+    mathematics would round differently.
     """
 
     def finalize(self) -> None:
@@ -109,7 +109,7 @@ class _PartCompiler(_NumbaCompiler):  # type: ignore[misc]
         library = _Part(target.codegen(), self.py_func.__qualname__)
         given = (context, target, self.py_func, args, return_type, flags, self.locals)
         part = _numba_compiler.compile_extra(*given, library=library, pipeline_class=self.pipeline_class)
-        part = part._replace(entry_point=object())  # numba finds the part of a call by it
+        part = part._replace(entry_point=object())  # numba uses it to find the part for a call
         target.insert_user_function(part.entry_point, part.fndesc, [library])
         return part
 
@@ -145,7 +145,7 @@ class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
             self._cache = _KeptKernels(self.py_func)
 
     def compile(self, sig: Any) -> Any:
-        """The compiled function for the types `sig`, kept or new; processes that need it at a time make it once."""
+        """The compiled function for the types `sig`, kept or new; only one process at a time compiles it."""
         try:
             return super().compile(sig)
         finally:
@@ -153,7 +153,7 @@ class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
                 self._cache.release()
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """How a kernel calls this one with arguments of these types; numba asks while it compiles the caller."""
+        """The way to call this kernel with arguments of these types; numba requests it while it compiles the caller."""
         pysig, args = self._part_compiler.fold_argument_types(args, kws)
         if args not in self._parts:
             self._parts[args] = self._part_compiler.compile(args, None)
@@ -161,12 +161,12 @@ class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
         return _numba_template(name, name, signatures), pysig, args, {}
 
     def get_overload(self, sig: Any) -> Any:
-        """What numba finds the part with this signature by."""
+        """The key by which numba finds the part with this signature."""
         return self._parts[tuple(_numba_signature(sig)[0])].entry_point
 
 
 class _Place(_NumbaPlace):  # type: ignore[misc]
-    """Tells numba the folder for a function's compiled code; each version of a module has its own folder."""
+    """The place of a function's compiled code for numba; each version of a module has its own folder."""
 
     def __init__(self, function: Any, source_path: str) -> None:
         super().__init__(function, source_path)
@@ -196,7 +196,7 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function for the types `sig`; None if it was never compiled.
 
-        If another process is compiling the function, this waits for its code. If None, it is this process's to compile.
+        If another process is compiling the function, this waits for its code. If None, this process must compile it.
         """
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
@@ -221,7 +221,7 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
 
     def release(self) -> None:
         """Let other processes compile this function, or load the code just made."""
-        claimed = self.__dict__.pop("_claimed", None)  # in one step: another thread may be doing this too
+        claimed = self.__dict__.pop("_claimed", None)  # in one step: another thread may do the same
         if claimed is not None:
             os.close(claimed)
 
@@ -305,7 +305,7 @@ def _remove_old_versions(folder: Path) -> None:
 
 
 class SourcesMissingError(DasError):
-    """The source file of a module is not installed, so nobody can tell which code this is."""
+    """The source file of a module is not installed, so its compiled code cannot be identified."""
 
 
 def sources_of(modules: Collection[str], *, packages: Collection[str] = OUR_PACKAGES) -> dict[str, bytes]:

@@ -1,6 +1,6 @@
 """A table on disk (one JSON file): finished references of a section for the cab, and its front for people.
 
-Every value of it is checked before it is used, and it serves only the section that it was made for.
+Every value is checked before it is used. A table can be used only for the section for which it was made.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from das.solver.solution import Fit
 
 SCHEMA_VERSION: Final = 4
 MOST_BYTES: Final = 20_000_000
-"""Largest table that is read (bytes); that of a section of 30 km has some 0.2 MB."""
+"""Largest table that is read (bytes); that of a section of 30 km has about 0.2 MB."""
 LARGEST_NUMBER: Final = 1e300
 LARGEST_MPS: Final = 200.0
 SEAL: Final = "sha256"
@@ -45,7 +45,7 @@ Test = tuple[str, Callable[[Any], bool]]
 
 
 class TableError(DasError):
-    """A table cannot be used; the message says why."""
+    """A table cannot be used; the message states why."""
 
 
 def _is_number(value: Any) -> bool:
@@ -88,10 +88,10 @@ _REFERENCE: Mapping[str, Test] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """A table that was read: what it is for, the front of the section, and the finished references.
+    """A table that was read: the facts of its section, the front, and the finished references.
 
-    `front` has a row for each buffer: time, energies (J), price of time λ (W; None: the fastest run), what refinement
-    saved (J), and the proven gap.
+    `front` has a row for each buffer: time, energies (J), price of time λ (W; None: the fastest run), the saving by
+    refinement (J), and the proven gap.
     """
 
     path: Path
@@ -142,7 +142,7 @@ class Table:
 
 
 def table_content(facts: Mapping[str, Any], key: str, found: Mapping[str, Any], references: References) -> bytes:
-    """The content of a table's file; `found`: its settings, the least time, and the front."""
+    """The content of a table's file; `found` holds its settings, the least time, and the front."""
     words = {kind: word for word, kind in KINDS.items()}
     finished = [
         {**one._asdict(), "phases": [[words[phase.kind], *phase[1:]] for phase in one.phases]}
@@ -218,14 +218,14 @@ def _is_phase(row: Any) -> bool:
 
 
 METHOD: Final = 1
-"""The version of the planner of references. Raise it when the planner gives other references: a test tells when."""
+"""The version of the planner of references, to be raised when its references change: a test shows when."""
 SOLVED_BY: Final = (
     *("STEP_MPS", "LEAST_MPS", "CHANGE_TIME_S", "BRAKE_CHANGES"),
     *("LOW_RATIO", "HIGH_RATIO", "BACK_SHARE"),
 )
-"""The constants of `das.solver.guide.policies` that a key stands for."""
+"""The constants of `das.solver.guide.policies` that are part of a key."""
 _KEPT_BITS = 20
-"""Bits of a number that count (six digits): the last ones of a computed array differ between processors."""
+"""Significant bits of a number in a key (six digits): the last bits of computed arrays differ between processors."""
 _NAME_LENGTH = 48
 """Longest part of a table's name that comes from one input."""
 
@@ -239,7 +239,7 @@ def facts_of(
     length_m: float,
     braking: ServiceBraking | None,
 ) -> dict[str, Any]:
-    """The facts by which people tell what a table is for."""
+    """The facts that show people what a table is for."""
     start_m, end_m = ends_m
     return {
         "route": route.id,
@@ -264,7 +264,7 @@ def section_facts(section: Section) -> dict[str, Any]:
 
 
 def table_name(facts: dict[str, Any]) -> str:
-    """The name of a table's file: readable, with a few digits for what names do not tell; the mass does not count."""
+    """The name of a table's file: readable, with a few digits of the hash of all facts but the mass."""
     places = [facts[key] or f"{facts[metres]:.0f} m" for key, metres in (("from", "start_m"), ("to", "end_m"))]
     words = (_slug(facts["route"]), "-".join(map(_slug, places)), _slug(facts["train"]), facts["level"])
     digits = _sha256({key: value for key, value in facts.items() if key != "mass_kg"})[:8]
@@ -272,7 +272,7 @@ def table_name(facts: dict[str, Any]) -> str:
 
 
 def section_sha256(section: Section) -> str:
-    """SHA-256 of everything that the solver knows of a section: line, train, losses, braking, ends and grid."""
+    """SHA-256 of all that the solver uses of a section: line, train, losses, braking, ends and grid."""
     digest = hashlib.sha256()
     ends = (section.start_speed_mps, section.end_speed_mps, section.train_length_m)
     brakes = section.vehicle.friction_brake_force_n

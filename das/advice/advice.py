@@ -1,4 +1,4 @@
-"""One advice to the driver, with its parts: plain frozen values, as sent over the bus."""
+"""The advice to the driver, with its parts: plain frozen values, as sent over the bus."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Cause(IntEnum):
     NONE = 0
     """Advice is given."""
     TWO_PUBLISHERS = 1
-    """Two publishers send positions of the train, and nobody can tell which one is right."""
+    """Two publishers send positions of the train, and it is unknown which one is right."""
     TWO_OPERATORS = 2
     """Two publishers send different lists of restrictions."""
     RESTRICTIONS_UNHEEDED = 3
@@ -26,7 +26,7 @@ class Cause(IntEnum):
     JOURNEY_REFUSED = 4
     """The last journey received was refused: it cannot be driven, or is meant for another node."""
     INTERNAL_ERROR = 5
-    """The program met an error that it was not prepared for."""
+    """An unforeseen error occurred in the program."""
     NO_JOURNEY = 6
     """No journey has been received yet."""
     RESTRICTIONS_UNTOLD = 7
@@ -60,7 +60,7 @@ class Cause(IntEnum):
 
     @property
     def is_quiet(self) -> bool:
-        """Whether advice goes on unseen: nothing is wrong, but the driver acts on what the advice cannot know."""
+        """Whether advice continues unseen: nothing is wrong, but the driver has reasons unknown to the advice."""
         return self in (Cause.STANDS_ON_LINE, Cause.DRIVER_BRAKES)
 
     @property
@@ -88,7 +88,7 @@ class Withdrawal:
 
     cause: Cause
     text: str = ""
-    """Text from elsewhere: why a journey or section was refused, an error message, or the names of two publishers."""
+    """Additional text: why a journey or section was refused, an error message, or the names of two publishers."""
     problem: Problem | None = None
     """Fault of the position; None if the position is not the cause."""
     position_m: float = 0.0
@@ -127,7 +127,7 @@ class ReplanCause(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Instruction:
-    """One thing for the driver to do: the mode, the speed to reach or hold, the effort, and where and when it begins.
+    """One instruction to the driver: the mode, the speed to reach or hold, the effort, and where and when it begins.
 
     `effort_ratio` > 0 is a share of the largest traction at the present speed. `effort_ratio` < 0 is a share of the
     largest electric brake at the present speed (of all brakes if there is no electric one); below -1 the friction brake
@@ -155,7 +155,7 @@ class Replan:
 
 @dataclass(frozen=True, kw_only=True)
 class Guidance:
-    """What the driver should do now and next, and why where the instruction does not say it.
+    """The instructions for now and next, with a reason if the instruction does not imply it.
 
     `target_m` and `target_s` are distance and time to where the speed of `now` is reached, or no longer held. `force_n`
     is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps the reference here;
@@ -175,7 +175,7 @@ class Guidance:
 
 
 class Source(IntEnum):
-    """What advice is based on; the numbers are those of the bus message.
+    """The basis of advice; the numbers are those of the bus message.
 
     TABLE: a reference finished offline. SOLVED: solved on board. FALLBACK: nothing is solved (yet).
     """
@@ -201,7 +201,7 @@ class Timetable:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """One advice; fields, units and signs are those of the message in das.proto.
+    """One advice message; fields, units and signs are those of the message in das.proto.
 
     Mode NONE means that advice is withdrawn: `cause` says why, and `reason` has it as a text. In mode DEPART the
     driver waits until the train is cleared: advised speed, force and horizon are those of a standing train, and

@@ -1,4 +1,4 @@
-"""Braking ahead: where a train must begin to brake, and with what effort it keeps the limits and the stop ahead.
+"""Braking ahead: where a train must begin to brake, and the effort that keeps the limits and the stop ahead.
 
 A braking effort is a share of the motors' braking force at the present speed, and so serves from the start of braking
 to its end; an effort above 1 uses the friction brake as well.
@@ -40,9 +40,9 @@ BRAKED_MORE = 1.1
 AT_MARK_M = 10.0
 """Distance from a stop (m) below which the driver sees the mark, whatever the uncertainty of the position."""
 ALIKE = 0.9
-"""Share of the largest effort from which several places to brake for count as equal."""
+"""Share of the largest effort above which several places to brake for count as equal."""
 RIVALS = 0.8
-"""Share of the largest deceleration, over the distance with a working brake, from which an effort is computed."""
+"""Share of the largest deceleration, over the distance with a working brake, above which an effort is computed."""
 
 
 def braking_mode(effort: float) -> Regime:
@@ -78,20 +78,20 @@ class BrakingAhead:
         _, firsts, which = np.unique(section.supply, return_index=True, return_inverse=True)
         brakes = np.array([_most_n(section, self._train, i, 1.0) > 0.0 for i in firsts.tolist()])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
-        # A planned brake that is announced asks for the same effort every second.
+        # For an announced brake, the same effort is requested every second.
         self.effort_to = lru_cache(maxsize=64)(self._effort_to)
         """The least effort that slows the train from a place (m) and speed (m/s) to a place and speed there; the
         largest if none is enough."""
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
-        """Whether a train that keeps its speed will be above a braking curve ahead within a time (s)."""
+        """Whether a train that keeps its speed will exceed a braking curve ahead within a time (s)."""
         least_mps = self.lowest_mps(s_m, v_mps * within_s)
         if v_mps <= least_mps + ABOVE_MPS:
             return False
         return bool(self._falls[_interval(self.section, s_m)] or least_mps < self.lowest_mps(s_m) - BEGINS_MPS)
 
     def lowest_mps(self, s_m: float, way_m: float = 0.0) -> float:
-        """The lowest speed (m/s) of the planned braking curves from a position on for some way (m)."""
+        """The lowest speed (m/s) of the planned braking curves over a distance (m) from a position."""
         return math.sqrt(kernels.lowest_w(s_m, s_m + way_m, self.section.node_m, self._planned_w))
 
     def allowed_mps(self, s_m: float) -> float:
@@ -99,7 +99,8 @@ class BrakingAhead:
         return float(np.interp(self.feared_m(s_m), self.section.node_m, self.section.allowed_mps))
 
     def feared_m(self, s_m: float) -> float:
-        """The furthest position (m) of a train estimated at `s_m`: ahead by the planned deviation, but for the mark."""
+        """The furthest position (m) of a train estimated at `s_m`: ahead by the planned deviation, at most near the
+        mark."""
         planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
         return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
 
@@ -108,7 +109,7 @@ class BrakingAhead:
         return len(self.section.node_m) - 1 - _interval(self.section, s_m)
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
-        """Where (m) a train with these speeds ahead, less its excess here, meets a braking curve; else the end."""
+        """The place (m) where a train with these speeds, less its excess here, meets a braking curve; else the end."""
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
@@ -116,7 +117,7 @@ class BrakingAhead:
         crosses = self.section.envelope_mps[first:] < told_mps - ABOVE_MPS
         if not crosses.any():
             return max(float(nodes[-2]), s_m)
-        left_w = self._planned_w[first:] - told_mps**2  # Over the way, squares of speeds are straight lines.
+        left_w = self._planned_w[first:] - told_mps**2  # Squares of speeds are linear in the distance.
         below = np.flatnonzero(left_w[: int(np.argmax(crosses))] >= 0.0)
         reached = int(below[-1]) + 1 if below.size else 0
         before_w = float(left_w[reached - 1]) if reached else max(here_mps**2 - float(told_mps[0]) ** 2, 0.0)
@@ -148,7 +149,7 @@ class BrakingAhead:
         return float(self.rolling_mps(s_m, v_mps)[behind[0] if behind.size else -1])
 
     def ahead_s(self, s_m: float, v_mps: float, speeds_mps: Floats, to_m: float) -> float:
-        """The time (s) in which a train that has these speeds at the nodes ahead reaches a place (m)."""
+        """The time (s) until a train with these speeds at the nodes ahead reaches a place (m)."""
         at_m = np.append(s_m, self.section.node_m[-len(speeds_mps) :])
         speeds = np.append(v_mps, speeds_mps)
         steps_s = 2.0 * np.diff(at_m) / np.maximum(speeds[1:] + speeds[:-1], 0.1)
@@ -187,13 +188,13 @@ class BrakingAhead:
         )
 
     def largest(self, s_m: float, v_mps: float) -> float:
-        """The effort of all brakes that the train has here, at a speed; 0 if it has none here."""
+        """The joint effort of all brakes available here at a speed; 0 if there is none."""
         v = max(v_mps, 0.1)
         full_n = float(kernels.full_effort(v, self._train))
         return _most_n(self.section, self._train, _interval(self.section, s_m), v) / full_n if full_n > 0.0 else 0.0
 
     def stop_is_next(self, s_m: float, v_mps: float) -> bool:
-        """Whether a train has nothing but the stop left to brake for: no limit below its speed lies before it."""
+        """Whether only the stop is left to brake for: no limit below the train's speed lies before it."""
         return not ((self._foot_m > s_m) & (self._foot_m < self.section.end_m) & (self._foot_mps < v_mps)).any()
 
     def full(self, s_m: float, v_mps: float) -> float:

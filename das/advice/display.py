@@ -1,4 +1,4 @@
-"""The display: it builds every advice on a section, from the plan and from what it showed before."""
+"""The display, which builds each advice message on a section from the plan and from what was shown before."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ HORIZON_S: Final = 30
 MISSED_NAMED_S: Final = 1.0
 """Delay after a point's window (s) from which the reason mentions it."""
 LEAST_FOR_BUFFER_S: Final = 10.0
-"""Driving time left (s) below which no buffer ratio is given: it would mean nothing."""
+"""Driving time left (s) below which no buffer ratio is given, because it would be meaningless."""
 LATE_S = 2.0
-"""Longest time (s) that a driver may take to do what is shown."""
+"""Longest time (s) that a driver may take to follow what is shown."""
 NEXT_S = 1.0
 """Time (s) until the next advice; a brake that is due by then is shown now."""
 GAINS_MPS2 = 0.1
@@ -46,7 +46,7 @@ STANDING: Final[dict[str, Any]] = {
 
 
 class Scene(NamedTuple):
-    """What advice is built from: state, estimated position and speed, planner, goal, bounds, and the guide's advice.
+    """The inputs of advice: state, estimated position and speed, planner, goal, bounds, and the guide's advice.
 
     `late_s` is how late the train will be with the guide (s; NaN: as planned).
     """
@@ -87,8 +87,8 @@ class Display:
         return self._advice(scene, mode=Regime.STOP, reason=reason, **STANDING)
 
     def departing(self, scene: Scene, plan: Plan) -> Advice:
-        """The advice for a train due to depart: to stand, by speed, force and horizon, and then depart as shown."""
-        self._show(Regime.STOP, scene.state.now_ns)  # No mode from before the stop is shown any more.
+        """The advice for a train due to depart: speed, force and horizon for standing, and then how to depart."""
+        self._show(Regime.STOP, scene.state.now_ns)  # Modes from before the stop are no longer shown.
         moving = self.following(scene, plan)
         self._show(Regime.DEPART, scene.state.now_ns)
         run, place = plan.solution.trajectory, plan.at(scene.state.s_m)
@@ -118,7 +118,7 @@ class Display:
         self._show(Regime.FRICTION_BRAKE if train.friction_force_n > 0 else Regime.FULL_BRAKE, state.now_ns)
         allowed = planner.allowed_mps(state.s_m)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * np.arange(1, HORIZON_S + 1), 0.0)
-        # The lowest speed allowed on the way to each point: the horizon never tells the driver to speed up again.
+        # The lowest speed allowed on the way to each point, so that the horizon never rises again.
         way_m = np.cumsum(0.5 * (np.append(v_mps, speeds[:-1]) + speeds))
         lowest = [planner.lowest_allowed_mps(state.s_m, state.s_m + one) for one in way_m]
         there = np.minimum(np.minimum.accumulate(lowest), allowed)
@@ -149,7 +149,7 @@ class Display:
         if math.isfinite(late_s):
             arrival_ns = goal.arrival_ns + round(late_s / NS)
         deviation_s = goal.late_s(arrival_ns)
-        # A train whose effort rises with its speed does not have the plan's force yet.
+        # A train whose largest effort rises with its speed cannot yet exert the plan's force.
         force_n = min(self._force_n, planner.section.largest_n(min(state.v_mps, advised))[0])
         return self._advice(
             scene,
@@ -310,7 +310,7 @@ def _buffer_ratio(scene: Scene) -> float:
 def braked_enough(
     mode: Regime, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
 ) -> tuple[Regime, float]:
-    """The mode and force (N) to show: those given, or of braking that is due soon or that a too fast train needs."""
+    """The mode and force (N) to show: those given, or braking that is due soon or that a too fast train needs."""
     ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
     pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2

@@ -1,4 +1,4 @@
-"""What advice is made for: the train's state and the goal of its section, with the rules that all advice shares."""
+"""The inputs of all advice: the train's state and the goal of its section, with common rules."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from das.domain.units import NS
 LONGEST_RATIO: Final = 2.5
 """Longest plan as a multiple of the least time from its state: with more time left, the train waits at the stop."""
 AT_END_M: Final = 1.0
-"""Distance from the end of the section (m) below which nothing is planned any more: the train is to stop."""
+"""Distance from the end of the section (m) below which nothing more is planned: the train is to stop."""
 AT_STOP_M: Final = 50.0
-"""Distance (m) within which a standing train is at a stop; one further beyond has run past it."""
+"""Distance (m) within which a standing train is at a stop; a train further beyond has run past it."""
 OVERSPEED_MPS: Final = 0.5
 """Excess over the allowed speed (m/s) above which the driver is told that the train is too fast."""
 OVERSPEED_ENDS_MPS: Final = 0.15
-"""Excess over the allowed speed (m/s) down to which the driver of a train that was too fast is told so."""
+"""Excess over the allowed speed (m/s) down to which a train that was too fast is still called too fast."""
 COASTS_IN_S: Final = 5.0
 """Time (s) within which coasting down to a limit is advised; otherwise the limit is held, or the train brakes."""
 UNHURRIED_S: Final = 0.5
@@ -30,7 +30,7 @@ DEVIATION_NAMED_S: Final = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class PassingTarget:
-    """A point of the line (m), the earliest and latest time to pass it (ns since 1970; None: any), and why."""
+    """A point of the line (m), the earliest and latest time to pass it (ns since 1970; None: any), and the reason."""
 
     s_m: float
     earliest_ns: int | None = None
@@ -64,7 +64,7 @@ class TrainState(NamedTuple):
 
 
 class SpeedsAllowed(NamedTuple):
-    """The highest safe speed and the limit over the train (m/s), and whether the driver is told that he is too fast."""
+    """The highest safe speed and the limit over the train (m/s), and whether the driver is warned of overspeed."""
 
     allowed_mps: float
     limit_mps: float
@@ -72,7 +72,7 @@ class SpeedsAllowed(NamedTuple):
 
 
 def is_too_fast(excess_mps: float, *, told: bool) -> bool:
-    """Whether a driver is told that his train is this much too fast (m/s); `told`: he is told so already."""
+    """Whether a driver is warned of an excess over the allowed speed (m/s); `told`: the warning is already shown."""
     return excess_mps > (OVERSPEED_ENDS_MPS if told else OVERSPEED_MPS)
 
 
@@ -83,7 +83,7 @@ class Goal:
     `departure_ns` and `due_ns` are departure and arrival by the timetable (ns since 1970; 0: none). `target_ns` is the
     arrival that traffic management wants (None: that of the timetable). `passing` is the next point that must be passed
     in a window of time, `operator_delay_s` the delay that the operator stated; None if there is none. `counts`: being
-    on time counts at the stop ahead, as at a journey's last one; a train that is early at another one waits there.
+    on time counts at the stop ahead, as at a journey's last one; an early train waits at other stops.
     """
 
     departure_ns: int = 0
@@ -103,7 +103,7 @@ class Goal:
         return (self.arrival_ns - now_ns) * NS
 
     def late_s(self, arrival_ns: int) -> float:
-        """How late (s; < 0: early) a train is that arrives at this time."""
+        """The lateness (s; < 0: early) of an arrival at a time."""
         return (arrival_ns - self.arrival_ns) * NS
 
     def waits(self, state: TrainState) -> bool:

@@ -87,7 +87,7 @@ def without_ripples(modes, v, cruise, rolling, band):
 def without_short(modes, t_s, brakes, least_s):
     """Modes per interval; each mode that lasts less than `least_s` is replaced by the one before it.
 
-    Modes replaced in a row last less than `least_s` together. Modes numbered `brakes` or higher are never replaced.
+    Consecutive replaced modes last less than `least_s` in total. Modes numbered `brakes` or higher are never replaced.
     """
     result = modes.copy()
     hidden_s = 0.0
@@ -107,7 +107,7 @@ def without_short(modes, t_s, brakes, least_s):
 STEPS = 2
 """Iterations that find the speed at the end of an interval."""
 TRIES, NEAR_W = 14, 0.02
-"""The search for an effort takes at most `TRIES` steps, and ends when v² is met to within `NEAR_W` (m²/s²): in the mean
+"""The search for an effort takes at most `TRIES` steps, and ends when v² is met to within `NEAR_W` (m²/s²); on average
 it takes three."""
 
 
@@ -147,7 +147,7 @@ def left_over_w(effort, s, v, first, last, to_m, nodes, line, p):
     """v² (m²/s²) that is left at `to_m` if a train at s with speed v brakes with an effort from s on.
 
     `first` and `last` are the intervals of s and of `to_m`. A result below 0 means that the train stops before `to_m`:
-    v² falls on beyond the stop as it fell before it.
+    v² is extrapolated beyond the stop.
     """
     _, g, q, u = line
     w = v * v

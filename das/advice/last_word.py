@@ -1,4 +1,4 @@
-"""The last word: it judges every advice once more before the advice is sent, and replaces what is not safe.
+"""The last word: the check of every advice message before it is sent; unsafe parts are replaced.
 
 The rule: a driver who does what is shown until the advice expires, and then brakes fully, wherever the train may be,
 exceeds no limit by more than `LIMIT_TOLERANCE_MPS` and passes no stop by more than `STOP_TOLERANCE_M`. The model of
@@ -48,7 +48,7 @@ HELD_ABOVE_MPS = 1.0
 BACK_IN_S = 5.0
 """Time (s) in which strong enough braking brings a train back under a limit."""
 FULL_RATIO = 0.97
-"""Share of the full braking force from which braking counts as full: nothing stronger can be asked for."""
+"""Share of the full braking force above which braking counts as full: no stronger braking can be required."""
 FORCE_RATIO = 1.02
 """Multiple of the largest force at a speed up to which a force counts as available: the difference is rounding."""
 LONGEST_S = 30.0
@@ -73,7 +73,7 @@ class Part(StrEnum):
 
 
 class Act(NamedTuple):
-    """One replacement by the last word: which part, the speed it would have led to, and the highest safe speed (m/s).
+    """A replacement by the last word: the part, the speed it would have led to, and the highest safe speed (m/s).
 
     The part now shows the speed `instead_mps` or the wheel force `instead_n` (NaN: not applicable).
     """
@@ -126,7 +126,7 @@ class _Judgement:
         self._acts: list[Act] = []
 
     def result(self) -> tuple[Advice, tuple[Act, ...]]:
-        """The advice as it may be sent, and the replacements made in it."""
+        """The advice that may be sent, and the replacements made in it."""
         self._judge_effort()
         self._judge_speeds()
         self._judge_horizon()
@@ -153,7 +153,7 @@ class _Judgement:
             self._brake(excess)
 
     def _shown(self) -> Iterator[Doing]:
-        """What the full advice tells the driver to do: the advised force until the next change, then the horizon's.
+        """The driver's actions under the full advice: the advised force until the next change, then the horizon's.
 
         If the horizon shows a brake becoming stronger, the driver follows it. He uses traction only up to the speeds
         shown, and stops where the speed shown is 0, whatever the force.
@@ -237,10 +237,9 @@ class _Judgement:
         self._judge_following()
 
     def _excess_of(self, guide: Guidance) -> Excess | None:
-        """The excess of a driver who does what the guide says, with the force shown or with the reference's, if any.
+        """The excess of a driver who follows the guide, with the force shown or with the reference's, if any.
 
-        Where a brake is shown without an effort, he brakes by eye to the mark, and finds it; a limit before it he may
-        miss.
+        If a brake is shown without an effort, he brakes by eye and stops at the mark, but may miss a limit before it.
         """
         now = guide.now
         if not _finite(guide.force_n, guide.reference_force_n, now.speed_mps, now.way_m, now.in_s, guide.target_m):
@@ -276,7 +275,7 @@ class _Judgement:
     def _safe_guide(self, guide: Guidance) -> Guidance:
         """The guide's advice with the least change that is safe.
 
-        That is without what it announces; or no faster than is allowed here; or to brake as strongly as needed.
+        The change drops what is announced, or limits the speed to what is allowed here, or brakes as needed.
         """
         held_mps = step_below(min(guide.now.speed_mps, self._model.allowed_mps(self._ahead_m)))
         now = Instruction(mode=Regime.CRUISE, speed_mps=held_mps)
@@ -350,7 +349,7 @@ class _Judgement:
             self._replace(first, guide=replace(guide, following=tuple(kept)))
 
     def _late(self, guide: Guidance) -> Excess | None:
-        """The excess of a driver who does what is shown now until the announced brake is due; None if none."""
+        """The excess of a driver who follows the present instruction until the announced brake is due; None if none."""
         in_s = guide.following[0].in_s
         if not in_s <= LONGEST_S:
             return None
@@ -360,7 +359,7 @@ class _Judgement:
         excess = self._excess(led, in_s, in_s)
         if excess is None or now.mode is not Regime.COAST or now.speed_mps <= self._v_mps:
             return excess
-        # He rolls up to that speed and is then told to hold it: he is no faster than one who holds it at once.
+        # He rolls up to that speed and is then told to hold it: he is no faster than a driver who holds it at once.
         return self._excess([*led[:-1], led[-1]._replace(speed_mps=now.speed_mps, holds=True)], in_s, in_s)
 
     # --- what happens to a train from the furthest place where it may be, if its driver does what is shown -----------
@@ -393,7 +392,7 @@ class _Judgement:
         return not (places[kernels.LIMIT][ahead] < self._v_mps).any()
 
     def _by_eye_n(self) -> float:
-        """The wheel force (N, <= 0) of a driver who sees nothing but his mark and brakes evenly to it."""
+        """The wheel force (N, <= 0) of a driver who brakes evenly to the mark by eye."""
         model, v_mps = self._model, self._v_mps
         way_m = max(model.end_m - self._ahead_m, 0.5)
         wanted_n = model.mass_kg * v_mps**2 / (2.0 * way_m) - model.resisting_n(self._ahead_m, v_mps)
@@ -458,7 +457,7 @@ def _finite(*values: float) -> bool:
 
 
 class BrakingBasis(NamedTuple):
-    """What the highest speeds depend on: line, train, brakes, restrictions, conditions, and the ends of the section."""
+    """The inputs of the highest speeds: line, train, brakes, restrictions, conditions, and the ends of the section."""
 
     route: Route
     vehicle: Vehicle
@@ -481,9 +480,9 @@ class Needed(NamedTuple):
 class BrakingModel:
     """Limits, full braking and forces of one train on one section.
 
-    The train uses the brakes that its policy names, without the electric brake where the line does not take its power.
-    Where mass or resistance were measured, the model is cautious: the train is never lighter, and never has more
-    resistance, than its file says. Gradients and curves are averaged over the length of the train.
+    The train uses the brakes of its policy, without the electric brake where the line does not accept its power. Where
+    mass or resistance were measured, the model is cautious: the train is never lighter, and never has more resistance,
+    than its file says. Gradients and curves are averaged over the length of the train.
     """
 
     def __init__(self, basis: BrakingBasis) -> None:
@@ -503,11 +502,11 @@ class BrakingModel:
         supply = basis.route.supply().minimum(nodes_m[:-1], nodes_m[1:])
         places[kernels.MOTORS] = (supply >= 0) | (basis.brakes is BrakePolicy.FRICTION)
         places[kernels.ALLOWED + 2] = places[kernels.LIMIT] ** 2
-        # The model ends where the tolerance beyond the stop ends; there the train stands at the latest.
+        # The model ends where the tolerance beyond the stop ends; the train stands there at the latest.
         places[kernels.BOUND + 2] = (limit_mps + LIMIT_TOLERANCE_MPS) ** 2
         self.line = nodes_m, places, _forces_n(train)
         self.train = *self.line, train.inertial_mass_kg, min(train.max_deceleration_mps2, 1e6)
-        """The model as the kernels take it: the arrays of `line`, then the train's mass and largest deceleration."""
+        """The model for the kernels: the arrays of `line`, then the train's mass and largest deceleration."""
         for row in (kernels.ALLOWED, kernels.BOUND):
             kernels.fill_curve(*self.train, row)
 
@@ -545,7 +544,7 @@ class BrakingModel:
     def needed(self, s_m: float, v_mps: float, within_s: float) -> Needed:
         """The least constant deceleration from here that keeps every limit ahead and the stop.
 
-        A train above the limit where it is comes down to that limit within `within_s` as well.
+        A train above the limit at its position also comes down to that limit within `within_s`.
         """
         nodes_m, places, _ = self.line
         i, here_mps = int(kernels.interval(nodes_m, s_m)), self.limit_mps(s_m)

@@ -1,4 +1,4 @@
-"""Numba kernels of the last word: the curve of full braking, and what happens if a driver does what is shown.
+"""Numba kernels of the last word: the curve of full braking, and the motion of a driver who follows what is shown.
 
 The braking model is three arrays and two numbers. `nodes` are the positions (m) that bound the intervals of the line.
 `places` has one column for each interval; its rows are named from `LIMIT` to `BOUND`. `forces` has one column for each
@@ -111,7 +111,7 @@ def _deceleration(places, forces, mass, most, i, w):
 
 @kernel
 def asked(forces, doing, v):
-    """The force (N) that an instruction asks for at a speed; a brake may grow as the electric brake does."""
+    """The force (N) of an instruction at a speed; a braking force may grow as that of the electric brake does."""
     grows = doing[1] < 0.0 and doing[4] > 0.0
     return doing[1] * force_at(forces, ELECTRIC, v) / doing[4] if grows else doing[1]
 
@@ -142,10 +142,10 @@ def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, 
     which it applies (s), a wheel force (N), the speed to reach with it (m/s), whether to hold that speed (1 or 0), and
     the electric brake at its beginning (N); if the last is above 0, a braking force grows as the electric brake does.
 
-    A train that is too fast already is no excess if the driver is told to do enough about it. Enough is the share
-    `full_ratio` of full braking; or to hold a permitted speed, if the train is at most `held_above` (m/s) above what is
-    allowed; or, if only the limit here is exceeded, braking back under it in the time `back_in` (s). A train
-    slower than `stopped` (m/s) is no excess either. `tuned` holds `full_ratio`, `held_above`, `stopped`, `back_in`.
+    A train that is already too fast is no excess if the instruction corrects that: by the share `full_ratio` of full
+    braking; by holding a permitted speed, if the train exceeds what is allowed by at most `held_above` (m/s); or, if
+    only the limit here is exceeded, by braking back under it in the time `back_in` (s). A train slower than `stopped`
+    (m/s) is no excess either. `tuned` holds `full_ratio`, `held_above`, `stopped`, `back_in`.
     """
     k, (full_ratio, held_above, stopped, back_in) = 0, tuned
     for step in range(math.ceil(lasts / STEP_S) + 1):

@@ -19,7 +19,7 @@ IDLE_EFFORT_RATIO: Final = 0.02
 CRUISE_ACCELERATION_MPS2: Final = 0.02
 """Change of speed (m/s²) below which a train counts as holding its speed."""
 RIPPLE_MPS: Final = 2.0 * KMH
-"""Range of speeds (m/s) that counts as one speed to hold: no driver holds a speed more closely."""
+"""Range of speeds (m/s) that counts as one speed to hold: drivers do not hold a speed more closely."""
 HOLD_S: Final = 3.0
 """Least duration (s) of a mode before one with more traction or less braking is shown."""
 
@@ -60,7 +60,7 @@ def classify_modes(solution: Solution, section: Section) -> Modes:
 
 
 def without_short(modes: Modes, t_s: Floats) -> Modes:
-    """The modes of the intervals; others than brakes that last less than `HOLD_S` become the one before them."""
+    """The modes of the intervals; a mode other than braking that lasts less than `HOLD_S` becomes the one before it."""
     return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), HOLD_S))
 
 
@@ -83,7 +83,7 @@ class Plan:
     """The force shown with the mode (N); where a short mode was replaced, at most the force of the mode before."""
     modes: NDArray[np.int64]
     next_change: NDArray[np.int64]
-    """For each interval, the index of the next one with another mode (the number of intervals if there is none)."""
+    """For each interval, the index of the next interval with another mode (the number of intervals if none)."""
     energy_j: Floats
     energy_after_j: Floats
     """For each interval, the energy of all later intervals (J)."""

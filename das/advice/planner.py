@@ -31,7 +31,7 @@ from das.solver.state import fastest, least_time_s
 FASTER_BAND_MPS: Final = 0.8
 """Largest excess over the planned speed (m/s) with which a plan is kept."""
 SLOWER_BAND_MPS: Final = 1.4
-"""Largest shortfall of the planned speed (m/s) with which a plan is kept."""
+"""Largest shortfall below the planned speed (m/s) with which a plan is kept."""
 TIME_BAND_S: Final = 2.0
 """Largest earliness or lateness (s) with which a plan is kept."""
 LONGEST_AGE_S: Final = 60.0
@@ -41,9 +41,9 @@ TOLERANCE_S: Final = 0.2
 BRAKED_EARLY_S: Final = 5.0
 """Least time (s) saved for which a driver who braked early for a limit or stop is told to speed up again."""
 BRAKING_AHEAD_MPS2: Final = 0.25
-"""Deceleration (m/s²) from here on above which a limit or stop ahead counts as being braked for."""
+"""Needed deceleration (m/s²) above which a limit or stop ahead counts as being braked for."""
 SLOWER_THAN_PLANNED_MPS: Final = 1.0
-"""Shortfall of the planned speed (m/s) before a limit or stop above which a driver has braked early."""
+"""Shortfall below the planned speed (m/s) before a limit or stop above which a driver has braked early."""
 OVERSPEED_EASED_MPS: Final = 1.0
 """Largest excess over the planned braking curve (m/s) with which a plan starts on the curve, without hard braking."""
 PASSED_M: Final = 5.0
@@ -137,7 +137,7 @@ class Planner:
         here = plan.at(state.s_m)
         age_s = (state.now_ns - plan.made_ns) * NS
         if state.v_mps < STANDSTILL_MPS and plan.force_n[here.interval] < 0:
-            return False  # The train stands where the plan brakes: the plan does not say how to depart.
+            return False  # The train stands where the plan brakes: the plan has no departure.
         return (
             0 <= age_s <= LONGEST_AGE_S
             and -SLOWER_BAND_MPS <= state.v_mps - here.speed_mps <= FASTER_BAND_MPS
@@ -155,7 +155,7 @@ class Planner:
         return self._braked_early
 
     def _solution(self, state: TrainState, goal: Goal, at_least_s: float) -> Solution:
-        """The optimal trajectory for the time left; with very much time left, the slowest that is planned.
+        """The optimal trajectory for the time left; with very much time left, the slowest trajectory that is planned.
 
         The trajectory takes at least `at_least_s` longer than the fastest one.
         """
@@ -179,7 +179,7 @@ class Planner:
             return None
         wanted, free_s = Wanted(s_m=state.s_m, v_mps=state.v_mps, left_s=0.0, point_m=point.s_m), passed_s(free, point)
         window = point.window(state.now_ns)
-        # A driver who is ahead of the plan by this time still counts as following it.
+        # A driver ahead of the plan by this time still counts as following it.
         earliest_s = window.earliest_s + TIME_BAND_S
         if free_s < earliest_s:
             return replace(wanted, window=Window(earliest_s=earliest_s))
@@ -192,7 +192,7 @@ class Planner:
             try:
                 return fastest(capped(self.section, before.speeds_mps(self.section.node_m)), state.s_m, state.v_mps)
             except DasError:
-                pass  # At the speeds of the previous plan the train does not get over a hill.
+                pass  # At the speeds of the previous plan the train does not climb a hill.
         return fastest(self.section, state.s_m, state.v_mps)
 
 

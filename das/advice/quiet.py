@@ -1,4 +1,4 @@
-"""The quiet display: when the driver is shown no instruction, because he acts on what the advice cannot know."""
+"""The quiet display: no instruction is shown while the driver has reasons unknown to the advice."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.section import Section
 
 BRAKES_MPS2: Final = 0.2
-"""Deceleration (m/s²), beyond what gradient and resistance explain, above which a driver brakes."""
+"""Deceleration (m/s²), beyond that of gradient and resistance, above which a driver counts as braking."""
 BRAKES_S: Final = 3.0
 """Time (s) for which that deceleration, the mean since the brake began, must last."""
 STEADY_RATIO: Final = 0.5
 """Share of `BRAKES_MPS2` by which a brake slows the train in every second; a speed that jumps does so only once."""
 HOLDS_MPS: Final = 5.0 * KMH
-"""Loss of speed (m/s) above which a driver who is told to hold a speed brakes against that: less is a correction."""
+"""Loss of speed (m/s) above which braking contradicts an instruction to hold a speed; less is a correction."""
 RELEASED_MPS2: Final = 0.1
-"""Unexplained deceleration (m/s²) up to which a driver has released the brake."""
+"""Deceleration (m/s²) beyond that of gradient and resistance up to which the brake counts as released."""
 RELEASED_S: Final = 2.0
 """Time (s) over which that deceleration is averaged, so that the noise of the speed does not count."""
 SETTLED_S: Final = 5.0
@@ -31,7 +31,7 @@ SETTLED_S: Final = 5.0
 BRAKES_AHEAD_S: Final = 20.0
 """Time (s) before an announced brake within which a driver who brakes earlier does not act against the advice."""
 SAMPLED_S: Final = 0.75
-"""Least time (s) between compared speeds: nearer ones differ mostly by noise."""
+"""Least time (s) between compared speeds; speeds nearer in time differ mostly by noise."""
 ROUNDING_S: Final = 0.25
 """Earliness (s) with which advice that comes once a second may come."""
 SLOWING: Final = frozenset({*BRAKES, Regime.COAST})
@@ -51,8 +51,8 @@ class _Sample(NamedTuple):
 
 
 class Quiet:
-    """Sees at each advice whether the driver brakes though he is to accelerate or to hold a speed, or the train stands
-    where it has no stop."""
+    """Detects, at each advice message, a driver who brakes although he is to accelerate or to hold a speed, and a train
+    that stands where it has no stop."""
 
     def __init__(self) -> None:
         self._samples: deque[_Sample] = deque()
@@ -63,12 +63,12 @@ class Quiet:
         """Time of the last advice to brake (s)."""
 
     def forget(self) -> None:
-        """Forget what the driver has done so far."""
+        """Forget the driver's actions so far."""
         self._samples.clear()
         self._began, self._against, self._advised_s = None, False, -math.inf
 
     def cause(self, advice: Advice, here: Estimate, section: Section) -> Cause:
-        """Why the driver is not to be shown this advice; NONE if he is. Call it for every advice."""
+        """The cause for hiding advice from the driver; NONE to show it. Call it for every advice message."""
         if advice.mode is Regime.NONE:
             self.forget()
             return Cause.NONE

@@ -12,7 +12,7 @@ class ReasonCode(IntEnum):
     """The kinds of reasons; the numbers are those of the bus message."""
 
     NONE = 0
-    """The advice says all there is to say."""
+    """The advice needs no reason."""
     TEXT = 1
     """A text: why there is no advice, or an error message."""
     TOO_FAST = 2
@@ -46,16 +46,16 @@ class ReasonCode(IntEnum):
     WAITS_AT_STOP = 16
     """The train needs the least energy, arrives early by `-late_s`, and waits at `stop`."""
     ON_TIME = 17
-    """The train needs the least energy that arrives on time."""
+    """The train arrives on time with the least energy."""
     ON_TIME_TOLD_LATE = 18
-    """The train needs the least energy that arrives on time; the operator says that it is `late_s` late."""
+    """The train arrives on time with the least energy; the operator states that it is `late_s` late."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
     """A reason: its code, and the figures and names that the code needs; the others are NaN, 0 or empty.
 
-    `late_s` is how late the train arrives (early < 0; NaN: not worth saying). `text` is what the operator says about a
+    `late_s` is how late the train arrives (early < 0; NaN: not to be stated). `text` is the operator's text about a
     point, or an error message.
     """
 

@@ -44,7 +44,7 @@ KIND_OF: Final[dict[int, InstructionKind]] = {
     Regime.COAST: InstructionKind.COAST,
     **dict.fromkeys(BRAKES, InstructionKind.BRAKE),
 }
-"""The kind of each mode that tells the driver of a moving train what to do."""
+"""The kind of each mode that is an instruction for a moving train."""
 FULL_RATIO: Final = 0.97
 """Share of the largest effort from which an effort that the guide shows counts as full."""
 

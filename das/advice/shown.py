@@ -1,4 +1,4 @@
-"""What a driver reads, decided on board, once: speeds in whole km/h, and efforts on the controller's scale."""
+"""The figures that a driver reads, computed once, on board: speeds in whole km/h, efforts on the controller's scale."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ SAME_READING_MPS: Final = 0.5 * KMH
 
 
 def step_below(speed_mps: float) -> float:
-    """The highest speed (m/s) that a display can write and that is not above a speed."""
+    """The highest displayable speed (m/s) that is not above a speed."""
     return math.floor(speed_mps / SPEED_STEP_MPS + 1e-9) * SPEED_STEP_MPS
 
 
 def steady_step(speed_mps: float, shown_mps: float) -> float:
-    """A speed (m/s) that changes all the time, rounded down to a whole step; a step shown stays while it is near.
+    """A continuously changing speed (m/s), rounded down to a whole step; the step shown stays while it is near.
 
     `shown_mps` is the step shown (NaN: none), near if its middle is at most `SPEED_BAND_RATIO` steps from the speed.
     """
@@ -42,7 +42,7 @@ def target_below(speed_mps: float) -> float:
 
 
 def lever_ratio(force_n: float, largest_n: tuple[float, float]) -> float:
-    """A wheel force (N) on the controller's scale (−1 … 1); `largest_n` are what traction and both brakes can give."""
+    """A wheel force (N) on the controller's scale (−1 … 1); `largest_n`: the forces of traction and both brakes."""
     traction_n, brakes_n = largest_n
     most_n = traction_n if force_n >= 0 else brakes_n
     return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0

@@ -1,6 +1,6 @@
-"""The words of advice, for people, in the languages of drivers. Programs read codes, causes and modes, never these.
+"""The words of advice in the languages of drivers. Programs read codes, causes and modes, never these words.
 
-Why there is no advice is said in English alone: a cab shows nothing then, and the words are for logs.
+The text of a withdrawal is in English only: the cab then shows nothing, and the text is for logs.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ RESTRICTIONS_UNTOLD: Final = (
 )
 
 STAMP_CURE: Final = "switch on timestamping in the sender's Zenoh configuration, and set its clock right"
-"""Remedy for messages without a time stamp of their own."""
+"""Remedy for messages without their sender's time stamp."""
 
 UNSTAMPED: Final = (
     "positions come without their sender's time stamp (or with one ahead of the clock), so that one publisher cannot "
-    f"be told from two: {STAMP_CURE}"
+    f"be distinguished from two: {STAMP_CURE}"
 )
 
 
@@ -288,7 +288,7 @@ def mode_words(mode: Regime, language: Language = Language.EN) -> str:
 
 
 def instruction_words(mode: Regime, language: Language = Language.EN) -> str:
-    """What a display of the guide shows for a mode: the verb of the instruction; its effort stands beside it."""
+    """What a display of the guide shows for a mode: the verb of the instruction; its effort is shown next to it."""
     kind = KIND_OF.get(mode)
     return mode_words(mode, language) if kind is None else _WORDS[language].kinds[kind]
 

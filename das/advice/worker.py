@@ -1,4 +1,4 @@
-"""A worker for long computations: in a background thread, so that advice goes on meanwhile, or at once."""
+"""A worker for long computations: in a background thread, so that advice continues meanwhile, or immediately."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ T = TypeVar("T")
 
 
 class Worker:
-    """Does one piece of work after the other.
+    """Executes one piece of work after the other.
 
-    With `background` a thread called `name` does it until `close`. Without, `submit` returns only when it is done, so
-    that the same inputs always give the same results.
+    With `background` a thread called `name` does it until `close`. Without it, `submit` returns only when the work is
+    done, so that the same inputs always give the same results.
     """
 
     def __init__(self, name: str = "worker", *, background: bool = False) -> None:
@@ -22,7 +22,7 @@ class Worker:
         """Whether the work is done in a background thread."""
 
     def submit(self, work: Callable[[], T]) -> Future[T]:
-        """Have this work done; the future holds its result, or the exception that it raised."""
+        """Submit work; the future holds its result, or the exception that it raised."""
         if self._pool is not None:
             return self._pool.submit(work)
         answer: Future[T] = Future()

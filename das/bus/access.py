@@ -1,7 +1,7 @@
 """Access to the bus: what each role may publish, and certificates for trials.
 
-Peers talk to each other directly, so each one judges for itself: incoming messages (`ingress`) by the name in the
-sender's certificate, and its own messages (`egress`). The judgement of the receiver counts.
+Peers are connected directly, so each one checks incoming messages (`ingress`), by the name in the sender's certificate,
+and its own messages (`egress`). The receiver's check is decisive.
 
 `write_bus_folder` makes a test authority, certificates and bus files for trials: not a public-key infrastructure.
 """
@@ -24,18 +24,18 @@ class Role(StrEnum):
     """The role of a process on the bus."""
 
     SIMULATOR = "simulator"
-    """All of the world at once: sensors, operator, and the messages of a simulation."""
+    """The whole environment: sensors, operator, and the messages of a simulation."""
     SENSORS = "sensors"
-    """Localisation and train control: where the train is, and its forces."""
+    """Localisation and train control: the position of the train, and its forces."""
     OPERATOR = "operator"
     """The ground: journey, restrictions, targets and delay."""
     NODE = "node"
     RECORDER = "recorder"
     CAB = "cab"
-    """A listener, which publishes nothing."""
+    """A subscriber that publishes nothing."""
     DRIVER = "driver"
     DESK = "desk"
-    """A person's cab desk: a driver that also says what was done at the desk."""
+    """A person's cab desk: a driver that also reports the actions at the desk."""
 
 
 PUBLISHERS: Final = {Role.SENSORS: ("localisation", "train control"), Role.DESK: ("desk", "driver")}
@@ -45,7 +45,7 @@ SUBSCRIBING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "
 PUBLISHING = ["put", "reply", "declare_queryable", "liveliness_token"]
 """Zenoh's messages of a publisher, including the answers for a latched topic, but no deletions."""
 LISTENERS = (Role.NODE, Role.SIMULATOR, Role.RECORDER)
-"""The roles that listen, in the order of their ports: the node has the same port as without TLS."""
+"""The roles that accept connections, in the order of their ports: the node has the same port as without TLS."""
 CLOCK_SLACK = timedelta(minutes=5)
 """Time before now from which certificates are valid, because the clocks of other machines may be slow."""
 AUTHORITY = "ca.pem"
@@ -61,7 +61,7 @@ def common_name(role: Role, train: str) -> str:
 def keys_of(role: Role, train: str) -> list[str]:
     """The keys that a role may publish. The simulator stands for localisation, operator and the train itself."""
     own = [topic for topic in TOPICS if _may_publish(role, topic.publisher)]
-    # A latched topic's history is found and fetched under keys of its own; `**` does not match them.
+    # A latched topic's history has separate keys, which `**` does not match.
     return [key for t in own for key in (t.key(train), *([f"{t.key(train)}/@adv/**"] if t.latched else []))]
 
 

@@ -1,4 +1,4 @@
-"""Converts messages to values and back: the only place that knows how the cab's values look on the bus."""
+"""Conversion of messages to values and back: only this module knows the bus format of the cab's values."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Outgoing(NamedTuple):
 
 
 def decode(received: Received, heard_ns: int) -> Heard | None:
-    """The value of a message that was received at a time of the clock (ns since 1970; 0: no clock yet).
+    """The value of a message received at `heard_ns` (ns since 1970; 0: no clock yet).
 
     None for topics that the cab does not receive; `heard.Unreadable` for messages that are not of their topic's type.
     """
@@ -58,7 +58,7 @@ def encode_input(value: Heard) -> Outgoing:
 
 
 def control(now_ns: int, tick: int, *, restrictions_ns: int, targets_ns: int, finish: bool = False) -> Outgoing:
-    """The message by which a simulation sends a node the time (ns since 1970) and asks for the advice of a tick.
+    """The message with which a simulation sends a node the time (ns since 1970) and requests the advice of a tick.
 
     `restrictions_ns` and `targets_ns` are the times of the restrictions and targets that the node must have received
     before it answers (0: none). With `finish` the simulation is over, and the node ends.
@@ -71,7 +71,7 @@ def control(now_ns: int, tick: int, *, restrictions_ns: int, targets_ns: int, fi
 
 
 def finishes(control: Any) -> bool:
-    """Whether a Control message ends the simulation; every other one asks for advice."""
+    """Whether a Control message ends the simulation; every other Control message requests advice."""
     return bool(control.command == das_pb2.Control.COMMAND_FINISH)
 
 

@@ -1,6 +1,6 @@
 """The Zenoh configuration of a bus: locked down to this machine, or a site's own file, completed and checked.
 
-Zenoh's own defaults listen on every interface and look for others by multicast: neither happens here unasked.
+By default Zenoh listens on every interface and finds peers by multicast; here both must be configured.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LEASE_MS = 2000
 """Silence (ms) after which a peer counts as gone."""
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 LARGEST_BYTES = 1 << 20
-"""Size above which messages are dropped while they arrive; our largest, a plan, has some 100 kB."""
+"""Size above which incoming messages are dropped; our largest, a plan, has about 100 kB."""
 ALWAYS: dict[str, Any] = {
     "timestamping/enabled": True,
     "transport/shared_memory/enabled": False,  # a sender could alter a message after it was checked
@@ -41,7 +41,7 @@ DEFAULTS: dict[str, Any] = {
     "scouting/gossip/enabled": False,
     "transport/link/tx/lease": LEASE_MS,
 }
-"""Settings that replace Zenoh's own defaults where a file does not set them."""
+"""Settings that replace Zenoh's own defaults if a file does not set them."""
 SECRETS = "transport/link/tls"
 FILES = (
     "root_ca_certificate",
@@ -56,7 +56,7 @@ SOURCE_PLACE = re.compile(r" at /\S+:\d+\.")
 SYNTAX_ERROR = re.compile(r"--> (\d+):(\d+) .*= (expected .*)")
 """The pattern of a syntax error, which Zenoh reports as a drawing over several lines."""
 LONGEST_ERROR = 200
-"""Most letters of an error of Zenoh; the rest is cut."""
+"""Longest error message of Zenoh (characters); the rest is cut."""
 DEEPEST = 64
 """Deepest nesting of brackets in a file that is accepted."""
 
@@ -153,7 +153,7 @@ class BusFolder:
     insecure: bool = False
 
     def file(self, role: Role) -> BusFile:
-        """The file of one role; raises DasError where it is missing."""
+        """The file of a role; raises DasError if it is missing."""
         file = self.path / f"{role}.json5"
         if not file.is_file():
             raise DasError(f"{file}: does not exist; expected a folder made by das-node tls-init")
@@ -161,7 +161,7 @@ class BusFolder:
 
 
 def bus_folder(path: Path | None, insecure: bool, train: str) -> BusFolder | None:
-    """The folder that a simulation uses; raises DasError where one of its files cannot be used."""
+    """The folder that a simulation uses; raises DasError if one of its files cannot be used."""
     if path is None:
         _refuse_lone_insecure(insecure)
         return None
@@ -172,7 +172,7 @@ def bus_folder(path: Path | None, insecure: bool, train: str) -> BusFolder | Non
 
 
 def bus_options(file: Path | None, insecure: bool, listen: str | None, connect: Sequence[str] | None) -> BusFile | None:
-    """The bus file from the options of a process; raises DasError where the options contradict each other."""
+    """The bus file from the options of a process; raises DasError if the options contradict each other."""
     if file is None:
         _refuse_lone_insecure(insecure)
         return None
@@ -197,7 +197,7 @@ def _refuse_lone_insecure(insecure: bool) -> None:
 
 
 def one_line(error: Exception) -> str:
-    """The useful part of an error of Zenoh, in one line."""
+    """The useful part of a Zenoh error, in one line."""
     text = " ".join(SOURCE_PLACE.sub("", str(error)).split())
     if drawn := SYNTAX_ERROR.match(text):
         return "line {}, column {}: {}".format(*drawn.groups())

@@ -1,8 +1,8 @@
 """The recorder: all messages on the bus into one MCAP file, on disk within a second.
 
 Log time is the clock of the simulation (the last Control message), or else the wall clock; publish time is the time
-that the message states. The schema of a topic holds the comments of its fields, with their units, which protobuf
-compiles away; they stand in the place that protobuf has for them (`source_code_info`).
+that the message states. The schema of a topic contains the comments of its fields, with their units, which protobuf
+drops when compiling; they are in protobuf's field for them (`source_code_info`).
 """
 
 from __future__ import annotations
@@ -128,9 +128,9 @@ class RecordingFile:
         return channel
 
     def _name(self, *of: object) -> str:
-        """What tells this recording from others in a merged file: when it began, and what it first says of itself.
+        """The name that identifies this recording in a merged file, from its start time and its first metadata.
 
-        It is no random number, so that the same run gives the same file.
+        The name is not random, so that the same run gives the same file.
         """
         if not self._named:
             self._named = hashlib.sha256(json.dumps([self._begun_ns, of], sort_keys=True).encode()).hexdigest()[:16]
@@ -186,7 +186,7 @@ class Recorder:
             self.report()
 
     def _noted(self, topic: Topic, message: Any) -> bool:
-        """Take note of the progress; returns whether another process may wait for a report of it."""
+        """Take note of the progress; returns whether another process may be waiting for a report."""
         status, state = self._status, self._status.node_state
         if topic is CONTROL:
             status.tick = message.tick

@@ -22,7 +22,7 @@ from das.domain.errors import DasError, InputError
 from das.domain.summary import Summary
 
 DRIVE: Final = "-drive-"
-"""Between the name of a train and the number of its drive, for the second and later drives of one train in a file."""
+"""Separator between train name and drive number, for the second and later drives of a train in a file."""
 MOST_BYTES: Final = 1 << 30
 """Largest file (bytes) that is read; recordings take 50 to 500 bytes a message."""
 RECOVERED: Final = "recovered"
@@ -30,7 +30,7 @@ RECOVERED: Final = "recovered"
 
 
 class RecordedMessage(NamedTuple):
-    """A recorded message with its train, its topic, the time of recording (ns) and its running number."""
+    """A recorded message with its train, its topic, the time of recording (ns) and its sequence number."""
 
     train: str
     topic: Topic
@@ -64,14 +64,14 @@ class Contents:
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """The metadata that hold for all that is in the file: of several records of one name, what they agree on."""
+        """The metadata that apply to the whole file: of several records of a name, the entries common to all."""
         return self.metadata_of(None)
 
     def metadata_of(self, train: str | None) -> dict[str, dict[str, str]]:
         """The metadata by their names; of several records of one name, those of the train's recording, else those that
         name the train, else all of them.
 
-        What such records do not agree on is left out, because nothing says which of them the train's drive is.
+        Entries on which such records differ are left out, because the record of the train's drive is unknown.
         """
         found: dict[str, dict[str, str]] = {}
         written = self.recordings.get(train or "", "")
@@ -100,13 +100,13 @@ class Raw:
     attachments: list[records.Attachment] = field(default_factory=list)
     metadata: list[tuple[records.Metadata, bool | None]] = field(default_factory=list)
     numbered: bool = False
-    """Whether the recorder wrote the file: it gives each message of the file a number of its own."""
+    """Whether the recorder wrote the file: it gives each message of the file a unique number."""
 
     described: dict[int, tuple[records.Channel, records.Schema]] = field(default_factory=dict)
     """Channels and their schemas by the metadata of the recorder, with the numbers that it gave them."""
 
     def use(self, record: records.McapRecord) -> None:
-        """Keep a record that can be trusted, and metadata, whose own checksum is judged."""
+        """Keep a record that can be trusted, and metadata, whose own checksum is checked here."""
         if isinstance(record, records.Metadata):
             self._use_metadata(record)
         elif isinstance(record, records.Message):
@@ -149,9 +149,9 @@ class Raw:
 
 
 def read_raw(path: Path) -> tuple[Raw, Health]:
-    """All records of a file; raises DasError if it is missing, not MCAP, or would keep its reader busy.
+    """All records of a file; raises DasError if it is missing, not MCAP, or too large to read.
 
-    The file is read as a whole: a map of it into memory would end the process if someone cut the file meanwhile.
+    The file is read as a whole: with a memory map, the process would end if the file were truncated meanwhile.
     """
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
@@ -208,7 +208,7 @@ def _read(scan: Scan) -> tuple[Raw, Health]:
 
 
 def _missing(messages: list[records.Message]) -> int | None:
-    """How many messages are missing, according to the running numbers; None if these do not rise through the file."""
+    """How many messages are missing, according to the sequence numbers; None if these do not rise through the file."""
     numbers = [message.sequence for message in messages]
     if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
         return None
@@ -272,8 +272,8 @@ def _tell_drives_apart(found: Contents, sources: Sequence[str], *, numbered: boo
 def _drives_by_number(found: Contents, train: str, of_train: Sequence[int]) -> list[int]:
     """Which drive each message of a train belongs to, from 0 on, in a file that does not name its recordings.
 
-    A recorder uses each running number once, so a number that a train has twice shows two drives. Raises DasError for
-    drives that run through each other in the file: their messages cannot be told apart.
+    A recorder uses each sequence number once, so a repeated number of a train shows two drives. Raises DasError for
+    drives that are interleaved in the file: their messages cannot be distinguished.
     """
     numbers = [found.messages[i].sequence for i in of_train]
     count = max(Counter(numbers).values())
@@ -364,10 +364,10 @@ class Recording(Summary):
         """Fields of a topic's messages as arrays of shape (messages,), by field name (default: all fields).
 
         A field's name ends in its unit, as in `das.proto`: `speed_mps`, `time_ns`. `log_time_ns` is when the message
-        was recorded. Floats are float64. Integers, truth values and enumerations are int64 (`meanings` names the
-        values of an enumeration). Texts are objects. A message within the message is a dict of its fields. A repeated
-        field is an array of objects, one for each message: a one-dimensional array of numbers, or a list of texts or
-        dicts. A topic that was not recorded gives arrays of length 0.
+        was recorded. Floats are float64. Integers, truth values and enumerations are int64 (`meanings` names the values
+        of an enumeration). Texts are objects. A nested message is a dict of its fields. A repeated field is an array of
+        objects, one for each message: a one-dimensional array of numbers, or a list of texts or dicts. A topic that was
+        not recorded gives arrays of length 0.
 
         Raises InputError for a name that no topic or no field has.
         """

@@ -1,4 +1,4 @@
-"""Converts a restriction to its message and back: the only place that knows how it looks on the bus."""
+"""Conversion of a restriction to its message and back: only this module knows its bus format."""
 
 from __future__ import annotations
 

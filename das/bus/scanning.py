@@ -103,7 +103,7 @@ class Health:
 
 
 class FoundRecord(NamedTuple):
-    """A record (None: of a kind that only its program knows), its place, and whether its own checksum proves it."""
+    """A record (None: of another program's kind), its place, and whether its own checksum proves it."""
 
     record: Any
     start_byte: int
@@ -164,7 +164,7 @@ class Scan:
             self._note(at, self.size, "the end of the file", lost=False)
 
     def _end(self, at: int) -> int:
-        """The stated end of the record at a place; beyond the file where there is no record."""
+        """The stated end of the record at a place; beyond the file if there is no record."""
         head = self.data[at : min(at + RECORD.size, self._last)]
         return at + RECORD.size + RECORD.unpack(head)[1] if len(head) == RECORD.size else self.size + 1
 
@@ -266,7 +266,7 @@ class Scan:
         return zlib.crc32(memoryview(self.data)[start:end])
 
     def _after_damage(self, at: int, why: _DamagedError) -> int:
-        """Record damage at a place; returns where to continue: behind it, or at the next chunk that is proven."""
+        """Record damage at a place; returns where to continue: after the damage, or at the next proven chunk."""
         end = self._end(at)
         if end != self._last and not (end < self._last and self.data[end] in KINDS and self._end(end) <= self._last):
             found = SIGNATURE.finditer(self.data, at + 1 + SIGNATURE_AT, self._last)
@@ -279,7 +279,7 @@ class Scan:
         return end
 
     def _is_chunk(self, at: int) -> bool:
-        """Whether there is a chunk at a place whose messages its checksum proves; `walk` then notes its damage."""
+        """Whether there is a chunk at a place and its checksum proves its messages; `walk` then notes its damage."""
         noted = len(self.damage)
         try:
             found = self._record(at)[1] if self.data[at] == Opcode.CHUNK else []

@@ -1,4 +1,4 @@
-"""What the recorder writes beside the messages, so that damage is noticed and what is left can still be read."""
+"""Data that the recorder writes in addition to messages, to detect damage and to keep the rest readable."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ NUMBERED: Final = "numbered"
 RECORDING: Final = "recording"
 """The entry of a channel's metadata, and of each metadata record, that names the recording in which it was written.
 
-Programs that merge files copy it. It is the only entry of a channel: `mcap merge` joins channels whose metadata are
-equal, and compares several entries in no fixed order.
+Programs that merge files copy it. It is the only entry of a channel, because `mcap merge` joins channels with equal
+metadata and compares several entries in no fixed order.
 """
 
 

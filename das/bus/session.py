@@ -26,13 +26,13 @@ from das.cab.heard import UNSTAMPED
 from das.domain.errors import DasError
 
 CAPACITY = 1_000
-"""Most messages that wait: at 50 µs each, the newest is answered within 50 ms."""
+"""Largest number of waiting messages: at 50 µs each, the newest is answered within 50 ms."""
 BYTES_EACH = 8_000
-"""Mean size (bytes) of the messages that the inbox has room for; a few large ones fit as well."""
+"""Mean size (bytes) of messages for which the inbox has room; a few larger ones fit as well."""
 CONTROL_FACTOR = 10
 """Factor on the capacity of the inbox for messages that must not be dropped."""
 MOST_SENDERS = 100
-"""Most senders whose newest state is remembered."""
+"""Largest number of senders whose newest state is remembered."""
 HEARTBEAT_S = 1.0
 """Interval (s) at which a latched topic announces its last message, in case a closed link has lost it."""
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
@@ -42,7 +42,7 @@ stamps (`Received.source`). Zenoh withdraws the tokens of a session that is clos
 
 
 class Inbox:
-    """The messages that Zenoh's threads received and nobody has taken out yet; `dropped` counts lost messages.
+    """The messages received by Zenoh's threads and not taken yet; `dropped` counts lost messages.
 
     When it is full, the oldest message of a topic that is neither latched nor Control is dropped (a position, a delay).
     If there is none, a new message of a latched topic replaces the one before it. Control messages, and latched ones
@@ -87,7 +87,7 @@ class Inbox:
         """The oldest message; None after `timeout_s` without one.
 
         `skip_outdated` leaves out a journey, restrictions or targets if the same sender has replaced them by a message
-        that arrived later and has the same or a later time. To act on each message of a flood would take too long.
+        that arrived later and has the same or a later time. Acting on each message of a flood would take too long.
         """
         deadline = time.monotonic() + timeout_s
         with self._news:
@@ -105,7 +105,7 @@ class Inbox:
                     return received
 
     def _is_outdated(self, received: Received) -> bool:
-        """Whether a message of the same topic and sender waits that arrived later and has the same or a later time."""
+        """Whether a later message of the same topic and sender waits, with the same or a later time."""
         if not received.topic.latched or received.message is None:
             return False
         later = self._waiting.get(self._newest.get((received.topic.name, received.source), 0))
@@ -116,7 +116,7 @@ class Inbox:
         return len(self._waiting) >= self.capacity or self._bytes >= BYTES_EACH * self.capacity
 
     def _make_room(self, coming: Received) -> bool:
-        """Drop one message for a coming one; returns whether there was one to drop."""
+        """Drop a message to make room for `coming`; returns whether there was one to drop."""
         number = self._outdated.popleft() if self._outdated else self._latched.get(coming.topic.name, 0)
         if number not in self._waiting:
             return False
@@ -134,9 +134,9 @@ class Inbox:
 
 
 def free_ports(count: int) -> list[int]:
-    """Different TCP ports of 127.0.0.1 that no other program gets for a minute, unless it asks for their numbers.
+    """Different TCP ports of 127.0.0.1, given to no other program for a minute unless it requests their numbers.
 
-    A closed connection is left on each: a bus may listen there, but nobody who asks for a free port gets it.
+    A closed connection is left on each port: a bus can listen there, but the system does not assign the port.
     """
     ports = []
     for _ in range(count):
@@ -203,10 +203,10 @@ class Presences:
 
 
 class Bus:
-    """A session for one train; use it with `with`, because a session left open makes the program hang at exit.
+    """A session for one train; use it with `with`, because an open session makes the program hang at exit.
 
     `listen` is the endpoint of this process, `connect` are those of the others, tried again until they answer; or a
-    site's `file` states both. `hear` names the topics to receive. `waiting` is the capacity of the `Inbox`.
+    site's `file` states both. `hear` lists the topics to receive. `waiting` is the capacity of the `Inbox`.
     """
 
     def __init__(
@@ -230,13 +230,13 @@ class Bus:
         self._declared: list[Any] = []
 
     def __enter__(self) -> Bus:
-        # With RUST_LOG set, Zenoh says on standard output whom it does not let in.
+        # With RUST_LOG set, Zenoh reports rejected peers on standard output.
         zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
         try:
             self._session = self._stack.enter_context(zenoh.open(self._config))
         except zenoh.ZError as error:
             raise DasError(f"bus: cannot open {self._place}: {one_line(error)}") from error
-        # Asked for once: a session that is being closed does not answer, while messages may still come.
+        # Read once: a session that is being closed does not answer, while messages may still arrive.
         self._own = str(self._session.zid())
         try:
             self._subscribe()
@@ -270,7 +270,7 @@ class Bus:
         self._stack.close()
 
     def publish(self, topic: Topic, message: Message) -> None:
-        """Send a message reliably; if a receiver is slow, this call waits rather than drop the message."""
+        """Send a message reliably; if a receiver is slow, the call waits instead of dropping the message."""
         publisher = self._publishers.get(topic.name)
         if publisher is None:
             publisher = self._publishers[topic.name] = self._declare(topic)
@@ -325,7 +325,7 @@ class Bus:
     def _source(self, sample: zenoh.Sample) -> str:
         """The session that sent a message; `UNSTAMPED` if its time stamp was missing, or over 0.5 s ahead of our clock.
 
-        Zenoh replaces such a stamp by our own. So our own stamp means unstamped: we do not receive our own messages.
+        Zenoh replaces such a stamp with our own, which therefore means unstamped: we do not receive our own messages.
         """
         stamp = sample.timestamp
         source = str(stamp.get_id()) if stamp is not None else UNSTAMPED

@@ -20,7 +20,7 @@ TRAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 class Topic:
     """One topic, with the key `<root>/<train>/<name>`.
 
-    A `latched` topic keeps its last message for late subscribers. Publishers wait rather than lose a message.
+    A `latched` topic keeps its last message for late subscribers. Publishers wait instead of losing a message.
     """
 
     name: str
@@ -76,7 +76,7 @@ def check_train_name(train: str) -> str:
 
 
 def topic_of(key: str) -> Topic | None:
-    """The topic of a key or of a channel's name; None if it is not one of ours."""
+    """The topic of a key or of a channel's name; None if it is foreign."""
     root, _, rest = key.partition("/")
     _, _, name = rest.partition("/")
     return next((topic for topic in TOPICS if topic.root == root and topic.name == name), None)
@@ -84,7 +84,7 @@ def topic_of(key: str) -> Topic | None:
 
 @dataclass(frozen=True)
 class Received:
-    """A received message; `message` is None where the payload is not of the topic's type.
+    """A received message; `message` is None if the payload is not of the topic's type.
 
     `source` is the session that put the time stamp on it, normally the sender's; `size` is in bytes.
     """

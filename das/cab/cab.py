@@ -1,4 +1,4 @@
-"""The cab: all of the on-board system except sockets and clocks. It takes frozen messages and answers each tick."""
+"""The cab: the on-board system except sockets and clocks. It receives frozen messages and answers each tick."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ from das.solver.warm_up import warm_up as solve_tiny
 OVERDUE_PERIODS = 1.2
 """Least validity of advice, in advice periods."""
 LONGEST_REASON = 80
-"""Most letters of a target's reason, or of the text of an error; the rest is cut."""
+"""Longest reason of a target, or error text (characters); the rest is cut."""
 
 
 def no_stopwatch() -> float:
@@ -63,16 +63,15 @@ class CabSettings:
     """The settings of a cab."""
 
     advice_period_s: float = 1.0
-    """The time from one advice to the next. If it is long, each advice is valid until the next is due."""
+    """The time between advice messages. If it is long, each message is valid until the next is due."""
     no_restrictions: bool = False
     """Whether the site has no temporary restrictions, so that there is advice without a list of them."""
     calibrate: bool = False
     """Whether mass and running resistance are estimated from the measured efforts and used in plans."""
     background: bool = False
-    """Whether fronts are searched for in a thread of their own; otherwise each tick waits for what it needs."""
+    """Whether fronts are searched for in a separate thread; otherwise each tick waits for the fronts it needs."""
     stopwatch: Callable[[], float] = no_stopwatch
-    """The clock (s) that measures the durations in the status: in real time the `WALL_STOPWATCH`. By default they are
-    all 0, so that no output depends on the machine."""
+    """The clock (s) for the durations in the status: in real time `WALL_STOPWATCH`; by default the durations are 0."""
     guide: bool = False
     """Whether there is a guide; if not, nothing is computed for it."""
 
@@ -90,7 +89,7 @@ class Cab:
         self.legs = Legs(situation, preparation, guide=settings.guide)
         """The legs of the journey under way."""
         self.here = Estimate(time_ns=0)
-        """The estimated state of the train on which the last advice rests."""
+        """The estimated state of the train on which the last advice is based."""
         self.learning: Learning | None = None
         """The calibration of the train while driving; None without it."""
         if settings.calibrate:
@@ -125,9 +124,9 @@ class Cab:
         self.legs.preparation.close()
 
     def hear(self, message: Heard | PublisherSeen | NodeSeen | ClockSet) -> list[Output]:
-        """Act on a message, or report why not.
+        """Act on a message, or report why it is ignored.
 
-        An unforeseen error is reported as well, and it withdraws the next advice: a cab that crashed could not do that.
+        An unforeseen error is reported as well and withdraws the next advice; a crashed cab could do neither.
         """
         if isinstance(message, NodeSeen):
             self._guard.see_node(message)
@@ -228,7 +227,7 @@ class Cab:
         self._reporting.add(self._status(journey.time_ns, NodeState.READY, f"ready for {' – '.join(names)}"))
 
     def _judge_day(self, now_ns: int) -> None:
-        """Judge the journey again if the clock has entered or left its day since the last judgement."""
+        """Check the journey again if the clock has entered or left its day since the last check."""
         journey = self._journey
         if journey is not None and is_of_another_day(journey, now_ns) != is_of_another_day(journey, journey.heard_ns):
             self._begin(dataclasses.replace(journey, heard_ns=now_ns))

@@ -32,26 +32,26 @@ from das.domain.units import NS
 from das.estimate.localisation import STALE_AFTER_S
 
 MOST_RIVALS = 20
-"""Most waiting sessions (the newest) and most other nodes of the train (the first) that are remembered."""
+"""Largest numbers of waiting sessions (the newest) and of other nodes of the train (the first) remembered."""
 MOST_GONE = 50
-"""Most sessions (the newest) whose presence is remembered."""
+"""Largest number of sessions (the newest) whose presence is remembered."""
 MOST_STOPS = 200
-"""A journey with more stops is rejected as nonsense."""
+"""Largest number of stops of a journey; one with more is rejected as implausible."""
 MOST_RESTRICTIONS = 100
-"""A message with more restrictions is rejected as nonsense."""
+"""Largest number of restrictions in a message; one with more is rejected as implausible."""
 MOST_TARGETS = 100
-"""A message with more targets is rejected as nonsense."""
+"""Largest number of targets in a message; one with more is rejected as implausible."""
 AHEAD_S = 60.0
 """Time (s) ahead of the clock above which a message waits: taken immediately, it would shut out all later ones."""
 TOKEN_AFTER_S = 2.0
-"""Time (s) after its first message by which a publisher without a seen liveliness token has none."""
+"""Time (s) after its first message from which a publisher whose liveliness token was not seen counts as having none."""
 NOT_STAMPED = "one without its sender's time stamp (or with one ahead of the clock)"
 SILENT_S = STALE_AFTER_S
-"""Silence (s) after which a publisher of measurements gives way to another one; a position can be used for as long."""
+"""Silence (s) after which another publisher of measurements may take over; a position is usable for as long."""
 
 
 class Guard:
-    """Judges messages before anything acts on them; feed it with every message in the order received."""
+    """Checks messages before anything acts on them; pass every message in the order received."""
 
     def __init__(self) -> None:
         self._newest_ns: dict[Kind, int] = {}
@@ -76,7 +76,7 @@ class Guard:
         before, known = operator.source, operator.is_rival(source)
         is_counted = operator.counts(message)
         if before is not None and operator.source != before:
-            # The times of a publisher that is gone say nothing about the age of this one's messages.
+            # The times of a publisher that is gone do not show the age of this publisher's messages.
             self._newest_ns.pop(kind, None)
             self._early.pop(kind, None)
             if is_counted:
@@ -93,7 +93,7 @@ class Guard:
         return operator.see(seen) if operator is not None else None
 
     def see_node(self, seen: NodeSeen) -> None:
-        """Take note of another node of this train that came or went; of very many, only the first are remembered."""
+        """Take note of another node of this train that came or went; only the first `MOST_RIVALS` are remembered."""
         if not seen.there:
             self._nodes = [one for one in self._nodes if one != seen.source]
         elif seen.source not in self._nodes and len(self._nodes) < MOST_RIVALS:
@@ -119,11 +119,11 @@ class Guard:
         return f"{kind}: {found} was ignored" if found else ""
 
     def due(self, now_ns: int) -> list[StateHeard]:
-        """The messages that count now that time has passed; the caller has to judge them again.
+        """The messages that count now because time has passed; the caller must check them again.
 
-        Those are the ones that were ahead of the clock and no longer are: a sender does not repeat its message, so the
-        newest of each kind waits here until the clock has reached it. And newer orders that overtake those of a
-        publisher of which nobody can tell whether it is there.
+        These are messages that were ahead of the clock and no longer are (senders do not repeat a message, so the
+        newest of each kind waits here until then), and newer orders that overtake those of a publisher whose presence
+        is unknown.
         """
         due: list[StateHeard] = []
         for one in tuple(self._early.values()):
@@ -132,7 +132,7 @@ class Guard:
         for kind, operator in self._operators.items():
             if operator.turns_out_unannounced(now_ns):
                 self._news.append(
-                    f"{kind}: {_named(operator.source)} has no liveliness token: nobody can tell when it is gone, and "
+                    f"{kind}: {_named(operator.source)} has no liveliness token: its end cannot be detected, and "
                     "a newer order of another publisher replaces its own; publish with das.bus.session.Bus, or with "
                     "zenoh.ext.declare_advanced_publisher and publisher_detection=True"
                 )
@@ -153,12 +153,12 @@ class Guard:
         }
 
     def has_rival_efforts(self, now_ns: int) -> bool:
-        """Whether two publishers both state the wheel forces, or may do so unnoticed: then one of them may be wrong."""
+        """Whether two publishers state the wheel forces, or may do so undetected: then one of them may be wrong."""
         efforts = self._publishers[Kind.EFFORT]
         return bool(efforts.contested(now_ns)) or efforts.unstamped(now_ns)
 
     def _rival_operators(self) -> str:
-        """The two publishers that state different restrictions, and what has to be done if one is gone; else empty."""
+        """The two publishers that state different restrictions, and the remedy if one is gone; else empty."""
         operator = self._operators[Kind.RESTRICTION]
         other = operator.contradiction()
         if other is None:
@@ -175,26 +175,26 @@ class Guard:
             self._news.append(f"{kind}: {NOT_STAMPED} was ignored: {wording.STAMP_CURE}")
 
     def _unheeded(self, why: str) -> str:
-        """Lose the restrictions in force; returns in words that there is no advice because of that."""
+        """Drop the restrictions in force; returns the text that there is no advice for that reason."""
         self.unheeded = why
         return wording.withdrawal(Withdrawal(Cause.RESTRICTIONS_UNHEEDED, why))
 
     def _problem_of_restrictions(self, message: Heard) -> str:
-        """Like `problem`, for restrictions: there must be no advice until a list is received that can be used."""
+        """Like `problem`, for restrictions: without a usable list there must be no advice."""
         assert isinstance(message, RestrictionsHeard | Unreadable)
         found = self._problem_by_itself(message)
         if found or isinstance(message, Unreadable):
             return self._unheeded(found)
         received = list(message.restrictions)
         if found := self._replayed(message):
-            if received != self._in_force:  # A replay, or an operator whose clock was set back: nobody can tell.
+            if received != self._in_force:  # A replay, or an operator whose clock was set back.
                 return self._unheeded(f"{found}, which said otherwise")
             return f"{Kind.RESTRICTION}: {found} was ignored"
         self._in_force, self.unheeded = received, None
         return ""
 
     def _problem_by_itself(self, message: StateHeard | Unreadable) -> str:
-        """Why a message has to be ignored, whatever came before it; empty if it does not have to be."""
+        """Why a message has to be ignored, whatever came before it; empty if it is accepted."""
         kind, now_ns = message.kind, message.heard_ns
         if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
             self._early[kind] = message
@@ -204,10 +204,10 @@ class Guard:
         return found
 
     def _replayed(self, message: StateHeard) -> str:
-        """By how much a state is older than the newest of its kind, in words; empty for any other: that is the newest
-        now.
+        """The age of a state relative to the newest of its kind, as text; empty for any other state, which becomes the
+        newest.
 
-        The bus repeats the newest state, so one with an equal time is not rejected.
+        The bus repeats the newest state, so a state with an equal time is not rejected.
         """
         kind, now_ns = message.kind, message.heard_ns
         newest_ns = self._newest_ns.get(kind, message.time_ns)
@@ -261,14 +261,14 @@ class Publishers:
 class Operator:
     """Decides which session counts for one state.
 
-    The first session counts until its publisher is gone; what the others said last waits. Without reports of who is
-    present, every session is taken to be present.
+    The first session counts until its publisher is gone; the last messages of the others wait. Without presence
+    reports, every session counts as present.
 
     Two sessions that state different restrictions contradict each other until they agree, or until one is gone and the
     other has sent a list since.
 
-    A publisher without a liveliness token is never reported gone. A newer message of another session overtakes its own:
-    most often it was restarted. Should it speak again, both are there, and none overtakes any more.
+    A publisher without a liveliness token is never reported gone. A newer message of another session overtakes its own,
+    because it was most likely restarted. If it sends again, both are present, and neither overtakes.
     """
 
     def __init__(self) -> None:
@@ -280,13 +280,13 @@ class Operator:
         self._unannounced: tuple[str | None, int] = None, 0
         self._tokenless: str | None = None
         self.overtaken: str | None = None
-        """The session whose message a newer one has overtaken, if it has not spoken again."""
+        """The session whose message was overtaken by a newer one, if it has not sent since."""
         self._contested = False
 
     def counts(self, message: Heard) -> bool:
         """Whether a message counts; one that does not count waits while its publisher is present.
 
-        An unreadable message does not make its session the one that counts, nor does a repeated one in a contradiction.
+        Neither an unreadable message nor a repeated one during a contradiction makes its session the one that counts.
         """
         source, before = message.source, self._said.get(message.source)
         takes_over = source != self.source and (self.source is None or self.is_gone(self.source))
@@ -323,9 +323,9 @@ class Operator:
         return False
 
     def overtaking(self) -> StateHeard | None:
-        """The newer message of a session that waits and counts now, because the one that counts has no token.
+        """The newer message of a waiting session that counts now, because the present one has no token.
 
-        Restrictions count only if none is left out that was in force: both sessions may be there.
+        Restrictions count only if they include all that were in force: both sessions may be present.
         """
         if not self.source or self._tokenless != self.source or self.source in self._there or self._contested:
             return None
@@ -370,16 +370,16 @@ class Operator:
         return next((one for one in (*self._rivals(), *self._left) if self._differs(one)), None)
 
     def _rivals(self) -> list[str]:
-        """The sessions beside the one that counts whose publishers are present."""
+        """The other sessions whose publishers are present."""
         return [one for one in self._said if one is not None and one != self.source and not self.is_gone(one)]
 
     def _differs(self, source: str) -> bool:
-        """Whether a session said other restrictions last than the one that counts."""
+        """Whether the last restrictions of a session differ from those of the session that counts."""
         return _places(self._said.get(source)) != _places(self._said.get(self.source))
 
 
 def _nonsense(message: StateHeard | Unreadable) -> str:
-    """Why a message makes no sense; empty if it does."""
+    """Why a message is implausible; empty if it is not."""
     if isinstance(message, Unreadable):
         return message.why or "a message that cannot be read"
     if isinstance(message, RestrictionsHeard):
@@ -408,7 +408,7 @@ def _too_long(texts: Iterable[str]) -> str:
 
 
 def described(one: Restriction) -> str:
-    """A restriction with impossible ends, limit or window, or with a text that is too long to make sense, in words."""
+    """A restriction with impossible ends, limit or window, or with too long a text, in words."""
     window = f", valid from {one.valid_from_ns} to {one.valid_until_ns} ns" if one.has_window else ""
     long = "".join(f", {key} of {len(x)} letters" for key, x in one.texts.items() if len(x) > LONGEST_TEXT)
     return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m{window}{long}"

@@ -28,7 +28,7 @@ class Kind(StrEnum):
 
 
 STATES = (Kind.JOURNEY, Kind.RESTRICTION, Kind.TARGET)
-"""Kinds whose message holds until the next one: an older one never replaces a newer one. Only one publisher counts."""
+"""Kinds whose message applies until the next one; older ones never replace newer ones, and one publisher counts."""
 
 
 class OrderedStop(NamedTuple):
@@ -41,10 +41,10 @@ class OrderedStop(NamedTuple):
 
 
 class ToldRestriction(Restriction):
-    """A restriction as received, before the guard has judged it: its figures may be anything."""
+    """A restriction as received, before the guard has checked it, with any figures."""
 
     def __post_init__(self) -> None:
-        """Accept any figures: the guard judges them."""
+        """Accept any figures: the guard checks them."""
 
 
 def judged(received: Restriction) -> Restriction:
@@ -99,7 +99,7 @@ class EffortHeard(Heard):
 
 @dataclass(frozen=True, kw_only=True)
 class StateHeard(Heard):
-    """A message that holds until the next of its kind; `time_ns` is when it was sent."""
+    """A message that applies until the next of its kind; `time_ns` is when it was sent."""
 
     time_ns: int
 
@@ -120,7 +120,7 @@ class JourneyHeard(StateHeard):
 
 @dataclass(frozen=True, kw_only=True)
 class RestrictionsHeard(StateHeard):
-    """All temporary restrictions known; those received before no longer hold."""
+    """All temporary restrictions known; those received before no longer apply."""
 
     kind: ClassVar[Kind] = Kind.RESTRICTION
     restrictions: tuple[Restriction, ...]
@@ -128,7 +128,7 @@ class RestrictionsHeard(StateHeard):
 
 @dataclass(frozen=True, kw_only=True)
 class TargetsHeard(StateHeard):
-    """All targets of traffic management in force; those received before no longer hold."""
+    """All targets of traffic management in force; those received before no longer apply."""
 
     kind: ClassVar[Kind] = Kind.TARGET
     targets: tuple[Target, ...]

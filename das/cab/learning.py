@@ -1,4 +1,4 @@
-"""Learns mass and running resistance of the train while driving, and decides when to plan with them."""
+"""Estimation of mass and running resistance while driving, and the decision when to plan with them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from das.estimate.estimate import Quality
 from das.estimate.localisation import ClockDifference
 
 CLOCKS_DIFFER_S: Final = 0.3
-"""Difference (s) between the time stamps of forces and positions above which they belong to other moments."""
+"""Difference (s) between the time stamps of forces and positions above which they do not belong together."""
 REPORT_EVERY_S = 10.0
-"""Interval (s) at which the estimates are reported; a change in the trust in the forces is reported no more often."""
+"""Interval (s) at which the estimates are reported; changes in the trust in the forces are reported no more often."""
 CALIBRATION_ON: Final = "calibration on again: nothing speaks against the measured forces any more"
 FORCE_DOUBTS: Final = {
     ForceDoubt.TWO_PUBLISHERS: "two publishers of the efforts",
@@ -76,7 +76,8 @@ class Learning:
     def news(self, now_ns: int) -> str:
         """The text of a change in the trust in the forces, or of an implausible mass; each is reported once.
 
-        It is empty if there is none. The next change waits for `REPORT_EVERY_S`: a sensor at a bound causes few events.
+        It is empty if there is none. The next change waits for `REPORT_EVERY_S`: a sensor near a bound causes few
+        events.
         """
         found = self._found
         doubt = found.remark()

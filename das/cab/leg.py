@@ -28,7 +28,7 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 SHORT_M: Final = 15.0
-"""Distance before its stop (m) beyond which a train that stood is moving up to it, and is shown nothing until there."""
+"""Distance before its stop (m) beyond which a train that has stood moves up to it without being shown advice."""
 AHEAD_DEVIATIONS: Final = 2.0
 """Most standard deviations by which the train is assumed to be ahead of its estimated position."""
 LEAST_WAY_M = 2.0
@@ -42,7 +42,7 @@ class NoPlanError(DasError):
 class Leg:
     """One section of the journey under way: it takes timetable, targets and delay, and advises for a known state.
 
-    The `guide_worker` makes the references of the guide; `drift` is what is known of the driver from other legs.
+    The `guide_worker` makes the references of the guide; `drift` is the driver's drift as measured on other legs.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Leg:
         self._stood_short = self._too_fast = False
 
     def facts(self, refusal: str) -> LegFacts:
-        """The facts on which `decide` rests; `refusal` says why the section cannot be driven, if it cannot."""
+        """The facts on which `decide` is based; `refusal` states why the section cannot be driven, if it cannot."""
         section, goal = self.section, self.goal
         return LegFacts(
             start_m=section.start_m,
@@ -91,7 +91,7 @@ class Leg:
         self.use_guide(None)
 
     def use_guide(self, front: GuideFront | None) -> None:
-        """Lead the driver by these policies from now on, where the guide ended; None: it has no reference yet."""
+        """Lead the driver by these policies, continuing where the last guide ended; None: it has no reference yet."""
         if self.guide is not None:
             self.guide = self.guide.successor(self.section, front)
 
@@ -107,7 +107,7 @@ class Leg:
         self.goal = replace(self.goal, departure_ns=timetable.departure_ns, due_ns=timetable.arrival_ns, counts=counts)
 
     def set_delay(self, delay_s: float) -> None:
-        """Take over the delay that the operator states (s): it appears in the reason; plans follow the timetable."""
+        """Take over the delay that the operator states (s): only the reason uses it; plans follow the timetable."""
         self.goal = replace(self.goal, operator_delay_s=delay_s if math.isfinite(delay_s) else None)
 
     def see(self, here: Estimate) -> None:
@@ -131,7 +131,7 @@ class Leg:
         if self.arrival_ns == before.target_ns and passing == before.passing:
             return
         point, here = before.passing, self.here
-        # If the train has passed the goal's point and no other follows, the plan goes on.
+        # If the train has passed the goal's point and no other follows, the plan continues.
         is_behind = passing is None and point is not None and here is not None and here.s_m >= point.s_m
         if self.arrival_ns != before.target_ns or (passing != point and not is_behind):
             self.planner.forget()
@@ -184,7 +184,7 @@ class Leg:
         return TrainState(here.time_ns, s_m, here.speed_mps, max(ahead_m, 0.0))
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
-        """Withdraw the advice: the answer states the cause. The plan is forgotten, unless the display is only quiet."""
+        """Withdraw the advice; the answer states the cause. The plan is dropped unless the display is only quiet."""
         self._too_fast = False
         if not why.cause.is_quiet:
             self._forget()
@@ -214,7 +214,7 @@ class Leg:
             self.guide.forget()
 
     def _standing(self, state: TrainState) -> Guidance | None:
-        """The guide's instruction to a train that has to stand; None without a guide."""
+        """The guide's instruction for a train that must stand; None without a guide."""
         if self.guide is None:
             return None
         return self.guide.stands(max((self.goal.departure_ns - state.now_ns) * NS, 0.0))
@@ -226,7 +226,7 @@ class Leg:
 
 
 def assign_targets(targets: Sequence[Target], legs: Sequence[Leg]) -> tuple[tuple[Target, ...], list[str]]:
-    """Give each target to its leg and drop all earlier ones; returns the accepted targets, and why others are not."""
+    """Assign each target to its leg and drop all earlier ones; returns the accepted targets, and why others are not."""
     for leg in legs:
         leg.arrival_ns, leg.points = None, []
     accepted, refused = [], []

@@ -36,7 +36,7 @@ Moment = tuple[float, bool] | None
 
 
 class Legs:
-    """Takes over journey, restrictions and targets, prepares the legs, and knows which one the train is on.
+    """Takes over journey, restrictions and targets, prepares the legs, and determines which one the train is on.
 
     A leg ends when the train stands at its stop. At first, the position of the train alone decides which leg it is on.
     """
@@ -106,12 +106,12 @@ class Legs:
     ) -> None:
         """Take over a journey, by default with the train and the level of the start.
 
-        Raises DasError if the journey cannot be driven on this line; the previous journey then goes on.
+        Raises DasError if the journey cannot be driven on this line; the previous journey then continues.
         """
         started, before = self._started, self.situation
         situation = replace(before, vehicle=vehicle or started.vehicle, level=level or started.level)
         if situation.vehicle is not before.vehicle:
-            # The estimates of the previous train say nothing about this one.
+            # The estimates of the previous train do not apply to this train.
             situation = replace(situation, conditions=AS_PLANNED)
         known = {(leg.start.position_m, leg.end.position_m): leg for leg in self.legs}
         free = replace(situation, restrictions=())
@@ -128,7 +128,7 @@ class Legs:
             legs.append(leg)
         _set_timetables(legs, timetables)
         for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
-            leg.start, leg.end = start, end  # The places are the same; the names may differ.
+            leg.start, leg.end = start, end  # The positions are the same; the names may differ.
         self.preparation.drop(leg for leg in self.legs if leg not in legs)
         for leg in legs:
             if leg not in self.legs:
@@ -141,19 +141,19 @@ class Legs:
         self.set_targets(self._targets)
 
     def end(self) -> None:
-        """End the journey: there are no legs any more."""
+        """End the journey; no legs remain."""
         self.preparation.drop(self.legs)
         self.legs, self._index = (), None
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
-        """Take over all restrictions known; plans keep to each of them as soon as it counts."""
+        """Take over all restrictions known; plans observe each of them as soon as it counts."""
         self.situation = replace(self.situation, restrictions=tuple(restrictions))
         self._note_change()
 
     def set_conditions(self, conditions: Conditions) -> None:
-        """Take over what differs from the files; if the train could not drive with it, only report that.
+        """Take over changes relative to the files; if the train could not drive under them, only report that.
 
-        A train that its brakes would not hold on a descent is no case to ignore: its advice is withdrawn.
+        Exception: if its brakes would not hold the train on a descent, the advice is withdrawn.
         """
         situation = replace(self.situation, conditions=conditions)
         now = situation.at(self._now_ns)
@@ -194,7 +194,8 @@ class Legs:
         self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
 
     def _note_change(self) -> None:
-        """Take note of a change. A new search begins at once if it has its own thread; otherwise when advice is due."""
+        """Take note of a change. A new search begins immediately if it has its own thread; otherwise when advice is
+        due."""
         self._changed = True
         if self.preparation.in_background and self.legs:
             self.prepare(self._now_ns)
@@ -215,7 +216,7 @@ def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool])
     """The index of the leg by position. At a stop it is the leg that ends there until the train stands, then the next.
 
     A train that runs through its stop stays on the leg it has not ended, until it stands or is far away. Scatter of the
-    position does not put a train that has begun a leg back on the leg before.
+    position does not return a train that has begun a leg to the previous leg.
     """
     s_m, stands = moment
     index, ends_m = 0, [leg.section.end_m for leg in legs[:-1]]

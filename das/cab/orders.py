@@ -1,4 +1,4 @@
-"""Checks whether a journey is for this train and this line, finds its train, and takes from it what the legs need."""
+"""Checks whether a journey is for this train and line, finds its train, and extracts the data for the legs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 
 DAY_NS = 86_400 * 10**9
-"""Distance of all its times from the clock (ns) above which a journey is of another day."""
+"""Least difference (ns) of all its times from the clock at which a journey is of another day."""
 
 
 def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
@@ -74,7 +74,7 @@ class Order:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Post:
-    """The assignment of this on-board system: the train by name, the route and its direction, and the known trains."""
+    """The assignment of this on-board system: the train's name, the route and its direction, and the known trains."""
 
     train: str
     route: Route
@@ -82,7 +82,7 @@ class Post:
     reverse: bool = False
 
     def accept(self, journey: JourneyHeard) -> Order:
-        """The journey as an order; raises DasError if it is not for this train, line or day, or makes no sense."""
+        """The journey as an order; raises DasError if it is not for this train, line or day, or is implausible."""
         if journey.route_id != self.route.id:
             raise DasError(f"it is for route {journey.route_id!r}, this node has {self.route.id!r}")
         if journey.train and journey.train != self.train:

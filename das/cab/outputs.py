@@ -13,7 +13,7 @@ from das.domain.units import NS
 from das.estimate.estimate import Estimate
 
 MOST_A_SECOND = 5
-"""Most texts of one `Moderation` that are reported each second; the others are only counted."""
+"""Largest number of texts that a `Moderation` reports each second; the others are only counted."""
 PLAN_EVERY_S = 10.0
 """Least time (s) between reports of new plans."""
 LOSSES_EVERY_S = 1.0
@@ -48,7 +48,7 @@ class NodeState(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """Something that happened, for people to read."""
+    """An event as text for people."""
 
     time_ns: int
     severity: Severity
@@ -94,7 +94,7 @@ Output = Advice | Status | Plan | Estimated | Event
 class Moderation:
     """Lets through `MOST_A_SECOND` texts in each second, by a clock that may jump, and counts the others.
 
-    Many faulty messages must not cause as many complaints.
+    It prevents a flood of faulty messages from causing a flood of reports.
     """
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class Moderation:
         return True
 
     def take_suppressed(self, now_ns: int) -> int:
-        """How many texts were held back, once their second is over (0 before); then the count restarts."""
+        """The number of suppressed texts, once their second is over (0 before); then the count restarts."""
         self._turn(now_ns)
         if self._reported >= MOST_A_SECOND or not self._suppressed:
             return 0
@@ -158,16 +158,16 @@ class Reporting:
         self.add(Event(time_ns=now_ns, severity=severity, text=text))
 
     def may_report(self, now_ns: int) -> bool:
-        """Whether a message may cause good news now; many messages must not cause as many reports."""
+        """Whether a message may cause a report of success now; it prevents floods of reports."""
         return self._news.allows(now_ns)
 
     def complain(self, now_ns: int, text: str, severity: Severity = Severity.WARNING) -> None:
-        """Add an event about something that is not as it should be, unless there are too many such events."""
+        """Add an event about a fault, unless there are too many such events."""
         if self._complaints.allows(now_ns):
             self.event(now_ns, severity, text)
 
     def losses(self, now_ns: int, dropped: int) -> None:
-        """Report how many complaints were held back, and how many messages were lost in floods (`dropped`: in all)."""
+        """Report the number of suppressed faults, and of messages lost in floods (`dropped`: in total)."""
         if suppressed := self._complaints.take_suppressed(now_ns):
             self.event(now_ns, Severity.WARNING, f"{suppressed} more messages were ignored")
         lost = dropped - self._dropped
@@ -205,8 +205,8 @@ class Reporting:
         agree = abs(off_s) < CLOCKS_DIFFER_S
         self._clock_reported = (0.0 if agree else off_s), here.time_ns
         severity = Severity.INFO if agree else Severity.WARNING
-        late = "are heard late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
-        way = f"{late} {abs(off_s):.1f} s; the train may be anywhere on the way of that time"
+        late = "arrive late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
+        way = f"{late} {abs(off_s):.1f} s; the train may be anywhere within the distance run in that time"
         text = f"position: its time stamps {'agree with the clock again' if agree else way}"
         self.complain(here.time_ns, text, severity)
 

@@ -1,4 +1,4 @@
-"""Fronts for the legs of a journey: kept, or solved when they are needed, in the background or at once.
+"""Fronts for the legs of a journey: stored, or solved when needed, in the background or immediately.
 
 If the situation of a leg changes (a restriction, another train, load or level, a new target), the advice follows the
 last plan under the new limits until the new front is found.
@@ -37,14 +37,14 @@ from das.table import OLD, Table, TableError, key_of, section_facts, section_sha
 KEPT_BYTES = 60_000_000
 """Total size (bytes) up to which fronts are kept (30 km take 18 MB); the newest front is always kept."""
 EVERY_MULTIPLIER = 3
-"""On board only every third of the solver's multipliers is solved. That takes 0.4 of the memory and costs 0.003 to
-0.03 % of the energy on average, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
+"""Step in the solver's multipliers on board. Solving every third takes 0.4 of the memory and costs 0.003 to 0.03 % of
+the energy on average, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
 
 T = TypeVar("T")
 
 
 class _Kept(Generic[T]):
-    """Keeps results by key up to a size in all; the least recently used go first. Several threads may use it."""
+    """Keeps results by key up to a total size, dropping the least recently used; several threads may use it."""
 
     def __init__(self, most_bytes: int, size: Callable[[T], int]) -> None:
         self._most_bytes, self._size = most_bytes, size
@@ -59,7 +59,7 @@ class _Kept(Generic[T]):
         return known
 
     def put(self, key: str, found: T) -> T:
-        """Keep a result, drop the least recently used ones where the size is exceeded, and return the result."""
+        """Keep a result, drop the least recently used ones if the size is exceeded, and return the result."""
         with self._lock:
             self._known[key] = found
             while len(self._known) > 1 and sum(map(self._size, self._known.values())) > self._most_bytes:
@@ -78,7 +78,7 @@ class Fronts:
     """Finds the fronts of sections and the policies of the guide; several threads may use it."""
 
     def __init__(self, tables: Path | None = None, *, threads: int = 2, kept_bytes: int = KEPT_BYTES) -> None:
-        """Look into a folder of tables; `notes` says what is wrong with it. DasError if there is no such folder."""
+        """Check a folder of tables; `notes` lists faults of the folder. DasError if there is no such folder."""
         self.notes: list[str] = []
         self._threads = threads
         self._known = _Kept(kept_bytes, _size)
@@ -133,7 +133,7 @@ class Fronts:
             return None, (f"{error}; references are solved instead",)
         if section.name in self._missed:
             return None, ()
-        self._missed.add(section.name)  # once is enough, however often restrictions change
+        self._missed.add(section.name)  # reported once, however often restrictions change
         return None, (f"{self._folder}: no table of {section.name}; references are solved instead",)
 
 
@@ -148,11 +148,11 @@ def onboard_ladder(section: Section) -> NDArray[np.float64]:
 
 
 TRY_AGAIN_S = 10.0
-"""Time (s) after which a search that failed unforeseen is repeated; it also is whenever something changes."""
+"""Time (s) after which a search that failed unforeseen is repeated; any change repeats it as well."""
 
 
 class News(NamedTuple):
-    """A text about something that happened; `bad`: something is not as it should be."""
+    """A text about an event; `bad`: it reports a fault."""
 
     text: str
     bad: bool = False
@@ -181,11 +181,12 @@ class _Prepared:
     served: PassingTarget | None = None
     """The point to pass for which the front was found, or is being searched for."""
     held_from_m: float = math.inf
-    """Place (m) from which the brakes hold the train, if the leg is refused for a descent; it is judged again there."""
+    """Place (m) from which the brakes hold the train, if the leg is refused for a descent; it is checked again
+    there."""
     ready: bool = False
     search: Future[_Answer] | None = None
     guide: Future[FoundGuide | str] | None = None
-    """The search for the guide's policies, after that for the front; a text says why there are none."""
+    """The search for the guide's policies, which follows that for the front; a text states why there are none."""
     failed_ns: int | None = None
     """Time of the last search that failed for an unforeseen reason; None if it did not."""
 
@@ -205,9 +206,9 @@ class _Prepared:
 class Preparation:
     """Keeps the legs that are near prepared for the present situation.
 
-    With `background`, searches for fronts run in a thread of their own, and all work for the guide in another one;
-    otherwise each is over when the call returns, so that the advice depends on the messages alone. `stopwatch` gives
-    seconds, which go into `solve_s` only. Call `close` at the end.
+    With `background`, searches for fronts run in a separate thread, and all work for the guide in another; otherwise
+    each is finished when the call returns, so that the advice depends on the messages alone. `stopwatch` gives seconds,
+    which go into `solve_s` only. Call `close` at the end.
     """
 
     def __init__(
@@ -216,7 +217,7 @@ class Preparation:
         self._fronts, self._stopwatch, self._guide = fronts, stopwatch, guide
         self._solver = Worker("solve", background=background)
         self.guide_worker = Worker("guide", background=background)
-        """Finds policies and makes references, for which the advice does not wait."""
+        """Worker for policies and references, for which the advice does not wait."""
         self._prepared: dict[Leg, _Prepared] = {}
         self._news = [News(text, True) for text in fronts.notes]
         self.solve_s = 0.0
@@ -224,7 +225,7 @@ class Preparation:
 
     @property
     def in_background(self) -> bool:
-        """Whether searches run in a thread of their own."""
+        """Whether searches run in a separate thread."""
         return self._solver.in_background
 
     @property
@@ -234,7 +235,7 @@ class Preparation:
 
     @property
     def has_answer(self) -> bool:
-        """Whether a search has ended whose result the last advice did not use."""
+        """Whether a finished search has a result that the last advice did not use."""
         return any(search.done() for one in self._prepared.values() for search in one.searches)
 
     def refusal(self, leg: Leg) -> str:
@@ -262,7 +263,7 @@ class Preparation:
     def rehearse(self, section: Section) -> None:
         """Find the front of a section before there is a journey; raises DasError if there is none.
 
-        In the background the search for the guide's policies goes on: the front alone is enough to advise.
+        In the background the search for the guide's policies continues: the front alone suffices for advice.
         """
         began = self._stopwatch()
         self._fronts.find(section)
@@ -295,7 +296,7 @@ class Preparation:
                 one.give_up()
 
     def _ensure(self, leg: Leg, one: _Prepared, situation: Situation, now_ns: int) -> None:
-        """Bring a leg up to date with the situation: its safe limits at once, then its front."""
+        """Bring a leg up to date with the situation: its safe limits immediately, then its front."""
         wanted = situation.between(leg.start.position_m, leg.end.position_m)
         if not wanted.is_like(one.situation) or leg.reached_m >= one.held_from_m:
             _change_situation(leg, one, wanted)
@@ -333,7 +334,7 @@ class Preparation:
             one.guide = self.guide_worker.submit(lambda: self._search_guide(section, s_m))
 
     def _take_guide(self, leg: Leg, one: _Prepared, answer: FoundGuide | str) -> None:
-        """Let the guide lead by the policies found; without any, the leg goes on without a guide."""
+        """Let the guide use the policies found; without any, the leg continues without a guide."""
         one.guide = None
         if isinstance(answer, str):
             self._news.append(News(f"no guide: {answer}", True))
@@ -356,7 +357,7 @@ class Preparation:
                 passing = self._fronts.find_guide(found.section, s_m).front
         except DasError as error:
             refusal = str(error)
-        except Exception as error:  # A thread must not die in silence: giving no advice is better.
+        except Exception as error:  # A thread must not end unnoticed: withdrawing the advice is better.
             refusal, failed = f"solving failed ({type(error).__name__}: {error})", True
         return _Answer(found, passing, refusal, failed, self._stopwatch() - began)
 
@@ -364,12 +365,12 @@ class Preparation:
         """Search for the policies of a section; after an error, return its text."""
         try:
             return self._fronts.find_guide(section, s_m)
-        except Exception as error:  # Advice without a guide is better than a thread that dies in silence.
+        except Exception as error:  # Advice without a guide is better than a thread that ends unnoticed.
             return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"
 
 
 def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
-    """Take over another situation: its safe limits hold at once."""
+    """Take over another situation; its safe limits apply immediately."""
     why, refusal, held_from_m = difference(one.situation, wanted), "", math.inf
     one.give_up()
     try:

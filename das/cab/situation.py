@@ -22,7 +22,7 @@ SAME_W = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Situation:
-    """All that a front depends on except the two ends of the section."""
+    """The inputs of a front except the two ends of the section."""
 
     route: Route
     vehicle: Vehicle
@@ -36,7 +36,7 @@ class Situation:
     def at(self, now_ns: int) -> Situation:
         """This situation at a moment (ns since 1970; 0: not known), with only the restrictions that count then.
 
-        Their windows of time are taken off. Where the time is not known, all restrictions count.
+        Their time windows are removed. If the time is unknown, all restrictions count.
         """
         if not self.restrictions:
             return self
@@ -90,7 +90,7 @@ class Situation:
     def section_ahead(self, start_m: float, end_m: float, s_m: float) -> Section:
         """A section for a train that has come as far as `s_m` (m); raises as `build_section` does.
 
-        It begins behind a descent on which the brakes would not hold the train, if that is behind the train already.
+        If the train has passed a descent on which its brakes would not hold it, the section begins after that descent.
         """
         while True:
             try:

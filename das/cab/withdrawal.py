@@ -46,10 +46,10 @@ class Trust:
 
 @dataclass(frozen=True, kw_only=True)
 class LegFacts:
-    """The facts of the leg on which the decision rests.
+    """The facts of the leg on which the decision is based.
 
     They are its two ends (m), its departure (ns since 1970), whether it has a timetable, and why it cannot be driven.
-    `stood_short`: the train has stood clearly short of the stop where the leg begins, and has not reached it yet.
+    `stood_short`: the train has stood clearly short of the leg's first stop, and has not reached it yet.
     """
 
     start_m: float
@@ -70,12 +70,12 @@ def decide(
 ) -> Withdrawal | None:
     """Why there is no advice; None if there is. The first of these that holds decides:
 
-    1. two publishers of the position, or one that might be two; 2. two publishers that state different restrictions;
-    3. restrictions that cannot be used; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list
-    of restrictions received; 8. the section cannot be driven; 9. the position: none, rejected, stale, ahead of the
-    clock or uncertain; 10. the train is outside the section; 11. it draws up to the stop before its departure; 12. it
-    has run past its stop; 13. no plan finishes the section from its state (`no_plan`: the planner's words); 14. another
-    node advises the train as well; 15. the train stands where it has no stop, or the driver brakes against the advice
+    1. two publishers of the position, or one that might be two; 2. two publishers that state different restrictions; 3.
+    restrictions that cannot be used; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list of
+    restrictions received; 8. the section cannot be driven; 9. the position: none, rejected, stale, ahead of the clock
+    or uncertain; 10. the train is outside the section; 11. it moves up to the stop before its departure; 12. it has run
+    past its stop; 13. no plan finishes the section from its state (`no_plan`: the planner's message); 14. another node
+    advises the train as well; 15. the train stands where it has no stop, or the driver brakes against the advice
     (`quiet`: which of the two). The numbers of `Cause` rise in this order.
     """
     distrust = _distrust(trust)

@@ -32,18 +32,18 @@ from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_si
 from das.domain.errors import DasError, now_called
 
 _given: ContextVar[Mapping[str, str]] = ContextVar("given", default=MappingProxyType({}))
-"""The options that the user typed for the command that runs: each spelling of an option, with its words."""
+"""The options that the user typed for the running command: each spelling of an option, with its words."""
 
 
 def is_given(option: str) -> bool:
-    """Whether the user typed an option of the command that runs, be it with its default value."""
+    """Whether the user typed an option of the running command, even with its default value."""
     return option in _given.get()
 
 
 def refuse_given(why: str, *options: str) -> None:
-    """Raise DasError for the first of some options that the user typed; `why` says what it needs.
+    """Raise DasError for the first of some options that the user typed; `why` states what it needs.
 
-    Nothing is refused where a function is called without a command line.
+    Nothing is refused if a function is called without a command line.
     """
     for option in options:
         if is_given(option):
@@ -62,7 +62,7 @@ def _typed(context: typer.Context) -> dict[str, str]:
 
 
 def _words(option: str, opposites: list[str], value: Any) -> str:
-    """An option as it was typed, with its value; a flag that was turned off has the word for that."""
+    """An option as it was typed, with its value; a flag that was turned off has its negative form."""
     if isinstance(value, bool) or value is None:
         return opposites[0] if value is False and opposites else option
     return f"{option} {' '.join(map(str, value)) if isinstance(value, list | tuple) else value}"
@@ -161,10 +161,10 @@ def single_command(name: str, function: Callable[..., Any], examples: Sequence[s
 
 
 class _Command(TyperCommand):
-    """A command whose function can refuse an option that was typed in vain (`refuse_given`)."""
+    """A command whose function can refuse an option without effect (`refuse_given`)."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Call the function; what the user typed is known meanwhile."""
+        """Call the function; the typed options are known during the call."""
         before = _given.set(_typed(ctx))
         try:
             return super().invoke(ctx)
@@ -172,7 +172,7 @@ class _Command(TyperCommand):
             _given.reset(before)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse what the user typed; DasError for an option or a word that has another name now."""
+        """Parse what the user typed; DasError for an option or a word that has been renamed."""
         try:
             return super().parse_args(ctx, args)
         except TyperException as error:
@@ -189,7 +189,7 @@ class _Command(TyperCommand):
 
 
 class _LazyCommand(TyperCommand):
-    """Stands for a command in lists and completions; the real one is loaded when it is called."""
+    """Stand-in for a command in lists and completions; the command itself is loaded when it is called."""
 
     def __init__(self, entry: Entry) -> None:
         super().__init__(name=entry.name, help=entry.summary, short_help=entry.summary, rich_markup_mode=None)
@@ -206,7 +206,7 @@ class _LazyCommand(TyperCommand):
 
 
 class _GoneCommand(TyperCommand):
-    """Stands for a command that is gone; its error says what to run instead, whatever arguments follow."""
+    """Stand-in for a former command; its error states what to run instead, whatever arguments follow."""
 
     def __init__(self, name: str, instead: str) -> None:
         super().__init__(name=name, hidden=True, rich_markup_mode=None)
@@ -263,7 +263,7 @@ def _only_version(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Carry the option `--version`, which every program has."""
+    """Declare the option `--version`, which every program has."""
 
 
 def with_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -43,10 +43,10 @@ def load_vehicle(name_or_path: str) -> Vehicle:
 
 
 def warn_of_braking(vehicle: Vehicle) -> None:
-    """Print a warning about a train with friction brakes whose file does not say how hard drivers brake.
+    """Print a warning about a train with friction brakes whose file does not state `max_deceleration`.
 
-    Plans then assume that all brakes act with full force at once. But a friction brake takes some seconds to build up
-    (4 s in position P, UIC 540), so a driver who follows such advice runs past the stop.
+    Plans then assume that all brakes act immediately with full force. But a friction brake takes some seconds to build
+    up (4 s in position P, UIC 540), so a driver who follows such advice runs past the stop.
     """
     from das.domain.vehicle import BrakePolicy
 
@@ -96,7 +96,7 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = (
 
 
 def check_picture(path: Path | None) -> None:
-    """Refuse a picture whose suffix is not one of `PICTURES`, or where nothing can draw it; None is no picture."""
+    """Refuse a picture whose suffix is not one of `PICTURES`, or without matplotlib; None is no picture."""
     if path is not None and importlib.util.find_spec("matplotlib") is None:
         raise DasError(NO_MATPLOTLIB)
     if path is not None and path.suffix.lower() not in PICTURES:
@@ -106,7 +106,7 @@ def check_picture(path: Path | None) -> None:
 def save_figure(path: Path, figure: Any, *, dpi: int = 120, **settings: Any) -> None:
     """Write a matplotlib figure in the format that the suffix of `path` names.
 
-    The same figure gives the same bytes. Raises DasError for another suffix, or where the file cannot be written.
+    The same figure gives the same bytes. Raises DasError for another suffix, or if the file cannot be written.
     """
     check_picture(path)
     kind = path.suffix.lower()[1:]

@@ -37,7 +37,7 @@ SCIPYS_BLAS = "scipy.linalg.cython_blas"
 
 
 def visible(text: str) -> str:
-    """The text with control characters as escapes, so that it cannot command a terminal; newlines and tabs stay."""
+    """The text with control characters as escapes, so that it cannot control a terminal; newlines and tabs remain."""
     if text.isprintable():
         return text
     return "".join(one if one in "\n\t" else seen(one) for one in text)
@@ -56,7 +56,7 @@ def one_line(text: str) -> str:
 
 @functools.cache
 def _plain_console() -> type[Console]:
-    """A console that takes every string as it is: without markup, emoji codes, highlighting or control characters."""
+    """A console that prints every string unchanged: without markup, emoji codes, highlighting or control characters."""
     from rich.console import Console
     from rich.text import Text
 
@@ -85,7 +85,7 @@ def new_table(
 ) -> Table:
     """A table without rows: columns by name, those of `whole` texts first, then of `texts`, then of `figures`.
 
-    Figures are on the right. Neither they nor whole texts are wrapped. With `lines` the columns have lines around them.
+    Figures are on the right. Figures and whole texts are not wrapped. With `lines` the columns have lines around them.
     """
     from rich import box
     from rich.table import Table
@@ -103,7 +103,7 @@ def new_table(
 def print_table(table: Table, legend: Mapping[str, str] | None = None) -> None:
     """Print a table, and below it a legend that explains the abbreviations in it.
 
-    Columns that do not wrap are never cut: the table becomes wider than the terminal where it must.
+    Columns that do not wrap are never cut: the table becomes wider than the terminal if necessary.
     """
     console = _plain_console()(highlight=False, markup=False, emoji=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
@@ -149,7 +149,7 @@ def busy(what: str) -> Iterator[None]:
 def say(text: str) -> None:
     """Write a line to standard error if that does not block; otherwise drop it.
 
-    A full disk, or a reader that has gone, must neither end nor block a process that advises or records.
+    A full disk, or a closed pipe, must neither end nor block a process that advises or records.
     """
     with contextlib.suppress(OSError):
         if select.select([], [STDERR], [], 0)[1]:
@@ -167,7 +167,7 @@ Progressed = Callable[[float, float], None]
 Show = Callable[[str, float, float | None], None]
 """Updates a bar: what is being done, how much is done, and the total (None while unknown)."""
 SAID_EVERY_S = 2.0
-"""Interval (s) between lines of progress where there is no terminal."""
+"""Interval (s) between lines of progress without a terminal."""
 
 
 @contextlib.contextmanager
@@ -192,7 +192,7 @@ def progress_bar(title: str, first: str, unit: str) -> Iterator[Progressed]:
 
 
 def _lines(title: str, first: str, unit: str) -> Progressed:
-    """Progress as lines on standard error, none of them twice in a row."""
+    """Progress as lines on standard error, without consecutive repetitions."""
     said, said_s = "", time.monotonic()
 
     def line(done: float, whole: float) -> None:
@@ -233,10 +233,10 @@ def shown(items: Sequence[Item], name: Callable[[Item], str] = str) -> Iterator[
 def loading_solver(late: str = "") -> Iterator[None]:
     """Say that kernels are being loaded (on a terminal) or compiled; the first calls of kernels belong in this block.
 
-    From then on the process also says that it compiles if it does so outside the block, once in all. `late` names a
-    module that compiles what the command needs last; it runs in a process beside this one if anything is compiled.
+    From then on the process also reports compilation outside the block, once in total. `late` names a module that
+    compiles what the command needs last; it runs in a process beside this one if anything is compiled.
 
-    A signal to end the process ends it at once, with one line and exit code 130, because an exception in the midst of a
+    A signal to end the process ends it at once, with one line and exit code 130, because an exception during a
     compilation may turn into any other error. So nothing that must be cleaned up may be open in the block.
     """
     with ended_by_signals(), _without_scipy():
@@ -255,11 +255,11 @@ def loading_solver(late: str = "") -> Iterator[None]:
 
 @functools.cache
 def _compiling_listener() -> Any:
-    """What numba calls whenever it begins to compile a function; loading one from the cache does not count."""
+    """The listener that numba calls when it begins to compile a function (not when it loads one from the cache)."""
     from numba.core import event
 
     class Listener(event.Listener):
-        """Says that the solver is being compiled: in the line of `status` if there is one, else in a line, once.
+        """Reports once that the solver is being compiled, in the line of `status` or else in a new line.
 
         It also starts the process that compiles what is needed late.
         """

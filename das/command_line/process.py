@@ -24,7 +24,7 @@ STDERR = 2
 STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name)]
 """Signals that ask a process to end: from the system, by Ctrl-C, or because the terminal was closed."""
 CLEAR_LINE_AND_SHOW_CURSOR = b"\r\x1b[2K\x1b[?25h"
-"""Removes a spinner from the terminal; nothing else would, once the process is gone."""
+"""Escape codes that remove a spinner, which would otherwise remain after the process has ended."""
 BYTECODE = Path(__file__).parents[1] / "__pycache__" / "das-bytecode"
 """Folder for bytecode that Python may not write beside its sources; compiled kernels are kept beside it."""
 
@@ -45,7 +45,7 @@ def available_cores() -> int:
 def start_beside(module: str) -> None:
     """Run a module's `main()` in a process beside this one, if a processor is free for it; it ends with this one.
 
-    Nothing is said if the process fails: it only does in advance what this one would do later.
+    A failure of the process is not reported: it only does in advance what this one would do later.
     """
     if available_cores() < 2:
         return
@@ -64,8 +64,8 @@ def keep_bytecode(folder: Path = BYTECODE) -> None:
     """Keep bytecode in a folder of our own if Python was told to write none beside its sources.
 
     With PYTHONDONTWRITEBYTECODE, which containers often set, every start would compile the sources of numpy and numba
-    again, which takes longer than all else. Nothing changes if PYTHONPYCACHEPREFIX says where bytecode belongs, if
-    numba was installed with its bytecode, or if the folder cannot be written to.
+    again, which takes longer than everything else. Nothing changes if PYTHONPYCACHEPREFIX names a folder for bytecode,
+    if numba was installed with its bytecode, or if the folder cannot be written to.
     """
     if not sys.dont_write_bytecode or sys.pycache_prefix is not None or _has_bytecode():
         return
@@ -85,8 +85,8 @@ def _has_bytecode() -> bool:
 def ended_by_signals() -> Iterator[None]:
     """Let the signals of `STOP_SIGNALS` end the process at once, in one line, as long as the block runs.
 
-    For imports and compilations: an exception in the midst of one may turn into any other, so none is raised. Signals
-    that the process ignores stay ignored. Nothing that must be cleaned up may be open in the block.
+    For imports and compilations: an exception during one may turn into any other, so none is raised. Signals that the
+    process ignores remain ignored. Nothing that must be cleaned up may be open in the block.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -110,7 +110,7 @@ def _end_at_once(_number: int, _frame: FrameType | None) -> None:
 class StopFlag:
     """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; with `with_parent`, also when the parent ends.
 
-    `with_parent` is the parent's process id, which it passes, because it may end before its child can ask.
+    `with_parent` is the process id that the parent passes, because it may end before its child can query it.
     """
 
     def __init__(self, *, with_parent: int | None = None) -> None:
@@ -132,7 +132,7 @@ class StopFlag:
 def interrupted_by_termination() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end a block as Ctrl-C does, so that its child processes are stopped.
 
-    Afterwards signals are handled as before. In another thread nothing changes: Python gives signals to the main one.
+    Afterwards signals are handled as before. In another thread nothing changes, as Python signals the main one.
     """
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:

@@ -26,8 +26,8 @@ SPEEDS = 200
 NOISE_OVER_M = 2000.0
 """Smoothing length (m) of altitudes; the part removed by smoothing is called noise."""
 NOISE_CLIMB_RATIO = 0.003
-"""Removed climb per length from which a line is noisy: 1 m of noise every 100 m gives 0.0055, real lines below
-0.002."""
+"""Climb removed by smoothing, per length, above which a line is noisy: 1 m of noise every 100 m gives 0.0055, real
+lines give less than 0.002."""
 FLAT_ERROR = "energies are those of a flat line; on four real sections they were 1 to 29 % too low"
 FLAT = f"no altitudes: {FLAT_ERROR} (docs/explanation/own-lines.md)"
 FEW_POINTS = (
@@ -40,7 +40,7 @@ NOISY = "raw altitudes: noise of 4 m changed energies of four real sections by -
 
 
 class Check(NamedTuple):
-    """What messages call a value, its unit there and the size of that in SI, and the ranges (SI) of the value.
+    """The name of a value in messages, its unit there with the factor to SI, and the ranges (SI) of the value.
 
     A value outside `possible` is refused, one outside `usual` causes a warning.
     """
@@ -196,7 +196,7 @@ def _refuse(source: str, findings: Iterator[Finding], accepted: Collection[str],
 
 
 def _of_vehicle(vehicle: Vehicle) -> Iterator[Finding]:
-    """The unusual values of a train, then those of its load states for checks that found nothing before."""
+    """The unusual values of a train, then those of its load states for checks that found nothing so far."""
     known = set()
     for name, train in (("", vehicle), *((name, vehicle.loaded(name)) for name in vehicle.loads)):
         for of, value in _vehicle_values(train).items():

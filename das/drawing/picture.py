@@ -58,7 +58,7 @@ class Picture(Figure):
         FigureCanvasAgg(self)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write the picture as .png, .pdf or .svg; DasError for another suffix, or for a file that is already there."""
+        """Write the picture as .png, .pdf or .svg; DasError for another suffix, or for an existing file."""
         check_picture(Path(path))
         if Path(path).is_file() and not overwrite:
             raise DasError(f"{path}: exists already; picture.save(…, overwrite=True) replaces it")
@@ -151,7 +151,7 @@ def _told_apart(names: Sequence[tuple[str, ...]]) -> tuple[list[list[str]], list
 def new_figure(heights: Sequence[float], *, below_in: float = 0.0) -> tuple[Picture, list[Any]]:
     """A picture with axes of these heights (in), one below the other, over one horizontal axis.
 
-    With `below_in` (in) there is one axis more, the last, with a horizontal axis of its own.
+    With `below_in` (in) there is one more axis, the last, with its own horizontal axis.
     """
     every = [*heights, *([below_in] if below_in else [])]
     figure = Picture(figsize=(WIDTH_IN, sum(every) + 1.4), layout="constrained")
@@ -209,7 +209,7 @@ def _panels(shown: _Runs) -> list[_Panel]:
 
 
 def _speed(axis: Any, shown: _Runs) -> None:
-    """Speeds, and the limit: over time that of the first run, else every one that is not that of a run before."""
+    """Speeds and limits: over time the limit of the first run, else each that differs from those before."""
     limits: list[Floats] = []
     words = LIMITS_OF_FIRST if shown.over is Over.TIME and len(shown.runs) > 1 else LIMITS
     for run, x, _ in shown.drawn():
@@ -242,7 +242,7 @@ def _altitude(axis: Any, shown: _Runs) -> None:
 
 
 def _force(axis: Any, shown: _Runs) -> None:
-    """Wheel forces: of a single run the motors filled and the friction brake hatched, of several the sums."""
+    """Wheel forces: for a single run of motors (filled) and friction brake (hatched), for several the sums."""
     for run, x, look in shown.drawn():
         if run.force_el_n is None:
             continue

@@ -1,9 +1,9 @@
-"""Online calibration: mass and running resistance of the train from how it moves under the forces that it measures.
+"""Online calibration: mass and running resistance of the train from its motion under its measured forces.
 
 A Kalman filter learns the ratios of both to those of the planned train from one window of samples after the other. A
-wrong gain of the force sensor changes both alike, as another train would; three things give it away, each reported as a
-doubt: a force that the train cannot have; coasting on known gradients, where the force is zero whatever the gain is;
-and mass and resistance that are off by the same factor (docs/explanation/calibration.md).
+wrong gain of the force sensor changes both equally, as another train would; three signs reveal it, each reported as a
+doubt: a force that the train cannot have; coasting on known gradients, where the force is zero for any gain; and mass
+and resistance that are off by the same factor (docs/explanation/calibration.md).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ POSITION_M: Final = 40.0
 """Error (m) that a position may have; a window is left out whose positions and speeds disagree more about the
 distance run, or that may have come as near to a neutral section."""
 LINE_GRID_M: Final = 10.0
-"""The step with which the line is integrated along the way."""
+"""The step (m) with which the line is integrated along the track."""
 NORMAL_MAD = 0.6745
 """The median absolute value of a normal variable, in standard deviations."""
 
@@ -58,7 +58,7 @@ class MeasuredWindow(NamedTuple):
 
 
 class LineIntegral:
-    """The forces of the line on a train, integrated along the way: a difference gives the mean over any stretch."""
+    """The forces of the line on a train, integrated along the track: a difference gives the mean over any stretch."""
 
     def __init__(
         self, route: Route, vehicle: Vehicle, train_length_m: float, *, speed_sd_mps: float = SPEED_SD_MPS
@@ -119,7 +119,7 @@ class LineIntegral:
         return np.asarray((ahead - behind) / way_m)
 
     def _in_neutral(self, from_m: float, to_m: float) -> bool:
-        """Whether the way between two positions of the head (m) comes near a neutral section."""
+        """Whether the track between two positions of the head (m) comes near a neutral section."""
         ends = np.interp([from_m - POSITION_M, to_m + POSITION_M], self._node_m, self._neutral_m)
         return bool(ends[1] > ends[0])
 
@@ -146,15 +146,15 @@ LONGEST_GAP_NS: Final = round(2.5 / NS)
 SLOWEST_MPS: Final = 5.0
 """Samples at lower speeds do not count: brakes are being released, and the resistance does not follow Davis."""
 ADHESION_RATIO: Final = 0.9
-"""Share of the adhesion limit of a dry rail above which samples of forces do not count: wheels may slip."""
+"""Share of the adhesion limit of a dry rail above which force samples do not count, because wheels may slip."""
 STANDS_FOR_S: Final = 20.0
-"""Standstill (s) after which a train may have let passengers on and off."""
+"""Standstill (s) after which passengers may have boarded or alighted."""
 REPLAN_EVERY_S: Final = 120.0
 """Least time (s) between new plans that follow from the estimates."""
 CERTAIN_SDS: Final = 3.0
-"""Standard deviations beyond which a difference is no chance."""
+"""Standard deviations above which a difference is significant."""
 IN_A_ROW: Final = 3
-"""Windows in a row that are no accident: surprising ones mean another resistance, coasting ones contradict forces."""
+"""Consecutive windows that count as evidence: surprising ones of another resistance, coasting ones of wrong forces."""
 LINE_SD_RATIO: Final = 2e-4
 """Uncertainty of gradients and curves under the train, as a share of its weight (one standard deviation)."""
 PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
@@ -162,15 +162,15 @@ PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
 CHANGE_SD: Final = MassAndResistance(0.05, 0.01)
 """Standard deviations of changes: of the mass at a stop (500 people in 440 t are 9 %), of the resistance by wind."""
 MODEL_SD: Final = MassAndResistance(0.005, 0.015)
-"""Uncertainty that no measuring removes (one standard deviation): of forces between samples, of resistance."""
+"""Uncertainty that measuring does not reduce (one standard deviation): of forces between samples, of resistance."""
 USABLE_SD: Final = MassAndResistance(0.02, 0.08)
 """Largest standard deviations with which the estimates are usable."""
 STEP: Final = MassAndResistance(0.03, 0.05)
-"""Differences from the plan's ratios below which another plan is not worth while."""
+"""Differences from the plan's ratios below which replanning is not worthwhile."""
 LEAST: Final = MassAndResistance(0.5, 0.4)
 """The least values of the two estimates: an empty train, and a long tail wind."""
 MOST: Final = MassAndResistance(1.6, 2.5)
-"""The largest values of the two estimates: an overloaded train, and a storm from ahead."""
+"""The largest values of the two estimates: an overloaded train, and a storm against the train."""
 NEAR_MASS: Final = (0.7, 1.4)
 """Mass ratios outside which both explanations are reported: another train than planned, or a wrong force sensor."""
 
@@ -205,7 +205,7 @@ class Estimates:
     resistance_ratio: float
     resistance_sd: float
     samples: int
-    """Windows on which the estimates rest."""
+    """Number of windows on which the estimates are based."""
     usable: bool
     """Whether both ratios are known well enough and lie within their bounds, and the forces behind them are trusted."""
     doubt: ForceDoubt | None = None
@@ -265,7 +265,7 @@ class RatioLearner:
         self.samples = self._surprises = 0
 
     def change_load(self) -> None:
-        """Make the mass less certain: passengers may have got on and off."""
+        """Make the mass less certain, because passengers may have boarded or alighted."""
         self.belief = self.belief.drifted((CHANGE_SD.mass, 0.0), PRIOR_SD)
 
     def learn(self, window: MeasuredWindow) -> None:
@@ -282,7 +282,7 @@ class RatioLearner:
             self._surprises += 1
             if self._surprises < IN_A_ROW:
                 return
-            # The resistance may be anything now; the mass changes little on the way, if at all.
+            # The resistance may have any value now; the mass changes hardly under way.
             self.change_load()
             belief = Belief(belief.theta, np.diag([self.belief.covariance[0, 0], PRIOR_SD.resistance**2]))
         self._surprises = 0
@@ -312,8 +312,8 @@ class RatioLearner:
 class Calibrator:
     """Estimates the mass and the running resistance of one train from measured positions and efforts.
 
-    `vehicle` is the train as planned, with its load. Positions and efforts may come at moments of their own: a window
-    is used once its forces are known up to its last position. The same measurements give the same estimates.
+    `vehicle` is the train as planned, with its load. Positions and efforts may have different times; a window is used
+    once its forces are known up to its last position. The same measurements give the same estimates.
     """
 
     def __init__(self, route: Route, vehicle: Vehicle, *, point_mass: bool = False) -> None:
@@ -407,9 +407,10 @@ class Calibrator:
                 self._learn(window)
 
     def _learn(self, window: MeasuredWindow) -> None:
-        """Learn from a window; compare a window of coasting with what windows under force gave.
+        """Learn from a window; compare a window of coasting with the result of windows under force.
 
-        A coasting train has 0 = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², whatever is measured.
+        A coasting train has 0 = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², whatever force is
+        measured.
         """
         self._windows += 1
         self._moving_n += (window.moving_n - self._moving_n) / self._windows
@@ -432,7 +433,7 @@ class Calibrator:
             self._distances_sds.clear()
 
     def _watch_force(self, speed_mps: Floats, electric_n: Floats, friction_n: Floats) -> None:
-        """Doubt forces from now on once more of a window than noise explains is above the train's largest."""
+        """Doubt the forces from now on if more of a window than noise explains is above the train's largest force."""
         train, noise = self._vehicle, 1.0 + CERTAIN_SDS * FORCE_SD_RATIO
         above = electric_n > noise * train.traction_effort_n(speed_mps)
         above |= -electric_n > noise * train.electric_brake_effort_n(speed_mps)
@@ -458,7 +459,7 @@ class Calibrator:
 
 
 def looks_like_gain(belief: Belief, c0_n: float, moving_n: float) -> bool:
-    """Whether mass and resistance are off by the same factor, as far as they are known: a wrong gain looks like that.
+    """Whether mass and resistance are off by the same factor, within their uncertainty, as with a wrong gain.
 
     A gain γ gives µ = γ and κ·(µ·c0 + r) = γ·(c0 + r), with r = c1·v + c2·v² (`moving_n`). The difference of the two
     sides, divided by c0 + r, is compared with its standard deviation, if the mass certainly differs from the plan.
@@ -473,7 +474,7 @@ def looks_like_gain(belief: Belief, c0_n: float, moving_n: float) -> bool:
 
 
 class Recalibration:
-    """Holds the conditions of the plan, and decides when the estimates call for other conditions."""
+    """Keeps the conditions of the plan, and decides when the estimates require other conditions."""
 
     def __init__(self, conditions: Conditions | None = None) -> None:
         self._planned = self.conditions = conditions or Conditions()
@@ -483,7 +484,7 @@ class Recalibration:
     def due(self, estimates: Estimates, now_ns: int) -> Conditions | None:
         """Return other conditions to plan with from now on; None while those of the plan are near enough.
 
-        They change at most once in `REPLAN_EVERY_S`; as soon as the forces are doubted, those of the start are back.
+        They change at most once in `REPLAN_EVERY_S`; once the forces are doubted, those of the start return.
         """
         if estimates.doubt is not None and self.conditions != self._planned:
             self.conditions = self._planned

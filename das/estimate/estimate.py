@@ -1,6 +1,6 @@
-"""What the sensors of a train measure, and the estimate made from it, with its uncertainty and what is wrong with it.
+"""The measurements of a train's sensors, and the estimate from them, with its uncertainty and its problems.
 
-Problems are data: the words for people are made in `das.advice.wording`.
+Problems are data; `das.advice.wording` puts them into words.
 """
 
 from __future__ import annotations
@@ -92,14 +92,14 @@ class Effort:
 
 
 class ProblemKind(StrEnum):
-    """Why a fix was rejected, or why the estimate cannot be used; each kind says what the value of the problem is."""
+    """Why a fix was rejected, or why the estimate cannot be used; each kind defines the value of the problem."""
 
     NO_POSITION = "no-position"
     """No position of the train has been received. There is no value."""
     MARKED_UNUSABLE = "marked-unusable"
     """The sender itself marked the fix as unusable. There is no value."""
     NOT_A_NUMBER = "not-a-number"
-    """Position or speed is infinite, both are missing, or the position is while there is no estimate. No value."""
+    """Position or speed is infinite, or both are missing, or the position is missing without an estimate. No value."""
     SPEED_IMPOSSIBLE = "speed-impossible"
     """The train cannot have the speed of the fix. The value is that speed (m/s)."""
     POSITION_IMPOSSIBLE = "position-impossible"
@@ -113,7 +113,7 @@ class ProblemKind(StrEnum):
     SPEED_UNIT = "speed-unit"
     """The measured speeds are a multiple of what the positions cover. The value is the factor."""
     SPEED_UNCONFIRMED = "speed-unconfirmed"
-    """The way between the positions has not confirmed the measured speed yet. The value is that speed (m/s)."""
+    """The distance between the positions has not confirmed the measured speed yet. The value is that speed (m/s)."""
     JUMPED = "jumped"
     """The measured position is too far ahead of the expected one. The value is by how much (m)."""
     JUMPED_BACK = "jumped-back"
@@ -144,7 +144,7 @@ NO_POSITION_YET = Problem(ProblemKind.NO_POSITION)
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """Where the train is at a time (ns since 1970), how fast it runs, and whether advice may rest on that."""
+    """Position and speed of the train at a time (ns since 1970), and whether advice may be based on them."""
 
     time_ns: int
     fix_time_ns: int = 0
@@ -164,9 +164,9 @@ class Estimate:
     restarts: int = 0
     """Restarts of the estimate because rejected fixes agreed with each other."""
     clock_off_s: float = 0.0
-    """The clock here less the time stamps of the fixes, as far as known (> 0: they are behind, or come late)."""
+    """Our clock less the time stamps of the fixes, as far as known (> 0: they are behind, or arrive late)."""
 
     @property
     def usable(self) -> bool:
-        """Whether advice may rest on the estimate."""
+        """Whether advice may be based on the estimate."""
         return self.problem is None

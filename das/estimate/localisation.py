@@ -1,4 +1,4 @@
-"""Localisation: where the train is and how fast it runs, estimated from fixes (docs/explanation/localisation.md).
+"""Localisation: position and speed of the train, estimated from fixes (docs/explanation/localisation.md).
 
 The same fixes give the same estimate, bit for bit. A fix that cannot be true is rejected with the reason.
 """
@@ -27,7 +27,7 @@ from das.estimate.plausibility import (
 from das.estimate.track_filter import Track, TrainMotion
 
 STALE_AFTER_S: Final = 3.0
-"""Largest age (s) of the last fix, and largest time of it ahead of the clock, with which an estimate is used."""
+"""Largest age (s) of the last fix, and largest lead over the clock, with which an estimate is used."""
 LARGEST_POSITION_SD_M: Final = 50.0
 """Largest standard deviation (m) of the position with which an estimate is used."""
 LARGEST_SPEED_SD_MPS: Final = 2.0
@@ -35,31 +35,31 @@ LARGEST_SPEED_SD_MPS: Final = 2.0
 RECOVERED_RATIO: Final = 0.7
 """Share of the limits below which a too uncertain estimate is used again, so that advice does not flicker."""
 CLOCK_FIXES: Final = 15
-"""Number of fixes whose median is the difference, so that single ones that were held up do not count."""
+"""Number of fixes whose median delay is the difference, so that single delayed fixes do not count."""
 CLOCK_MEMORY_S: Final = 30.0
 """Time (s) after which received fixes do not count."""
 CLOCK_LARGEST_S: Final = 10.0
-"""Difference (s) between its time stamp and the clock above which a fix does not count: it was held up or replayed."""
+"""Difference (s) between its time stamp and the clock above which a fix does not count: it was delayed or replayed."""
 RATE_FIXES: Final = 5
 """Number of intervals whose median is the usual time between two fixes."""
 ODD_FIXES: Final = 1
-"""Most such intervals that are not multiples of the usual one if the rate of a receiver is steady."""
+"""Most intervals that are not multiples of the usual one if the rate of a receiver is steady."""
 LOST_FIXES: Final = 2
 """Most fixes that may have been lost just when the clock was set."""
 JITTER_S: Final = 0.25
-"""Largest deviation (s) of a time stamp from the rate of its receiver that is jitter."""
+"""Largest deviation (s) of a time stamp from its receiver's rate that counts as jitter."""
 LARGEST_STEP_S: Final = 5.0
-"""After a larger step, the estimate restarts instead of going on."""
+"""Largest step (s) of a sensor's clock that is corrected; after a larger one the estimate restarts."""
 SPEED_DOUBTED_S = 0.5
 """Difference of the clocks (s) above which a train that slows down may still have the speed of its last fix."""
 
 
 class ClockDifference:
-    """The difference between the clock here and that of a sensor: the median delay from time stamp to reception.
+    """The difference between our clock and a sensor's: the median delay from time stamp to reception.
 
-    A sensor's clock that is behind ours and messages that take long look alike: the train may be anywhere on the way
-    that it covers in that time. The median leaves out single messages that were held up. A simulation's clock stands
-    still between ticks, so a message that comes between ticks counts as received at the next one.
+    A sensor's clock behind ours and delayed messages cannot be distinguished: the train may be anywhere on the distance
+    that it covers in that time. The median leaves out single delayed messages. A simulation's clock stands still
+    between ticks, so a message that comes between ticks counts as received at the next one.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class ClockDifference:
         self._waiting: list[int] = []
         self._received: deque[tuple[int, float]] = deque(maxlen=CLOCK_FIXES)
         self.seconds = 0.0
-        """The clock here less the time stamps (s); > 0 where messages are late or the sensor's clock is behind."""
+        """Our clock less the time stamps (s); > 0 if messages are late or the sensor's clock is behind."""
         self._newest_s = 0.0
 
     @property
@@ -79,7 +79,7 @@ class ClockDifference:
         return max(abs(self.seconds), abs(self._newest_s))
 
     def set(self, step_s: float) -> None:
-        """Take note that the clock here was set by a time (s); ages are in doubt by it until the next measurement."""
+        """Take note that our clock was set by a time (s), by which ages are uncertain until the next measurement."""
         self._waiting.clear()
         self._received.clear()
         self._newest_s = step_s
@@ -92,7 +92,7 @@ class ClockDifference:
             self._waiting.append(stamp_ns)
 
     def tick(self, now_ns: int) -> None:
-        """Take note of the time here (ns since 1970) and bring the difference up to date."""
+        """Take note of our time (ns since 1970) and update the difference."""
         for stamp_ns in self._waiting:
             self._note(stamp_ns, now_ns)
         self._waiting.clear()
@@ -111,8 +111,8 @@ class ClockDifference:
 class ClockSteps:
     """Detects a step of the sensors' clock: the time stamps are irregular, but the positions are not.
 
-    A receiver sends its fixes at a steady rate. Where a time stamp does not fit that rate, either a fix was lost, or
-    the clock was set. The way of the train since the last fix shows which of the two is more likely.
+    A receiver sends its fixes at a steady rate. If a time stamp does not fit that rate, either a fix was lost, or the
+    clock was set. The distance run since the last fix shows which of the two is more likely.
     """
 
     def __init__(self) -> None:
@@ -145,9 +145,9 @@ class ClockSteps:
     def _step_s(self, since_s: float, fix: PositionFix, x: Track, span_s: float) -> float:
         """The step of the clock (s) since the last time stamp, which is `since_s` before this one; 0: there was none.
 
-        Of all numbers of fixes that may have been lost, the one that fits the way of the train best gives the step. A
-        step counts only if the position is nearer to where the step puts it than to where the train would be without
-        one, and if the train runs further in the time of the step than the receiver's error.
+        The number of lost fixes that fits the distance run best gives the step. A step counts only if the position is
+        nearer to where the step puts it than to where the train would be without one, and if the train runs further in
+        the time of the step than the receiver's error.
         """
         usual_s = self._usual_s()
         if usual_s is None or abs(since_s - usual_s) <= JITTER_S:
@@ -161,7 +161,7 @@ class ClockSteps:
 
 
 class Usability:
-    """Judges whether a state is usable. It has a memory, so that advice does not come and go with every fix."""
+    """Decides whether a state is usable, with hysteresis, so that advice does not flicker with every fix."""
 
     def __init__(self) -> None:
         self._intervals_s = (0.0, 0.0)
@@ -195,7 +195,7 @@ class Usability:
 
 
 class Localisation:
-    """Estimates where one train is: give it each fix with `take`, and ask for the estimate with `at`."""
+    """Estimates the position of one train: pass each fix to `take`, and get the estimate from `at`."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.received_any = False
@@ -240,7 +240,7 @@ class Localisation:
         self._clock.receive(fix.time_ns, received_ns)
         if span_s > SILENCE_S:
             x = None
-        if other_unit:  # The state rests on such speeds as well.
+        if other_unit:  # The state is based on such speeds as well.
             self._forget()
             self._reject(other_unit)
             return
@@ -257,13 +257,13 @@ class Localisation:
             self._doubt(fix)
 
     def set_clock(self, step_s: float) -> None:
-        """Take note that the clock here was set forward by a time (s; < 0: back)."""
+        """Take note that our clock was set forward by a time (s; < 0: back)."""
         self._clock.set(step_s)
 
     def at(self, now_ns: int) -> Estimate:
         """Return the estimate for a time (ns since 1970).
 
-        A state that is too far ahead of that time is forgotten afterwards: no fix of the present would be newer.
+        A state too far ahead of that time is dropped afterwards, because no present fix would be newer.
         """
         self._clock.tick(now_ns)
         x = self._track

@@ -1,4 +1,4 @@
-"""Whether a fix can be true, by itself, compared with the estimate, and after other fixes; whether the train stands.
+"""Plausibility of a fix, by itself, against the estimate, and after other fixes; whether the train stands.
 
 Rejected fixes that agree with each other show that the estimate was wrong, not the fixes.
 """
@@ -18,9 +18,9 @@ from das.estimate.track_filter import HARD_MPS2, Track, position_variance, speed
 BACKWARDS_MPS: Final = -0.3
 """Speed (m/s) below which the sensor has a fault; between it and 0 lies the noise of a standing train."""
 LARGEST_M: Final = 1e7
-"""Largest position or stated uncertainty (m); beyond it the sensor has a fault, because no line is 10 000 km long."""
+"""Largest position or stated uncertainty (m); no line is 10 000 km long, so a larger one is a fault of the sensor."""
 LARGEST_STATED_SD_M: Final = 200.0
-"""A fix that states a larger standard deviation is of no use: it could lie anywhere, and would hide any jump."""
+"""Largest stated standard deviation (m) of a usable fix: a less certain one could lie anywhere and hide any jump."""
 GATE_SDS: Final = 5.0
 """Standard deviations above which a fix is rejected: noise alone is off that far less than once in a million fixes."""
 GATE_LEAST_M: Final = 10.0
@@ -32,24 +32,24 @@ SLOW_MPS: Final = 0.1
 SLOW_SDS: Final = 2.5
 """Standard deviations up to which a measured speed may be that of a standing train."""
 EXPECTED_SLOW_MPS: Final = 0.5
-"""Estimated speed (m/s) above which a train is not taken to stand, whatever speed was measured last."""
+"""Estimated speed (m/s) above which a train does not count as standing, whatever speed was measured last."""
 STANDS_AFTER_S: Final = 2.0
-"""Time (s) after which a train that may be standing stands; one slow fix alone may be noise."""
+"""Time (s) after which a train that may be standing counts as standing; a single slow fix may be noise."""
 SETS_OFF_SDS: Final = 3.3
 """Standard deviations above which one speed ends a standstill: noise alone is that large once in 2 000 fixes."""
 CREEP_FIXES: Final = 5
-"""Number of speeds whose mean ends a standstill as well, where each alone may be noise."""
+"""Number of speeds whose mean also ends a standstill, although each alone may be noise."""
 FROZEN_WAY_M: Final = 2.0
 """Distance (m) by the measured speeds above which a position that stays the same is frozen."""
 COARSE_SDS: Final = 4.0
-"""Standard deviations of the position which that distance must also exceed where only the speeds change, because a
+"""Standard deviations of the position that the same distance must also exceed if only the speeds change, because a
 coarse receiver repeats its position for a while."""
 SILENCE_S: Final = 30.0
 """Time (s) without an accepted fix after which the estimate is dropped; the next fix begins a new one."""
 AGREEING_FIXES: Final = 4
 """Rejected fixes in a row that, if they agree with each other, show that the estimate was wrong, not the fixes."""
 AGREEING_SPAN_S: Final = 2.0
-"""Least time (s) that rejected fixes which agree span: at 20 Hz four of them come within 0.2 s."""
+"""Least time (s) spanned by rejected fixes that agree; at 20 Hz four of them arrive within 0.2 s."""
 STANDSTILL_MPS: Final = 0.3
 """Estimated or measured speed (m/s) below which a train counts as standing when stops and departures are judged."""
 
@@ -57,7 +57,7 @@ STANDSTILL_MPS: Final = 0.3
 def impossible(fix: PositionFix, *, fastest_mps: float, has_state: bool) -> Problem | None:
     """Return why a fix cannot be true, whatever came before it; None if it can.
 
-    A fix without a position is possible only where there is a state (`has_state`) that its speed carries on.
+    A fix without a position is possible only if there is a state (`has_state`) for its speed to continue.
     """
     s_m, speed_mps = fix.s_m, fix.speed_mps
     if fix.quality is Quality.INVALID:
@@ -78,7 +78,7 @@ def impossible(fix: PositionFix, *, fastest_mps: float, has_state: bool) -> Prob
 
 
 def surprise(fix: PositionFix, sds: Deviations, *, expected: Track, before: Track) -> Problem | None:
-    """Return how a fix deviates more than noise and the train explain; None if it does not.
+    """Return the problem of a fix that deviates more than noise and the train's motion explain; None if it does not.
 
     `expected` is the state expected at the fix and `before` the last one. A fix behind `before` deviates as well,
     because trains do not roll back. A speed or position that was not measured never deviates.
@@ -102,7 +102,7 @@ def _gate_m(x: Track, sds: Deviations) -> float:
 def follows(before: PositionFix, fix: PositionFix, fastest_mps: float) -> bool:
     """Return whether one train can have been at both fixes.
 
-    Between them it ran at speeds between the two measured ones; where none was measured, at any possible speed.
+    Its speeds in between lie between the two measured ones; without a measured speed, any possible speed counts.
     """
     span_s, way_m = (fix.time_ns - before.time_ns) * NS, fix.s_m - before.s_m
     speeds = [x for x in (before.speed_mps, fix.speed_mps) if not math.isnan(x)] or [0.0, fastest_mps]
@@ -127,7 +127,7 @@ class Doubts:
     def add(self, fix: PositionFix) -> bool:
         """Add a rejected fix; return whether the estimate has to restart with it.
 
-        One that does not agree with the first and the last replaces them all; one not newer than the last is ignored.
+        A fix that disagrees with the first or the last replaces them all; a fix not newer than the last is ignored.
         """
         first, last = self._first, self._last
         if first is None or last is None:
@@ -187,7 +187,7 @@ class Standstill:
 
 
 class FrozenReceiver:
-    """Detects a frozen receiver: by its speeds the train moves on while the position stays the same."""
+    """Detects a frozen receiver: by the speeds the train moves while the position stays the same."""
 
     def __init__(self) -> None:
         self.first: PositionFix | None = None
@@ -209,7 +209,7 @@ class FrozenReceiver:
         return Problem(ProblemKind.FROZEN, fix.s_m) if self._way_m > most_m else None
 
     def accept(self, fix: PositionFix, *, begins: bool) -> None:
-        """Take note of a fix that was accepted. `begins` says that the estimate restarts with it."""
+        """Take note of a fix that was accepted. `begins`: the estimate restarts with it."""
         if begins or self.first is None or not fix.repeats(self.first):
             self.first = fix
         self._repeated_ns = fix.time_ns
@@ -259,9 +259,9 @@ class SpeedScale:
         return Problem(ProblemKind.SPEED_UNIT, self.factor) if self.factor != 1.0 else None
 
     def judge(self, fix: PositionFix) -> Problem | None:
-        """Return the problem of a fix whose speed, like those before it, is a multiple of the one from the positions.
+        """Return the problem of a fix whose speed, like those before it, is a multiple of the speed from the positions.
 
-        It remains one until the speeds match the distance again. Any fix may be given, also one rejected elsewhere.
+        The problem remains until the speeds match the distance again. Any fix may be passed, even a rejected one.
         """
         fixes = self._fixes
         if fix.quality is Quality.INVALID or not abs(fix.s_m) <= LARGEST_M:

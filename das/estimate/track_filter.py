@@ -1,16 +1,16 @@
 """A Kalman filter along the track for the position, speed and acceleration, and for the slow errors of the sensors.
 
-State x = (s, v, a, b, c, g): position, speed and acceleration as the speeds are measured, and three errors. The errors
-b of the measured position and c of the measured speed wander (first-order Gauss–Markov with time constant τ and
-standard deviations σ_b and σ_c), and so does, far more slowly, the way g that the train runs for each metre by its
-speeds: wheels wear.
+State x = (s, v, a, b, c, g): position, speed and acceleration on the scale of the measured speeds, and three errors.
+The errors b of the measured position and c of the measured speed wander (first-order Gauss–Markov with time constant τ
+and standard deviations σ_b and σ_c), and so does, far more slowly, the distance g that the train covers per metre by
+its speeds: wheels wear.
 
     s' = g·v, v' = a, a' = white noise of density q
     b(t + dt) = e^(−dt/τ)·b + noise of variance σ_b²·(1 − e^(−2·dt/τ)), c and g − 1 likewise
 
 Sensors measure s + b and v + c, each with fresh noise of its own (Bar-Shalom, Li & Kirubarajan, Estimation with
 Applications to Tracking and Navigation, 2001, sections 6.2.3, 8.3 and 10.3). The matrices are written out in floats,
-because calling a matrix library takes longer than all of the computation.
+because calling a matrix library takes longer than the computation itself.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from das.domain.vehicle import Vehicle
 from das.estimate.estimate import OVERSPEED_RATIO, SPEED_LATE_S, PositionFix, Quality, deviations
 
 SPEED_SCALE_SD: Final = 0.04
-"""Every speed is wrong by a share that the positions have to tell, whatever deviation its sender states: one
-standard deviation for worn wheels (8 % between new and worn: 2.3 %), a diameter set wrong and slip (3 %)."""
+"""Scale error of every speed, found only from positions, whatever deviation its sender states: one standard deviation
+for worn wheels (8 % between new and worn: 2.3 %), a wrongly set diameter and slip (3 %)."""
 HARD_MPS2: Final = 1.0
-"""Braking (m/s²) of which any train is about capable, whatever its traction."""
+"""Braking (m/s²) that nearly every train can reach, whatever its traction."""
 EFFORT_LASTS_S: Final = 60.0
-"""Time (s) for which a driver holds an effort; the jerk density is 2·σ² over it, σ half the hardest start or brake."""
+"""Time (s) for which a driver holds an effort; the jerk density is 2·σ² divided by it, σ half the hardest start or
+brake."""
 MANOEUVRE_SDS: Final = 3.0
 """Deviation of a speed (standard deviations) above which the effort, and so the acceleration, may have changed."""
 WANDER_S = 30.0
@@ -237,9 +238,9 @@ class TrainMotion:
     def expected(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected when a fix comes, `span_s` after the last one.
 
-        The driver is expected to hold the effort; where the measured speed contradicts that, the effort is unknown.
+        The driver is expected to hold the effort; if the measured speed contradicts that, the effort is unknown.
         """
-        # A receiver that filters its speeds sends them late; who states a deviation states this error as well.
+        # A receiver that filters its speeds sends them late; a stated deviation includes this error.
         speed_wander_sd_mps = 0.0 if fix.speed_uncertainty_mps > 0 else abs(SPEED_LATE_S * x.a)
         y = self._predicted(x, fix, span_s, speed_wander_sd_mps)
         speed_sd_mps = deviations(fix).speed_mps
@@ -254,14 +255,14 @@ class TrainMotion:
         return predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps, SPEED_SCALE_SD)
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the state of a standing train at a fix: it stays where it was, and the fix does not move it."""
+        """Return the state of a standing train at a fix: its position stays, and the fix does not move it."""
         wander_sd_m = self._wander_sd_m = self._wandering_sd_m(fix)
         return stand(x, span_s, wander_sd_m)
 
     def set_off(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected at a fix of a train that has set off since the last fix."""
         x = x._replace(vv=deviations(fix).speed_mps ** 2, aa=self._acceleration_sd_mps2**2)
-        return self._predicted(x, fix, span_s, 0.0)  # It stood: c begins at 0.
+        return self._predicted(x, fix, span_s, 0.0)  # The train stood: c begins at 0.
 
     def corrected(self, y: Track, fix: PositionFix) -> Track:
         """Return the expected state corrected by the measurements of the fix."""
@@ -274,7 +275,7 @@ class TrainMotion:
     def _wandering_sd_m(self, fix: PositionFix) -> float:
         """Return the standard deviation of the part of a position's error that wanders.
 
-        The error of a degraded fix wanders no more than that of the fix before: what makes it worse is fresh noise.
+        The error of a degraded fix wanders no more than that of the fix before; the additional error is fresh noise.
         """
         position_sd_m = deviations(fix).position_m
         if fix.quality is Quality.DEGRADED and self._wander_sd_m is not None:

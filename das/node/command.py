@@ -34,7 +34,7 @@ FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
 
 
 class ClockKind(StrEnum):
-    """The clock that the node follows."""
+    """The clock that the node uses."""
 
     WALL = "wall"
     BUS = "bus"
@@ -167,9 +167,9 @@ TLS_EXAMPLES = ("das-node tls-init bus-tls --train IC1",)
 
 
 def advise(options: NodeOptions) -> None:
-    """Advise a train: hear journey, position and delay on the bus, publish speed and force advice.
+    """Advise a train: receive journey, position and delay on the bus, publish speed and force advice.
 
-    The node advises only after it has heard a list of the temporary restrictions in force, possibly an empty one.
+    The node advises only after it has received a list of the temporary restrictions in force, even an empty one.
     """
     from das.domain.errors import DasError
 

@@ -37,7 +37,7 @@ class WallClock:
         return self.now_ns() * NS - self._seconds()
 
     def set_by_s(self) -> float:
-        """By how much somebody set the clock since the last call (s), found by comparing it with monotonic seconds."""
+        """The time (s) by which the clock was set since the last call, from a comparison with monotonic seconds."""
         step_s = self._ahead_s() - self._began_s
         if abs(step_s) < LEAST_STEP_S:
             return 0.0
@@ -48,11 +48,11 @@ class WallClock:
         """Do nothing: messages do not move this clock."""
 
     def due(self) -> None:
-        """Return None: nobody asks for advice by this clock."""
+        """Return None: no Control message requests advice by this clock."""
 
 
 class BusClock:
-    """The clock of a replay or simulation: a Control message gives the time and asks for one advice.
+    """The clock of a replay or simulation: a Control message gives the time and requests one advice message.
 
     The node answers the Control message once it has received all restrictions and targets sent before it. The time of
     a journey is not used to judge messages, because it may be long past.
@@ -74,7 +74,7 @@ class BusClock:
         return self._control_ns
 
     def set_by_s(self) -> float:
-        """Return 0: nobody can tell whether a simulation's clock was set."""
+        """Return 0: the setting of a simulation's clock cannot be detected."""
         return 0.0
 
     def note(self, received: Received) -> None:
@@ -151,7 +151,7 @@ class Node:
             self.take(received)
 
     def tick(self, now_ns: int, tick: int = 0) -> None:
-        """Advise once; if an output does not fit into a message (its time is too late), the cab reports a fault."""
+        """Advise once; if an output does not fit into a message (its time is too large), the cab reports a fault."""
         outputs = self.cab.tick(now_ns, dropped=self.bus.dropped)
         try:
             self.publish(outputs, tick)
@@ -169,5 +169,5 @@ class Node:
                 say(f"{self.bus.train}: {output.text}")
 
     def status(self, state: NodeState, reason: str) -> None:
-        """Publish the state of the process, besides the outputs of the cab."""
+        """Publish the state of the process, in addition to the outputs of the cab."""
         self.publish([Status(time_ns=self.clock.now_ns(), state=state, reason=reason)])

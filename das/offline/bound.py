@@ -40,15 +40,15 @@ from das.solver.solution import Solution
 Floats = NDArray[np.float64]
 
 LEAST_FORCE_N: Final = 0.1
-"""Force (N) that the relaxation allows a train without motors or electric brake: the allowed forces then have an
-interior, as the method needs, and over 10 km it is worth only 0.0003 kWh."""
+"""Force (N) that the relaxation allows a train without motors or electric brake: the set of allowed forces then has an
+interior, as the method requires, and over 10 km it is worth only 0.0003 kWh."""
 LEAST_POWER_W: Final = 1.0
 """The least power (W) of motors and of the electric brake, for the same reason."""
 LEAST_START_SHARE: Final = 0.05
 """Least share of the faster speed that the slower speed of a cut must have for the cut of the power limit to be used;
 otherwise the force limit is the lower one."""
 ROUNDING_RATIO: Final = 1e-9
-"""Ratio within which runs keep their limits, which the relaxation therefore allows."""
+"""Ratio by which runs may exceed their limits by rounding, which the relaxation therefore allows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,8 +189,8 @@ def _power_cut(task: Task, power_w: float, resisting_n: Floats) -> _Cut:
     """The power limit at the faster end of an interval as a limit that is linear in the slowness.
 
     A force F > `resisting_n` changes the speed, so that the faster end is faster than the mean: F is at most the root
-    of F + G·F·(F − R) = P·τ with G = h·τ²/2M. The root is concave in τ, so its tangent at the given run bounds it.
-    Where the given run is too slow for that, P·τ itself is the limit.
+    of F + G·F·(F − R) = P·τ with G = h·τ²/2M. The root is concave in τ, so its tangent at the given run bounds it. If
+    the given run is too slow for the tangent, P·τ itself is the limit.
     """
     power_w *= 1.0 + ROUNDING_RATIO
     step, mass_kg = task.line.step_m, task.section.train.inertial_mass_kg
@@ -244,7 +244,7 @@ def least_brake_n(train: TrainParams, fastest_mps: float) -> float:
 
 
 def acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
-    """Largest acceleration of each interval (m/s²); none where a descent is too steep for the brakes to keep it."""
+    """Largest acceleration of each interval (m/s²); no limit where a descent is too steep for the brakes to keep it."""
     train = task.section.train
     fastest_mps = float(task.envelope_mps.max()) + tol.SPEED_TOLERANCE_MPS
     weakest_n = np.array([least_brake_n(on_supply(train, u), fastest_mps) for u in task.line.supply])
@@ -258,7 +258,7 @@ NEAR_COASTING_N: Final = (-500.0, 500.0)
 """Forces (N) at which a loss map gets planes on both sides of coasting; it also gets them at half of the largest
 forces."""
 LIMIT_SLACK: Final = 1e-6
-"""Ratio within which runs keep the limits of their forces."""
+"""Ratio by which runs may exceed the limits of their forces by rounding."""
 
 
 def efficiency_planes(loss: EfficiencyLoss, supply: Floats) -> Planes:
@@ -309,7 +309,7 @@ class MapPlanes:
 
 
 def _most_n(force_n: float, power_w: float, speed_mps: Floats) -> Floats:
-    """The largest forces (N) at speeds, within a force and a power; at a stand the force alone."""
+    """The largest forces (N) at speeds, within a force and a power; at standstill the force alone."""
     by_power_n = np.divide(power_w, speed_mps, out=np.full_like(speed_mps, np.inf), where=speed_mps > 0.0)
     return np.asarray(np.minimum(force_n, by_power_n))
 
@@ -361,7 +361,7 @@ def behind_fastest(task: Task) -> Task:
 def _bend_of_curve(train: TrainParams) -> float:
     """The largest change of the force of the traction's effort curve with v²/2 (N/(m²/s²)); 0 without a curve.
 
-    That is the slope of the curve over the speed: infinite where the force changes from standstill on.
+    It is the slope of the curve divided by the speed, and infinite if the force changes from standstill on.
     """
     if not train.has_curves:
         return 0.0
@@ -497,7 +497,7 @@ class Certificate:
 def certificate(solution: Solution) -> Certificate:
     """The certificate of a solution; proving it takes 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
 
-    If the run of least energy ends early, the bound holds for the time that was asked for.
+    If the run of least energy ends early, the bound holds for the requested time.
     """
     allowed_s = max(solution.time_s, solution.requested_s) if solution.saves_time else solution.time_s
     task, bound_j, reason = task_of(solution, allowed_s), math.nan, ""

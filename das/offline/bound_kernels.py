@@ -18,7 +18,7 @@ from das.solver.kernels.arrays import add, put
 from das.solver.kernels.forces import ADHESION_EXTRA, ADHESION_LEAST, ADHESION_OFFSET, ADHESION_SPEED
 
 TURNED_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8)
-"""Shares of the price of time (and of the loss) that a plane may shift to its term of the kinetic energy."""
+"""Shares of the price of time (and of the loss) that a plane may shift to its kinetic-energy term."""
 SECANTS = ((1, 0), (4, -1), (0, 3), (20, 0))
 """Pairs of rows, before and after the state's own row, between which a plane's slope in the slowness is taken. There
 are several pairs, because the loss of a map jumps."""
@@ -102,7 +102,7 @@ def plane_constant(a_b_d, least_n, rows, ends_tau, enough):
 
     `least_n[i]` is the least ψ − a·f of row i. Between two rows, and beyond the slowest one, where ψ rises by at least
     `standing_w` with τ, the least is taken in closed form. Only slownesses between `ends_tau` count. A c of at most
-    `enough` is of no use, and the search ends there.
+    `enough` is useless, and the search then ends.
     """
     _, b, d = a_b_d
     low_tau, high_tau = ends_tau
@@ -132,8 +132,8 @@ def loss_planes(force_at, state, price_w, ends_tau, rows, out):
     """Fill planes (a, b, d/2, c) of every interval near the forces `force_at` (n, planes) at the speeds of `state`.
 
     A plane's slope in the force is that of the map, its slope in the slowness one of several secants, and a share of it
-    and of the price of time is shifted to the kinetic energy. Of all these planes, which hold for slownesses between
-    `ends_tau` (two arrays, n), the one highest at the state is taken.
+    and of the price of time is shifted to the kinetic energy. Of all these planes, which are valid for slownesses
+    between `ends_tau` (two arrays, n), the highest at the state is taken.
     """
     low_tau, high_tau = ends_tau
     size = rows.tau.size
@@ -194,7 +194,7 @@ class RelaxedEfforts(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Bounds of v²/2 at the nodes (n + 1,) and of the slowness (n,); `free` says which speeds are variables."""
+    """Bounds of v²/2 at the nodes (n + 1,) and of the slowness (n,); `free` marks the speeds that are variables."""
 
     low_w: Floats
     high_w: Floats
@@ -213,7 +213,7 @@ class Planes(NamedTuple):
 
 
 class Program(NamedTuple):
-    """The convex relaxation as the kernels take it; all forces are in units of one force."""
+    """The convex relaxation in the form of the kernels; all forces are in units of one force."""
 
     motion: RelaxedMotion
     efforts: RelaxedEfforts
@@ -389,7 +389,7 @@ def local_values(k, run: RelaxedRun, z):
 
 
 _TO_BOUNDARY = 0.99
-"""Share of the way to the nearest bound that a step takes."""
+"""Share of the distance to the nearest bound that a step covers."""
 _LEAST_SLACK = 0.01
 """Least slack of a constraint at the first point, whether the point satisfies the constraint or not."""
 _CENTRE = 0.1

@@ -3,7 +3,8 @@
 The passing points of a section are nodes, where the bounds of their speeds are enforced. A *span* lies between two
 neighbouring tight times, and it has one price of time λ. Spans that meet at a stop do not depend on each other. Spans
 that meet at a tight passing share the speed there and form a *chain*, which is solved by one sweep from its end to its
-beginning: the cost of driving a span in its time, by the speed at its beginning, is the end value of the span before.
+beginning: the cost of driving a span in its time, as a function of its initial speed, is the end value of the span
+before.
 """
 
 from __future__ import annotations
@@ -239,8 +240,8 @@ class TightSpan:
 class Timeline:
     """All events of a journey in order, with the links between them: `links[i]` from event i to event i + 1.
 
-    The first event is the earliest departure, the last the latest arrival; the train may wait after the one and
-    before the other. `departures[i]` is the event with which section i begins.
+    The first event is the earliest departure, the last the latest arrival; the train may wait after the first and
+    before the last. `departures[i]` is the event with which section i begins.
     """
 
     events: tuple[TimelineEvent, ...]
@@ -285,7 +286,7 @@ class Timeline:
         )
 
     def describe(self, tight: Tight) -> str:
-        """An event and the bound it is held at; the ends of the timeline are named by the stops there."""
+        """An event and the bound at which it is held; the ends of the timeline have the names of their stops."""
         index, time_s = tight
         event = self.events[min(max(index, 1), len(self.events) - 2)]
         return f"{event.what} ({event.window.held_at(time_s, tol.TIME_TOLERANCE_S)} {clock(time_s)})"
@@ -303,7 +304,7 @@ class TimedStretch:
 class DrivenStretch(TimedStretch):
     """A stretch with its trajectory: the speeds at its nodes, and the price of time there (W).
 
-    `feasible` says that the trajectory is within limits and forces, and on time.
+    `feasible`: the trajectory is within limits and forces, and on time.
     """
 
     speeds_mps: Floats
@@ -438,12 +439,12 @@ Parts = dict[Stretch, Front]
 
 
 class Split(StrEnum):
-    """How the time between two tight times is shared."""
+    """The way in which the time between two tight times is divided."""
 
     EQUAL_MARGINAL = "equal-marginal"
-    """A second less would cost the same everywhere: the optimum."""
+    """One second less would cost the same everywhere: the optimum."""
     PROPORTIONAL = "proportional"
-    """The same buffer in per cent everywhere."""
+    """The same buffer, in per cent, everywhere."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -487,7 +488,7 @@ class Chains:
         )
 
     def lowest(self, span: TightSpan) -> int:
-        """The index of a span's first multiplier: in a span with a wait, multipliers below 0 are of no use."""
+        """The index of a span's first multiplier: in a span with a wait, multipliers below 0 are not needed."""
         return 0 if span.last_wait < 0 else self.fronts.least_energy
 
     def _solve(self, spans: Sequence[TightSpan], split: Split) -> tuple[Solved, ...]:

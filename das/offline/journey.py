@@ -1,4 +1,4 @@
-"""Plan of a journey: when the train is where, and a trajectory for every section, with the least total energy.
+"""Plan of a journey: the times at all points, and a trajectory for every section, with the least total energy.
 
 The energy of a stretch is (nearly) a convex function of its time. So between two tight times one price of time λ holds
 (equal marginal energy), and λ changes only at tight times (theory and proof:
@@ -80,7 +80,7 @@ class PricedTimeline:
     def _most_for_time_j(self) -> float:
         """The largest sum of prices times the times between events that the windows allow (J)."""
         events, links = self.timeline.events, self.timeline.links
-        # A train may wait longer than it has to, so a wait must not be rewarded.
+        # A train may wait longer than necessary, so waiting must not be rewarded.
         is_wait = np.array([isinstance(link, WaitLink) for link in links])
         price_w = np.where(is_wait, np.maximum(self.price_w, 0.0), self.price_w)
         dwell_s = np.array([link.least_s if isinstance(link, WaitLink) else 0.0 for link in links])
@@ -160,7 +160,7 @@ class SectionPlan(Summary):
     feasible: bool
 
     def facts(self) -> dict[str, str]:
-        """Both stops with their planned times, and what the run needs."""
+        """Both stops with their planned times, and time and energy of the run."""
         return {
             "departs": f"{self.start.name} {clock(self.departure.time_s)}",
             "arrives": f"{self.end.name} {clock(self.arrival.time_s)}",
@@ -184,7 +184,7 @@ class JourneyPlan(Summary):
     priced: PricedTimeline
 
     def facts(self) -> dict[str, str]:
-        """The journey, its train, the planned departures and arrivals, and what the plan needs."""
+        """The journey, its train, the planned departures and arrivals, and time and energy of the plan."""
         calls = {}
         for one in self.sections:
             calls[f"{one.start.name} departs"] = clock(one.departure.time_s)
@@ -240,17 +240,17 @@ class JourneyPlan(Summary):
 
     @property
     def bound_j(self) -> float:
-        """Proven lower bound (J) of the energy of every run that keeps the windows; NaN where none is proven."""
+        """Proven lower bound (J) of the energy of every run that keeps the windows; NaN if none is proven."""
         return self.certificate.bound_j
 
     @property
     def gap_ratio(self) -> float:
-        """(input − bound)/|input|, never negative; NaN where no bound is proven (see `gap_reason`)."""
+        """(input − bound)/|input|, never negative; NaN if no bound is proven (see `gap_reason`)."""
         return (self.input_j - self.bound_j) / max(abs(self.input_j), 1.0)
 
     @property
     def gap_reason(self) -> str:
-        """Why no bound is proven; empty where one is."""
+        """Why no bound is proven; empty if one is."""
         return self.certificate.reason
 
     @property
@@ -267,7 +267,7 @@ class JourneyPlanner:
     """Plans a journey of a train on a route, with one split of the time or with several.
 
     `level` is the level of losses (default: the vehicle's). `point_mass` takes the train's length as 0. Raises what
-    `build_section` raises, and InfeasibleError where no run can keep a time or the speeds of a passing.
+    `build_section` raises, and InfeasibleError if no run can keep a time or the speeds of a passing.
     """
 
     def __init__(
@@ -290,8 +290,7 @@ class JourneyPlanner:
         the default is the optimum).
 
         Runs take their times to within `JOURNEY_TIME_TOLERANCE_S`; windows are kept to within `TIME_TOLERANCE_S`.
-        Raises InfeasibleError where the windows cannot be kept; it names the window and by how many seconds it is
-        missed.
+        Raises InfeasibleError if the windows cannot be kept, with the window and the seconds by which it is missed.
         """
         solved, timeline = self._solve(split), self.chains.timeline
         price_w = np.full(len(timeline.links), math.nan)
@@ -312,7 +311,7 @@ class JourneyPlanner:
     def wish_costs_j(self, section: SectionPlan, wish: PassedAt) -> float:
         """Energy (J) that keeping a missed wish within its tolerance would cost, with the same times at both stops.
 
-        Raises InputError or InfeasibleError if it cannot be kept so.
+        Raises InputError or InfeasibleError if the wish cannot be kept.
         """
         route, vehicle, level, point_mass = self._on
         kept = replace(wish.passing, window=wish.passing.tolerated, wish=False)
@@ -331,7 +330,7 @@ class JourneyPlanner:
         return planner.plan().input_j - section.balance.input
 
     def _check_reachable(self) -> None:
-        """Raise InfeasibleError if the train is late at an event although it drives every section as fast as possible.
+        """Raise InfeasibleError if the train is late at an event even when it drives every section as fast as possible.
 
         A journey that passes this check may still be infeasible.
         """

@@ -1,9 +1,9 @@
 """Refinement: a trajectory of the table is improved in a narrow tube around it, with the same arrival.
 
-The table takes a decision every 150 m or more often, and among some two hundred speeds. A trajectory from it is near
-the optimum of the section, but not on it. `refined` lays a few lines beside the trajectory, finds the best one between
-them by a dynamic program on the section's own integration grid (`das.offline.tube_kernels`), lays narrower lines around
-that, and so on. The price of time is chosen again in every pass, so that the arrival stays the same.
+The table has a decision every 150 m or more often, among about two hundred speeds. Its trajectories are near the
+optimum of the section, but not optimal. `refined` places a few lines beside the trajectory, finds the best trajectory
+between them by a dynamic program on the section's own integration grid (`das.offline.tube_kernels`), places narrower
+lines around that, and so on. The price of time is chosen again in every pass, so that the arrival stays the same.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from das.solver.state import RollOut, State
 from das.solver.warm_up import warm_up
 
 LINES: Final = 3
-"""Lines on each side of the trajectory. Seven lines in all find what thirteen do, in a third of the time."""
+"""Lines on each side of the trajectory. Seven lines in total find what thirteen do, in a third of the time."""
 REFERENCE_SPEED_MPS: Final = 20.0
 """Speed (m/s) at which widths in m/s are meant. Lines are evenly spaced in v², because a shift in v² keeps the
 force."""
 CLOSED_RATIO: Final = 2e-4
-"""Share of the energy below which the saving of a round makes it the last."""
+"""Saving of a round, as a share of the energy, below which no further round follows."""
 MOST_TRIALS: Final = 8
-"""Most prices of time that are tried in a pass."""
+"""Largest number of prices of time that are tried in a pass."""
 EARLY_S: Final = 1e-3
 """Earliness (s) of the refined trajectory against the given one, at most; it is never later."""
 MOST_BLENDS: Final = 20
-"""Most blends of two trajectories that are tried in a pass."""
+"""Largest number of blends of two trajectories that are tried in a pass."""
 TANGENT_RATIO: Final = 3e-4
 """Share of its energy by which a blend may lie above the tangents at its neighbours for a refinement to begin with
 it."""
@@ -51,7 +51,7 @@ FIRST_FACTOR = 1.03
 
 @dataclass(frozen=True, kw_only=True)
 class RefinementSettings:
-    """How wide the tubes are, how they shrink, and when the refinement ends."""
+    """The width of the tubes, how they shrink, and when the refinement ends."""
 
     widest_mps: float = 2.0
     """Distance of the outermost lines of the first pass from the trajectory, m/s at `REFERENCE_SPEED_MPS`."""
@@ -65,7 +65,7 @@ class RefinementSettings:
     most_rounds: int = 3
     """Most rounds of all passes; another follows while the last has saved more than `CLOSED_RATIO`."""
     blend_loss_ratio: float = 1e-6
-    """Share of energy that a price between those of two trajectories of a pass must be able to save for them not to be
+    """Potential saving (share of energy) of a price between those of two trajectories of a pass up to which they are
     blended."""
 
 
@@ -84,8 +84,8 @@ class TubeRun(NamedTuple):
 def refined(solution: Solution, settings: RefinementSettings = SETTINGS) -> Solution:
     """The solution, improved in a tube around its trajectory; never later and never with more energy than before.
 
-    A trajectory that is `Fit.EARLY` may take the time that was asked for. The fastest trajectory is returned as it is,
-    because no other takes its time. If nothing is saved, the solution itself is returned.
+    A trajectory that is `Fit.EARLY` may take the requested time. The fastest trajectory is returned unchanged, because
+    no other takes its time. If nothing is saved, the solution itself is returned.
     """
     if is_fastest(solution):
         return solution
@@ -214,7 +214,7 @@ class TubeSearch:
         return slow, quick
 
     def _is_enclosed(self, slow: TubeRun, quick: TubeRun) -> bool:
-        """Whether the prices of two trajectories are so near that next to nothing can be gained between them."""
+        """Whether the prices of two trajectories are so close that the possible gain between them is negligible."""
         late, early = slow.time_s - self.wanted_s, self.wanted_s - quick.time_s
         if min(late, early) <= EARLY_S:
             return True
@@ -280,9 +280,9 @@ def refined_runs(
 ) -> list[Solution]:
     """Solutions of one section from its start, each refined: never later and never with more energy than before.
 
-    First the trajectories of the shortest and of the longest time are refined, then always the one in the middle of two
-    that are finished; last the trajectory of least energy, whose time was not asked for. `watch` is called with the
-    index of each one that is finished.
+    First the trajectories of the shortest and of the longest time are refined, then always the middle one between two
+    finished ones; last the trajectory of least energy, whose time was not requested. `watch` is called with the index
+    of each one that is finished.
     """
     found = list(given)
     timed = (i for i, one in enumerate(given) if one.fit is Fit.ON_TIME and not is_fastest(one))

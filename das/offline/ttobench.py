@@ -23,7 +23,7 @@ from das.domain.units import FACTORS
 from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
 
 INSIST = "correct the file, or convert it to TOML (docs/reference/file-formats.md), which can accept {check}"
-"""The end of the error for an implausible value: what to do if the value is meant."""
+"""The end of the error for an implausible value: what to do if the value is intended."""
 
 
 def read_train(path: Path) -> Vehicle:

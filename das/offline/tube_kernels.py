@@ -37,9 +37,9 @@ LINE, TRACTION, COAST, BRAKE, IDLE = 0, 1, 2, 3, 4
 SPECIALS = 4
 
 ROUNDING_RATIO, ROUNDING_N, ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
-"""Largest excess of a force (share, N) or acceleration (m/s²) over its bound that is taken for a rounding error."""
+"""Largest excess of a force (share, N) or acceleration (m/s²) over its bound that counts as a rounding error."""
 _ANY_SQUARED = 1.0
-"""v² (m²/s²) that stands in for a barred pair, so that nothing is divided by 0."""
+"""v² (m²/s²) used for a barred pair, to avoid a division by 0."""
 _FORCE_STEPS = 6
 _SETTLED_RATIO = 1e-12
 """Ratio of change below which a speed is settled."""

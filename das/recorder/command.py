@@ -22,7 +22,7 @@ class RecorderPlace(BusPlace):
 
 @dataclass(frozen=True, kw_only=True)
 class FileMade:
-    """The file to record into, and what it holds besides the messages."""
+    """The file to record into, and its contents besides messages."""
 
     out: Annotated[
         Path | None,

@@ -24,7 +24,7 @@ from das.recorder.command import FileMade, RecorderOptions
 MOST_WAITING = 20_000
 """Largest number of messages that may wait while the disk is slow; beyond it the oldest are lost and counted."""
 LISTENS_S = 0.1
-"""Longest time (s) for which the recorder waits for a message before it looks at its clock."""
+"""Longest time (s) for which the recorder waits for a message before it checks its clock."""
 SILENT_S = 10.0
 """Time (s) after which a bus without messages is called silent."""
 COUNTED_EVERY_S = 60.0
@@ -90,7 +90,7 @@ def _record(options: RecorderOptions, made: Bus, where: str, out: Path, stop: St
     attachments = [(path, _content(path)) for path in options.made.attach or ()]
     metadata = _metadata(options)
     file = RecordingFile(_place(out, options.made))
-    # A program that starts a recorder reports to its own user.
+    # A program that starts a recorder reports to the user itself.
     signs = LifeSigns(options.place.train, tell=say if options.with_parent is None else lambda _text: None)
     try:
         for path, content in attachments:

@@ -1,4 +1,4 @@
-"""A driver's adherence to references: the drift of the forecast arrival, and the time still likely to be lost."""
+"""A driver's adherence to references: the drift of the forecast arrival, and the time likely to be lost ahead."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ MARGIN_MOST_S: Final = 12.0
 MARGIN_DEVIATIONS: Final = 1.5
 """The margin, in standard deviations of the train's drift against the reference."""
 DRIFT_S_PER_MIN: Final = 2.0
-"""The drift assumed before any measurement (standard deviation of the seconds gained or lost in a minute)."""
+"""The drift assumed before any measurement: standard deviation of the seconds gained or lost per minute."""
 SAMPLED_S: Final = 20.0
-"""The interval between two measurements of the drift."""
+"""The interval (s) between two measurements of the drift."""
 FORGOTTEN_MIN: Final = 5.0
 """The time constant (min) with which measurements of the drift lose weight."""
 RUNNING_S_PER_MIN: Final = 1.0
-"""The time usually lost, in seconds a minute (default human driver): speeds are held below limits, reactions late."""
+"""The time usually lost, in seconds per minute (default human driver), by holding below limits and reacting late."""
 BRAKING_RATIO: Final = 0.2
 """The time usually lost by braking early and gently, as a share of the braking time of the fastest run."""
 LAST_S: Final = 150.0
-"""The time before the stop (s) whose usual loss the reserve covers: a new reference makes up for losses before that."""
+"""The last part of the run (s), whose usual loss the reserve covers; new references make up for earlier losses."""
 VARIANCE_S: Final = 4.0
 """The variance of a loss (s²), divided by the loss (s)."""
 KNOWN_AFTER_S: Final = 8.0
-"""The usual loss (s) after which a driver's own loss has the same weight as the usual one: before the first stop."""
+"""The usual loss (s) after which a driver's own loss has the same weight as the usual one: before a first stop."""
 ON_CURVE_MPS = 0.05
 """The distance from the braking curve (m/s) within which the fastest run counts as braking while its speed falls."""
 
@@ -50,17 +50,17 @@ class UsualLoss:
         self._last_from_m = float(np.interp(-LAST_S, -section.fastest_run.time_to_go_s, section.node_m))
 
     def from_s(self, s_m: float, ahead_s: float) -> float:
-        """The time (s) usually lost from a position (m) on, from where the train takes `ahead_s` to the end."""
+        """The time (s) usually lost from a position (m) to the end, a run of `ahead_s`."""
         braking_s = float(np.interp(s_m, self._node_m, self._braking_s))
         return RUNNING_S_PER_MIN * max(ahead_s, 0.0) / 60.0 + BRAKING_RATIO * braking_s
 
     def at_last_s(self, s_m: float, ahead_s: float) -> float:
-        """The part of it (s) that can no longer be made up, because it is lost just before the stop."""
+        """The part of the usual loss (s) that cannot be made up, because it occurs just before the stop."""
         return self.from_s(max(s_m, self._last_from_m), min(ahead_s, LAST_S))
 
 
 class Drift:
-    """A driver's adherence to references on all sections of a journey: drift of forecast arrivals, loss of time."""
+    """A driver's adherence to references on all sections of a journey: drift of forecast arrivals, time lost."""
 
     def __init__(self) -> None:
         self._square = DRIFT_S_PER_MIN**2
@@ -74,7 +74,7 @@ class Drift:
         return min(max(self._lost_s, 0.0) / self._usual_s, 1.0)
 
     def see(self, now_ns: int, late_s: float, usual_s: float, *, anew: bool) -> None:
-        """Update with the forecast lateness and the usual loss from here on; `anew`: the one before does not count."""
+        """Update with the forecast lateness and the usual loss from here on; `anew`: ignore the forecast before."""
         if anew or self._sampled is None or self._before is None or now_ns < self._sampled[0]:
             self._sampled, self._before = (now_ns, late_s), (late_s, usual_s)
             return
@@ -89,15 +89,15 @@ class Drift:
         self._sampled = now_ns, late_s
 
     def pause(self) -> None:
-        """Do not compare the next forecast with the one before: the change in between is not due to the driver."""
+        """Exclude the change to the next forecast from the drift: it is not due to the driver."""
         self._sampled = None
 
     def margin_s(self, ahead_s: float) -> float:
-        """The margin (s) to keep to a time that is `ahead_s` from now."""
+        """The margin (s) for a time that is `ahead_s` from now."""
         spread_s = MARGIN_DEVIATIONS * math.sqrt(self._square * max(ahead_s, 0.0) / 60.0)
         return min(max(spread_s, MARGIN_LEAST_S), MARGIN_MOST_S)
 
     def loss_s(self, usual_s: float, on_time_ratio: float) -> float:
-        """The time (s) that this driver does not exceed with a given probability, if the usual loss is `usual_s`."""
+        """The loss (s) that this driver does not exceed with the given probability, if the usual loss is `usual_s`."""
         likely_s = self.ratio * usual_s
         return max(likely_s + NormalDist().inv_cdf(on_time_ratio) * math.sqrt(VARIANCE_S * likely_s), 0.0)

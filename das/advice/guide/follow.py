@@ -1,4 +1,4 @@
-"""What is wanted of this train: the present step, or the way back to it for a driver who has strayed from it."""
+"""The wanted instruction: the present step, or the return to it for a driver who has departed from it."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ from das.solver.kernels.schedule import BACK_SHARE
 WORTH_S = 40.0
 """The time (s) before the next step within which no acceleration back to a speed is shown: it would be wasted."""
 ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
-"""A driver above the speed to hold coasts back if that takes no longer than the first; else he has it after the second
-by braking, with the motors alone where they slow the train."""
+"""The longest time (s) for coasting back to a speed to hold, and the time (s) for braking back to it otherwise, with
+the motors alone if they slow the train."""
 COAST_MISSES_MPS = 4.0 * KMH
 """The distance (m/s) of the end of coasting from the speed shown above which the speed that it leads to is shown."""
 BRIEF_S, GAINS_S = 30.0, 2.5
@@ -47,7 +47,7 @@ Floats = NDArray[np.float64]
 
 
 def advanced(scene: Sight, memory: Memory) -> Memory:
-    """The memory at the step in force here; it goes back only if the train turns out to be far behind its begin."""
+    """The memory at the step in force here; an earlier step only if the train proves to be far before this one."""
     state = scene.state
     number = memory.step if scene.due_s(memory.step) <= STANDS_S else 0
     while number + 1 < len(scene.steps):
@@ -59,12 +59,12 @@ def advanced(scene: Sight, memory: Memory) -> Memory:
 
 
 def at_step(memory: Memory, number: int) -> Memory:
-    """The memory at the begin of a step."""
+    """The memory at the beginning of a step."""
     return replace(memory, step=number, mode=Lead.FOLLOW, back=None, reached=False)
 
 
 def wanted(scene: Sight, memory: Memory) -> tuple[Proposal, Memory]:
-    """What the train is to do now by its step, due when that begins, and the memory after it."""
+    """The proposal of the present step, due when the step begins, and the memory after it."""
     step = scene.steps[memory.step]
     if memory.back is not None and _is_back(scene, memory, step):
         memory = replace(memory, mode=Lead.FOLLOW, back=None, reached=memory.mode is not Lead.CREEP)
@@ -89,7 +89,7 @@ def _of_step(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
 
 
 def _has_rolled_up(scene: Sight, step: GuideStep) -> bool:
-    """Whether a train that coasts to a higher speed has it, maybe sooner than planned."""
+    """Whether a train that coasts to a higher speed has reached it, possibly sooner than planned."""
     begins_mps = scene.schedule.speed_at(step.from_m)
     return begins_mps < step.speed_mps - SAME_MPS and scene.state.v_mps > step.speed_mps - SAME_READING_MPS
 
@@ -105,7 +105,7 @@ def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
 
 
 def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
-    """The speed of a step is held; a train too far from it returns to it."""
+    """The hold of a step's speed; the return to it for a train that is too far from it."""
     to_mps, away_mps = step.speed_mps, scene.state.v_mps - step.speed_mps
     if away_mps < -OFF_MPS and scene.due_s(memory.step + 1) > WORTH_S:
         back = traction(step.effort if step.kind is InstructionKind.TRACTION else BACK_SHARE, to_mps)
@@ -124,7 +124,7 @@ def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
 
 
 def reachable_mps(scene: Sight, number: int) -> float:
-    """The speed to accelerate to: no higher than the next step needs of a train that is slower than the reference."""
+    """The speed to accelerate to: for a train slower than the reference, no higher than the next step needs."""
     to_mps = scene.steps[number].speed_mps
     after = scene.after(number)
     if after is not None and after.kind in (InstructionKind.BRAKE, InstructionKind.HOLD) and after.speed_mps < to_mps:
@@ -134,7 +134,7 @@ def reachable_mps(scene: Sight, number: int) -> float:
 
 
 def _accelerating(scene: Sight, memory: Memory, step: GuideStep, to_mps: float) -> Instruction:
-    """The acceleration of a step; a hold where it would gain too little before a brake that follows soon."""
+    """The acceleration of a step; a hold if it would gain too little time before a brake that follows soon."""
     state, shown = scene.state, memory.shown
     if shown.mode in TRACTION or not is_vain(scene, memory.step):
         return traction(step.effort, to_mps)
@@ -153,7 +153,7 @@ def is_vain(scene: Sight, number: int) -> bool:
 
 
 def _brakes_m(scene: Sight, number: int) -> float:
-    """Where a train that accelerates as forecast must brake (m): for the step after it, or for a limit before that."""
+    """The place (m) where a train that accelerates as forecast must brake, for the next step or a limit before."""
     after = scene.after(number)
     next_m = after.from_m if after is not None else math.inf
     speeds_mps, at_m = scene.foreseen.ahead_mps[1:-1], scene.foreseen.at_m[1:-1]
@@ -169,7 +169,7 @@ def _brakes_m(scene: Sight, number: int) -> float:
 
 
 class _Leads(NamedTuple):
-    """Where coasting leads: the speeds on the way, and the highest speed that may be named for its end."""
+    """The result of coasting: the speeds on the way, and the highest speed that may be named for its end."""
 
     end_m: float
     speeds_mps: Floats
@@ -199,9 +199,9 @@ def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
 
 
 def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads:
-    """Where the coasting of a step leads from a place and a speed.
+    """The result of a step's coasting from a place and a speed.
 
-    It ends with the step, or where the train must brake before: by more than a driver would hold a limit with.
+    Coasting ends with the step, or earlier where the train must brake harder than a driver would to hold a limit.
     """
     ahead, state, section, end_m = scene.ahead, scene.state, scene.schedule.section, step.by_m
     rolled_mps = ahead.rolling_mps(from_m, v_mps)
@@ -221,7 +221,7 @@ def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads
 
 
 def _told_mps(scene: Sight, shown: Instruction, step: GuideStep, leads: _Leads) -> float:
-    """The speed to name to a driver who coasts: the one shown or planned if the train ends near it, else its own."""
+    """The speed to name to a driver who coasts: the shown or planned one if near the end speed, else the end speed."""
     ends_mps = float(leads.speeds_mps[-1])
     goes_on = shown.mode is Regime.COAST and shown.speed_mps <= leads.highest_mps + SAME_READING_MPS
     for told in (shown.speed_mps if goes_on else math.nan, step.speed_mps):
@@ -234,7 +234,7 @@ def _told_mps(scene: Sight, shown: Instruction, step: GuideStep, leads: _Leads) 
 
 
 def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
-    """The brake of a step with one effort; one who has braked too much coasts to a lower speed, or creeps to a stop."""
+    """The brake of a step with one effort; after too much braking, coasting to a lower speed, or creeping to a stop."""
     state, to_mps, slows = scene.state, step.speed_mps, step.speed_mps > SAME_MPS
     if slows and state.v_mps <= to_mps + SAME_MPS:
         return _holding(scene, replace(memory, reached=True), step)
@@ -246,7 +246,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
         if back is not None:
             mode = Lead.BACK_DOWN if slows else Lead.CREEP
             return Proposal(back, mode=mode), replace(memory, mode=mode, back=back)
-    if step.effort > 0.0:  # No limit asks for this brake: the motors' is enough.
+    if step.effort > 0.0:  # No limit requires this brake: the motors suffice.
         need = min(max(need, step.effort), 1.0)
     found = braked(scene, memory, NeededBrake(need, to_mps, _by_m(scene, step)), in_s)
     return found._replace(waits=step.effort > 0.0), memory
@@ -270,7 +270,7 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep) -> Instruction | None:
 
 
 def _by_m(scene: Sight, step: GuideStep) -> float:
-    """Where a brake has its speed (m); for a train beyond that, where the step ends."""
+    """The place (m) where a brake has reached its speed; for a train beyond it, the end of the step."""
     return step.by_m if scene.state.s_m < step.by_m else step.to_m
 
 

@@ -1,4 +1,4 @@
-"""The guard: the only rule for safety. What limits, the curve and the stop ahead ask for, whatever is wanted."""
+"""The guard, the guide's only safety rule: limits, curve and the stop ahead override the wanted instruction."""
 
 from __future__ import annotations
 
@@ -24,28 +24,27 @@ brakes early. One who accelerates, or is faster than the reference, is shown it 
 SOONER_S = 0.7
 """The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
 SHORT_M = 8.0
-"""The distance from the mark (m) that is clearly short of it, and within which a creeping train is shown its brake."""
+"""The distance (m) that is clearly short of the mark, and from which a creeping train is shown a brake."""
 BRAKED_MPS = 0.9
 """The excess over the limit (m/s) above which the driver is told to brake; below it, to coast or to hold the limit."""
 NEAR_MARK_M = 3.0
-"""The distance of the stop from the mark (m) up to which the last brake is left as it is: the driver sees the mark."""
+"""The stopping error (m) up to which the effort of the last brake is left unchanged: the driver sees the mark."""
 STEP_RATIO, FRICTION_STEP_RATIO = 0.05, 0.5
-"""The steps in which efforts are shown, rounded up: the first within the effort of the motors, the second above it,
-because no driver sets the friction brake more finely."""
+"""The steps to which efforts are rounded up: of the motors, and of the friction brake, which is not set more finely."""
 ANSWERED_S = 4.0
-"""The reaction time (s) for which a larger effort is sufficient when it is shown, so that it grows only once."""
+"""The reaction time (s) that an increased effort allows for, so that it is increased only once."""
 BEGUN_S = 2.0
-"""The delay (s) of the driver for which the effort first shown for a lower limit is sufficient."""
+"""The reaction time (s) that the effort first shown for a lower limit allows for."""
 GROWN_RATIO = 1.6
 """The largest ratio of the effort shown to the one needed now, when more is needed."""
 LESS_RATIO = 0.6
-"""The needed share of the effort shown below which a smaller one is shown: above it, the driver eases off himself."""
+"""The ratio of needed to shown effort below which a smaller effort is shown; above it, the driver eases off himself."""
 SAME_EFFORT = 1e-3
 Floats = NDArray[np.float64]
 
 
 class Sight(NamedTuple):
-    """All that a second of the guide depends on, besides its memory."""
+    """The inputs of the guide for one second, except its memory."""
 
     schedule: Schedule
     steps: tuple[GuideStep, ...]
@@ -55,14 +54,14 @@ class Sight(NamedTuple):
     ahead: BrakingAhead
 
     def due_s(self, number: int) -> float:
-        """In what time (s) a step begins for this train; 0 if it has begun, like the first; infinity: none."""
+        """The time (s) until a step begins for this train; 0 if it has begun, as the first has; infinity if none."""
         if number >= len(self.steps):
             return math.inf
         begun = number == 0 or self.steps[number].from_m <= self.state.s_m
         return 0.0 if begun else self.foreseen.passes_s(self.steps[number].from_m)
 
     def after(self, number: int) -> GuideStep | None:
-        """The step after one; None after the last."""
+        """The step after the given one; None after the last."""
         return self.steps[number + 1] if number + 1 < len(self.steps) else None
 
     @property
@@ -72,9 +71,9 @@ class Sight(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    """An instruction that could be shown, in what time it is due, and why; `waits`: it can wait to be announced.
+    """An instruction that could be shown, the time until it is due, and its reason; `waits`: it can be announced first.
 
-    `guarded`: limits or the stop ask for it. A brake is for the place `at_m`; `exact` is the effort before rounding up.
+    `guarded`: limits or the stop require it. A brake is for the place `at_m`; `exact` is the effort before rounding up.
     """
 
     one: Instruction
@@ -87,19 +86,19 @@ class Proposal(NamedTuple):
 
     @property
     def brakes(self) -> bool:
-        """Whether it is a brake."""
+        """Whether the instruction is a brake."""
         return self.one.mode in BRAKES
 
 
 def guarded(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
-    """What is wanted if limits and the stop allow it, else what they ask for."""
+    """The wanted proposal if limits and the stop allow it, else the one that they require."""
     return _curve(scene, memory, _limit(scene, memory, wanted))
 
 
 def braked(
     scene: Sight, memory: Memory, needed: NeededBrake, in_s: float = 0.0, *, mode: Lead = Lead.FOLLOW
 ) -> Proposal:
-    """The brake that is needed, with the effort that is shown for it; to coast where the train has no brake."""
+    """The needed brake with the effort to show; coasting where the train has no brake."""
     ahead, state = scene.ahead, scene.state
     begin_m = state.braked_m + in_s * state.v_mps
     largest = ahead.largest(begin_m, state.v_mps)
@@ -112,14 +111,14 @@ def braked(
 
 
 def begins_s(scene: Sight, keeps_mps: float) -> float:
-    """In what time (s) a train that keeps a speed must begin to brake."""
+    """The time (s) until a train that keeps a speed must begin to brake."""
     from_m, v_mps = scene.state.braked_m, max(keeps_mps, 1.0)
     begins_m = scene.ahead.curve_begins_m(from_m, np.full(scene.ahead.nodes_ahead(from_m), v_mps))
     return max((begins_m - from_m) / v_mps - SOONER_S, 0.0)
 
 
 def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
-    """What brings a train back under the limit here, or keeps it from rolling above it."""
+    """The proposal that brings a train back under the limit here, or keeps it from rolling above the limit."""
     state, place, ahead, one = scene.state, scene.place, scene.ahead, wanted.one
     top_mps = _top_mps(scene, one) if wanted.in_s <= 0.0 else math.inf
     if one.mode not in BRAKES and one.speed_mps > top_mps:
@@ -145,7 +144,7 @@ def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     if wanted.brakes or (one.mode is not Regime.COAST and excess <= OVERSPEED_MPS):
         return wanted
     if one.speed_mps <= limit_mps and excess + rises_mps <= SAME_READING_MPS:
-        return wanted  # Nobody can read how little the coasting train is above the limit.
+        return wanted  # The excess of the coasting train over the limit is too small to read.
     if -rolls_mps2 * COASTS_IN_S < excess:
         return Proposal(hold(limit_mps), mode=Lead.GUARD, guarded=True)
     if one.mode is Regime.COAST and one.speed_mps <= limit_mps:
@@ -154,7 +153,7 @@ def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
 
 
 def _top_mps(scene: Sight, one: Instruction) -> float:
-    """The highest speed to name here: the limit, or less where a nearer one would have to be braked for at once."""
+    """The highest speed to name here: the limit, or less if a lower limit ahead would require braking at once."""
     state, ahead, section = scene.state, scene.ahead, scene.ahead.section
     reachable_mps = float(section.envelope_mps[-len(section.node_m[section.node_m > state.s_m]) - 1 :].max())
     top_mps = min(scene.place.limit_mps, max(reachable_mps, state.v_mps)) + (one.mode is Regime.COAST) * SAME_MPS
@@ -165,7 +164,7 @@ def _top_mps(scene: Sight, one: Instruction) -> float:
 
 
 def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
-    """The brake that limits and the stop ahead ask for, if it is due within its lead and more than what is wanted."""
+    """The brake for limits and the stop ahead, if it is due within its lead and stronger than what is wanted."""
     ahead, state, one, v_mps = scene.ahead, scene.state, wanted.one, scene.state.v_mps
     lead_s = brake_lead_s(scene, one)
     soon_mps = _soon_mps(scene, one, lead_s)
@@ -186,11 +185,11 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     needed = ahead.needed(state.braked_m + v_mps * waits_s, soon_mps if one.mode is Regime.COAST else v_mps)
     above_mps = v_mps - ahead.allowed_mps(state.braked_m)
     if needed.effort > 0.0 and above_mps > SAME_MPS and v_mps > needed.target_mps + OVERSPEED_MPS:
-        # If the effort only grew with the need, it would always be too little.
+        # An effort that only follows the need would always be too small.
         needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
     if wanted.brakes and -one.effort_ratio >= needed.effort:
         return wanted._replace(exact=max(wanted.exact, needed.effort))
-    # A train that goes on accelerating must brake to this speed; if it is above the present one, coasting will do.
+    # A train that goes on accelerating must brake to this speed; if that is above the present speed, coasting suffices.
     passes_mps = ahead.needed(state.braked_m, soon_mps).target_mps if one.mode in TRACTION else -math.inf
     coasts = needed.effort < STEP_RATIO and passes_mps > v_mps
     if needed.effort > 0.0 and not coasts:
@@ -202,7 +201,7 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
 
 
 def brake_lead_s(scene: Sight, now: Instruction) -> float:
-    """How long before it is due a brake is shown to a driver who is told this."""
+    """The time (s) before it is due at which a brake is shown to a driver who follows the instruction `now`."""
     known_mps = scene.schedule.speed_at(scene.state.s_m)
     known_mps = min(known_mps, now.speed_mps) if now.mode is Regime.CRUISE else known_mps
     astray = now.mode in TRACTION or scene.state.v_mps > known_mps + SAME_MPS
@@ -210,7 +209,7 @@ def brake_lead_s(scene: Sight, now: Instruction) -> float:
 
 
 def _soon_mps(scene: Sight, one: Instruction, lead_s: float) -> float:
-    """The speed of the train after the lead, if its driver does what he is told."""
+    """The speed of the train after the lead if the driver follows the instruction."""
     v_mps, pulls = scene.state.v_mps, one.mode in TRACTION
     if one.mode is Regime.COAST or (pulls and v_mps <= one.speed_mps):
         gains = scene.ahead.accelerates_mps2(one.effort_ratio, scene.state.s_m, v_mps)
@@ -220,7 +219,7 @@ def _soon_mps(scene: Sight, one: Instruction, lead_s: float) -> float:
 
 
 def _no_faster(wanted: Proposal, most_mps: float, v_mps: float) -> Proposal:
-    """What is wanted with no higher speed; an acceleration becomes a hold of it, or coasting if it is far from it."""
+    """The wanted proposal with its speed capped; an acceleration becomes a hold, or coasting if far from the cap."""
     one, to_mps = wanted.one, min(wanted.one.speed_mps, most_mps)
     if one.mode is Regime.CRUISE and to_mps > v_mps:
         return wanted._replace(one=replace(one, speed_mps=to_mps))
@@ -231,14 +230,14 @@ def _no_faster(wanted: Proposal, most_mps: float, v_mps: float) -> Proposal:
 
 
 def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal | None:
-    """The brake for limits and the stop if he goes on as told after `waits_s`, due just before he meets the curve."""
+    """The brake for limits and the stop if the driver follows `now` beyond `waits_s`, due just before the curve."""
     ahead, state, v_mps = scene.ahead, scene.state, scene.state.v_mps
     from_m = min(state.s_m + waits_s * v_mps, ahead.section.end_m - 1.0)
     speeds_mps = _told_speeds_mps(scene, now, from_m)
     begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
     passes_mps = float(np.interp(begins_m, ahead.section.node_m[-len(speeds_mps) :], speeds_mps))
     needed = ahead.needed(begins_m, passes_mps)
-    # Above a limit that does not fall, a driver who rolls on is told to hold it, not to brake for what is far off.
+    # Above a limit that does not fall, a driver who rolls on is told to hold it, not to brake for a distant limit.
     if needed.effort <= 0.0 or not ahead.is_due(begins_m, passes_mps + OVERSPEED_MPS, BRAKE_LEAD_S):
         return None
     in_s = max(waits_s + ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m) - SOONER_S, 0.0)
@@ -248,13 +247,13 @@ def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal |
 
 
 def _keeps_mps(now: Instruction, v_mps: float) -> float:
-    """The speed that a driver keeps: one who is told to hold a speed, and is hardly faster, holds it from here on."""
+    """The speed that a driver keeps: the speed to hold if he is hardly faster than it, else his own."""
     holds = now.mode is Regime.CRUISE and v_mps <= now.speed_mps + OVERSPEED_MPS
     return min(v_mps, now.speed_mps) if holds else v_mps
 
 
 def _told_speeds_mps(scene: Sight, now: Instruction, from_m: float) -> Floats:
-    """The speeds (m/s) at the nodes ahead of a driver who goes on as told."""
+    """The speeds (m/s) at the nodes ahead if the driver follows the instruction `now`."""
     ahead, v_mps = scene.ahead, scene.state.v_mps
     if now.mode is Regime.COAST:  # A driver who rolls up to a limit is told to hold it.
         rolling_mps = ahead.rolling_mps(from_m, v_mps)
@@ -276,7 +275,7 @@ def stands_at_mark(ahead: BrakingAhead, now: Instruction, state: TrainState) -> 
 
 
 def lasts_s(scene: Sight, now: Instruction) -> float:
-    """The time (s) in which a brake reaches its speed."""
+    """The time (s) that a brake takes to reach its speed."""
     way = way_m(scene.ahead, -now.effort_ratio, now.speed_mps, scene.state)
     return 2.0 * way / max(scene.state.v_mps + now.speed_mps, 0.1)
 
@@ -296,7 +295,7 @@ def shown_effort(
         return kept
     if needed.effort > kept * (1.0 + SAME_EFFORT):
         if ahead.section.end_m - state.s_m <= AT_MARK_M:
-            return kept + STEP_RATIO * 4.0  # A driver does not notice less, and it would have to grow again.
+            return kept + STEP_RATIO * 4.0  # A smaller change is not noticed, and the effort would grow again.
         return max(stepped(needed.effort), _answered(ahead, needed, state, begin_m))
     ends_soon = slows and (state.v_mps - needed.target_mps) < STANDS_S * rate_mps2(ahead, kept, state)
     eased = needed.effort < kept * LESS_RATIO and begin_m <= state.braked_m and not ends_soon
@@ -310,7 +309,7 @@ def stepped(effort: float) -> float:
 
 
 def rate_mps2(ahead: BrakingAhead, effort: float, state: TrainState) -> float:
-    """The deceleration (m/s²) that an effort gives the train here, at least one that ends."""
+    """The deceleration (m/s²) of the train here with an effort, at least `LEAST_MPS2`."""
     return max(_slows_mps2(ahead, effort, state), LEAST_MPS2)
 
 
@@ -325,12 +324,12 @@ def _slows_mps2(ahead: BrakingAhead, effort: float, state: TrainState) -> float:
 
 
 def way_m(ahead: BrakingAhead, effort: float, to_mps: float, state: TrainState) -> float:
-    """The way (m) in which an effort brings the train down to a speed."""
+    """The distance (m) in which an effort slows the train to a speed."""
     return max(state.v_mps**2 - to_mps**2, 0.0) / (2.0 * rate_mps2(ahead, effort, state))
 
 
 def _answered(ahead: BrakingAhead, needed: NeededBrake, state: TrainState, begin_m: float) -> float:
-    """An effort that is enough though the driver acts late; with the friction brake only once that is needed."""
+    """An effort that suffices even if the driver reacts late; above the motors' effort only once needed."""
     late_m = max(state.braked_m + state.v_mps * ANSWERED_S, begin_m + state.v_mps * BEGUN_S)
     answered = ahead.effort_to(min(late_m, needed.at_m), state.v_mps, needed.at_m, needed.target_mps)
     most = math.inf if needed.target_mps > SAME_MPS and needed.effort > 1.0 else 1.0
@@ -338,7 +337,7 @@ def _answered(ahead: BrakingAhead, needed: NeededBrake, state: TrainState, begin
 
 
 def _nearly_enough(ahead: BrakingAhead, kept: float, needed: NeededBrake, state: TrainState) -> bool:
-    """Whether an effort is too small, but ends too little above a lower speed to be noticed."""
+    """Whether an effort is too small, but misses the lower speed by too little to be noticed."""
     above = state.v_mps > ahead.allowed_mps(state.braked_m) + SAME_MPS
     if needed.target_mps <= SAME_MPS or needed.effort <= kept or above:
         return False

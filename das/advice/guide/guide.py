@@ -1,4 +1,4 @@
-"""The guide of a section: it keeps the reference, chooses the instruction to show, and says why."""
+"""The guide of a section: it keeps the reference and chooses the instruction to show, with the reason."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ Floats = NDArray[np.float64]
 NEAR_M = 4000.0
 """The distance (m) within which the limit or stop that an instruction leads to is named."""
 BESIDE_M = 100.0
-"""The distance (m) that a limit may lie beyond the phase that slows down for it."""
+"""The largest distance (m) of a limit beyond the end of the phase that slows down for it."""
 BINDS_MPS = 10.0 * KMH
-"""The difference (m/s) from a limit to the forecast speed there, above which the limit is not the reason."""
+"""The difference (m/s) between a limit and the forecast speed there above which the limit is not the reason."""
 SLOWED_S = 30.0
-"""The time (s) after the earliest time of a point above which the train is not slowed down for it."""
+"""The delay (s) of a passing after its earliest time above which the point is not the reason for slowing."""
 SAID_LATE_S = 30.0
-"""The least lateness or earliness (s) that is named: a driver cannot do anything about less."""
+"""The least lateness or earliness (s) that is named: a driver cannot correct less."""
 SAID_ANEW_S = 10.0
-"""The change (s) after which a named arrival is named with its new value: a figure that changes often is not read."""
+"""The change (s) from which a named lateness is updated: a figure that changes often is not read."""
 NEWS_S = 20.0
-"""The time (s) for which a restriction that was received on the way and changed the reference is named."""
+"""The time (s) for which a restriction is named that was received on the way and changed the reference."""
 ARRIVING_M = 500.0
 """The distance from the stop (m) within which the time of arrival is not named."""
 CREEPS_M = 100.0
-"""The distance from the stop (m) up to which a train creeps there if it is too slow for any reference."""
+"""The distance from the stop (m) within which a train too slow for any reference creeps to it."""
 SLOWING = (PhaseKind.COAST, PhaseKind.BRAKE)
 NOT_FASTER = (*SLOWING, PhaseKind.HOLD)
 
@@ -61,7 +61,7 @@ class Guide:
         self._section, self._worker = section, worker
         self._ahead_of_train = BrakingAhead(section)
         self.drift = drift or Drift()
-        """The driver's drift, as far as it is known."""
+        """The driver's drift, as measured so far."""
         self.keeper = Keeper(section, front, worker, self.drift)
         """Keeper of the reference."""
         self.showing = Showing()
@@ -82,13 +82,13 @@ class Guide:
         return found
 
     def forget(self) -> None:
-        """Drop the reference and all that was shown."""
+        """Drop the reference and the memory of what was shown."""
         self.keeper.forget()
         self.showing.forget()
         self._said_late_s = 0.0
 
     def plan(self, state: TrainState, goal: Goal) -> Kept | None:
-        """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
+        """The reference for a state, kept or new; None if there is none yet, or none that leads to the stop."""
         self._lost = False
         try:
             return self.keeper.keep(state, goal, changes=self.showing.changes)
@@ -127,7 +127,7 @@ class Guide:
         return self._as_read(found, state)
 
     def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Guidance | None:
-        """The advice for a train that is due to depart; None without a reference, or if that brakes here."""
+        """The advice for a train that is due to depart; None without a reference, or if the reference brakes here."""
         self.showing.forget()
         found = self.show(kept, state, goal, place)
         self.showing.forget()
@@ -154,7 +154,7 @@ class Guide:
         return replace(ahead, code=ahead.code or ReasonCode.ARRIVAL, late_s=late_s)
 
     def _new_restriction(self, replan: Replan, state: TrainState) -> Reason:
-        """The next restriction that was received just now and caused the new reference."""
+        """The next restriction that was recently received and caused the new reference."""
         ahead = [one for one in self._news if one.start_m > state.s_m]
         if replan.cause is not ReplanCause.LINE or (state.now_ns - replan.time_ns) * NS > NEWS_S or not ahead:
             return NO_REASON
@@ -162,7 +162,7 @@ class Guide:
         return Reason(code=ReasonCode.RESTRICTION, speed_mps=first.limit_mps, at_m=first.start_m)
 
     def _standing_reason(self, now: Instruction, ahead: Reason, state: TrainState) -> Reason:
-        """What the instruction is for; it stays while the same instruction is shown and its place is still ahead."""
+        """The reason of the instruction; it stays while the same instruction is shown and its place is still ahead."""
         shown, kept = self._reasoned
         same = KIND_OF.get(now.mode) is KIND_OF.get(shown.mode) and now.speed_mps == shown.speed_mps
         if not (same and kept and kept.at_m > state.s_m):
@@ -172,7 +172,7 @@ class Guide:
     def _said_arrival_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
         """The lateness at arrival as shown (s): the last value until it is off by `SAID_ANEW_S`.
 
-        For a train that stands or is almost there it is 0, so that nothing is said.
+        It is 0, and so not named, for a train that stands or is almost there.
         """
         if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
             return 0.0
@@ -192,7 +192,7 @@ class Guide:
         for at_m, limit_mps in zip(*falling_limits(section.route), strict=True):
             leads_m = holds_m if now.speed_mps <= limit_mps + SPEED_STEP_MPS else slows_m
             near = state.s_m < at_m <= min(leads_m + BESIDE_M, state.s_m + NEAR_M)
-            # A brake to the stop is not for a board on the way.
+            # A brake to the stop is not caused by a higher limit on the way.
             is_passed = now.mode in BRAKES and limit_mps > now.speed_mps + TARGET_STEP_MPS
             binds = limit_mps < from_mps and kept.forecast.passes_mps(at_m) > limit_mps - BINDS_MPS
             if near and binds and not is_passed:
@@ -203,13 +203,13 @@ class Guide:
 
 
 def _ends_m(schedule: Schedule, number: int, kinds: tuple[PhaseKind, ...]) -> float:
-    """Where the phases of these kinds end that follow one another from a phase on (m)."""
+    """The end (m) of the unbroken sequence of phases of these kinds that begins with a phase."""
     count = len(list(takewhile(lambda one: one.kind in kinds, schedule.phases[number:])))
     return schedule.begin_m(number + count)
 
 
 def falling_limits(route: Route) -> tuple[Floats, Floats]:
-    """Where the limits of a line fall (m), and to what (m/s)."""
+    """The places (m) where the limits of a line fall, and the lower limits (m/s)."""
     limits = route.limits_mps
     falls = np.flatnonzero(np.diff(limits.value) < 0) + 1
     return limits.start_m[falls], limits.value[falls]

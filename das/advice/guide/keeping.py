@@ -1,4 +1,4 @@
-"""Keeping the reference: the guide replaces it only if a new one gains enough, and gives a reason for each change."""
+"""Keeping of the reference: it is replaced only if a new one gains enough, and each change has a reason."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ Only a change of the goal or the line, or a reference that cannot be kept, has a
 QUIET_S: Final = 10.0
 """The time (s) after a change of instruction in which a reference is replaced only if it must be."""
 DUE_SOON_S: Final = 8.0
-"""The time (s) before the next change in which the same holds, so that an announced change comes as announced."""
+"""The time (s) before the next change in which the same applies, so that changes come as announced."""
 ARRIVED_S: Final = 30.0
 """The least time (s) to the end of the section for which a new reference is tried."""
 ON_TIME_RATIO: Final = 0.9
-"""The probability with which the reserve of a reference keeps a driver on time, at stops where that counts."""
+"""The probability with which a reference's reserve keeps a driver on time, at stops where punctuality counts."""
 ELSEWHERE_RATIO: Final = 0.3
-"""The same for other stops, whose lateness the next section makes up with less energy."""
+"""The same probability for other stops, after which the next section makes up lateness with less energy."""
 LATE_S: Final = 3.0
 """The largest lateness (s) with which the reference (the standing plan) is kept."""
 EARLY_S: Final = 5.0
 """The largest earliness (s) with which the reference is kept."""
 LEARNED_TO_M = 50.0
-"""The distance from the stop (m) within which drivers brake by eye, and the forecast says little about the arrival."""
+"""The distance from the stop (m) within which drivers brake by eye, so that the forecast of the arrival is poor."""
 
 
 class Changes(NamedTuple):
-    """When the instruction shown last changed, and when its next change is due (ns since 1970)."""
+    """The times (ns since 1970) of the last change of the instruction shown and of its next change."""
 
     last_ns: int = 0
     next_ns: int = 0
 
     def are_near(self, now_ns: int) -> bool:
-        """Whether now is so near to one of them that a new reference waits if it can."""
+        """Whether one of the changes is so near to `now_ns` that an optional new reference must wait."""
         just_now = (now_ns - self.last_ns) * NS < QUIET_S
         return just_now or 0.0 <= (self.next_ns - now_ns) * NS < DUE_SOON_S
 
@@ -74,7 +74,7 @@ class StandingReference:
 
 
 class Kept(NamedTuple):
-    """The reference in force, the forecast of a train that keeps it from here, and how late it then arrives (s)."""
+    """The reference in force, the forecast of a train that keeps it from here, and the resulting lateness (s)."""
 
     reference: StandingReference
     forecast: Prospect
@@ -88,8 +88,7 @@ class Kept(NamedTuple):
 
 
 class _Gain(NamedTuple):
-    """The gain of a new reference: energy saved (J), how much nearer the arrival is to the wanted time (s), and the
-    energy saved plus the time saved at its price (J)."""
+    """The gain of a new reference: energy saved (J), arrival improved (s), and their sum at the price of time (J)."""
 
     energy_j: float = 0.0
     lateness_s: float = 0.0
@@ -112,7 +111,7 @@ class _Asked(NamedTuple):
 
 
 class Keeper:
-    """Holds the reference of a section, and has the worker make a new one if there is a reason to."""
+    """Keeps the reference of a section, and lets the worker compute a new one if there is a reason."""
 
     def __init__(
         self, section: Section, front: GuideFront | None, worker: Worker = AT_ONCE, drift: Drift | None = None
@@ -137,14 +136,14 @@ class Keeper:
             self._changed = True
 
     def forget(self) -> None:
-        """Drop the reference, and a request for a new one."""
+        """Drop the reference and any request for a new one."""
         self.reference = None
         self._give_up()
 
     def keep(self, state: TrainState, goal: Goal, *, changes: Changes = NO_CHANGES) -> Kept | None:
-        """The reference for a state, kept or new; None if none can be made (yet).
+        """The reference for a state, kept or new; None if there is none (yet).
 
-        Near one of the `changes` of the instruction shown it is replaced only if it must be: a driver is not given two
+        Near one of the `changes` of the instruction shown, the reference is replaced only if necessary, to avoid two
         changes at once. Raises DasError for a state outside the section, or from which its end cannot be reached.
         """
         must, forecast = self._why_at_once(state, goal)
@@ -173,13 +172,12 @@ class Keeper:
         return late_s + min(self._loss_s(state, goal), max(-late_s, 0.0))
 
     def _loss_s(self, state: TrainState, goal: Goal) -> float:
-        """The time (s) that the driver loses at most before the stop, with the probability wanted for this stop."""
+        """The loss (s) before the stop that the driver does not exceed, with the probability wanted for this stop."""
         usual_s = self._usual.at_last_s(state.s_m, goal.left_s(state.now_ns))
         return self._drift.loss_s(usual_s, ON_TIME_RATIO if goal.counts else ELSEWHERE_RATIO)
 
     def _aimed_s(self, state: TrainState, goal: Goal) -> float:
-        """The time (s) left for a reference, less a reserve for what the driver loses: no more than the fastest run
-        leaves."""
+        """The time (s) left for a reference, less a reserve for the driver's loss of at most the time to spare."""
         left_s = goal.aimed_s(state.now_ns)
         spare_s = left_s - least_time_s(self._section, state.s_m, state.v_mps)
         return left_s - min(self._loss_s(state, goal), max(spare_s, 0.0))
@@ -197,7 +195,7 @@ class Keeper:
         return Kept(self.reference, forecast, forecast.time_s - self._aimed_s(state, goal))
 
     def _ask(self, cause: ReplanCause, kept: Kept | None, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
-        """Have the worker make a new reference, unless a table has one for a train that departs."""
+        """Let the worker compute a new reference, unless a table has one for a departing train."""
         assert self._front is not None
         front, wanted = self._front, self._wanted(state, goal)
         if kept is not None and doubted:
@@ -228,7 +226,7 @@ class Keeper:
         return self._taken(found, replan, state, goal)
 
     def _why_at_once(self, state: TrainState, goal: Goal) -> tuple[ReplanCause, Prospect | None]:
-        """Why a new reference is necessary now (NONE: it is not), and the forecast of the present one, if any."""
+        """The reason why a new reference is necessary now (NONE: it is not), and any forecast of the present one."""
         reference = self.reference
         if reference is None:
             return ReplanCause.START, None
@@ -244,7 +242,7 @@ class Keeper:
             late_s = forecast.time_s - self._aimed_s(state, goal)
             if not -EARLY_S <= late_s <= LATE_S:
                 return ReplanCause.START, forecast
-            self._standing = False  # What the driver was told while the train stood still holds.
+            self._standing = False  # The instruction given while the train stood still applies.
         if goal.arrival_ns != reference.arrival_ns:
             return ReplanCause.GOAL, forecast
         if goal.passing is not None and goal.passing != reference.point:
@@ -252,7 +250,7 @@ class Keeper:
         return ReplanCause.NONE, forecast
 
     def _doubt(self, kept: Kept, state: TrainState, goal: Goal) -> ReplanCause:
-        """Why a new reference might be better than the present one (NONE: no reason, or not yet time to try)."""
+        """The reason why a new reference might be better than the present one (NONE: none, or too early to try)."""
         now_ns = state.now_ns
         if (now_ns - self._doubted_ns) * NS < ASKED_EVERY_S or kept.forecast.time_s < ARRIVED_S:
             return ReplanCause.NONE

@@ -1,4 +1,4 @@
-"""What the guide remembers from one second to the next, and the instructions as it words them."""
+"""The memory of the guide from one second to the next, and the instructions that it gives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NOTHING = Instruction()
 
 
 class Lead(Enum):
-    """What the guide does in a second."""
+    """The behaviour of the guide in a second."""
 
     FOLLOW = auto()
     """The present step is shown."""
@@ -28,7 +28,7 @@ class Lead(Enum):
     BACK_DOWN = auto()
     """A train that is too fast is led back to the speed of the step."""
     CREEP = auto()
-    """A train that would stop short of its mark is to hold a low speed."""
+    """A train that would stop short of its mark holds a low speed."""
     GUARD = auto()
     """The instruction that limits or the stop require is shown."""
     SILENT = auto()
@@ -36,7 +36,7 @@ class Lead(Enum):
 
 
 class Notice(NamedTuple):
-    """An announced change: its kind and speed, since when it is announced, and when it is due (ns)."""
+    """An announced change: its kind and speed, when it was first announced, and when it is due (ns)."""
 
     kind: InstructionKind
     speed_mps: float
@@ -44,7 +44,7 @@ class Notice(NamedTuple):
     due_ns: int
 
     def is_of(self, one: Instruction, due_ns: int) -> bool:
-        """Whether it announces this instruction for about this time; to coast is one change to whatever speed."""
+        """Whether this announces an instruction for about this time; coasting is the same change to any speed."""
         same = KIND_OF.get(one.mode) is self.kind
         same &= self.kind is InstructionKind.COAST or abs(one.speed_mps - self.speed_mps) < SAME_MPS
         return same and abs(due_ns - self.due_ns) * NS < SAME_CHANGE_S
@@ -52,11 +52,11 @@ class Notice(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Memory:
-    """All that the guide remembers.
+    """The whole memory of the guide.
 
-    `step` is the number of the step that is said; `reached`: its speed was reached, and is held. `mode` and `back` are
-    what the guide does instead, and the instruction with which it does. `shown` was shown first at `since_ns`, and is
-    due at `due_ns`. `efforts` are the braking efforts shown last, by the place that they are for (m).
+    `step` is the number of the present step; `reached`: its speed was reached, and is held. `mode` is the present
+    behaviour, and `back` its instruction if that is not the step's. `shown` was first shown at `since_ns` and is due at
+    `due_ns`. `efforts` are the braking efforts shown last, by the place (m) to brake for.
     """
 
     step: int = 0
@@ -71,16 +71,16 @@ class Memory:
     efforts: Mapping[float, float] = field(default_factory=dict)
 
     def lacks_s(self, one: Instruction, now_ns: int, in_s: float) -> float:
-        """How much longer (s) an instruction must be announced that could be due in `in_s`; 0: it has been."""
+        """The time (s) for which an instruction due in `in_s` must still be announced; 0: no longer."""
         since_ns = self._since_ns(one, now_ns + round(in_s / NS), now_ns)
         return max(STANDS_S - in_s - (now_ns - since_ns) * NS, 0.0)
 
     def _since_ns(self, one: Instruction, due_ns: int, now_ns: int) -> int:
-        """Since when an instruction is announced that is due at a time; now, if it is not."""
+        """The time since which an instruction due at `due_ns` has been announced; now if it has not been."""
         return next((old.since_ns for old in self.announced if old.is_of(one, due_ns)), now_ns)
 
     def noted(self, following: tuple[Instruction, ...], now_ns: int) -> tuple[Notice, ...]:
-        """The announcements including these; one that was dropped, or moved by much, counts from now."""
+        """The announcements including these; one that was dropped before, or moved by much, counts from now."""
         said: list[Notice] = []
         for one in following:
             due_ns, kind = now_ns + round(one.in_s / NS), KIND_OF[one.mode]
@@ -117,7 +117,7 @@ def alike(one: Instruction, other: Instruction) -> bool:
 
 
 def repeats(one: Instruction, before: Instruction) -> bool:
-    """Whether an instruction tells a driver nothing new; a traction with another effort does."""
+    """Whether an instruction repeats the one before; traction with another effort does not."""
     return alike(one, before) and not (one.mode in TRACTION and one.effort_ratio != before.effort_ratio)
 
 

@@ -1,4 +1,4 @@
-"""How the guide makes a new reference: a schedule (phases of driving) for the time left that keeps a point's window."""
+"""The making of a new reference: a schedule (phases of driving) for the time left that keeps a point's window."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from das.solver.state import State
 DEPARTS_WITHIN_M, DEPARTS_MPS = 50.0, 2.0
 """The distance from the start of a section (m) and the speed (m/s) up to which a train departs there."""
 KEPT_S = 10.0
-"""The time (s) for which a new reference that is not necessary leaves the present one as it is."""
+"""The time (s) for which a new, unnecessary reference keeps the present one unchanged."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What a reference is made for: the train's state, the time left to the end (s), and a point with its window.
+    """The requirements on a reference: the train's state, the time left to the end (s), and a point with its window.
 
-    It arrives earlier by as much of `reserve_s` as costs no more than `GuideFront.dearest`. `window` counts from now.
-    `kept` is a reference, with its forecast, to be kept for the next `KEPT_S`; a phase that begins within `shown_s` is
-    shown already. `told` is the phase that the train is in.
+    The arrival is earlier by as much of `reserve_s` as costs no more than `GuideFront.dearest`. `window` counts from
+    now. `kept` is a reference, with its forecast, to be kept for the next `KEPT_S`; a phase that begins within
+    `shown_s` is already shown. `told` is the phase that the train is in.
     """
 
     s_m: float
@@ -42,7 +42,7 @@ class Wanted:
 
 
 def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
-    """The schedule for what is wanted; raises DasError if the train cannot reach the section's end from its state."""
+    """The schedule that meets the requirements; raises DasError if the train cannot reach the section's end."""
     if wanted.kept is not None:
         return _later(front, wanted, *wanted.kept)
     state = State.at(front.section, wanted.s_m, wanted.v_mps)
@@ -56,7 +56,7 @@ def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
 
 
 def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
-    """The finished schedule of a table; None if there is none for a train that departs and keeps a point's window."""
+    """The finished schedule from a table; None if none fits, for a departing train that keeps a point's window."""
     s_m, v_mps, point_m = wanted.s_m, wanted.v_mps, wanted.point_m
     departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= DEPARTS_WITHIN_M
     if front.references is None or wanted.kept is not None or not departs:
@@ -65,26 +65,26 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
     try:
         found = front.references.departing(front.section, s_m, v_mps, left_s)
     except DasError:
-        return None  # Somebody has changed the table, or the train stands outside its section.
+        return None  # The table was changed, or the train stands outside its section.
     if found is None or point_m is None or point_m <= s_m:
         return found
     return found if wanted.window.earliest_s <= found.forecast.passes_s(point_m) <= wanted.window.latest_s else None
 
 
 def _aimed_s(front: GuideFront, wanted: Wanted, state: State, told: int) -> float:
-    """The time left less the reserve (s): as much of it as there is for its price."""
+    """The time left (s) less as much of the reserve as its price allows."""
     if wanted.reserve_s <= 0.0:
         return wanted.left_s
     return _less_reserve_s(wanted, front.run(state, (PolicyFrom(state.first_node, front.dearest),), told).time_s)
 
 
 def _less_reserve_s(wanted: Wanted, dearest_s: float) -> float:
-    """The time left less the reserve (s), but no less than a run takes whose price of time is that of the reserve."""
+    """The time left less the reserve (s), but at least the time of the run whose price of time is the reserve's."""
     return min(max(wanted.left_s - wanted.reserve_s, dearest_s), wanted.left_s)
 
 
 def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect) -> Scheduled:
-    """The schedule for what is wanted that keeps another one for the next `KEPT_S`."""
+    """The schedule that meets the requirements and keeps another one for the next `KEPT_S`."""
     times_s, at_m = forecast.times_s, forecast.at_m
     number = _kept_until(kept, forecast, wanted.shown_s)
     if number >= len(times_s) - 1:

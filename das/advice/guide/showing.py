@@ -1,4 +1,4 @@
-"""What a driver is told in a second: by one memory, one guard and one gate."""
+"""The instructions to a driver, second by second, from one memory, one guard and one gate."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ LEADS_S = {
     InstructionKind.TRACTION: 2.0,
     InstructionKind.HOLD: 0.0,
 }
-"""The time (s) before it is due at which each kind is shown: an acceleration is seen when it is due."""
+"""The time (s) before it is due at which each kind is shown; an acceleration is shown when it is due."""
 FORGOTTEN_S = 15.0
 """The time (s) without any instruction after which the next one is shown as if there had been none before."""
 CLOSES_IN_S = 4.0
-"""The time (s) in which the force of an instruction leads to its speed; it is longer than advice is valid."""
+"""The time (s) in which the force of an instruction leads to its speed; longer than the validity of advice."""
 IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
-"""Causes of a new reference that came from outside: what is shown was chosen without knowing them."""
+"""Causes of a new reference that came from outside, after the instruction shown was chosen."""
 AHEAD = 2
 """The number of changes shown after the present instruction."""
 BEGUN_M = 1.0
@@ -69,7 +69,7 @@ BEGUN_M = 1.0
 
 
 class Showing:
-    """Says what to do now and next, second by second, and remembers it."""
+    """Chooses the present and next instructions second by second, and remembers them."""
 
     def __init__(self) -> None:
         self._memory = Memory()
@@ -81,11 +81,11 @@ class Showing:
         """The phase of the schedule in which the train is."""
 
     def forget(self) -> None:
-        """Forget what was shown: from now on nothing is shown."""
+        """Forget what was shown; nothing is shown from now on."""
         self._memory = replace(self._memory, shown=Instruction(), mode=Lead.SILENT, back=None)
 
     def has_shown(self, now: Instruction, now_ns: int) -> None:
-        """Take note of a brake that was shown at a moment (ns) though none was chosen; other acts do not last."""
+        """Take note of a brake shown at a time (ns) that was not chosen here; other such instructions do not last."""
         if now.mode in BRAKES and self._memory.shown.mode not in BRAKES:
             self._memory = replace(self._memory, shown=now, since_ns=now_ns, due_ns=now_ns)
 
@@ -109,14 +109,14 @@ class Showing:
         return self._memory.shown
 
     def creeping(self, section: Section, state: TrainState, place: SpeedsAllowed) -> Guidance:
-        """What to show to creep to the stop, or to brake if that is due, and the brake after it."""
+        """The instruction to creep to the stop, or to brake if that is due, and the brake after it."""
         self.forget()
         self._ahead = ahead = BrakingAhead(section)
         v_mps = max(state.v_mps, 1.0)
         begins_m = ahead.curve_begins_m(state.s_m, np.full(ahead.nodes_ahead(state.s_m), CREEP_MPS))
         needed = ahead.needed(begins_m, CREEP_MPS)
         lead_s = max(BRAKE_LEAD_S + SOONER_S, SHORT_M / v_mps)
-        if place.allowed_mps < CREEP_MPS:  # In the last metres he finds the mark by eye.
+        if place.allowed_mps < CREEP_MPS:  # In the last metres the driver finds the mark by eye.
             now = brake(STEP_RATIO, 0.0)
         elif ahead.is_due(state.braked_m, v_mps, lead_s):
             now = brake(stepped(ahead.needed(state.braked_m, v_mps).effort), needed.target_mps)
@@ -131,7 +131,7 @@ class Showing:
         )  # fmt: skip
 
     def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> Guidance:
-        """What to show of the reference in this state, without a reason; `reference_force_n` is not rounded up."""
+        """The guidance of the reference in this state, without a reason; `reference_force_n` is not rounded up."""
         scene, memory = self._begin(kept, state, place), self._memory
         replan, now_ns = kept.reference.replan, state.now_ns
         imposed = replan.cause in IMPOSED and replan.time_ns > memory.since_ns
@@ -165,7 +165,7 @@ class Showing:
         )  # fmt: skip
 
     def _begin(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> Sight:
-        """The scene of this second; another reference begins its timeline again."""
+        """The scene of this second; with another reference, the timeline starts again."""
         schedule = kept.reference.schedule
         if self._ahead is None or self._ahead.section is not schedule.section:
             self._ahead = BrakingAhead(schedule.section)
@@ -182,7 +182,7 @@ class Showing:
     def _chosen(
         self, scene: Sight, memory: Memory, *, imposed: bool
     ) -> tuple[Proposal, float, Memory, Instruction | None]:
-        """What is shown, in what time it is due, the memory with it, and a change that waits to be announced."""
+        """The proposal shown, the time (s) until it is due, the memory, and a change that waits to be announced."""
         state, shown = scene.state, memory.shown
         stands = Proposal(shown, max((memory.due_ns - state.now_ns) * NS, 0.0), memory.mode)
         if stands_at_mark(scene.ahead, shown, state):
@@ -199,7 +199,7 @@ class Showing:
         stood = (state.now_ns - memory.since_ns) * NS >= STANDS_S
         slower = one.one.speed_mps < state.v_mps - SAME_MPS and not one.guarded
         if imposed and stood and slower and shown.mode in TRACTION:
-            # News from outside want a slower train: it accelerates no further, but brakes only with its notice.
+            # A cause from outside requires a slower train: it stops accelerating, but brakes only after notice.
             return Proposal(hold(one.one.speed_mps)) if one.brakes else one, 0.0, memory, None
         next_s = _next_s(scene, memory.step, one)
         opens = opening(memory, one, state, is_safe=is_safe, next_s=next_s)
@@ -216,7 +216,7 @@ class Showing:
         return kept, stands.in_s, memory, put_off
 
     def _still_guarded(self, scene: Sight, memory: Memory, one: Proposal) -> Proposal:
-        """The brake of the guard stands until its speed is reached, or until far less is needed."""
+        """The brake of the guard, which is kept until its speed is reached or far less is needed."""
         shown, state = memory.shown, scene.state
         if memory.mode is not Lead.GUARD or shown.mode not in BRAKES or one.brakes or reached(shown, state.v_mps):
             return one
@@ -228,7 +228,7 @@ class Showing:
         return one
 
     def _early(self, scene: Sight, memory: Memory, *, is_safe: bool) -> tuple[Proposal, Opening, Memory] | None:
-        """The next step if it is shown already, a little before it begins."""
+        """The next step if it is already shown, a little before it begins."""
         number, state = memory.step + 1, scene.state
         if number >= len(scene.steps) or not (is_safe or scene.steps[number].kind is InstructionKind.BRAKE):
             return None
@@ -250,7 +250,7 @@ class Showing:
         return (one, opens, then) if opens.now else None
 
     def _goal_m(self, scene: Sight, memory: Memory, chosen: Proposal) -> float:
-        """Where the instruction shown has led to its speed, or ends (m)."""
+        """The place (m) where the instruction shown has led to its speed, or ends."""
         step, one, state = scene.steps[memory.step], chosen.one, scene.state
         goal_m = chosen.at_m if math.isfinite(chosen.at_m) and chosen.at_m > state.s_m else math.inf
         if chosen.brakes:
@@ -265,7 +265,7 @@ class Showing:
 
 
 def _next_s(scene: Sight, number: int, one: Proposal) -> float:
-    """In what time (s) the next change is due after a wanted one: the next step, or a brake that ends it before."""
+    """The time (s) until the next change after a wanted one: the next step, or a brake that comes before."""
     brake_s = begins_s(scene, one.one.speed_mps) if one.mode is Lead.CREEP else math.inf
     if one.one.mode is Regime.COAST:
         guard = foreseen_brake(scene, one.one, one.in_s)
@@ -274,7 +274,7 @@ def _next_s(scene: Sight, number: int, one: Proposal) -> float:
 
 
 def _rest(scene: Sight, memory: Memory, freely: Proposal, one: Proposal) -> Instruction | None:
-    """The step that a brake of the guard interrupts: it goes on behind it; None if it is over by then."""
+    """The step that a brake of the guard interrupts and that continues after it; None if it is over by then."""
     if not (one.brakes and one.guarded) or freely.brakes or is_own_end(freely.one, one.one):
         return None
     if freely.one.mode is Regime.COAST and freely.one.speed_mps > one.one.speed_mps - SAME_MPS:
@@ -286,7 +286,7 @@ def _rest(scene: Sight, memory: Memory, freely: Proposal, one: Proposal) -> Inst
 
 
 def _suffices(shown: Instruction, needed: Instruction) -> bool:
-    """Whether what is shown is all that the guard asks for."""
+    """Whether the instruction shown is sufficient for the guard."""
     same = alike(shown, needed) or (shown.mode is needed.mode is Regime.NONE)
     return same and not (shown.mode in BRAKES and needed.effort_ratio < shown.effort_ratio)
 
@@ -305,11 +305,11 @@ def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:
     return min(max(wanted_n, least_n), most_n)
 
 
-# --- the gate: the only hysteresis. When a wanted instruction may take the place of the one shown ---------------------
+# --- the gate: the only hysteresis. When a wanted instruction replaces the one shown ----------------------------------
 
 
 class Opening(NamedTuple):
-    """Whether a wanted instruction is shown now, and in what time (s) it is due."""
+    """Whether a wanted instruction is shown now, and the time (s) until it is due."""
 
     now: bool
     due_s: float
@@ -318,11 +318,11 @@ class Opening(NamedTuple):
 def opening(
     memory: Memory, wanted: Proposal, state: TrainState, *, is_safe: bool, next_s: float, lead_s: float | None = None
 ) -> Opening:
-    """When a wanted instruction takes the place of the one shown.
+    """The decision whether a wanted instruction replaces the one shown.
 
-    It must have been announced for `STANDS_S` when it is due, and the one shown must have stood as long, unless that is
-    not safe any more (`is_safe`) or has led to its speed; a brake for limits does not wait. A hold or coasting that
-    would stand for less than `STANDS_S` before the change after it, in `next_s`, is not shown.
+    It must have been announced for `STANDS_S` when it is due, and the one shown must have stood as long, unless the
+    latter is no longer safe (`is_safe`) or has led to its speed; a brake for limits does not wait. A hold or coasting
+    that would stand for less than `STANDS_S` before the next change (in `next_s`) is not shown.
     """
     one, shown, now_ns, v_mps = wanted.one, memory.shown, state.now_ns, state.v_mps
     if shown.mode not in KIND_OF or not is_safe:
@@ -334,7 +334,7 @@ def opening(
     if brakes_on and (
         one.effort_ratio < shown.effort_ratio or one.speed_mps < shown.speed_mps + SAME_MPS or reached(shown, v_mps)
     ):
-        return Opening(True, 0.0)  # Nobody releases in between.
+        return Opening(True, 0.0)  # A driver does not release in between.
     if reached(shown, v_mps):
         due_s = 0.0 if is_own_end(one, shown) else memory.lacks_s(one, now_ns, 0.0)
         is_now = due_s <= 0.0
@@ -354,7 +354,7 @@ def opening(
 
 
 def has_led(memory: Memory, one: Instruction, state: TrainState) -> bool:
-    """Whether a brake, or coasting that is to end, has led to its speed, and something else than its hold is wanted."""
+    """Whether a brake, or ending coasting, has led to its speed, and anything but holding that speed is wanted."""
     shown, v_mps = memory.shown, state.v_mps
     ended = reached(shown, v_mps) and one.mode not in BRAKES
     if shown.mode is Regime.COAST and one.mode is Regime.CRUISE:
@@ -371,7 +371,7 @@ def reached(shown: Instruction, v_mps: float) -> bool:
 
 
 def following(scene: Sight, memory: Memory, now: Instruction, put_off: Instruction | None) -> tuple[Instruction, ...]:
-    """The next changes after the instruction shown; `put_off` waits until it has been announced."""
+    """The next changes after the instruction shown; `put_off` is one that waits until it has been announced."""
     found: list[Instruction] = []
     for number in range(memory.step + 1, len(scene.steps)):
         if len(found) >= AHEAD:
@@ -390,7 +390,7 @@ def following(scene: Sight, memory: Memory, now: Instruction, put_off: Instructi
 
 
 def said(scene: Sight, number: int, now: Instruction = NOTHING) -> Instruction | None:
-    """The instruction of a step as announced after `now`; None if this train, slower or as fast, needs it not."""
+    """The instruction of a step as announced after `now`; None if this train's speed makes it unnecessary."""
     step, passes_mps = scene.steps[number], scene.foreseen.passes_mps(scene.steps[number].from_m)
     if step.kind is InstructionKind.BRAKE and passes_mps < step.speed_mps + SAME_MPS:
         return None
@@ -412,7 +412,7 @@ def said(scene: Sight, number: int, now: Instruction = NOTHING) -> Instruction |
 
 
 def _needs_not(one: Instruction, last: Instruction) -> bool:
-    """Whether a driver who does the last instruction is no faster than a brake asks for."""
+    """Whether a driver who follows the last instruction is no faster than a brake requires."""
     return one.mode in BRAKES and last.mode in (*TRACTION, Regime.CRUISE) and one.speed_mps > last.speed_mps - SAME_MPS
 
 
@@ -427,7 +427,7 @@ def _instruction(scene: Sight, step: GuideStep) -> Instruction:
 
 
 def _waiting(scene: Sight, memory: Memory, now: Instruction, one: Instruction) -> Instruction:
-    """The next change, due no sooner than the instruction shown has stood; a brake does not wait."""
+    """The next change, due only after the instruction shown has stood long enough; a brake does not wait."""
     if one.mode in BRAKES or now.mode not in KIND_OF:
         return one
     stands_s = STANDS_S - (scene.state.now_ns - memory.since_ns) * NS
@@ -435,13 +435,13 @@ def _waiting(scene: Sight, memory: Memory, now: Instruction, one: Instruction) -
 
 
 def _guarded(scene: Sight, memory: Memory, now: Instruction, found: list[Instruction]) -> list[Instruction]:
-    """The changes, with the next brake early enough for a driver who does what is shown now."""
+    """The changes, with the next brake early enough for a driver who follows the instruction shown."""
     found = _after_brake(scene, now, found) if now.mode in BRAKES else found
     guard = foreseen_brake(scene, now, max((memory.due_ns - scene.state.now_ns) * NS, 0.0))
     if found and found[0].mode is Regime.COAST and (guard is None or guard.in_s > found[0].in_s):
         after = foreseen_brake(scene, found[0], found[0].in_s)
         guard = after if after is not None and after.in_s < found[0].in_s + STANDS_S else guard
-        found = found[1:] if guard is after is not None else found  # It would be over at once.
+        found = found[1:] if guard is after is not None else found  # It would end at once.
     before_m = scene.state.s_m + found[0].way_m if found else math.inf
     planned = found[0] if found and found[0].mode in BRAKES else None
     is_braked = guard is None or (now.mode in BRAKES and guard.one.speed_mps > now.speed_mps - SAME_MPS)
@@ -466,7 +466,7 @@ def _after_brake(scene: Sight, now: Instruction, found: list[Instruction]) -> li
 
 
 def _allowed(scene: Sight, now: Instruction, found: list[Instruction]) -> tuple[Instruction, ...]:
-    """The changes, none of which repeats the one before it, with no speed above the limit where it applies.
+    """The changes without repetitions, each speed reduced to the limit where it applies.
 
     The speed of a brake or of coasting applies at its end; any other speed, where the change is due.
     """

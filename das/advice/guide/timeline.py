@@ -1,4 +1,4 @@
-"""The timeline of a reference: the steps that a driver is told, one after another, made once and never changed."""
+"""The timeline of a reference: the steps given to a driver one after another, computed once and never changed."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from das.solver.kernels.schedule import BACK_SHARE
 from das.solver.section import Section
 
 SAME_MPS = 0.3
-"""The difference (m/s) below which two speeds look the same on a display, and count as equal."""
+"""The difference (m/s) below which two speeds look the same on a display and count as equal."""
 REACHED_MPS = 0.5
-"""The distance below a speed to reach (m/s) at which it counts as reached: the rest is the driver's."""
+"""The shortfall (m/s) from a speed to reach at which it counts as reached; the rest is left to the driver."""
 OFF_MPS = TARGET_STEP_MPS
-"""The distance from a speed (m/s) within which a driver holds it: 2 km/h below a limit, and as much astray."""
+"""The deviation (m/s) within which a driver holds a speed: 2 km/h below a limit, and as much by inaccuracy."""
 STANDS_S = 8.0
-"""The time (s) for which an instruction stands, or is announced before it is due: to read it, to act, to check."""
+"""The time (s) for which an instruction stands, or is announced before it is due: to read it, act and check."""
 COAST_LEAD_S = 5.0
 """The time (s) before it is due at which coasting is shown: about the reaction time of a driver."""
 NEAR_LIMIT_MPS = 0.2
-"""The distance from a limit (m/s) within which a speed is that of the limit."""
+"""The distance from a limit (m/s) within which a speed counts as the limit."""
 
 
 class GuideStep(NamedTuple):
-    """One thing to do: its kind, the speed that it leads to and then holds, its effort, and its places.
+    """One action: its kind, the speed that it leads to and then holds, its effort, and its places.
 
     It begins at `from_m`, has led to its speed at `by_m`, and holds it up to `to_m`. `effort` is a share of the largest
-    traction or motor brake (0: none, or what limits ask for), `number` that of its phase.
+    traction or motor brake (0: none, or as limits require), `number` that of its phase.
     """
 
     kind: InstructionKind
@@ -56,9 +56,9 @@ def timeline(schedule: Schedule) -> tuple[GuideStep, ...]:
 
 
 def _goes_on(before: GuideStep, step: GuideStep, begins_mps: float) -> bool:
-    """Whether a step, which begins at `begins_mps`, only says what the one before it said.
+    """Whether a step, which begins at `begins_mps`, only repeats the one before it.
 
-    So does a brake that takes hardly anything off the end of coasting: the guard brakes a train that needs it.
+    A brake that hardly slows the train at the end of coasting does so too: the guard brakes if necessary.
     """
     alike = step.kind is InstructionKind.HOLD or (step.kind, step.effort) == (before.kind, before.effort)
     if before.kind is InstructionKind.COAST and step.kind is InstructionKind.BRAKE:
@@ -67,7 +67,7 @@ def _goes_on(before: GuideStep, step: GuideStep, begins_mps: float) -> bool:
 
 
 def _brake(schedule: Schedule, number: int) -> list[GuideStep]:
-    """The steps of a phase to brake: down to its speed, and the hold of it."""
+    """The steps of a braking phase: the brake down to its speed, and the hold."""
     begin_m, end_m, to_mps = schedule.begin_m(number), schedule.begin_m(number + 1), aim_mps(schedule, number)
     effort = float(schedule.phases[number].share) if schedule.brakes_by_effort(number) else 0.0
     by_m = schedule.reached_m(number, begin_m)
@@ -77,7 +77,7 @@ def _brake(schedule: Schedule, number: int) -> list[GuideStep]:
 
 
 def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
-    """The steps of a phase that does not brake: for an acceleration or a hold, one for each limit that rises."""
+    """The steps of a phase that does not brake; an acceleration or a hold has one for each limit that rises."""
     section, known, to_mps = schedule.section, schedule.known, aim_mps(schedule, number)
     begin_m, end_m = schedule.begin_m(number), schedule.begin_m(number + 1)
     if phase.kind is PhaseKind.COAST or phase.rolls_up:
@@ -108,8 +108,8 @@ def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
 def aim_mps(schedule: Schedule, number: int) -> float:
     """The speed (m/s) that a phase leads to; for an acceleration, limits on the way may be lower.
 
-    For a brake, it is at most the speed allowed at its end, whatever the schedule has; for coasting, also the lowest
-    limit on the way, so that it stays the same while limits rise.
+    For a brake it is at most the speed allowed at its end, whatever the schedule states; for coasting also at most the
+    lowest limit on the way, so that it stays the same while limits rise.
     """
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
@@ -124,7 +124,7 @@ def aim_mps(schedule: Schedule, number: int) -> float:
 
 
 def told_mps(speed_mps: float, section: Section, highest_mps: float) -> float:
-    """The speed to tell a driver for a speed of the schedule that is no whole step: the nearest step, or a limit."""
+    """The speed to show for a speed of the schedule that is not a whole step: the nearest step, or a limit."""
     limit_mps = float(section.limit_mps[np.abs(section.limit_mps - speed_mps).argmin()])
     return _in_step(speed_mps, limit_mps, highest_mps)
 

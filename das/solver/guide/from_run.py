@@ -10,14 +10,14 @@ from das.solver.guide.schedule import Phase, PhaseKind, Scheduled, settled
 from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, ROLLS_UP, SHARES
 
 HELD_S = 10.0
-"""The time (s) below which holding a speed after accelerating to it is no phase of its own."""
+"""The time (s) below which holding a speed after accelerating to it is not a separate phase."""
 
 
 def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
     """The schedule of a run: its instructions as phases, the trajectory that keeps to them, and its forecast.
 
-    What a driver is told once is one phase: coasting on, and a speed that is held for a short time after accelerating
-    to it. Raises InfeasibleError if the train stalls.
+    What a single instruction covers is one phase: continued coasting, and a short hold after accelerating to a speed.
+    Raises InfeasibleError if the train stalls.
     """
     state, section = run.state, front.section
     first = len(section.step_m) - len(state.step_m)
@@ -35,7 +35,7 @@ def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
 
 
 def said_of(front: GuideFront, phase: Phase) -> int:
-    """The number of the instruction of a phase; its speed is the nearest that is told, not above a coasting train's."""
+    """The number of the instruction of a phase; its speed is the nearest advised one, not above a coasting train's."""
     if phase.kind is PhaseKind.CURVE or (phase.kind is PhaseKind.BRAKE and phase.share == 0.0):
         return ON_CURVE
     speeds = front.speeds_mps
@@ -61,11 +61,11 @@ def _phase(front: GuideFront, run: GuideRun, begin: int, end: int, first: int) -
 
 
 def _only_rises(speeds_mps: NDArray[np.float64], target_mps: float) -> bool:
-    """Whether a train that is told to coast up to a speed reaches it, and is not slower than at first on its way."""
+    """Whether a train that coasts up to a speed reaches it without becoming slower than at first."""
     return bool(speeds_mps[-1] > target_mps - SAME_MPS and speeds_mps.min() > speeds_mps[0] - SAME_MPS)
 
 
 def _is_said(before: Phase, held: Phase, lasts_s: float) -> bool:
-    """Whether the phase before already says that a speed is held: it leads to the same speed, held for a short time."""
+    """Whether the phase before already implies holding a speed: it leads to the same speed, held for a short time."""
     leads = before.kind is PhaseKind.TRACTION and held.kind is PhaseKind.HOLD
     return leads and before.target_mps == held.target_mps and lasts_s < HELD_S

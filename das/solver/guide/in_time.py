@@ -1,4 +1,4 @@
-"""The run of a section's policies that arrives in time: with one price of time, or with two, one behind the other."""
+"""The run of a section's policies that arrives in time: with one price of time, or with two in succession."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
 SLOWER = (4, 8, 16, 24, 32, 41)
-"""The numbers of prices below two neighbouring ones whose policies fill the gap between them, which may be many
-seconds: prices of the ladder from 0.9 to 0.3 of theirs."""
+"""Steps down the ladder from the higher of two neighbouring prices to those that may follow it, to fill the gap between
+their runs (possibly many seconds): 0.9 to 0.3 of the price."""
 ROUNDS = 2
-"""The price behind a place depends on the speed there, which depends on that price: it is found in so many rounds."""
+"""Number of rounds in which the price after a place is found: it depends on the speed there, which depends on it."""
 
 STEEPNESS = 1.3
-"""The power of the price of time with which the time beyond the least falls, while only one run is known."""
+"""The assumed exponent with which the time above the minimum falls with the price of time, until two runs are known."""
 LEAST_SPARE_S = 0.1
-"""The least time (s) beyond the least by which two prices are compared."""
+"""The least time above the minimum (s) with which two prices are compared."""
 
 Plan = tuple[PolicyFrom, ...]
 
@@ -59,11 +59,11 @@ class _Search:
         return any(abs(late_s) < self._near_s for late_s, _, _ in self._found)
 
     def best(self, price_w: float) -> tuple[GuideRun, Plan]:
-        """The run of the least energy and price of its lateness, and its plan."""
+        """The run with the least energy plus cost of its lateness, and its plan."""
         return min(self._found, key=lambda one: one[1].energy_j + price_w * lateness_s(one[0]))[1:]
 
     def nearest(self, *, not_early: bool) -> tuple[float, GuideRun]:
-        """The run that is least late or early, and by how much (s); on the side that is not wanted that counts more."""
+        """The run nearest to the wanted time, and its deviation (s), which counts more on the unwanted side."""
 
         def off_s(late_s: float) -> float:
             unwanted = late_s < 0.0 if not_early else late_s > 0.0
@@ -76,7 +76,7 @@ class _Search:
 def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTRUCTION) -> tuple[GuideRun, Plan]:
     """The run from a state that takes about `time_s` to the end, and the plan that it follows.
 
-    `told` is the instruction that the train is in, and has been for some time. If no run is quick enough, it is the
+    `told` is the instruction in force, which has stood for some time. If no run is quick enough, the result is the
     quickest. Raises InfeasibleError if the train stalls.
     """
     search = _Search(front, state, time_s, told, front.section.end_m)
@@ -84,7 +84,7 @@ def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTR
 
 
 def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list[GuideRun]:
-    """All runs to be found about these times to the end, each once: none is near enough to end the search."""
+    """All runs found near these times to the end, each once; no run ends the search by being near enough."""
     known: dict[Plan, GuideRun] = {}
     for time_s in times_s:
         search = _Search(front, state, time_s, NO_INSTRUCTION, front.section.end_m, near_s=0.0, known=known)
@@ -93,7 +93,7 @@ def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list
 
 
 def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
-    """Try prices of time, and two of them one behind the other where they leave a gap; returns a price near (W).
+    """Try prices of time, and pairs of prices in succession where single ones leave a gap; returns a near price (W).
 
     The second price begins at a decision node between `first` and `last`.
     """
@@ -112,9 +112,9 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
 
 
 def _enclosing(search: _Search, front: GuideFront, first: int) -> tuple[int, int]:
-    """The numbers of two neighbouring prices, with the first late and with the second early, unless a run is near.
+    """The numbers of two neighbouring prices, the first late and the second early, unless a run is near enough.
 
-    Each price costs a sweep. The time beyond the least falls about as a power of the price, so the next one tried is
+    Each price costs a sweep. The time above the minimum falls about as a power of the price, so the next price tried is
     where the line through the logarithms of two runs is in time; the middle one if two steps have not halved the rest.
     """
     slow, quick = -1, len(front.lambda_w)
@@ -140,7 +140,7 @@ def _enclosing(search: _Search, front: GuideFront, first: int) -> tuple[int, int
 def through(front: GuideFront, state: State, time_s: float, at_m: float, window: Window, told: int) -> GuideRun:
     """The run from a state that passes a place (m) in a window (s from now), and takes about `time_s` to the end.
 
-    There is one price of time before the place and one behind it. Raises InfeasibleError if the train stalls.
+    There is one price of time before the place and one after it. Raises InfeasibleError if the train stalls.
     """
     node_m = front.section.node_m[front.section.decision]
     node = int(np.searchsorted(node_m, at_m))

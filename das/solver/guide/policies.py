@@ -39,19 +39,19 @@ from das.solver.solve import DecisionGrid, node_behind, usable_power_w
 from das.solver.state import State
 
 STEP_MPS: Final = 5.0 * KMH
-"""The step of the speeds that are told; limits are told as they are."""
+"""The step (m/s) of advised speeds; limits are advised exactly."""
 LEAST_MPS: Final = 10.0 * KMH
-"""No lower speed is told, except where a limit is lower."""
+"""The lowest advised speed (m/s), except where a limit is lower."""
 CHANGE_TIME_S: Final = 0.3
-"""The time (s) whose worth a change must save as well, at the price of time: a late train has no changes that gain
-little."""
+"""The time (s) whose cost, at the price of time, a change must save as well: a late train makes no change with little
+gain."""
 BRAKE_CHANGES: Final = 1.0
-"""The additional price, in changes, of a brake that no limit asks for."""
+"""The additional price, in changes, of a brake that no limit requires."""
 LOW_RATIO: Final = 0.001
 """The lowest price of time, as a share of the traction power that can be used on the section."""
 HIGH_RATIO: Final = 2.0
-"""The highest price of time, as a multiple of the same power: no more is paid for a second, however late the train is.
-A weak train on a slow line needs almost as much to keep a timetable with a buffer of 8 %."""
+"""The highest price of time, as a multiple of the same power, however late the train is. A weak train on a slow line
+needs almost as much to keep a timetable with a buffer of 8 %."""
 DEAREST_RATIO: Final = 0.25
 """The price of a second of a reserve, as a share of the energy of the train's full power in a second: twice the price
 of a second with a buffer of 8 %."""
@@ -60,23 +60,23 @@ Floats = NDArray[np.float64]
 SAME_MPS = 1e-6
 """Speeds of a section that differ by less come from rounding."""
 MOST_SPEEDS = NO_INSTRUCTION // CODE
-"""Most speeds that the number of an instruction has room for."""
+"""Largest number of speeds that fit in the number of an instruction."""
 WAITING = 40
 """Number of negative prices of time, for a train that waits for its window at a point."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PolicySettings:
-    """What a change of the instruction costs, and how finely policies are solved."""
+    """The costs of changes of the instruction, and the resolution of the policies."""
 
     change_s: float = 0.15
-    """The time (s) of the train's full power whose energy a change must save, in addition to the worth of
+    """The time (s) of the train's full power whose energy a change must save, in addition to the cost of
     `CHANGE_TIME_S`."""
     young_s: float = 0.6
-    """The same for a change while the present instruction has not stood for `STANDS_S`."""
+    """The same time for a change before the present instruction has stood for `STANDS_S`."""
     line_mps: float = 1.0 * KMH
-    """The distance of lines in the speed grid: a fifth of a step, so that every speed that is told lies on one. With
-    2.5 km/h a freight train, which gains less than that in a decision step, needs up to a fifth more energy."""
+    """The spacing of the speed grid (m/s): a fifth of a step, so that every advised speed is on a line. With 2.5 km/h,
+    a freight train, which gains less than that in a decision step, needs up to a fifth more energy."""
     ladder_ratio: float = 1.03
     """The ratio of each price of time to the one before."""
     kept_bytes: int = 100_000_000
@@ -87,7 +87,7 @@ DEFAULT = PolicySettings()
 
 
 class PolicyFrom(NamedTuple):
-    """From a decision node on, the policy of a price is followed; `anew`: it begins with a new instruction."""
+    """A price whose policy is followed from a decision node on; `anew`: it begins with a new instruction."""
 
     node: int
     number: int
@@ -151,7 +151,7 @@ class _Ahead(NamedTuple):
 
 
 class _Behind(NamedTuple):
-    """What a train does from a decision node on: the rows of its policy, and the costs there."""
+    """The behaviour of a train from a decision node on: the rows of its policy, and the costs there."""
 
     node: int
     policy: GuidePolicy
@@ -194,7 +194,7 @@ class GuideFront:
 
     @property
     def power_w(self) -> float:
-        """The traction power that can be used on the section, by which prices are counted (W)."""
+        """The traction power usable on the section (W), the unit of prices."""
         return usable_power_w(self.section)
 
     @property
@@ -219,7 +219,7 @@ class GuideFront:
 
     @property
     def _ahead(self) -> _Ahead:
-        """What is solved ahead of the train; the moves are found when they are first needed."""
+        """The solved part ahead of the train; the moves are computed when first needed."""
         if self._solved_ahead is None:
             self._solved_ahead = self._solved_from(self._first)
         return self._solved_ahead
@@ -241,8 +241,7 @@ class GuideFront:
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:
         """The run from a state that follows the policies of a plan, in the order of its nodes.
 
-        `told` is the instruction that the train is in, and has been for long enough. Raises InfeasibleError if the
-        train stalls.
+        `told` is the instruction in force, which has stood for long enough. Raises InfeasibleError if the train stalls.
         """
         section = self.section
         if state.first_node < self._first:
@@ -255,7 +254,7 @@ class GuideFront:
         speeds[0], now = state.speed_mps, (told, math.inf)
         nodes = [0, *(max(one.node - state.first_node, 0) for one in plan[1:]), len(state.decision) - 1]
         for one, (row_0, policy), begin, end in zip(plan, solved, nodes[:-1], nodes[1:], strict=True):
-            anew = one.anew and one.node > state.first_node  # A train beyond that node has been told already.
+            anew = one.anew and one.node > state.first_node  # A train beyond that node already has its instruction.
             now = guide_roll_out(
                 (begin, end), state.first_node, state.decision, state.for_kernels, state.envelope_mps, curve,
                 self._grid, section.train, row_0, policy, now, anew, speeds, said,
@@ -293,7 +292,7 @@ class GuideFront:
     def _policies(self, numbers: Sequence[int], node: int) -> list[_Solved]:
         """The policies of these prices from a decision node on, or from one before it.
 
-        Those not kept are solved, several at once on the threads.
+        Those not kept are solved, several at a time on the threads.
         """
         with self._lock:
             kept = self._ahead.policies
@@ -313,8 +312,8 @@ class GuideFront:
     def until(self, node: int, number: int) -> GuideFront:
         """The policies up to a decision node, for a ladder of prices, of a train that follows one price behind it.
 
-        They know what a speed is worth there, so no rule says where to accelerate again. Prices may be negative here: a
-        train that must not be at the node too early gains by being slow.
+        They use the value of a speed at the node, so no rule for accelerating again is needed. Prices may be negative
+        here, because a train that must not be too early at the node gains by being slow.
         """
         ((row_0, policy),) = self._policies([number], node)
         rows, ahead = node - row_0, self._ahead
@@ -370,9 +369,9 @@ def falls_to(envelope_mps: Floats, node_m: Floats) -> tuple[Floats, Floats]:
 
 
 def told_speeds(section: Section) -> Floats:
-    """The speeds that may be told on a section, ascending: its limits, and steps from the lowest to the highest.
+    """The speeds that may be advised on a section, ascending: its limits, and steps from the lowest to the highest.
 
-    If they are more than the number of an instruction has room for, equal parts of them are left out.
+    If they do not fit in the number of an instruction, equal parts of them are left out.
     """
     envelope, step = section.envelope_mps, STEP_MPS
     exact = np.unique(np.concatenate((section.limit_mps, falls_to(envelope, section.node_m)[0])))

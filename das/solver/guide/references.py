@@ -1,6 +1,6 @@
 """Finished references of a section: schedules of a train that departs at its start, for a ladder of times to the end.
 
-They are made beforehand, longer than there is time for in a cab (`precompute.tables.writing`).
+They are computed beforehand (`precompute.tables.writing`), which takes too long for a cab.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from das.solver.section import Section
 from das.solver.state import least_time_s
 
 NEAR_S, NEAR_AT_PLACE_S = 0.7, 0.3
-"""The distances from the wanted time (s) within which an arrival, or the passing of a place with a window, is near
+"""The largest deviations (s) from the wanted time at which an arrival, or the passing of a place with a window, is near
 enough."""
 LATE_RATIO, EARLY_RATIO, EARLY_S = 3.0, 0.7, 2.0
-"""The cost of a second late and the worth of a second early, as multiples of the price of time, and the most early
-seconds (s) that count: the price of a run that is early is too high."""
+"""The cost of a second of lateness and the value of a second of earliness, as multiples of the price of time, and the
+largest earliness (s) with a value, as the price of an early run is too high."""
 
 
 @overload
@@ -28,7 +28,7 @@ def lateness_s(late_s: float) -> float: ...
 @overload
 def lateness_s(late_s: NDArray[np.float64]) -> NDArray[np.float64]: ...
 def lateness_s(late_s: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
-    """The seconds at the price of time that arriving late (s; early < 0) costs."""
+    """The cost of a lateness (s; early < 0), in seconds at the price of time."""
     return LATE_RATIO * np.maximum(late_s, 0.0) + EARLY_RATIO * np.clip(late_s, -EARLY_S, 0.0)
 
 
@@ -50,7 +50,7 @@ class References:
         self._time_s, self._energy_j, self._lambda_w = columns.T
 
     def best(self, time_s: float) -> int | None:
-        """The number of the one of the least energy and price of its lateness; None for a time beyond the slowest."""
+        """The number of the schedule with the least energy plus cost of lateness; None beyond the slowest time."""
         late_s = self._time_s - time_s
         if late_s[-1] < -NEAR_S:
             return None
@@ -58,11 +58,11 @@ class References:
         return int((self._energy_j + price_w * lateness_s(late_s)).argmin())
 
     def quickest_s(self, dearest_w: float) -> float:
-        """The time (s) of the quickest one whose price of time is at most this (W); infinity if none is so cheap."""
+        """The time (s) of the quickest schedule with a price of time of at most `dearest_w`; infinity if none."""
         return float(self._time_s[self._lambda_w <= dearest_w].min(initial=np.inf))
 
     def departing(self, section: Section, s_m: float, v_mps: float, time_s: float) -> Scheduled | None:
-        """The best schedule for a time, as a train keeps to it that departs near the start; None if none is so slow.
+        """The best schedule for a time, as kept by a train that departs near the start; None if none is slow enough.
 
         Raises InfeasibleError if the train stalls, DasError for a state outside the section.
         """

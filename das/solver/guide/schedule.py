@@ -1,7 +1,7 @@
-"""A schedule: a run as phases by place, each of which says what to do and up to which speed.
+"""A schedule: a run as phases by place, each with a driving regime and the speed to which it leads.
 
-A driver, and the forecast of what he will do, needs no more: accelerate with this effort to that speed, hold it up to
-this place, coast, brake to that speed.
+Drivers, and forecasts of their runs, need no more: accelerate with an effort to a speed, hold it up to a place, coast,
+brake to a speed.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ curve."""
 
 
 class PhaseKind(IntEnum):
-    """What a driver does in a phase, with the numbers that the kernels know."""
+    """The action of a driver in a phase, with the numbers used in the kernels."""
 
     TRACTION = kernels.TRACTION
-    """A share of the largest traction effort; with a share of 0 a hill accelerates the train."""
+    """A share of the largest traction effort; with a share of 0 a descent accelerates the train."""
     HOLD = kernels.HOLD
     """The speed is held, by traction or by brakes."""
     COAST = kernels.COAST
@@ -51,7 +51,7 @@ BRAKES = (PhaseKind.BRAKE, PhaseKind.CURVE)
 
 
 class Phase(NamedTuple):
-    """What to do on a stretch: kind, share of effort, the section's interval where it begins, speed to reach (m/s)."""
+    """An action on a stretch: kind, share of effort, the section's interval where it begins, speed to reach (m/s)."""
 
     kind: PhaseKind
     share: float
@@ -144,7 +144,7 @@ class Schedule:
         return np.asarray(self.known.speed_mps**2)
 
     def brakes_by_effort(self, number: int) -> bool:
-        """Whether a phase brakes with one effort to its speed and then holds it: a brake that is not for a limit."""
+        """Whether a phase brakes with one effort to its speed and then holds it, for a reason other than a limit."""
         kind, share, _ = self.columns
         return bool(kind[number] == PhaseKind.BRAKE and share[number] > 0.0)
 
@@ -197,7 +197,7 @@ class Schedule:
 class Scheduled(NamedTuple):
     """A schedule, the forecast of a train that keeps to it, and its price of time (W).
 
-    `finished`: it was made beforehand, and read from a table.
+    `finished`: it was computed beforehand and read from a table.
     """
 
     schedule: Schedule
@@ -206,7 +206,7 @@ class Scheduled(NamedTuple):
     finished: bool = False
 
     def solution(self, s_m: float, v_mps: float, requested_s: float) -> Solution:
-        """The solution of a train that keeps to the schedule from a state; `requested_s` is the time asked for.
+        """The solution of a train that keeps to the schedule from a state; `requested_s` is the requested time.
 
         Raises InfeasibleError if the train stalls.
         """
