@@ -108,7 +108,7 @@ def _journey_line(fields: Fields, route: Route) -> _Line:
     """The line between the stops of a journey, which runs in one direction."""
     for key in ("stops",) if fields.data.get("reverse") != "both" else ("reverse",):
         if fields.has(key):
-            raise fields.error(key, fields.data[key], "none beside journey, which has stops and a direction of its own")
+            raise fields.error(key, fields.data[key], "none with journey, which has its own stops and direction")
     journey = _loaded(fields, "journey", "journeys", lambda name: load_journey(name, route))
     return route, tuple(Stop(name=call.name, position_m=call.position_m) for call in journey.calls)
 

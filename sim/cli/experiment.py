@@ -102,7 +102,7 @@ def run(
 
     A stopped experiment continues where it left off and tries failed trials again. The folder holds trials.csv with one
     row a trial, the design, a README, and recordings if they are asked for. A design is checked and frozen there first,
-    unless it was before. Without one, means over the seeds and what advice saved are printed.
+    unless that has been done. Without a design, means over the seeds and the savings by advice are printed.
     """
     hands = Workers.asked(workers, scheduler)
     if recordings and scheduler is not None:
@@ -221,7 +221,7 @@ def rescore(
 ) -> None:
     """Compute measures from the recordings of a study, in another folder that can be analysed.
 
-    These are the measures that a recording alone gives, among them those of other packages (das-sim list).
+    Only measures that need nothing but a recording are computed, also those of other packages (das-sim list).
     """
     from sim.experiment.measures import MEASURES
     from sim.experiment.study_files import rescore as written

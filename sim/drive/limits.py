@@ -1,5 +1,5 @@
-"""What "above the limit" means: above the line's limit over the whole train, or above a temporary restriction that the
-node has received.
+"""Speeds above the limit: above the line's limit over the whole train, or above a temporary restriction that the node
+has received.
 
 The train's own top speed is no limit: a train that is faster than its file says may be another train.
 """
@@ -28,7 +28,7 @@ BEYOND_M: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Violations:
-    """What a drive violated.
+    """The violations of a drive.
 
     `signals_passed` counts the signals passed at danger; `beyond_signal_m` is the furthest that the train went beyond
     such a signal (m). `over_limit_s` is the time above limits (s), `over_limit_mps` the greatest excess (m/s).
@@ -41,7 +41,7 @@ class Violations:
 
 
 class TemporaryLimit(NamedTuple):
-    """A restriction, and from when to when (ns) the lists that the node received contained it."""
+    """A restriction, and the span of time (ns) in which the lists that the node received contained it."""
 
     restriction: Restriction
     told_ns: int
@@ -61,7 +61,7 @@ class TemporaryLimit(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """A signal at danger: its position (m), and from when to when the driver saw it at danger."""
+    """A signal at danger: its position (m), and the span of time in which the driver saw it at danger."""
 
     s_m: float
     start_ns: int
@@ -142,7 +142,7 @@ def spans_above(trip: DrivenCourse, allowed_mps: Floats) -> Iterator[SpanAbove]:
 
 
 def violations_of(trip: DrivenCourse, limit_mps: Floats, seen: Iterable[Signal]) -> Violations:
-    """What a recorded drive violated, as far as positions once a second show."""
+    """The violations of a recorded drive, as far as positions once a second show."""
     fast, passed = tuple(spans_above(trip, limit_mps)), tuple(signals_passed(trip, seen))
     return Violations(
         signals_passed=len(passed),
@@ -153,7 +153,7 @@ def violations_of(trip: DrivenCourse, limit_mps: Floats, seen: Iterable[Signal])
 
 
 class PassedSignal(NamedTuple):
-    """A signal that was passed at danger: its position (m), when the head passed it (ns), and how far it went (m)."""
+    """A signal that was passed at danger: its position (m), the time (ns) of the passing, and the overrun (m)."""
 
     s_m: float
     time_ns: int

@@ -47,8 +47,8 @@ class AdviceView:
     effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
     after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
     change, `next_change_m` is the distance to it, and `second_…` is the change after it. In GUIDE, `due_s` is the time
-    until the instruction is due, and `target_way_m` the distance to where its speed is reached. DEVIATION has only
-    `deviation_s`: the lateness against the plan for the timetable (early < 0).
+    until the instruction is due, and `target_way_m` the distance to where its speed is reached. In DEVIATION, only
+    `deviation_s` is shown: the lateness against the plan for the timetable (early < 0).
 
     Mode DEPART means to wait until the train is cleared; efforts and horizons are those of a standing train.
     The next change is then the departure, and `departure` is the advice for the cleared train.

@@ -140,7 +140,7 @@ class PerfectDriver:
 
 
 class LiteralDriver:
-    """Follows the guide's card, with no other knowledge: a witness of where the card alone leads.
+    """Follows the guide's card, with no other knowledge, to show where the card alone leads.
 
     The driver reads the card, the speedometer and the distance to the stop, ignores limits, signs and signals, and
     brakes by eye only if the card shows no effort. Without the guide it drives as `TimetableDriver`.

@@ -41,7 +41,7 @@ class HumanSettings:
     """Distance from the mark (m) below which, and beyond the mark, the driver brakes with the planned deceleration."""
     missed_m: float = 0.5 * AT_STOP_M
     """Largest misjudgement (m) of the place of a mark. Braking adds its own error, and a train further off than
-    `AT_STOP_M` has not arrived."""
+    `AT_STOP_M` counts as not arrived."""
 
 
 @dataclass(frozen=True, kw_only=True)

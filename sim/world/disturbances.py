@@ -1,4 +1,4 @@
-"""What can go wrong on a day: a class for each kind, with its figures named as in scenario files."""
+"""The disturbances of a day: a class for each kind, with its figures named as in scenario files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim.recording.opening import NOTHING
 
 
 class SensorFault(StrEnum):
-    """How localisation fails."""
+    """The kinds of failure of localisation."""
 
     DROPOUT = "dropout"
     """Localisation gives no positions."""
@@ -183,7 +183,7 @@ def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:
-    """One line for people about what happens, with speeds in km/h and places in km."""
+    """A line of text on a disturbance, with speeds in km/h and places in km."""
     return "; ".join(map(_described, disturbances)) or NOTHING
 
 

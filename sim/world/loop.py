@@ -47,8 +47,8 @@ class Tick(NamedTuple):
 class Told(NamedTuple):
     """What is recorded at a tick although the on-board system does not receive it.
 
-    This is the true state, the cab with its display, the driver's last command, sentences about what happened, and what
-    the driver did or decided since the last tick.
+    It is the true state, the cab with its display, the driver's last command, sentences about events, and the driver's
+    actions and decisions since the last tick.
     """
 
     state: PlantState
@@ -71,7 +71,7 @@ class Link(Protocol):
         """The newest advice that has come since the last call; None if none has, or if `exchange` returns it."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Record what the on-board system does not receive."""
+        """Record messages that the on-board system does not receive."""
 
     def restart(self) -> None:
         """Kill the on-board system and restart it."""
@@ -122,7 +122,7 @@ class World:
         self._around = Surroundings(day)
         self._events: list[str] = []
         self._shown: tuple[AdviceView | None, int] = (None, 0)
-        """What is on the display; without advice (None), why there is none, by its number on the bus."""
+        """The content of the display; without advice (None), the reason for that, by its number on the bus."""
         self._command: Command = COAST
         self._counts, self._shown_watch, self._instruction_watch = Counts(), ShownWatch(), InstructionWatch()
         self._told = 0
@@ -240,13 +240,13 @@ TRAIN = "train"
 
 
 Recorded = Callable[[int, Told], Iterable[tuple[Topic, Any]]]
-"""What is only recorded of a tick, as messages; called with its time (ns since 1970)."""
+"""The messages of a tick that are only recorded; called with its time (ns since 1970)."""
 
 
 class InProcess:
     """The link to an on-board system in this process, which receives what the bus would carry.
 
-    With `recorded`, `messages` has by topic what a recorder would write; else nothing is kept.
+    With `recorded`, `messages` has by topic all messages that a recorder would write; else nothing is kept.
     """
 
     def __init__(self, service: Service, *, guide: bool = False, recorded: Recorded | None = None) -> None:
@@ -296,7 +296,7 @@ class InProcess:
         """Return None: `exchange` has returned all advice."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Keep what the on-board system does not receive, if anything is kept."""
+        """Keep the messages that the on-board system does not receive, if any are kept."""
         for topic, message in () if self._recorded is None else self._recorded(now_ns, told):
             self.keep(topic, message, now_ns)
 
