@@ -1,4 +1,4 @@
-"""The command list: what is installed, of this program and of other packages."""
+"""The command list: the installed objects of this program and of other packages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sim import doors
 
 
 class Listed(StrEnum):
-    """What can be listed."""
+    """The kinds of objects that can be listed."""
 
     SCENARIOS = "scenarios"
     DRIVERS = "drivers"
@@ -40,11 +40,11 @@ OUTSIDE: Final = {
     "external": "a process of its own, over the bus",
     "desk": "a person at the cab desk, in the browser (das-sim desk)",
 }
-"""Drivers that users bring (docs/how-to/bring-your-own-driver.md)."""
+"""Drivers provided by users (docs/how-to/bring-your-own-driver.md)."""
 
 
 def brought(group: str) -> dict[str, str]:
-    """What other packages bring to a group: each name with its package."""
+    """The objects of other packages in a group: each name with its package."""
     return {name: f"of the package {door.package}" for name, door in doors.installed(group).items()}
 
 
@@ -174,4 +174,4 @@ FOUND: Final[dict[Listed, Callable[[], dict[str, Any]]]] = {
     Listed.MEASURES: _measures,
     Listed.IMPORTERS: _importers,
 }
-"""Functions that find all of each kind, by name: its meaning, or what programs read of it."""
+"""Functions that find all objects of a kind, by name: the meaning of each, or its data for programs."""

@@ -376,7 +376,7 @@ def _brought(door: Door) -> Measure:
 
 
 UNIT_OF: Final = {"kwh": "kWh", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "min": "1/min"}
-"""Units by the end of a column's name, where they are not that end itself."""
+"""Units by the suffix of a column's name, if they differ from the suffix."""
 MEASURES: Final = {
     **{one.name: replace(one, of_table=_of_figures(one.name)) if one.name in FIGURES else one for one in _LISTED},
     **{name: _brought(door) for name, door in installed(DOOR).items() if name not in BUNDLED},
@@ -385,7 +385,7 @@ MEASURES: Final = {
 
 
 def needs_table(names: Iterable[str]) -> bool:
-    """Whether some measures are of the table of a drive alone, which must then be kept."""
+    """Whether some measures need the table of a drive, which must then be kept."""
     return any(name not in BUNDLED for name in names)
 
 

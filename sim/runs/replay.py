@@ -145,7 +145,7 @@ DELAY_EVERY_S = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReplayJob:
-    """Everything that a replay needs, checked beforehand.
+    """The inputs of a replay, checked beforehand.
 
     `processes` says how node and recorder are started. `legs` are the parts of the trip from one stop to the next.
     `front` has the optimal runs of the section for all times, `reference` is the one for the timetable; `driven` is the
@@ -321,7 +321,7 @@ def _metres(distance_m: float | None) -> str:
 def replay(
     job: ReplayJob, progress: Callable[[int, int], None], closing: Callable[[int], Message] | None = None
 ) -> ReplayOutcome:
-    """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError where a process fails.
+    """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError if a process fails.
 
     `closing` makes the last message of the recording, on the energy above the optimum, with the last tick's time (ns).
     """

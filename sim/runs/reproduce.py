@@ -586,7 +586,7 @@ def without_waiting(plan: CabPlan) -> CabPlan:
 
 
 def _span(contents: Contents) -> tuple[int, int]:
-    """From when to when (ns) a recording holds the messages of its node: all the time, unless it is an extract."""
+    """The span of time (ns) with the messages of a recording's node: the whole, unless it is an extract."""
     extract = contents.metadata.get(EXTRACT, {})
     try:
         return int(extract.get(SAID_FROM, "0")), int(extract.get(SAID_TO, str(LAST_NS)))

@@ -218,7 +218,7 @@ class Surroundings:
         return self._watch.found
 
     def measure(self, state: PlantState) -> list[Heard]:
-        """What the train's sensors measure in a state; to be called once a tick, even if nobody receives it."""
+        """The measured values of the sensors in a state; to be called once a tick, even if they are not received."""
         fix, effort = self._localisation.measure(state), self._train_control.measure(state)
         self._late_s = self._delay_s(state)
         measured: list[Heard] = [] if fix is None else [PositionHeard(fix=fix)]

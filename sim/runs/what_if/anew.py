@@ -181,7 +181,7 @@ def _delay(call: KeptCall, dwell_s: float) -> DepartureDelay | None:
 
 
 def _restrictions(origin: Origin, table: DriveTable) -> Iterator[AnnouncedRestriction]:
-    """Each restriction that the node received, announced where the train was when the node first received it."""
+    """Each restriction that the node received, announced at the train's position at the first reception by the node."""
     first_m, last_m = origin.journey.stops[0].s_m, origin.journey.stops[-1].s_m
     known: set[Restriction] = set()
     departure_ns = origin.journey.stops[0].departure_ns
