@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from das.offline.journey import JourneyPlan, JourneyPlanner
 
 ALL_STOPS = "stops"
-"""The word that is given instead of a journey: call at all stops of the route."""
+"""The word instead of a journey for calls at all stops of the route."""
 DWELL_S = 30.0
 
 
@@ -69,7 +69,7 @@ class StopsOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class JourneyFiles(RunFiles):
-    """The files that `journey` writes: trajectory, picture and driver's sheet, and whether it prints JSON."""
+    """The files that `journey` writes (trajectory, picture and driver's sheet), and whether it prints JSON."""
 
     sheet: Annotated[
         Path | None,
@@ -81,7 +81,7 @@ class JourneyFiles(RunFiles):
     ] = None
 
     def outputs(self) -> tuple[Path | None, ...]:
-        """All files to write; None for one that was not asked for."""
+        """All files to write; None for one that was not requested."""
         return *super().outputs(), self.sheet
 
     def check(self, *inputs: str | Path | None) -> None:

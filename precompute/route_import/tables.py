@@ -23,9 +23,9 @@ from precompute.route_import.line import DECIMALS, ImportedLine, Words, made_rou
 MOST_ROWS: Final = 200_000
 """Largest number of rows of a table."""
 SHORTEST_M: Final = 1.0
-"""Tables of a shorter line (m) are refused: nothing of it would be left after rounding."""
+"""Least length (m) of a line from tables; nothing of a shorter one would be left after rounding."""
 OFF_COURSE_M: Final = 500.0
-"""Distance (m) from the course of the line beyond which coordinates are not of it."""
+"""Distance (m) from the course of the line beyond which coordinates do not belong to it."""
 QUANTITIES: Final = {
     **dict.fromkeys(("position", "altitude", "length", "radius", "radius_start", "radius_end"), "length"),
     "limit": "speed",
@@ -179,11 +179,10 @@ def _running_path(path: Path) -> LineTable:
 def line_from_tables(
     tables: Sequence[LineTable], words: Words, *, ends: tuple[str, str], length_m: float | None
 ) -> ImportedLine:
-    """A line from tables that together have limits and anything else; it is flat if none has gradients.
+    """A line from tables that together have limits and other quantities; it is flat if none has gradients.
 
-    `ends` name the first and last stop where the tables have no stops. `length_m` is the length of the line; None: it
-    ends at its last stop, or else with the last row of the tables. Raises DasError or InputError for tables that do not
-    fit.
+    `ends` name the first and last stop if the tables have no stops. `length_m` is the length of the line; None: it ends
+    at its last stop, or else with the last row of the tables. Raises DasError or InputError for tables that do not fit.
     """
     source = ", ".join(str(table.path) for table in tables)
     tables, course = _in_one_frame(tables, length_m)
@@ -263,7 +262,7 @@ def _with_lengths(course: LineTable, length_m: float | None) -> LineTable:
 
 
 def _with_positions(table: LineTable, course: Course | None) -> LineTable:
-    """The table with a position in each row that has a value; InputError where there is none, or they do not rise."""
+    """The table with a position in each row that has a value; InputError if one is missing or they do not rise."""
     if not table.has("position") and not table.has("latitude", "longitude"):
         raise DasError(f"{table.path}: no column of positions, expected position_km or position_m")
     empty: tuple[float | None, ...] = (None,) * len(table.lines)
@@ -356,7 +355,7 @@ def _curves(tables: Sequence[LineTable], length_m: float) -> Stretches | None:
 
 
 def _zones(tables: Sequence[LineTable]) -> dict[str, Any]:
-    """Tunnels, neutral sections and zones without regeneration; the name of a file tells the latter two."""
+    """Tunnels, neutral sections and zones without regeneration; the name of a file distinguishes the latter two."""
     found: dict[str, tuple[Zone, ...]] = {}
     for table in (one for one in tables if one.has("length")):
         stem = table.path.stem.casefold()

@@ -56,7 +56,7 @@ class KeptCall:
 
     @property
     def stopping_error_m(self) -> float:
-        """How far beyond the stop the train stood (m; before it: negative); NaN if it did not stop."""
+        """Distance of the train beyond the stop (m; before it: negative); NaN if it did not stop."""
         return self.stood_m - self.s_m
 
     @property
@@ -66,17 +66,17 @@ class KeptCall:
 
     @property
     def arrived_late_s(self) -> float:
-        """How late the train arrived (s; early < 0); NaN if its arrival or the due time is not known."""
+        """Lateness of the arrival (s; early < 0); NaN if the arrival or the due time is not known."""
         return _late_s(self.arrived_ns, self.due_arrival_ns)
 
     @property
     def departed_late_s(self) -> float:
-        """How late the train departed (s; early < 0); NaN if its departure or the due time is not known."""
+        """Lateness of the departure (s; early < 0); NaN if the departure or the due time is not known."""
         return _late_s(self.departed_ns, self.due_departure_ns)
 
     @property
     def late_s(self) -> float:
-        """How late the train arrived (s; early < 0); at the first stop, how late it left; NaN if not known."""
+        """Lateness of the arrival (s; early < 0), at the first stop of the departure; NaN if not known."""
         return self.arrived_late_s if self.due_arrival_ns else self.departed_late_s
 
 
@@ -95,7 +95,7 @@ class Travelled(NamedTuple):
 
     @property
     def time_s(self) -> float:
-        """How long the drive took (s)."""
+        """The duration of the drive (s)."""
         return (self.end_ns - self.start_ns) * NS
 
     @property
@@ -252,7 +252,7 @@ class KeptPassing:
 
     @property
     def late_s(self) -> float:
-        """By how much (s; early < 0) the train was outside the window; NaN if it was not there or no time is due."""
+        """Deviation (s; early < 0) of the train from the window; NaN if it was not there or no time is due."""
         due = self.due
         if not self.passed_ns or not (due.earliest_ns or due.latest_ns):
             return math.nan

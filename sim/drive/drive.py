@@ -80,7 +80,7 @@ class Drive(Summary):
 
     @property
     def late_s(self) -> float:
-        """How late the train arrived at the last stop (s; early < 0); NaN if not known or without a timetable."""
+        """Lateness at the last stop (s; early < 0); NaN if not known or without a timetable."""
         return self.calls[-1].late_s if self.calls else math.nan
 
     @cached_property

@@ -103,10 +103,9 @@ def best_words(best: ActionSpan | None, mean_mps: tuple[float, float] | None) ->
 class DriveFinding:
     """A finding for instructor and driver to discuss: its cause, event, place and time.
 
-    `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is the cause in
-    words. `places` are those of the event or of the greatest loss, the worst first. `energy_j` is the energy above the
-    optimum of the cause over the whole drive (J), None for a finding about safety. `next_time` is the advice to the
-    driver.
+    `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is it in words.
+    `places` are those of the event or of the greatest loss, the worst first. `energy_j` is the energy above the optimum
+    of the cause over the whole drive (J), None for a finding about safety. `next_time` is the advice to the driver.
     """
 
     code: str
@@ -196,9 +195,9 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
 
 
 def best_forbidden(drive: Drive, start_m: float, end_m: float, start_ns: int, end_ns: int) -> bool:
-    """Whether the driver could not have done at a place what the best run does there.
+    """Whether the driver could not have followed the best run at a place.
 
-    The best run knows of no signal at danger and of no temporary restriction.
+    The best run ignores signals at danger and temporary restrictions.
     """
     red = any(one.start_ns <= end_ns and one.end_ns >= start_ns for one in drive.signals)
     length_m = drive.table.inputs.vehicle.train_length_m
@@ -230,7 +229,7 @@ def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
 
 
 def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
-    """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
+    """The places of a cause's energy; for a restriction, where it holds, though it costs from its announcement on."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED or cause is EnergyCause.FRICTION
     place = FoundPlace(
         stretch.start_m, stretch.end_m, stretch.start_ns, stretch.end_ns, stretch.energy_j,

@@ -52,9 +52,9 @@ MOST_CHANGES: Final = 2
 
 
 class PageFigure(NamedTuple):
-    """One of the four figures: its name, its value in words, what must be known beside it, and it for programs.
+    """One of the four figures: its name, its value in words, a note on it, and its values for programs.
 
-    `told` has names with units (s, m/s, kWh); None stands for what is not known.
+    `told` has names with units (s, m/s, kWh); None stands for unknown values.
     """
 
     name: str
