@@ -124,7 +124,7 @@ class FeedTables:
             place = PurePosixPath(member.filename.replace("\\", "/"))
             if place.suffix == ".txt" and "__MACOSX" not in place.parts:
                 kept = self.members.get(place.name)
-                # A feed may lie in a folder of its zip; of two tables, the one nearer to the root counts.
+                # A feed may be in a folder of its zip; of two tables, that nearer to the root counts.
                 if kept is None or len(place.parts) < len(PurePosixPath(kept.filename).parts):
                     self.members[place.name] = member
         if "stop_times.txt" not in self.members:
@@ -578,7 +578,7 @@ def check_ends(path: Path, trip_id: str, stops: Sequence[TripStop]) -> None:
 
 
 def _runs(trip: Row, services: set[str] | None) -> bool:
-    """Whether a trip is of one of the services that run on a day; true for any trip where no day is wanted (None)."""
+    """Whether a trip is of one of the services that run on a day; True for any trip if no day is wanted (None)."""
     return services is None or trip.get("service_id") in services
 
 

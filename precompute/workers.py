@@ -1,8 +1,8 @@
 """Workers for many jobs: processes of this machine, or the workers of an existing Dask cluster.
 
-How to start a cluster: docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us. If a process here
-dies, only the attempt of its own job is lost: `concurrent.futures` then loses all jobs in flight, pebble 5.2 ends or
-hangs, and `distributed.LocalCluster` takes three times the memory, starts ten times slower and opens eight ports.
+How to start a cluster: docs/how-to/build-on-a-cluster.md. Its workers need no common disk. If a process here dies, only
+the attempt at its job is lost: `concurrent.futures` then loses all jobs in flight, pebble 5.2 ends or hangs, and
+`distributed.LocalCluster` takes three times the memory, starts ten times slower and opens eight ports.
 """
 
 from __future__ import annotations

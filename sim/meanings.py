@@ -1,7 +1,7 @@
 """The colours of all pictures, pages and views, with one meaning each, for dark and white backgrounds, and for the
 viewer.
 
-No module that draws a drive has colours of its own. The exception is a display that shows no mode: its colour is in its
+No module that draws a drive has its own colours. The exception is a display that shows no mode: its colour is in its
 module in `sim/drivers/presentations`. tests/sim/test_meanings.py checks that people can tell the colours apart; lines
 on one axis must also be distinguishable with the common kinds of colour blindness.
 """

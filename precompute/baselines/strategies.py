@@ -94,7 +94,7 @@ class Driving:
         return _run(speeds, time_s, cruise_mps, coasting)
 
     def cruise_in(self, time_s: float) -> BaselineRun:
-        """The base run that takes a time, or the one nearest to it."""
+        """The base run that takes a time, or the nearest time."""
         return hit(self.cruise, LOWEST_CRUISE_MPS, self.top_mps, time_s)
 
     def energy_j(self, run: BaselineRun) -> float:
@@ -214,7 +214,7 @@ class _Arcs:
         return slow, quick, price_w
 
     def bound_j(self) -> float:
-        """Dual value: no set of arcs on this base run that takes the time wanted needs less energy."""
+        """Dual value: no set of arcs on this base run that takes the wanted time needs less energy."""
         slow, _, price_w = self.around()
         return self.base_j + slow.extra_j + price_w * (slow.extra_s - self.spare_s)
 

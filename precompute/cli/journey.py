@@ -181,7 +181,7 @@ def _write_sheet(path: Path, planner: JourneyPlanner, plan: JourneyPlan) -> None
 
 
 def _asked(name: str, line: Route, posed: TrainOnLine, stops: StopsOptions) -> tuple[Journey, Vehicle]:
-    """The journey that the user names, or the one over all stops, and the train in the mode that it names."""
+    """The journey that the user names, or a journey over all stops, and the train in the journey's mode."""
     from das.domain.files.load import load_journey
 
     driven, train = posed.driven, posed.vehicle()

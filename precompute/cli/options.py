@@ -244,7 +244,7 @@ class Files:
     suffix = ""
 
     def outputs(self) -> tuple[Path | None, ...]:
-        """All files to write; None for one that was not asked for."""
+        """All files to write; None for one that was not requested."""
         return self.out, self.plot
 
     def check(self, *inputs: str | Path | None) -> None:

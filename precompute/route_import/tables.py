@@ -224,8 +224,8 @@ def check_coordinates(table: LineTable) -> None:
 def _in_one_frame(tables: Sequence[LineTable], length_m: float | None) -> tuple[list[LineTable], Course | None]:
     """The tables with a position in every row that has a value, and the course of the line.
 
-    Rows with coordinates alone are projected on the course: the table of coordinates without names. Without positions
-    of its own, they are the lengths along it, up to the length of the line.
+    Rows with coordinates alone are projected on the course: the table of coordinates without names. If the course has
+    no positions, they are the lengths along it, up to the length of the line.
     """
     for table in tables:
         check_coordinates(table)
@@ -332,7 +332,7 @@ def _the_one_with(tables: Sequence[LineTable], what: str, *quantities: str) -> L
 
 
 def _steps(tables: Sequence[LineTable], quantity: str, length_m: float) -> Stretches | None:
-    """A quantity that holds from a row to the next, of the one table that has it; None if none has."""
+    """A quantity that holds from a row to the next, from the only table with it; None without one."""
     table = _the_one_with(tables, f"{quantity}s", quantity)
     if table is None:
         return None

@@ -232,7 +232,7 @@ class _Search:
         self.left = self._bounds()
 
     def _bounds(self) -> list[list[float]]:
-        """For each layer the lower bound of the cost from each vertex to the last station."""
+        """The lower bound of the cost from each vertex to the last station, for each layer."""
         bounds, rest = [], 0.0
         for layer in range(len(self.offers) - 2, -1, -1):
             here, goal = self.offers[layer], self.offers[layer + 1]
@@ -351,7 +351,7 @@ def _rank(piece: _Piece) -> tuple[float, ...]:
 
 
 def _joined_ends(tracks: Sequence[TrackLine], joined_m: float) -> dict[Key, Key]:
-    """For each loose end with another vertex within `joined_m`, that vertex."""
+    """The other vertex within `joined_m` of each loose end that has one."""
     side = max(1, round(joined_m * UNITS_PER_M))
     neighbours: dict[Key, set[Key]] = defaultdict(set)
     for track in tracks:

@@ -56,7 +56,7 @@ def finished_references(section: Section, *, threads: int = 1) -> References:
 
 
 def _priced_j(front: GuideFront, run: GuideRun) -> float:
-    """The energy of a run and the price of the changes in it (J): a driver is not to get a change that gains little."""
+    """The energy of a run and the price of the changes in it (J): changes that gain little should not be shown."""
     change_j = front.settings.change_s * front.power_w + CHANGE_TIME_S * run.lambda_w
     return run.energy_j + change_j * float(np.count_nonzero(np.diff(run.said)))
 
@@ -70,7 +70,7 @@ UNBOUNDED_S = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class TableSettings:
-    """What the front of a table holds.
+    """The content of a table's front.
 
     `buffers_percent`: a point for each of these, in % above the least time. `with_max`: the least energy as well.
     `refined`: whether the runs are refined. `proven`: number of points whose gap is proven.

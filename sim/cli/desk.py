@@ -79,7 +79,7 @@ def desk(
 ) -> None:
     """Drive a simulated train yourself in the browser, or replay a drive as its driver saw it.
 
-    The advice node runs beside it, and everything is recorded. A recording plays on the same page, at any pace.
+    The advice node runs as well, and everything is recorded. A recording plays on the same page, at any pace.
     """
     if Path(what).suffix == ".mcap":
         refuse_given(f"{what} is a recording to look at; nothing is driven, nothing is recorded", *OF_A_DRIVE)

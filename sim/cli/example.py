@@ -21,7 +21,7 @@ from das.domain.files.writing import check_writable, toml_string, write_folder_w
 from sim.bundled import example_files
 
 BUFFER_PERCENT, DWELL_S, DEPARTURE = 8.0, 60.0, "2026-11-21T08:00:00Z"
-"""Timetable of a scenario unless another is asked for."""
+"""Default timetable of a scenario."""
 OF_SCENARIOS: Final = (*("--journey", "--reverse", "--from", "--to", "--buffer", "--dwell", "--departure"),)
 _JOURNEY = """\
 [timetable]

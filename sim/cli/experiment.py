@@ -101,8 +101,8 @@ def run(
     """Simulate all trials of a design, or every scenario with every driver, presentation and seed.
 
     A stopped experiment continues where it left off and tries failed trials again. The folder holds trials.csv with one
-    row a trial, the design, a README, and recordings if they are asked for. A design is checked and frozen there first,
-    unless that has been done. Without a design, means over the seeds and the savings by advice are printed.
+    row a trial, the design, a README, and recordings if requested. A design is checked and frozen there first, unless
+    that has been done. Without a design, means over the seeds and the savings by advice are printed.
     """
     hands = Workers.asked(workers, scheduler)
     if recordings and scheduler is not None:
@@ -151,7 +151,7 @@ def _days(*given: Any) -> Design:
 
 
 def _drivers(text: str) -> list[DriverKind | OwnClass]:
-    """The drivers of a list; DasError for an unknown name, and for a driver that is a process of its own."""
+    """The drivers of a list; DasError for an unknown name, and for a driver in a separate process."""
     found: dict[DriverKind | OwnClass, None] = {}
     for part in text.split(","):
         driver = named_driver("--driver", part.strip())

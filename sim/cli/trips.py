@@ -136,7 +136,7 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
 
 
 def load_solver() -> None:
-    """Load the compiled solver, or compile it. A signal ends the process at once, so nothing may be open yet."""
+    """Load the compiled solver, or compile it. A signal ends the process immediately, so nothing may be open yet."""
     with loading_solver(LATE_KERNELS):
         from das.cab.cab import warm_up
 
@@ -184,7 +184,7 @@ def first_minute() -> None:
 class _Guided:
     """A new simulation of a recorded trip by the same driver with the guide, in a thread; use with `with`.
 
-    Each drive mostly waits for a node of its own, so that two at a time take little longer than one. If the block ends
+    Each drive mostly waits for its own node, so that two at a time take little longer than one. If the block ends
     early, so does the drive.
     """
 

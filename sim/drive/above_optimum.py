@@ -1,4 +1,4 @@
-"""The energy of a drive above its optimum, how certain it is, and whether the two can be compared at all.
+"""The energy of a drive above its optimum, its certainty, and whether drive and optimum are comparable.
 
 Above the optimum = energy driven − least energy of the same train for the same departures and arrivals, in % of that
 optimum. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all use
@@ -99,9 +99,9 @@ class SectionEnergy:
 class AboveOptimum:
     """The energies of a drive and of its optimum, section by section.
 
-    `measured` tells whether the energy was measured; otherwise it is estimated from positions. `why_not` says why drive
-    and optimum cannot be compared; it is empty if they can. If the energy is estimated, `likely` is the band in which
-    the energy above the optimum probably lies, and `worst` the band with all unknowns at their worst.
+    `measured`: the energy was measured; otherwise it is estimated from positions. `why_not` is the reason why drive and
+    optimum cannot be compared; it is empty if they can. If the energy is estimated, `likely` is the band in which the
+    energy above the optimum probably lies, and `worst` the band with all unknowns at their worst.
     """
 
     sections: tuple[SectionEnergy, ...]

@@ -40,7 +40,7 @@ SAME_BRAKES: Final = {
     True: "Both energies are those of the simulated train, with the same habit of braking.",
     False: "Both energies are estimates for the planned train: its mass, resistance, wind and brakes are not known.",
 }
-"""Conditions of a difference if both drives have the same brakes; the key tells whether their energy was measured."""
+"""Conditions of a difference if both drives have the same brakes; the key: their energy was measured."""
 OTHER_BRAKES: Final = (
     "The brakes or the sources of the energies differ, so that both are estimates for the planned train with motors "
     "that brake first; neither includes friction braking."
@@ -75,7 +75,7 @@ def same_brakes(drives: Sequence[Drive]) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class EqualArrival:
-    """How much more energy a drive took than the first one at equal arrival (J); None if that cannot be stated.
+    """The extra energy of a drive over the first at equal arrival (J); None if that cannot be stated.
 
     `times_j` is the value of the time difference: how much more the optimum takes in the times of the drive than in
     those of the first. `ratio` is the share of the optimum, the mean for the times of both. `hangs_on` are the
@@ -461,7 +461,7 @@ class AlignedDrives(Summary):
         return Advised(float(self.s_m[at]), *told_apart((mode[at], speed[at]), (modes[at], speeds[at])))
 
     def equal_arrival(self, other: int) -> EqualArrival:
-        """How much more energy a drive took than the first at equal arrival."""
+        """The extra energy of a drive over the first at equal arrival."""
         return EqualArrival.of(self.drives[0].drive, self.drives[other].drive, own=self.own_energies)
 
     def saved_by_advice(self, other: int) -> SavedByAdvice:

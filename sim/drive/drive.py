@@ -1,7 +1,7 @@
 """A recorded drive: its table, and the results of five pure functions of it.
 
 The functions are `calls`, `events`, `energy`, `figures` and `series`. Each is called once, when its result is first
-asked for. Reports, tables, pictures, comparisons and JSON read these results, so that they cannot disagree.
+needed. Reports, tables, pictures, comparisons and JSON read these results, so that they cannot disagree.
 """
 
 from __future__ import annotations

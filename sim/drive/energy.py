@@ -43,7 +43,7 @@ _Found = TypeVar("_Found")
 class DriveEnergy:
     """The energy of a drive, leg by leg; `made` are the stops of its journey as served.
 
-    Each figure is computed when it is first asked for, because most of them solve the sections of the drive.
+    Each figure is computed when it is first needed, because most of them solve the sections of the drive.
     """
 
     table: DriveTable

@@ -1,4 +1,4 @@
-"""Exports a recording: one table per topic, one joined by time, and a note of their origin; anonymous if asked for."""
+"""Exports a recording: one table per topic, one joined by time, and a note of their origin; anonymous on request."""
 
 from __future__ import annotations
 

@@ -83,9 +83,9 @@ class RelianceFigures:
 
     Of the `promised` changes (announced as the next one, and nearly due) `kept` came at about that time.
     `above_limit_s` counts the seconds in which the train of a driver who obeys is faster than the limit by 0.5 m/s,
-    `hidden_limits` the limits that began while the driver was told to stop by eye and that a steady brake to the stop
-    would exceed, `replaced` the parts of advice that the last check (`das.cab`) replaced. `advised_s` and `silent_s`
-    are the seconds with advice and without; a display left blank because of the driver's own actions counts as neither.
+    `hidden_limits` the limits that began during an instruction to stop by eye and that a steady brake to the stop would
+    exceed, `replaced` the parts of advice that the last check (`das.cab`) replaced. `advised_s` and `silent_s` are the
+    seconds with advice and without; a display left blank because of the driver's own actions counts as neither.
     """
 
     promised: int = 0
@@ -182,8 +182,8 @@ class _RelianceWatch:
         self._counts["silent_s"] += int(advice.mode) == Regime.NONE and not Cause(advice.cause).is_quiet
 
     def _judge_by_eye(self, told: _Told | None, advice: Any) -> None:
-        """Count a limit that begins before the stop while the driver is told to stop by eye, if such a brake would
-        exceed it."""
+        """Count a limit that begins before the stop during an instruction to stop by eye, if such a brake would exceed
+        it."""
         if told is None or not told.by_eye or advice.guide.now.in_s > 0:
             self._stopping = None
             return
@@ -320,7 +320,7 @@ def _told(advice: Any) -> _Told | None:
 
 
 def _task(kind: InstructionKind, to_mps: float) -> _Task:
-    """The action that the driver is asked for; for coasting it does not depend on the speed named."""
+    """The action that the driver must take; for coasting it does not depend on the speed named."""
     return kind, 0 if kind is InstructionKind.COAST else round(to_mps / KMH)
 
 

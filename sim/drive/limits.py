@@ -98,8 +98,8 @@ def temporary_limits(table: DriveTable) -> tuple[TemporaryLimit, ...]:
 def limit_in_force(table: DriveTable, told: Iterable[TemporaryLimit]) -> Floats:
     """The limit of the line (m/s) over the train at every position of its course, with the restrictions known by then.
 
-    It is NaN where it is not known. If line and train are not known, the line's limit is the one that a simulator
-    recorded, and a restriction holds beyond its end until the node states a higher limit.
+    It is NaN where it is not known. If line and train are not known, the line's limit is that recorded by a simulator,
+    and a restriction holds beyond its end until the node states a higher limit.
     """
     trip, inputs = table.course, table.known_inputs
     at, length_m, said_mps = trip.time_ns, 0.0, np.full(len(trip.time_ns), np.nan)

@@ -188,7 +188,7 @@ def _lists(kind: Any, prefix: str, get: Callable[[Any], Any]) -> Iterator[tuple[
 
 
 def _meaning(field: Any) -> str:
-    """The meaning of a field: the comment in das.proto, without the unit, which has a column of its own."""
+    """The meaning of a field: the comment in das.proto, without the unit, which has its own column."""
     return re.sub(r"^\[[^]]*\] ?", "", comments().get(field.full_name, ""))
 
 

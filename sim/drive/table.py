@@ -258,7 +258,7 @@ class DriveTable:
 
     @property
     def display(self) -> Presenter:
-        """The presenter of the first presentation that the cab showed; the one without advice if none was recorded."""
+        """The presenter of the first presentation that the cab showed; the one for no advice if none was recorded."""
         return _display(self["cab_presentation"])
 
 

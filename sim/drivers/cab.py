@@ -81,7 +81,7 @@ class AdviceView:
 
     @property
     def shown_speed_mps(self) -> float:
-        """The speed that the driver reads (m/s): the one written on the display, or else the advised one."""
+        """The speed that the driver reads (m/s): that written on the display, or else the advised speed."""
         return self.speed_mps if math.isnan(self.display_speed_mps) else self.display_speed_mps
 
     @property

@@ -162,7 +162,7 @@ class LiteralDriver:
         return self._obeyed(cab, self._read(cab, view.departure))
 
     def _read(self, cab: CabView, view: AdviceView) -> AdviceView:
-        """The card that is due: the one shown, or until then the one before it."""
+        """The card that is due: the card shown, or until it is due the previous one."""
         due, v = self._due, cab.speed_mps
         if due is None or cab.time_s - view.time_s >= view.due_s:
             same = due is not None and (due.mode, due.speed_mps) == (view.mode, view.speed_mps)

@@ -264,7 +264,7 @@ def stream_of(who: Participant | None) -> int:
 
 
 def participant_of(driver: DriverName, number: int | None, population: str | None) -> Participant | None:
-    """The participant that the user asked for; None without a number.
+    """The participant that the user chose; None without a number.
 
     Raises DasError for a population that cannot be used, for a population without a number, and for a number with a
     driver that is not human.

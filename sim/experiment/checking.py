@@ -147,7 +147,7 @@ def _order_notes(design: Design) -> list[str]:
 
 
 def group_notes(design: Design) -> list[str]:
-    """Notes on factors of which each participant drives one level."""
+    """Notes on factors with one level for each participant."""
     between = [factor for factor in design.factors if not factor.within]
     if not between:
         return []
@@ -178,7 +178,7 @@ def pair_notes(design: Design) -> list[str]:
 
 
 def checked_in(design: Design, folder: Path) -> None:
-    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is refused."""
+    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is rejected."""
     if (folder / DESIGN_JSON).exists():
         check_frozen(design, folder, resolved(design)["hash"])
         return
@@ -191,7 +191,7 @@ def checked_in(design: Design, folder: Path) -> None:
 
 @contextlib.contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder, so that a bad one is refused before minutes of work; remove it if nothing was written into it."""
+    """Make a folder, so that a bad one is rejected before minutes of work; remove it if nothing was written into it."""
     new = not folder.exists()
     make_folder(folder)
     if not os.access(folder, os.W_OK | os.X_OK):

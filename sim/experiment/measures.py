@@ -174,7 +174,7 @@ def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]
 
 
 def _shown_since(driven: Driven) -> list[tuple[float, float]]:
-    """For every second, its time (s), and the time (s) since which the same advice (mode or highest speed) is shown."""
+    """The time (s) of every second, and the time (s) since which the same advice (mode or highest speed) is shown."""
     found: list[tuple[float, float]] = []
     before, since_s = None, math.nan
     for state, look in driven.seconds:

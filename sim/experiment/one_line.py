@@ -34,7 +34,7 @@ from sim.world.outcome import SHARES
 from sim.world.service import lay_out
 
 MOST_SEEDS: Final = 1_000_000
-"""Largest number of seeds in one range; a larger range is taken for a typing error."""
+"""Largest number of seeds in one range; a larger range is considered a typing error."""
 _SEEDS: Final = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
 
 

@@ -51,7 +51,7 @@ TRIAL_COLUMNS: Final = {
 """The first columns of the table of trials; those of the factors, the seed of the day and the measures follow."""
 
 RESCORED: Final = "rescored from"
-"""Key of the frozen design with the hash of the one whose recordings were read."""
+"""Key of the frozen design for the hash of the design whose recordings were read."""
 
 _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
     "loss_level": {
@@ -219,7 +219,7 @@ def _recording(design: Design, row: Mapping[str, str]) -> str:
 
 
 def _frozen_with(folder: Path, measures: tuple[str, ...]) -> bytes:
-    """The frozen design with these measures, and a hash of its own."""
+    """The frozen design with these measures, and its own hash."""
     data = {**read_json(folder / DESIGN_JSON).data}
     was = data.pop("hash")
     data["analysis"] = {**data["analysis"], "measures": list(measures)}

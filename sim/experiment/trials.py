@@ -227,7 +227,7 @@ _files_here = cache(setting_files)
 def make_trial(job: TrialJob) -> dict[str, Any]:
     """Drive a trial and find its measures; raises DasError if it cannot be driven.
 
-    DasError is also raised if a file of the trial is not the one with which the jobs were made: it was changed
+    DasError is also raised if a file of the trial differs from that with which the jobs were made: it was changed
     afterwards, or this is another machine with another file at the same path.
     """
     here = _files_here(job.trial.setting)

@@ -25,7 +25,7 @@ FORCE, LEVER, SPEED = 0, 1, 2
 class Command(NamedTuple):
     """The demand of the controller until the next command; made with `force`, `lever` or `speed`.
 
-    `law` says what `value` is. FORCE: a wheel force (N); LEVER: a share of the largest traction (0 … 1) or of all
+    `law` is the meaning of `value`. FORCE: a wheel force (N); LEVER: a share of the largest traction (0 … 1) or of all
     brakes (−1 … 0) at the present speed on a dry rail; SPEED: a speed (m/s) to hold, which changes by `rate_mps2`, with
     `force_n` + `gain_per_s` × inertial mass × (wanted − actual speed). The force stays within `low_n` and `high_n`. The
     friction brake gives at least the share `friction_ratio` of a braking force.
@@ -298,7 +298,7 @@ def demanded(u, into, v, p):
 
 @kernel
 def _built_up(before, target, waited, dead, rise, fall, dt):
-    """Magnitude of a force after a step: it falls at once, but rises only after its dead time."""
+    """Magnitude of a force after a step: it falls immediately, but rises only after its dead time."""
     if target <= before:
         return max(target, before - fall * dt)
     usable = dt if before > 0.0 else min(max(waited + dt - dead, 0.0), dt)

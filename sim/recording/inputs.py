@@ -63,7 +63,7 @@ class AttachedFiles:
     """The attached files of a recording by the kinds in its metadata; each is written when it is requested."""
 
     def __init__(self, recording: Contents | Recording, folder: Path) -> None:
-        """`folder` is private: the files are put there under their bare names, each in a folder of its own."""
+        """`folder` is private: the files are put there under their bare names, each in its own folder."""
         files = recording.attachments if isinstance(recording, Contents) else recording.attached
         self._path = recording.path
         self._run = recording.metadata.get("run", {})

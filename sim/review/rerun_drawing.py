@@ -218,7 +218,7 @@ MARGIN_RATIO: Final = 0.02
 class Row(NamedTuple):
     """A view over time: its quantity or its lanes, its share of the height, the corner of its legend, and its title.
 
-    The title is for lanes; a quantity has a title of its own.
+    The title is for lanes; a quantity has its own title.
     """
 
     origin: str

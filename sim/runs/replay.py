@@ -148,9 +148,9 @@ class ReplayJob:
     """The inputs of a replay, checked beforehand.
 
     `processes` says how node and recorder are started. `legs` are the parts of the trip from one stop to the next.
-    `front` has the optimal runs of the section for all times, `reference` is the one for the timetable; `driven` is the
-    energy of the trip as driven. `speed` is a multiple of real time; None: as fast as possible. `files_kept` keeps the
-    folder of files extracted from a recording until the job ends.
+    `front` has the optimal runs of the section for all times, `reference` is the optimal run for the timetable;
+    `driven` is the energy of the trip as driven. `speed` is a multiple of real time; None: as fast as possible.
+    `files_kept` keeps the folder of files extracted from a recording until the job ends.
     """
 
     processes: Processes
@@ -388,7 +388,7 @@ class _Feed:
         late_s = (self.job.departed_ns - timing.departure_ns) * NS
         late = "no timetable was given" if timing.own else f"departed {late_s:.0f} s late"
         text = f"replay of {self.job.trip.path.name}, {late}"
-        # A recorded trip contains no temporary restrictions; the node must be told that there are none.
+        # A recorded trip contains no temporary restrictions; the node needs an empty list.
         at_ns = timing.first_tick_ns
         yield at_ns, codec.encode_input(RestrictionsHeard(time_ns=at_ns, restrictions=()))
         yield at_ns, Outgoing(LOG, happened(at_ns, text))

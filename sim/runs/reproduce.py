@@ -378,7 +378,7 @@ class Comparison:
 
     @property
     def by_field(self) -> dict[str, tuple[int, float]]:
-        """For each field that differs: in how many messages, and by how much at most (NaN: not a number)."""
+        """The number of messages and the largest difference (NaN: not a number) for each field that differs."""
         found: dict[str, list[float]] = defaultdict(list)
         for one in self.differences:
             for path, by in {(_bare(x.path), x.by) for x in one.fields}:

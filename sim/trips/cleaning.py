@@ -61,7 +61,7 @@ EDGE_MPS: Final = 1.0
 EDGE_MPS2: Final = 1.5
 """Change (m/s²) above which a speed jumps."""
 SAME_MPS: Final = 0.05
-"""Difference (m/s) from the one before below which a speed repeats."""
+"""Difference (m/s) from the previous speed below which a speed repeats."""
 GAP_S: Final = 5.0
 """Time without points (s) above which, and above `GAP_STEPS` usual steps, it is a gap."""
 GAP_STEPS: Final = 3.0
@@ -415,7 +415,7 @@ def _with_edges(off_mps: Floats, derived_mps: Floats, jump: Bools, unsure_mps: F
 def _unsure_mps(time_s: Floats) -> Floats:
     """Possible error (m/s) of the mean slope of positions next to a gap.
 
-    In a gap of G seconds the speed may change by a·(G − 5 s)/2, half of which is in the window of the slope.
+    In a gap of G seconds the speed may change by a·(G − 5 s)/2, half of it in the window of the slope.
     """
     steps = np.diff(time_s)
     longest = np.maximum(np.append(0.0, steps), np.append(steps, 0.0))

@@ -30,7 +30,7 @@ from sim.trips.trip import Trip
 WINDOW_SAMPLES: Final = 12
 """Samples of a window, one a second: fewer hide the acceleration in the noise, more mix several acts of a driver."""
 WINDOW_WEIGHT: Final = 0.5
-"""Weight of a window, because each overlaps half of the one before."""
+"""Weight of a window, because each overlaps half of the previous one."""
 WINDOW_LEAST: Final = 8
 """A trip with fewer windows is too short to find its train."""
 WINDOW_UNMEASURED_SPEED_SD_MPS: Final = 0.3

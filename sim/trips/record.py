@@ -346,7 +346,7 @@ def read_time(path: Path, key: str, text: str, column: str) -> int:
         raise InputError(path, key, text, "a number") from None
     if not value.is_finite():
         raise InputError(path, key, text, "a finite number")
-    # A figure like 1e999999999 must not become an integer of so many digits.
+    # Guard against a huge exponent like 1e999999999 becoming an integer.
     if not 0 <= value <= LATEST_NS or not 0 <= value * per_unit_ns <= LATEST_NS:
         raise InputError(path, key, text, f"an epoch time in {column.rpartition('_')[2]}")
     return round(value * per_unit_ns)

@@ -1,4 +1,4 @@
-"""A recorded trip: opened, cleaned, and put on its route as a smooth run; its standstills and its section."""
+"""A recorded trip: opened, cleaned, and placed on its route as a smooth run; its standstills and its section."""
 
 from __future__ import annotations
 

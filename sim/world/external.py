@@ -1,4 +1,4 @@
-"""An external driver: a process of its own that sees the cab over the bus and sets the controller.
+"""An external driver: a separate process that receives the cab over the bus and sets the controller.
 
 At every look, the simulation sends the cab and the driver answers. If the driver is silent, the train is braked.
 """

@@ -57,7 +57,7 @@ class Process:
     ) -> None:
         self.name = name
         self._log = tempfile.NamedTemporaryFile(prefix=f"{name}-", suffix=".log", delete=False)  # noqa: SIM115
-        # A session of its own: Ctrl-C comes to us alone, and we stop the children in order.
+        # A separate session: only this process receives Ctrl-C, and it stops the children in order.
         self._child = subprocess.Popen(
             [sys.executable, "-m", module, "--with-parent", str(os.getpid()), *arguments],
             stdin=subprocess.DEVNULL,
@@ -111,7 +111,7 @@ class Process:
 
 @dataclass(frozen=True, kw_only=True)
 class Processes:
-    """How node and recorder of a run are started.
+    """The settings with which node and recorder of a run are started.
 
     `driver_at` is the endpoint at which an external driver finds the simulator; None where there is no such driver.
     With a bus folder the endpoint is in the bus file, and any text in `driver_at` says that there is such a driver.

@@ -45,10 +45,10 @@ class Tick(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What is recorded at a tick although the on-board system does not receive it.
+    """The records of a tick that the on-board system does not receive.
 
-    It is the true state, the cab with its display, the driver's last command, sentences about events, and the driver's
-    actions and decisions since the last tick.
+    These are the true state, the cab with its display, the driver's last command, sentences about events, and the
+    driver's actions and decisions since the last tick.
     """
 
     state: PlantState
@@ -108,7 +108,7 @@ class Run:
 
 
 class World:
-    """The run of one day; `run` drives it to its end. `screen` is how the display shows advice (None: all, at once)."""
+    """The run of one day; `run` drives it to its end. `screen` filters the display (None: all advice immediately)."""
 
     def __init__(
         self,
@@ -194,7 +194,7 @@ class World:
         return tuple(kept[told:])
 
     def _advise(self, tick: int, now_ns: int, state: PlantState) -> bool:
-        """Ask for advice and show it, unless the node is down or cut off; returns whether there was advice at once."""
+        """Ask for advice and show it, unless the node is down or cut off; returns whether there was some at once."""
         around = self._around
         measured = around.measure(state)
         if around.news.restart_due(state.time_s):

@@ -283,7 +283,7 @@ class DayResult:
 
     @property
     def real_time_factor(self) -> float:
-        """How many times faster than real time the run went."""
+        """The speed of the run as a multiple of real time."""
         return self.outcome.simulated_s / max(self.wall_s, 1e-9)
 
     @property

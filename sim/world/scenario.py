@@ -89,7 +89,7 @@ class Truth:
     """The differences of the true train from the planned one; None means as planned.
 
     `conditions` are the ranges from which each seed draws its `Conditions`, by the names of the fields.
-    `adhesive_mass_kg` is the mass on driven axles; it replaces the one in the vehicle's file. `loss_map` is the file of
+    `adhesive_mass_kg` is the mass on driven axles; it replaces that of the vehicle's file. `loss_map` is the file of
     the true train's losses (L3).
     """
 
@@ -276,7 +276,7 @@ _SIZED = (SensorFault.JUMP, SensorFault.NOISE)
 """Faults of localisation that have a size."""
 LONGEST_LINE_M = 1e7
 _MOST = {"time": LONGEST_DWELL_S, "length": LONGEST_LINE_M}
-"""Greatest values (SI) by dimension; a larger figure is taken for a typing error."""
+"""Greatest values (SI) by dimension; a larger figure is considered a typing error."""
 _RANGES = {
     "speed": (1.0, 200.0),
     "adhesion": (0.01, 10.0),

@@ -387,7 +387,7 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
 
 
 def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
-    """The same day with other disturbances, none of which may act on train or rail, because the train and its line have
+    """The same day with other disturbances, which must not act on train or rail, because the train and its line have
     been made already.
     """
     found = tuple(disturbances)

@@ -1,7 +1,7 @@
 """Displays that show only a part of the advice (one top speed, or four modes), and a sheet made before the day.
 
-The top speed is the reduced maximum speed: the one with which a train that brakes gently keeps the timetable. A display
-shows it in whole steps, which go down where braking for a lower speed begins.
+The top speed is the reduced maximum speed, with which a train that brakes gently keeps the timetable. A display shows
+it in whole steps, which go down where braking for a lower speed begins.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ class Staircase:
 
 
 def _feet(falls: NDArray[np.bool_], ends_mps: Floats) -> Floats:
-    """For each interval of a curve, the speed at the foot of the falling part that it is in or that follows it."""
+    """The speed at the foot of the falling part of a curve that contains or follows each interval."""
     feet = ends_mps.copy()
     for i in range(len(falls) - 2, -1, -1):
         if falls[i + 1]:
@@ -156,7 +156,7 @@ def _feet(falls: NDArray[np.bool_], ends_mps: Floats) -> Floats:
 
 
 class ReducedSpeed:
-    """The reduced maximum speed of a section: the one top speed with which the train keeps the timetable.
+    """The reduced maximum speed of a section: the single top speed with which the train keeps the timetable.
 
     It is computed at the departure and again at regular intervals, and is constant in between.
     """
@@ -319,8 +319,8 @@ class SimplerDisplays:
 class FourModes(NamedTuple):
     """Decides which of the four modes a train may be shown: full traction, hold a speed, coast, full brake.
 
-    `held_mps` is the highest speed that the train may be told to hold (m/s), `excess_mps` is how much faster it is than
-    allowed (m/s).
+    `held_mps` is the highest speed that may be advised to hold (m/s), `excess_mps` the train's excess over the allowed
+    speed (m/s).
     """
 
     valid_for_s: float
@@ -330,7 +330,7 @@ class FourModes(NamedTuple):
     excess_mps: float
 
     def safe(self, four: Regime, mode: Regime) -> Regime:
-        """The mode `four` if it is safe, else the one of the four modes that the limits and the stop ahead need.
+        """The mode `four` if it is safe, else that of the four modes that the limits and the stop ahead require.
 
         `mode` is the mode on the other displays. If they show braking, however weak, to a train that is too fast, the
         result is full braking.
@@ -356,7 +356,7 @@ class FourModes(NamedTuple):
         return four
 
     def _may_creep(self) -> bool:
-        """Whether a slow train may be told to hold a speed instead: it would stand short of its stop if it coasted."""
+        """Whether holding a speed may be advised to a slow train instead, because it would stop short if it coasted."""
         before_s = max(BEFORE_M / max(self.held_mps, 0.1), LEAST_S)
         return self.state.v_mps <= SLOW_MPS and not brakes_late(self.planner, self.state, self.held_mps, before_s)
 

@@ -144,7 +144,7 @@ class Watch:
 
     @property
     def found(self) -> Violations:
-        """What the run has violated so far."""
+        """The violations of the run so far."""
         return Violations(
             signals_passed=len(self._passed),
             beyond_signal_m=self._beyond_m,
@@ -214,7 +214,7 @@ class Surroundings:
 
     @property
     def violations(self) -> Violations:
-        """What the run has violated so far."""
+        """The violations of the run so far."""
         return self._watch.found
 
     def measure(self, state: PlantState) -> list[Heard]:

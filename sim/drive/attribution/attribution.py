@@ -62,7 +62,7 @@ def drawn_by_optimum(optimum: Solution, optimum_j: float) -> Floats:
 
 
 def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optimum: Solution, best_j: Floats) -> Places:
-    """The energies between the rising positions `edges_m`, of which the first and the last are the ends of the leg.
+    """The energies between the rising positions `edges_m`; the first and the last are the ends of the leg.
 
     `best_j` is the energy drawn by the optimum up to each of its nodes (J).
     """

@@ -120,7 +120,7 @@ class Seen(NamedTuple):
 class ShownAdvice:
     """The advice shown over a drive, arrays of shape (messages,); `shown` is False where nothing was shown.
 
-    `speed_now` tells whether the speed is to be held at this moment, not to be reached later.
+    `speed_now`: the speed is to be held at this moment, not to be reached later.
     """
 
     time_ns: Times

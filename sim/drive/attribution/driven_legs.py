@@ -256,7 +256,7 @@ def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restricti
 
 
 def fast_enough(vehicle: Vehicle, motion: DrivenMotion) -> Vehicle:
-    """The vehicle with the top speed that it was driven with, if that is at most 5 % above the one in its file.
+    """The vehicle with the highest driven speed as its top speed, if that is at most 5 % above that of its file.
 
     Otherwise no optimum could arrive as early. Losses must be known up to that speed.
     """
@@ -350,7 +350,7 @@ def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> F
 
 
 MOST_LEGS: Final = 3
-"""For a drive of more legs the likely range is not computed: each leg would be solved twice for every unknown."""
+"""Largest number of legs for which the likely range is computed: each is solved twice for every unknown."""
 
 Smoothed = Callable[[float], Sequence[DrivenLeg]]
 """Returns the legs of a drive when its record is smoothed with another density of the jerk (m²/s⁵)."""

@@ -177,7 +177,7 @@ class RunStudy:
         return self.design.planned - Counter(zip(names, self.conditions(self.driven).tolist(), strict=True))
 
     def conditions(self, rows: Ints, without: str = "") -> Texts:
-        """The condition of each trial of `rows` as one text: its levels of all factors except the one `without`."""
+        """The condition of each trial of `rows` as one text: its levels of all factors except `without`."""
         levels = [self.trials.levels[one.name] for one in self.design.factors if one.name != without]
         return np.array([" ".join(str(one[row]) for one in levels) for row in rows], dtype=np.str_)
 
@@ -284,7 +284,7 @@ ROUNDING: Final = 1e-10
 
 
 def signs_of(drivers: int, rng: np.random.Generator, patterns: int = ALL_PATTERNS) -> Floats:
-    """Patterns of signs (patterns, drivers), the one without a flip first.
+    """Patterns of signs (patterns, drivers), the pattern without a flip first.
 
     They are all patterns if these are no more than `patterns`, else as many drawn at random, but at most `PATTERNS`. A
     pattern stands for its mirror image too, so that the first driver is never flipped.
@@ -368,7 +368,7 @@ class PairedTrials:
 
 @dataclass(frozen=True, kw_only=True)
 class TwoGroups:
-    """The means of the participants of two groups, for a factor of which each participant has one level."""
+    """The means of the participants of two groups, for a factor with one level for each participant."""
 
     a: Floats
     b: Floats

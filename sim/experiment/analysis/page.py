@@ -1,6 +1,6 @@
 """The findings of a study: in sentences, as a page with forest plots, and for programs.
 
-The pictures are dark on white, with units, in colours that people with any colour vision can tell apart.
+The pictures are dark on white, with units, in colours that are distinguishable with any colour vision.
 """
 
 from __future__ import annotations

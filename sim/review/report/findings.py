@@ -53,7 +53,7 @@ SIGNAL_PASSED: Final = "signal-passed"
 class FoundPlace(NamedTuple):
     """Place and time of a finding: its ends (m) and their times (ns since 1970).
 
-    `energy_j` is what the cause took there above the optimum (J); None for a finding about safety, of which no energy
+    `energy_j` is what the cause took there above the optimum (J); None for a finding about safety, for which no energy
     is counted. For a cause about speed or brakes, `mean_mps` is the mean speed there, as driven and of the optimum
     (m/s), and `best` the optimum's act there.
     """

@@ -73,7 +73,7 @@ def _withdrawn(drive: Drive) -> str:
 
 
 def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
-    """From the optimum for the timetable to the energy as driven, in steps that sum."""
+    """The steps from the optimum for the timetable to the energy as driven, which sum."""
     rows = []
     against = attribution.against_timetable
     if against is not None and attribution.timetable_j is not None:

@@ -288,7 +288,7 @@ def _how(origin: Origin, new: Otherwise) -> How:
     if driven.friction is not None and driver is not DriverKind.HUMAN:
         raise DasError(f"--friction {driven.friction}: needs --driver {DriverKind.HUMAN}")
     shown = Presentation.GUIDE if origin.has_guide else Presentation.SPEED_AND_EFFORT
-    # Of a real drive the energy is an estimate with motors that brake first; the day driven anew keeps these brakes.
+    # Of a real drive the energy is an estimate with motors that brake first; the new run keeps these brakes.
     missing = BEFORE_THE_CHOICE if origin.is_simulated else FrictionPolicy.ELECTRIC_FIRST
     try:
         return How(
@@ -304,7 +304,7 @@ def _how(origin: Origin, new: Otherwise) -> How:
 
 
 def _participant(origin: Origin, new: Otherwise, driver: DriverName) -> Participant | None:
-    """The participant who drives: the one that the user names, else the recorded one, else None."""
+    """The participant who drives: as named by the user, else as recorded, else None."""
     driven = new.driven
     if driven.participant is not None:
         return participant_of(driver, driven.participant, driven.population)

@@ -20,7 +20,7 @@ from sim.options import ParticipantOption, PopulationOption
 KEPT: Final = "what_if_kept"
 """The metadata key of a what-if for the differences of its day from the recorded one."""
 SLOWEST_KMH, FASTEST_KMH = 5.0, 700.0
-"""Range of the limits that can be asked for."""
+"""Range of the limits that the user may add."""
 _RESTRICTION: Final = re.compile(r"(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?):(\d+(?:\.\d+)?)")
 
 
@@ -43,7 +43,7 @@ class CabOtherwise:
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenOtherwise:
-    """The driver and the display of a day driven anew; None means as recorded."""
+    """The driver and the display of a newly simulated day; None means as recorded."""
 
     driver: Annotated[
         str | None,
