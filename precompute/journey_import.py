@@ -211,7 +211,7 @@ def notes(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route |
     late = may_leave if rounded_s else "leaves at each departure, no later"
     found.append(f"{minutes}the train {late} (--tolerance)")
     if any(not one.stop.serves for one in placement.stops):
-        found.append("where nobody gets on or off, the train passes, and its time there is a wish")
+        found.append("a stop without boarding becomes a passing, with its time as a wish")
     if route is not None and trip.time_zone not in ("", route.time_zone):
         found.append(
             f"the times are those of {trip.time_zone}, but the time zone of {route.name} is {route.time_zone}: "

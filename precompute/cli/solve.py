@@ -173,7 +173,7 @@ def front(
     With --exact, the algorithm of the paper checks the solver. It keeps every partial run that could still belong to
     the front, up to the largest buffer of the list. Its times are those of its grid, which is a little slower than the
     continuous solver. 6 km with a buffer of 10 % take up to half a minute; time and memory grow fast with length and
-    buffer. The solver's runs beside it are not refined.
+    buffer. The solver's runs are then not refined.
     """
     files.check(*pose.inputs())
     with_refinement, usual = is_refined(refine), EXACT_BUFFERS_PERCENT if files.exact else BUFFERS_PERCENT

@@ -92,7 +92,7 @@ def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
     for table in tables:
         if not table.names or not table.has("latitude", "longitude"):
             wanted = "name, latitude_deg and longitude_deg of stations"
-            raise DasError(f"{table.path}: beside a map a table has {wanted}; other rows are added to the route's file")
+            raise DasError(f"{table.path}: with a map, a table has {wanted}; other rows are added to the route's file")
         for row, (latitude, longitude) in table.numbered("latitude", "longitude"):
             if name := table.names[row]:
                 found.append(MapPlace(names=(name,), latitude_deg=latitude, longitude_deg=longitude, rank=0))

@@ -57,7 +57,7 @@ def with_altitudes(line: ImportedLine, table: LineTable, order: ImportOrder) -> 
     kind = Altitudes.POINTS if few else (Altitudes.SMOOTHED if length_m else Altitudes.RAW)
     route = replace(line.route, gradients_ratio=gradients, altitude_at_start_m=float(heights_m[0]), altitudes=kind)
     how = {
-        Altitudes.POINTS: "joined by straight lines, for they lie far apart (do not forget summits)",
+        Altitudes.POINTS: "joined by straight lines, because they are far apart (include summits)",
         Altitudes.SMOOTHED: f"averaged over {length_m:g} m",
         Altitudes.RAW: "as they are (--smooth-m 0)",
     }[kind]
@@ -107,7 +107,7 @@ def _position_m(route: Route, table: LineTable, row: int) -> float | None:
     stops = [stop for stop in route.stops if name and same_station(stop.name, name)]
     if name and not stops:
         known = ", ".join(stop.name for stop in route.stops)
-        raise table.error(row, "name", name, f"a stop of the line ({known}), or a position or coordinates beside it")
+        raise table.error(row, "name", name, f"a stop of the line ({known}), or a position or coordinates in the row")
     return stops[0].position_m if stops else None
 
 

@@ -195,7 +195,7 @@ def line_from_tables(
     route = made_route(words, stops, whole_m, source, one_way=True)
     limits = _steps(tables, "limit", whole_m)
     if limits is None:
-        raise DasError(f"{source}: no column of limits, expected limit_kmh beside position_km")
+        raise DasError(f"{source}: no column of limits, expected limit_kmh and position_km")
     gradients = _steps(tables, "gradient", whole_m)
     route = replace(
         route,
@@ -292,7 +292,7 @@ def _projected(table: LineTable, rows: Sequence[int], course: Course | None) -> 
     places = [[column[i] for column in columns] for i in rows]
     for i, place in zip(rows, places, strict=True):
         if None in place:
-            raise table.error(i, "position", MISSING, "a position, or latitude and longitude, beside the other values")
+            raise table.error(i, "position", MISSING, "a position, or latitude and longitude, for the other values")
     if course is None or len(course[0]) < 2:
         expected = "a position, or a table of latitude_deg and longitude_deg: the course of the line"
         raise table.error(rows[0], "position", MISSING, expected)

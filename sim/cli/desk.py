@@ -105,7 +105,7 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
     token = new_token()
     with listening(looks.port) as door:
         _show(address_of(door, token), looks)
-        say("the page is there until Ctrl-C")
+        say("the page is open until Ctrl-C")
         play(replay, door, token)
 
 

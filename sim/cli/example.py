@@ -25,7 +25,7 @@ BUFFER_PERCENT, DWELL_S, DEPARTURE = 8.0, 60.0, "2026-11-21T08:00:00Z"
 OF_SCENARIOS: Final = (*("--journey", "--reverse", "--from", "--to", "--buffer", "--dwell", "--departure"),)
 _JOURNEY = """\
 [timetable]
-departure = {departure}  # says the day; the journey has the times of day
+departure = {departure}  # the day; the journey has the times of day
 """
 _BUFFER = """\
 [timetable]

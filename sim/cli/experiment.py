@@ -108,7 +108,7 @@ def run(
     if recordings and scheduler is not None:
         raise DasError("--recordings: not together with --scheduler, because recordings are written on this machine")
     if scenario is None:
-        refuse_given("needs --scenario; a design says it itself", *ONE_LINE)
+        refuse_given("needs --scenario; a design has its own", *ONE_LINE)
         if design is None:
             raise DasError("expected a design (das-sim list studies has the bundled ones), or --scenario")
     elif design is not None:

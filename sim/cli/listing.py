@@ -27,8 +27,8 @@ class Listed(StrEnum):
 
 
 DRIVERS: Final = {
-    "perfect": "follows the full advice, speed and force, as exactly as the train lets",
-    "literal": "does what the guide's card says and knows nothing else: no limit, no board, no signal",
+    "perfect": "follows the full advice, speed and force, as exactly as the train can",
+    "literal": "follows the guide's card and nothing else: no limit, no board, no signal",
     "fast": "drives as fast as allowed and brakes late",
     "top-speed": "holds one reduced maximum speed, the advised one or the driver's own",
     "timetable": "keeps time without advice",
@@ -62,7 +62,7 @@ def listing(
             print(json.dumps(names))
             return
         _print("", ("what", "names"), {one: ", ".join(listed) for one, listed in names.items()})
-        tell("das-sim list WHAT says more of one kind")
+        tell("das-sim list WHAT gives details of one kind")
         return
     found = FOUND[what]()
     if as_json:

@@ -46,7 +46,7 @@ WAYS = {
 }
 """Recorded and recomputed parts of each kind of what-if."""
 FROM_A_DRIVE = (
-    "the day was made from what was heard: timetable, late departures, restrictions; what held the train up between "
+    "the day was made from received messages: timetable, late departures, restrictions; what held the train up between "
     "stops, wind and rail are not in it. Two days driven anew tell what advice saved: with it, and with --advice none"
 )
 """Data that a day driven again from a real drive lacks."""

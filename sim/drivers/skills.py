@@ -49,14 +49,14 @@ class Skills:
     @property
     def cab(self) -> CabView:
         """The last view of the cab."""
-        assert self._cab is not None, "see(cab) comes first"
+        assert self._cab is not None, "call see(cab) first"
         return self._cab
 
     @property
     def outlook(self) -> Outlook:
         """The line up to the next halt, with the highest speed from which planned braking keeps all limits and stops
         ahead."""
-        assert self._outlook is not None, "see(cab) comes first"
+        assert self._outlook is not None, "call see(cab) first"
         return self._outlook
 
     @property

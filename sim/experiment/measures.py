@@ -339,7 +339,7 @@ _LISTED: Final = (
         ("above_limit_obeying_s", "Above the limit while obeying", "s",
          "time above the limit by more than 0.5 m/s of a driver who had followed the display for 5 s"),
         ("hidden_limits", "Hidden limits", "1",
-         "limits that began while the driver was told to stop by eye, and that a steady brake to the stop exceeds"),
+         "limits that began during an instruction to stop by eye, and that a steady brake to the stop exceeds"),
         ("last_word_acts", "Replacements by the last word", "1", "parts of advice that the last word replaced"),
         ("availability_ratio", "Availability", "1", "seconds with advice / seconds from the first advice to the last"),
     ),

@@ -163,7 +163,7 @@ SPLIT_LEGEND: Final = {
     "saved": "energy saved by advice at equal arrival, against the same driver without advice on the same days, with "
     "its 95 % interval (Student's t; none for fewer than 3 pairs)",
     "%": "that in % of the optimum for the times as driven, the mean of both drives",
-    "times": "what the time difference was worth beside it, at the optimum's price of time",
+    "times": "value of the time difference, not part of the saving, at the optimum's price of time",
     "blend": "by less friction where the motors could brake",
     "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
     "track": "by keeping to that profile (–: no perfect driver on these days, or none who follows this advice)",

@@ -70,8 +70,8 @@ _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
     },
     "driver": {
         DriverKind.PERFECT: "follows advice exactly and at once",
-        DriverKind.LITERAL: "does what the guide's card says and knows nothing else",
-        DriverKind.FAST: "drives as fast as is allowed",
+        DriverKind.LITERAL: "follows the guide's card and nothing else",
+        DriverKind.FAST: "drives as fast as allowed",
         DriverKind.TOP_SPEED: "never drives faster than the reduced maximum speed",
         DriverKind.TIMETABLE: "keeps to the timetable without advice",
         DriverKind.HUMAN: "a simulated human driver, who looks, reacts, errs and refuses",

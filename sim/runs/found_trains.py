@@ -22,10 +22,10 @@ from sim.trips.report import part_words
 from sim.trips.trip import Trip, section_with
 
 TRAINS_LEGEND: Final = {
-    "likely": "if one of them drove, and none was likelier beforehand; no: it cannot have driven this record",
+    "likely": "if one of them drove, all equally likely beforehand; no: it cannot have driven this record",
     "mass, resistance": "best fit, with one standard deviation; the resistance is a multiple of the file's",
     "beyond": "share of the time in which the train would need more effort than it has (unexplained)",
-    "kWh, above": "energy as driven by the train as it fits, and what is above its optimum, in % of that as well",
+    "kWh, above": "energy as driven by the fitted train, and its excess over the optimum, also in % of the optimum",
 }
 """Explanations that are printed below the table of trains."""
 

@@ -330,7 +330,7 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     if found["direction_note"]:
         notes.append(found["direction_note"])
     if found["above_optimum_cases_left_out"]:
-        notes.append("a train heavier or more resisted could not have driven so: the range is without it")
+        notes.append("a heavier train, or one with more resistance, could not have driven so: the range excludes it")
     if found["advices_above_limit"]:
         notes.append(f"{found['advices_above_limit']} advice messages were above the limit: please report this")
     return notes

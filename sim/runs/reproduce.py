@@ -145,7 +145,7 @@ def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]
             words[place] = str(files.place_vehicle() if kind == "vehicle" else files.place(kind))
         else:
             what = kind.replace("_", " ")
-            given.notes.append(f"the recording does not contain its {what} along: {words[place]} of today is used")
+            given.notes.append(f"the recording does not contain its {what}: {words[place]} of today is used")
     return words
 
 

@@ -191,7 +191,7 @@ def in_order(record: Record, log: FindingLog) -> Record:
 
     A file that mostly runs backwards is reversed first. Raises DasError if the times are in disorder, or all equal.
     """
-    log.add(FindingKind.NO_TIME, record, record.untimed, "none that can be read; shown is the one beside it")
+    log.add(FindingKind.NO_TIME, record, record.untimed, "not readable; the time shown is that of a neighbour")
     record = record.take(~record.untimed)
     steps = np.diff(record.time_ns)
     if np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0):

@@ -223,7 +223,7 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
         tell(f"not known: {note}")
     if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO:
         share = 100 * found["energy"]["beyond_vehicle_ratio"]
-        tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has")
+        tell(f"note: in {share:.0f} % of the time the trip needs more force than this vehicle has")
         tell(f"note: {doubt_words(found['energy']['unknowns'])}")
 
 

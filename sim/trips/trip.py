@@ -263,7 +263,7 @@ def _completed(reading: Reading, options: TripOptions, folder: Path) -> TripOpti
     if journey is None or recording is None or ends is None:
         return options
     if options.reverse is not None:
-        raise DasError("--reverse: the recording says itself in which direction it drives")
+        raise DasError("--reverse: the recording states its direction")
     files = AttachedFiles(recording, folder)
     route = options.route
     if route is None:
@@ -289,7 +289,7 @@ def trip_section(trip: Trip, options: TripOptions) -> Section:
         find += f" --posts {shlex.quote(str(options.posts))}" if options.posts is not None else ""
         find += " --reverse" if options.reverse else ""
         raise DasError(
-            f"{trip.path}: a trip without a journey needs --vehicle; which trains can have driven it, says "
+            f"{trip.path}: a trip without a journey needs --vehicle; to find trains that can have driven it, use "
             f"{typed(find)} --vehicles all"
         )
     vehicle = load_vehicle(options.vehicle)

@@ -369,7 +369,7 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     ]
     rows += _balance_rows(found)
     counts, traffic = found.counts, result.traffic
-    told = f"{counts.advised}, {counts.withdrawn} withdrawn, {counts.unheard} not heard"
+    told = f"{counts.advised}, {counts.withdrawn} withdrawn, {counts.unheard} not received"
     rows.append(("advice messages", told))
     rows += found.figures.rows()
     if traffic is not None:

@@ -20,8 +20,8 @@ class SpeedAndEffortPresenter(Presenter):
     """Shows speed and effort now and for the next seconds, and the next change of driving regime."""
 
     number = 3
-    phrase = "speed and effort of the moment"
-    meaning = "speed and effort now and for the next seconds, renewed every second"
+    phrase = "the present speed and effort"
+    meaning = "speed and effort now and for the next seconds, updated every second"
 
     def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         departs = blank.mode == Regime.DEPART
