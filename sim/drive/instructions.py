@@ -84,8 +84,8 @@ class RelianceFigures:
     Of the `promised` changes (announced as the next one, and nearly due) `kept` came at about that time.
     `above_limit_s` counts the seconds in which the train of a driver who obeys is faster than the limit by 0.5 m/s,
     `hidden_limits` the limits that began during an instruction to stop by eye and that a steady brake to the stop would
-    exceed, `replaced` the parts of advice that the last check (`das.cab`) replaced. `advised_s` and `silent_s` are the
-    seconds with advice and without; a display left blank because of the driver's own actions counts as neither.
+    exceed, `replaced` the parts of advice that the last word replaced. `advised_s` and `silent_s` are the seconds with
+    advice and without; a display left blank because of the driver's own actions counts as neither.
     """
 
     promised: int = 0

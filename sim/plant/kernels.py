@@ -45,7 +45,7 @@ class PlantState(NamedTuple):
     """The train at a moment: time (s), position of the head (m), speed (m/s), acceleration (m/s²), wheel forces (N).
 
     `…_waited_s`: times for which traction, electric brake and friction brake have been demanded. Energies (J) count
-    from the start. At the collector: `input_j`, `unreturned_j`. Dissipated: `resistance_j` (running, tunnels, curves),
+    from the start. At the collector: `input_j`, `unreturned_j`. Consumed: `resistance_j` (running, tunnels, curves),
     `component_loss_j`, `auxiliary_j`, `friction_brake_j`. `comfort_j` is not part of `input_j`. `blending_j` is the
     part of `input_j` that would not have been needed if the motors had braked as much as they could.
     """
@@ -133,8 +133,8 @@ class LineNumbers(NamedTuple):
 
     `node_m` (n,) and `profile` (n, 9): gradient (ratio), curves (m/s²) and tunnels (N/(m/s)²) as means over the train
     with its head at s. Each quantity has its value and slope from the node on, and its integral up to the node.
-    `supply_start_m`, `supply` (k,): see `das.domain.route.Route.supply`. `weather` (w, 6): from and to (m), from and to
-    (s), adhesion ratio, head wind (m/s).
+    `supply_start_m`, `supply` (k,): see `das.domain.route.Route.supply`.
+    `weather` (w, 6): from and to (m), from and to (s), adhesion ratio, head wind (m/s).
     """
 
     node_m: NDArray[np.float64]
@@ -324,8 +324,7 @@ def step(x, u, began, into, dt, line, p, a, c):
 
     Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over the
     train and the step's distance. Supply and weather are those at the start of the step; a neutral section counts from
-    the step that reaches it. Braking energy is counted by where it is dissipated or fed back, so that the energy
-    balance closes.
+    the step that reaches it. Braking energy is counted where it goes, to close the energy balance.
     """
     v0 = x.speed_mps
     rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)

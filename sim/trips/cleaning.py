@@ -25,7 +25,7 @@ STRAY_WEIGHT: Final = 3.0
 """Cost of each point left out between two points that only just fit each other. Without it, the chain of positions
 could change to a wrong part of the record and back, as if the train braked and accelerated as hard as it can."""
 LEAST_KEPT_RATIO: Final = 0.5
-"""Share of a record's points that must fit together, or of the section that these points must cover."""
+"""Share of a record's points that must fit together, or of the section that the points must cover."""
 STALL_HALF_WINDOW_S: Final = 15.0
 """Time (s) within which the positions of a receiver that stalled have caught up again."""
 WRONG_SPEED_MPS: Final = 4.0
