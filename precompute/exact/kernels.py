@@ -4,9 +4,9 @@ Speeds are whole numbers u of the coasting sub-grid (0.01 km/h); those divisible
 A state of an inner node is its index u − lowest. Times are integers of ns and energies of mJ: sums do not depend on
 their order, so that equal runs have equal labels and dominance needs no tolerance.
 
-Symbols as in `das.solver.kernels`; per interval k: h, g, q. `span` of a state is the range of coarse speeds it can
-reach, as first and last multiple of `ratio`; `coast` the speed it coasts to (-1: none). Labels of a state lie one after
-the other, time rising and energy falling.
+Symbols as in `das.solver.kernels`; per interval k: h, g, q. `first` and `last` of a state are the ends of the coarse
+speeds it can reach, as multiples of `ratio`; `coast` is the speed it coasts to (-1: none). Labels of a state lie one
+after the other, time rising and energy falling.
 """
 
 from __future__ import annotations

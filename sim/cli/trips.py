@@ -164,7 +164,7 @@ LOOK_AGAIN_S: Final = 0.2
 
 
 def first_minute() -> None:
-    """Replay the bundled recording, simulate its trip with the guide at the same time, and print both results."""
+    """Replay the bundled recording while its trip is simulated with the guide, and print both results."""
     trip = bundled_recording()
     recorded = new_recording("replay", "start das-sim in a folder where it can write")
     with removed_if_unused(recorded):

@@ -175,12 +175,12 @@ SPLIT_LEGEND: Final = {
 class SplitSaving:
     """The savings (kWh) of a presentation at equal arrival against no advice: means over comparable pairs of runs.
 
-    `blending`: less friction braking where the motors could brake. `profile`: a better speed profile, as it was driven.
-    If a perfect driver followed the same advice on the same days (speed-and-effort and guide only), `profile` is what
-    that driver saved by it, and `tracking` (mostly < 0) is what this driver lost by not keeping to the advice. The
-    parts sum to `saved`, whose 95 % interval over the pairs is ± `interval` (Student's t; NaN for fewer than 3 pairs);
-    `ratio` is its share of the optimum for the times as driven, the mean of both runs, `optimum`. `time_shift`, the
-    value of the time difference, is not part of it.
+    `blending_kwh`: less friction braking where the motors could brake. `profile_kwh`: a better speed profile, as
+    driven. If a perfect driver followed the same advice on the same days (speed-and-effort and guide only), it is that
+    driver's saving by it, and `tracking_kwh` (mostly < 0) is this driver's loss by not keeping to it. The parts sum to
+    `saved_kwh`, with a 95 % interval over the pairs of ± `interval_kwh` (Student's t; NaN for fewer than 3 pairs).
+    `saved_ratio` is its share of `optimum_kwh`, the mean optimum for the times of both runs as driven.
+    `time_shift_kwh`, the value of the time difference, is not part of it.
     """
 
     scenario: str

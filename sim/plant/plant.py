@@ -1,4 +1,4 @@
-"""A simulated train with its own physics, which shares no code with the solver and therefore no errors.
+"""A simulated train with its own physics, sharing no code, and hence no errors, with the solver.
 
 m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/explanation/physics.md. Moreover,
 forces take time (dead time, build-up, jerk), and wheels transmit only what the adhesion at this place and time allows.

@@ -358,7 +358,7 @@ def driven_energy(section: Section, parts: SmoothedParts) -> Callable[[DrivenCas
 
 
 def _moving_points(s_m: Floats) -> NDArray[np.intp]:
-    """Indices of the first point and of each that lies at least `min_step_m` beyond the last one taken."""
+    """Indices of the first point and of each that lies at least `ESTIMATE_MIN_STEP_M` beyond the last one taken."""
     keep = [0]
     for i in range(1, len(s_m)):
         if s_m[i] - s_m[keep[-1]] >= ESTIMATE_MIN_STEP_M:
