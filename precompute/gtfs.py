@@ -1,4 +1,4 @@
-"""GTFS feeds: one trip of a public timetable, read from the zip as it is published (gtfs.org, Schedule Reference)."""
+"""GTFS feeds: one trip of a public timetable, read from the published zip (gtfs.org, Schedule Reference)."""
 
 from __future__ import annotations
 
@@ -554,7 +554,7 @@ class _Stops:
 
 
 def _cut(path: Path, stops: list[TripStop], wanted: TripChoice, known: _Stops) -> list[TripStop]:
-    """The stops of a trip from one to another, of all that the feed knows."""
+    """The stops of a trip from one to another, out of all stops of the feed."""
     for option, name, first in (("--from", wanted.from_stop, True), ("--to", wanted.to_stop, False)):
         if name is None:
             continue

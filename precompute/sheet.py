@@ -1,8 +1,8 @@
 """The driver's sheet of a journey as a page to print or to read on a tablet: instructions by place.
 
-It does not change on the way, like the lists of speeds that railways hand out hours before a departure. The
-instructions of a section are the guide's timeline for the planned running time, with a higher price of a change, to
-keep the paper short. They are located by kilometre and board.
+It does not change on the way, like the lists of speeds that railways issue hours before a departure. The instructions
+of a section are the guide's timeline for the planned running time, with a higher price of a change, to keep the paper
+short. They are located by kilometre and board.
 """
 
 from __future__ import annotations

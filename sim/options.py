@@ -1,7 +1,7 @@
 """Options of das-sim that packages below `sim.cli` use as data; `sim.cli.options` has the others.
 
-Options that belong together are grouped in dataclasses. This module imports nothing heavy, because
-it is imported whenever das-sim prints a help text.
+Options that belong together are grouped in dataclasses. This module imports no large modules, because it is imported
+whenever das-sim prints a help text.
 """
 
 from __future__ import annotations

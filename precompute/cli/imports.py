@@ -145,8 +145,8 @@ def import_journey(
     500 m of the route; stops beyond its ends are left out. Without a route, positions are distances along the feed's
     shape.
 
-    Public timetables are rounded and seldom say how long a train stands. What is assumed is printed, and written in
-    the file.
+    Public timetables are rounded and seldom say how long a train stands. Assumptions are printed, and written in the
+    file.
     """
     written.check(feed, on.route)
     from das.domain.files.reading import Fields

@@ -117,11 +117,11 @@ def journey(
 
     Every window is kept: no stop is left early, none is reached late, and passing points are passed in time. Where no
     window binds, time is shared so that one second less would cost the same everywhere; this price of time changes only
-    where a window binds. With "stops" nothing is timed but the departure (at 0) and the last arrival.
+    where a window binds. With "stops" only the departure (at 0) and the last arrival are timed.
 
     For comparison the command prints the energy of the same windows with the same buffer in per cent everywhere, and
-    that of driving as fast as possible and waiting. Windows that cannot be kept are an error that says which, and by
-    how many seconds.
+    that of driving as fast as possible and waiting. Windows that cannot be kept are an error, which names them and the
+    missing seconds.
     """
     posed = TrainOnLine(where=where, driven=driven, world=world)
     files.check(journey, *posed.inputs())

@@ -193,7 +193,7 @@ class TrainOnLine:
     def vehicle(self) -> Vehicle:
         """The vehicle in its mode and load, under the user's conditions.
 
-        A loss map changes the vehicle's losses and nothing else.
+        A loss map changes only the vehicle's losses.
         """
         from das.domain.files.vehicles import read_loss_map
 

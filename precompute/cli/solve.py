@@ -55,8 +55,8 @@ def solve(
     The solver's table takes a decision every 150 m or more often. By default the optimal run is then refined on a finer
     grid, without arriving later.
 
-    The gap says how far the energy can be above the least possible. With a loss map (level l3) the bound leaves 0.1 to
-    1.3 % that no run could save.
+    The gap is the largest possible excess over the least energy. With a loss map (level l3) the bound leaves 0.1 to 1.3
+    % that no run could save.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
     if strategy is Strategy.FASTEST:

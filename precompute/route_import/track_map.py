@@ -118,8 +118,8 @@ class MapPlace:
 class TrackMap:
     """The tracks and named places of some files.
 
-    `crossings` are the vertices at which tracks cross on the level without a switch. `is_osm` says whether a file is
-    from OpenStreetMap.
+    `crossings` are the vertices at which tracks cross on the level without a switch. `is_osm`: a file is from
+    OpenStreetMap.
     """
 
     sources: tuple[Path, ...]
@@ -459,5 +459,5 @@ def _core(name: str) -> list[str]:
 
 
 def same_station(one: str, other: str) -> bool:
-    """Whether two names are those of one station, as far as spelling goes."""
+    """Whether two names may be spellings of the name of one station."""
     return "".join(_words(one)) == "".join(_words(other))

@@ -40,7 +40,7 @@ _Line = tuple[Route, tuple[Stop, ...]]
 def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
     """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation).
 
-    `refined` says whether the front of each section is refined.
+    `refined`: the front of each section is refined.
     """
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)

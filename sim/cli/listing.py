@@ -54,7 +54,7 @@ def listing(
 ) -> None:
     """List installed scenarios, drivers, presentations, studies, measures and importers, including plug-ins.
 
-    With one kind it says what each is, and for scenarios and studies where its file is, to copy and change.
+    With one kind, it prints the meaning of each, and for scenarios and studies the file, to copy and change.
     """
     if what is None:
         names = {str(one): [*FOUND[one]()] for one in Listed}

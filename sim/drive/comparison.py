@@ -4,7 +4,7 @@ At equal arrival: the difference of the energies, less that of the optima for th
 the value of the time difference: the integral of λ, the optimum's price of time, over it (λ = −dE*/dT). Saved by
 advice: two drives of the same day by the same driver with the same brakes, one of them without advice, at equal
 arrival; without two such drives, nothing is stated. Both are in % of the mean of both optima, so that a kWh is the same
-share whichever drive comes first.
+share whatever the order of the drives.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class EventKind(StrEnum):
     OVERSPEED = "overspeed"
     """The train was above the limit of the line, or above a temporary restriction."""
     BEYOND_TRAIN = "beyond-train"
-    """The train was faster than its vehicle file says that it can go: it may be another train."""
+    """The train exceeded the top speed in its vehicle file: it may be another train."""
     DRIVER = "driver"
     """The driver's answer to a change of the advice."""
     LAPSE = "lapse"
@@ -428,13 +428,13 @@ def place_text(s_m: float) -> str:
 
 
 DELAY_STEP_S: Final = 15.0
-"""Change (s) since the last such event from which a delay is an event; smaller changes are many."""
+"""Change (s) since the last such event from which a delay is an event; smaller changes are frequent."""
 
 
 def events(table: DriveTable, made: tuple[KeptCall, ...], limit_mps: Floats) -> tuple[DriveEvent, ...]:
     """Everything that happened on a drive, in order of time, with the line's times of day.
 
-    `made` says how the drive kept each stop, `limit_mps` is the limit in force (m/s) at every position of its course.
+    `made` are the stops as served, `limit_mps` is the limit in force (m/s) at every position of its course.
     """
     trip, inputs = table.course, table.known_inputs
     found = (

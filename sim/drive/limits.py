@@ -1,7 +1,7 @@
 """Speeds above the limit: above the line's limit over the whole train, or above a temporary restriction that the node
 has received.
 
-The train's own top speed is no limit: a train that is faster than its file says may be another train.
+The train's own top speed is no limit: a train above the top speed in its file may be another train.
 """
 
 from __future__ import annotations

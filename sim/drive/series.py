@@ -247,8 +247,8 @@ def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -
 
 
 def filled_in(energy: DriveEnergy) -> tuple[Found, str]:
-    """The series that a recording without a simulator lacks, and what is estimated, or why nothing could be, in a
-    sentence; both are empty if a simulator was recorded."""
+    """The series that a recording without a simulator lacks, and a sentence on the estimates, or on why there are none;
+    both are empty if a simulator was recorded."""
     table = energy.table
     if table.has("truth") or table.journey is None:
         return {}, ""

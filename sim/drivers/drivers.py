@@ -186,7 +186,7 @@ class LiteralDriver:
             return self._by_eye(cab, outlook)
         if told is Asked.KEEP_BELOW and card.speed_mps > 0:
             return hold(cab, outlook, card.speed_mps, high_n=0.0)
-        return lever(-1.0)  # The card says to stand.
+        return lever(-1.0)  # The card shows stop.
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> Command:
         if cab.speed_mps < FOLLOWING.creeping_mps and cab.stop_m - cab.s_m > AT_STOP_M:

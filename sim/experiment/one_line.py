@@ -43,7 +43,7 @@ class DaysAsked:
     """The user's choice: every scenario with every driver, presentation and seed.
 
     With `participants` (the first number and how many), the human driver is each of these persons of the `population`
-    in turn, and without the average one.
+    in turn, and without them the average driver.
     """
 
     scenarios: Sequence[str]

@@ -231,7 +231,7 @@ class Mark(NamedTuple):
     meaning: Meaning | None
 
     def color(self, theme: Theme) -> str:
-        """The colour of the mark; the colour of the ink if the mark means nothing in particular."""
+        """The colour of the mark; the colour of the ink if the mark has no meaning."""
         return theme.ink if self.meaning is None else theme.of[self.meaning]
 
 
@@ -268,7 +268,7 @@ class ReviewScene:
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
     filled_from: str = ""
-    """A sentence about what is estimated because it was not recorded; empty if nothing is."""
+    """A sentence about series that are estimated because they were not recorded; empty if there are none."""
 
     @classmethod
     def of(cls, drive: Drive) -> ReviewScene:

@@ -147,7 +147,7 @@ DELAY_EVERY_S = 10.0
 class ReplayJob:
     """The inputs of a replay, checked beforehand.
 
-    `processes` says how node and recorder are started. `legs` are the parts of the trip from one stop to the next.
+    `processes` has the settings of node and recorder. `legs` are the parts of the trip from one stop to the next.
     `front` has the optimal runs of the section for all times, `reference` is the optimal run for the timetable;
     `driven` is the energy of the trip as driven. `speed` is a multiple of real time; None: as fast as possible.
     `files_kept` keeps the folder of files extracted from a recording until the job ends.

@@ -86,8 +86,8 @@ def node_given(contents: Contents, train: str, folder: Path, said: str | None) -
     """The command line of a train's node; files that are attached to the recording are put into `folder`.
 
     `said` is a command line given by the user instead of the recorded one; the files that it names are used. If neither
-    is known, the command line is guessed from the journey and the topics, and a note says so. Raises DasError for an
-    unusable command line, and for a file that a recording names but that is neither attached to it nor bundled.
+    is known, the command line is guessed from the journey and the topics, with a note. Raises DasError for an unusable
+    command line, and for a file that a recording names but that is neither attached to it nor bundled.
     """
     given = _words(contents, train, contents.metadata_of(train).get("run", {}), said)
     given.typed = list(given.words)

@@ -67,7 +67,7 @@ RATIO_RESISTANCE_LOG_SD: Final = 0.15
 RATIO_MODEL_SD: Final = 0.015
 """The uncertainty of either ratio that remains whatever the motion (one standard deviation)."""
 RATIO_KNOWN_SD_RATIO: Final = 0.6
-"""Share of the prior standard deviation below which a record must bring that of the mass to show the mass."""
+"""Largest posterior standard deviation of a mass that the record shows, as a share of the prior one."""
 RATIO_EVIDENCE_WEIGHT: Final = 0.5
 """Weight of the evidence between trains, because windows of one driver are alike: the likeliest train is right
 about as often as its probability says on simulated drives."""

@@ -37,8 +37,8 @@ _PAIRS_AT_ONCE: Final = 1_000_000
 class Line:
     """A polyline with a chainage at each vertex, increasing in driving order; arrays of shape (vertices,).
 
-    `on_route` says whether the chainage is the position on the route; otherwise it has its own zero. `by_stops`: the
-    position follows from the coordinates of stops, perhaps only to some 100 m.
+    `on_route`: the chainage is the position on the route; otherwise it has its own zero. `by_stops`: the position
+    follows from the coordinates of stops, perhaps only to some 100 m.
     """
 
     source: str

@@ -40,9 +40,9 @@ FASTEST_MPS: Final = 400.0 * KMH
 class Trip:
     """A trip matched to a route as driven, its smooth run, and the journey and delays of a recording.
 
-    `reversed` says that it ran against the route's file. `direction_known` is False if only kilometre posts give its
-    positions, because they do not show the direction; coordinates of the route's stops do. `delays` are pairs of a time
-    (ns) and a delay (s).
+    `reversed`: it ran against the route's file. `direction_known` is False if only kilometre posts give its positions,
+    because they do not show the direction; coordinates of the route's stops do. `delays` are pairs of a time (ns) and a
+    delay (s).
     """
 
     path: Path

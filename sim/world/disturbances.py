@@ -92,8 +92,8 @@ class SignalStop:
 class TrainAhead:
     """A signal at danger at `at_m`, visible `seen_m` before it, that clears at `clears_s` on the run's clock.
 
-    Traffic management knows this time. It gives the node a target when the train is `told_m` before the signal: not to
-    come within sight of it before the signal clears.
+    Traffic management knows this time. When the train is `told_m` before the signal, it gives the node a target: not to
+    come within sight of the signal before it clears.
     """
 
     at_m: float

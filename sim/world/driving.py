@@ -247,7 +247,7 @@ def _last_messages(day: Day, run: Run) -> Iterator[tuple[Topic, Message]]:
             shortest_mode_s=found.shortest_mode_s,
         ),
     )
-    with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
+    with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome reports it
         yield SAVING, above_optimum(day, run).message(end_ns)
 
 

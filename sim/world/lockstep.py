@@ -41,7 +41,7 @@ STOP_TIMEOUT_S = 30.0
 
 
 class Process:
-    """A child process that runs one of our modules; use with `with`. Its output goes to a file; errors quote it.
+    """A child process that runs one of our modules; use with `with`. Its output is written to a file; errors quote it.
 
     `given` are environment variables in addition to ours; `door` is a file descriptor that it inherits (−1: none).
     """
@@ -114,7 +114,7 @@ class Processes:
     """The settings with which node and recorder of a run are started.
 
     `driver_at` is the endpoint at which an external driver finds the simulator; None where there is no such driver.
-    With a bus folder the endpoint is in the bus file, and any text in `driver_at` says that there is such a driver.
+    With a bus folder the endpoint is in the bus file, and any text in `driver_at` means that there is such a driver.
     `recorder_at` is the recorder's endpoint (None: a free port), for a driver that also sends messages for the
     recording alone. With `paced` the simulation keeps a pace and does not wait for answers.
     """

@@ -217,7 +217,7 @@ class World:
         return True
 
     def _show(self, state: PlantState, now_ns: int, advice: Any | None) -> None:
-        """Show the advice or, on paper, the line of the sheet; a display that received nothing stays as it was."""
+        """Show the advice or, on paper, the line of the sheet; a display that received no advice is unchanged."""
         around, paper = self._around, self._paper
         if paper is None and advice is None:
             return

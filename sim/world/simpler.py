@@ -401,7 +401,7 @@ def brakes_late(planner: Planner, state: TrainState, v_mps: float, within_s: flo
 VALID_S = 3600.0
 """The driver's view of advice has an end of validity; a sheet, which does not expire, is re-read long before (s)."""
 LEFT_LATE_S = 60.0
-"""Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet says."""
+"""Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet instructs."""
 HELD_UP_MPS = 5.0
 """Shortfall of the sheet's speed (m/s) above which a driver does not follow its coasting and braking instructions."""
 SHEETS_KEPT = 256
@@ -493,6 +493,6 @@ def _mode(line: SheetLine) -> int:
 
 
 def _held_up(sheet: SectionSheet, line: SheetLine, state: PlantState) -> bool:
-    """Whether a train is so slow that coasting or braking as the sheet says would stop it before its place."""
+    """Whether a train is so slow that coasting or braking by the sheet would stop it before its place."""
     slows = line.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
     return slows and state.speed_mps < sheet.speed_at(state.s_m) - HELD_UP_MPS

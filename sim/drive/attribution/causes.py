@@ -214,7 +214,7 @@ class Moment:
     """A moment of a drive: speed, efforts as shares of the largest traction, and what was shown and seen.
 
     `driven_ratio` is the effort of the driven train over the next seconds, `best_ratio` that of the optimal trajectory
-    from here (NaN: there is none); `coasts_to_brake` says whether that trajectory coasts now and brakes next.
+    from here (NaN: there is none); `coasts_to_brake`: that trajectory coasts now and brakes next.
     """
 
     speed_mps: float
@@ -289,7 +289,7 @@ class Judge:
 
 
 def _other_effort(now: Moment, seen: Seen) -> bool:
-    if seen.top_only or seen.mode is Regime.DEPART:  # The advice to depart says nothing about a moving train.
+    if seen.top_only or seen.mode is Regime.DEPART:  # The advice to depart does not apply to a moving train.
         return False
     if math.isnan(seen.lever_ratio) or math.isnan(seen.advised_ratio):
         return seen.mode in PULLING and now.brakes

@@ -212,7 +212,7 @@ def committed(
         if in_vain and cause in HURRYING:
             cause = EnergyCause.LATENESS
         causes.append(EnergyCause.RESTRICTION if news and not news_j[k] else cause)
-    if math.isnan(energy_j[0]):  # the planned train cannot be as fast: its fastest trajectory stands for the optimum
+    if math.isnan(energy_j[0]):  # the planned train cannot be as fast: its fastest trajectory is used as the optimum
         energy_j[0] = knowledge.front().fastest().balance.input
     energy_j[-1] = energies.motors_j[-1]
     return Committed(sample=samples, energy_j=energy_j, causes=tuple(causes), news_j=news_j)

@@ -46,7 +46,7 @@ from sim.trips.trip import recorded_trip
 EQUAL_MPS: Final = 0.5
 """Largest distance (m/s) of two equal speeds from the same speed."""
 LEAST_PART_M: Final = 1000.0
-"""Length (m) below which a part between equal speeds is too short to assess the drive."""
+"""Least length (m) of a part between equal speeds for an assessment of the drive."""
 LEAST_WAY_M = 100.0
 """Distance (m) below which two stands do not bound a leg: the train only moved up."""
 
@@ -360,7 +360,7 @@ Smoothed = Callable[[float], Sequence[DrivenLeg]]
 class ComparedLeg:
     """A driven leg with its energies, and the planned train's front and optimum for the same trip time.
 
-    Front and optimum know of no temporary restrictions.
+    Front and optimum ignore temporary restrictions.
     """
 
     leg: DrivenLeg
