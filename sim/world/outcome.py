@@ -110,8 +110,7 @@ class RunEnergies:
     Driven = optimum + `blending_j` + `profile_j`, where `blending_j` went to friction brakes although the motors could
     have braked, and `profile_j` is the cost of the speed profile. `own_braking_j` is the optimum for the same times
     under the braking and the margin below limits that a human driver intends or, for other drivers, that the advice
-    plans. Its difference from the optimum is the cost of such braking; it is None, with the reason in `no_own_braking`,
-    if it cannot hold the train.
+    plans. The excess is the cost of such braking; None, for `no_own_braking`, if it cannot hold the train.
     """
 
     above: AboveOptimum
