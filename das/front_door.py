@@ -217,7 +217,7 @@ def plot(
     axis = None if over is None else chosen(Over, "plot", "over", over)
     fronts = [one for one in shown if isinstance(one, Front)]
     if len(fronts) not in (0, len(shown)):
-        raise InputError("plot", "runs", "fronts beside runs", "either fronts or runs")
+        raise InputError("plot", "runs", "fronts and runs", "either fronts or runs")
     if axis is (Over.DISTANCE if fronts else Over.BUFFER):
         raise InputError("plot", "over", axis, "buffer or time for fronts, distance or time for runs")
     if fronts:
@@ -349,7 +349,7 @@ def _positions(route: Route, between_m: object, start: object, end: object) -> t
     """The two positions (m) of `between_m`; InputError if they are unusable, or if a stop is given as well."""
     for key, stop in (("start", start), ("end", end)):
         if stop is not None:
-            raise InputError(route.source, key, stop, "none beside between_m, which gives both ends")
+            raise InputError(route.source, key, stop, "none with between_m, which gives both ends")
     numbers = isinstance(between_m, Sequence) and len(between_m) == 2
     if not numbers or not all(isinstance(x, int | float | np.number) for x in between_m):  # type: ignore[attr-defined]
         raise InputError(route.source, "between_m", between_m, "two positions (m)")

@@ -1,4 +1,4 @@
-"""Reading text files of strangers: CSV with other separators, comments and decimal commas, and plain YAML."""
+"""Reading text files of other origin: CSV with other separators, comments and decimal commas, and plain YAML."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?", re.IGNORECAS
 
 
 class CsvTable(NamedTuple):
-    """The cells of a CSV file: its rows (one or more) with their line numbers, and what separates cells."""
+    """The cells of a CSV file: its rows (one or more) with their line numbers, and the separator of cells."""
 
     separator: str
     rows: list[tuple[int, list[str]]]
@@ -32,7 +32,7 @@ class CsvTable(NamedTuple):
         return float(text) if _NUMBER.fullmatch(text) else None
 
     def joined(self, cells: list[str]) -> str:
-        """The cells of a row as they stand in the file, for messages."""
+        """The cells of a row as written in the file, for messages."""
         return self.separator.join(cells)
 
 
@@ -40,7 +40,7 @@ def read_csv(path: Path, most_bytes: int, expected: str) -> CsvTable:
     """Read a CSV file; empty lines and those that begin with # are left out.
 
     Semicolons or tabs separate cells if the first line has them, else commas. Raises DasError for an unusable file; for
-    an empty one it says what was `expected`.
+    an empty one with the text `expected`.
     """
     lines = [
         (number, line)
@@ -63,7 +63,7 @@ def read_csv(path: Path, most_bytes: int, expected: str) -> CsvTable:
 def read_yaml(path: Path) -> Fields:
     """Parse a YAML document that is a table of keys; DasError if the file cannot be read or holds something else.
 
-    References (`*name`) are refused: a small file with many of them becomes a huge one.
+    References (`*name`) are rejected: a small file with many of them expands to a huge one.
     """
     text = read_text(path, MOST_BYTES_OF_YAML)
     try:

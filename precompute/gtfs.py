@@ -1,4 +1,4 @@
-"""GTFS feeds: one trip of a public timetable, read from the zip as it is published (gtfs.org, Schedule Reference)."""
+"""GTFS feeds: one trip of a public timetable, read from the published zip (gtfs.org, Schedule Reference)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from das.domain.journey import file_clock
 from das.domain.units import MEGABYTE
 
 CLOCK = re.compile(r"\s*(\d{1,3}):([0-5]?\d):([0-5]?\d)\s*")
-"""A time of the service day, which goes on after 24:00:00."""
+"""A time of the service day, which continues after 24:00:00."""
 
 
 def clock_s(match: re.Match[str]) -> float:
@@ -54,9 +54,9 @@ def parsed_day(text: str) -> datetime.date:
 
 @dataclass(frozen=True, kw_only=True)
 class TripChoice:
-    """Which trip: by its id, or by two stops and the earliest departure (s after midnight); `day` must be served.
+    """The choice of a trip: by id, or by two stops and the earliest departure (s after midnight); `day` must be served.
 
-    With an id, the two stops cut the trip, and a trip that does not run at that time or on that day is refused.
+    With an id, the two stops cut the trip, and a trip that does not run at that time or on that day is rejected.
     """
 
     trip: Annotated[str | None, typer.Option(metavar="ID", help="The trip_id, or a number that only one trip has.")] = (
@@ -102,7 +102,7 @@ LONGEST_LINE = 100_000
 
 @contextmanager
 def refused(where: str | Path) -> Iterator[None]:
-    """Turn what reading a damaged zip or table raises into a DasError that names where."""
+    """Turn the errors of reading a damaged zip or table into a DasError that names the place."""
     try:
         yield
     except UNZIP_ERRORS as error:
@@ -124,7 +124,7 @@ class FeedTables:
             place = PurePosixPath(member.filename.replace("\\", "/"))
             if place.suffix == ".txt" and "__MACOSX" not in place.parts:
                 kept = self.members.get(place.name)
-                # A feed may lie in a folder of its zip; of two tables, the one nearer to the root counts.
+                # A feed may be in a folder of its zip; of two tables, that nearer to the root counts.
                 if kept is None or len(place.parts) < len(PurePosixPath(kept.filename).parts):
                     self.members[place.name] = member
         if "stop_times.txt" not in self.members:
@@ -133,7 +133,7 @@ class FeedTables:
             self._check_member(name, member)
 
     def _check_member(self, name: str, member: zipfile.ZipInfo) -> None:
-        """Raise InputError for a table by what the zip says about it, before anything is unpacked."""
+        """Raise InputError for a table from its entry in the zip, before it is unpacked."""
         most = MOST_BYTES.get(name, MOST_BYTES_OF_TABLE)
         swells = member.file_size > max(SWELLS_FROM_BYTES, SWELLING * max(member.compress_size, 1))
         if member.file_size > most or swells:
@@ -206,9 +206,9 @@ def whole_number(text: str) -> int | None:
 
 DAY_S = 86_400.0
 MOST_DAYS = 7
-"""A train of one of so many service days may still run on a day: some run for five days (139 h)."""
+"""Number of service days whose trains may still run on a day: some trains run for five days (139 h)."""
 MOST_NAMED = 6
-"""Most trips or stops that an error names."""
+"""Largest number of trips or stops that an error names."""
 NO_RAIL = (*range(3, 5), *range(6, 8), 11, *range(200, 300), *range(700, 900), *range(1000, 1400))
 """Route types of buses, ferries, cable cars, coaches and aircraft (basic and extended types)."""
 WEEKDAYS = ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday")
@@ -217,7 +217,7 @@ WEEKDAYS = ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", 
 class TripStop(NamedTuple):
     """A row of a trip: the stop's id and name, its coordinates (deg, NaN: none), and its times (NaN: none).
 
-    Times are in s after the midnight that begins the service day. `serves` is False where nobody gets on or off.
+    Times are in s after the midnight that begins the service day. `serves` is False if passengers cannot get on or off.
     """
 
     stop_id: str
@@ -231,9 +231,9 @@ class TripStop(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FeedTrip:
-    """A trip of a feed; `shape_deg` (points, 2) holds latitudes and longitudes of its way, empty if there is none.
+    """A trip of a feed; `shape_deg` (points, 2) holds latitudes and longitudes of its path, empty if there is none.
 
-    `notes` say what a user should know about the choice of the trip.
+    `notes` are remarks for the user on the choice of the trip.
     """
 
     feed: Path
@@ -247,7 +247,7 @@ class FeedTrip:
 
 
 def read_trip(path: Path, wanted: TripChoice) -> FeedTrip:
-    """Read one trip; raises DasError or InputError (table, key, value, expectation) if the feed lacks or spoils it."""
+    """Read one trip; raises DasError or InputError (table, key, value, expectation) if it is missing or damaged."""
     if not os.path.exists(path):  # unlike Path.exists, false for a name that no file can have
         raise DasError(f"{path}: no such file")
     if not path.is_file():
@@ -261,10 +261,10 @@ def read_trip(path: Path, wanted: TripChoice) -> FeedTrip:
 
 
 class _Run(NamedTuple):
-    """A run of a trip; runs compare by the time at which they leave the stop that is asked for.
+    """A run of a trip; runs compare by the time at which they leave the requested stop.
 
     `leaves_s` counts from midnight of the wanted day, which begins `days_before` days after its service day. The run is
-    `later_s` later than stop_times.txt says.
+    `later_s` later than in stop_times.txt.
     """
 
     leaves_s: float
@@ -281,7 +281,7 @@ class _Run(NamedTuple):
 
 class _Feed(FeedTables):
     def trip(self, wanted: TripChoice) -> FeedTrip:
-        """The trip that is wanted; raises DasError if there is none or the choice is not clear."""
+        """The requested trip; raises DasError if there is none or the choice is not clear."""
         stops = _Stops({row["stop_id"]: row for _, row in self.rows("stops.txt", ("stop_id",))})
         trip, notes = self._by_id(wanted) if wanted.trip is not None else self._by_stops(wanted, stops)
         whole = self._stops_of(trip["trip_id"], stops)
@@ -481,7 +481,7 @@ class _Feed(FeedTables):
         return route, next(own, agencies[0] if agencies else {})
 
     def _shape(self, shape_id: str) -> NDArray[np.float64]:
-        """The points (deg) of a shape in order; empty if there are none or a coordinate makes no sense."""
+        """The points (deg) of a shape in order; empty if there are none or a coordinate is invalid."""
         columns = ("shape_id", "shape_pt_lat", "shape_pt_lon", "shape_pt_sequence")
         points = []
         for number, row in self.rows("shapes.txt", columns, (shape_id,)) if shape_id else ():
@@ -493,7 +493,7 @@ class _Feed(FeedTables):
         return shape if len(shape) > 1 and not np.isnan(shape).any() else np.empty((0, 2))
 
     def _services_before(self, day: datetime.date | None) -> list[set[str] | None]:
-        """The services that run on a day, on the day before it, and so on, as far back as a train runs on."""
+        """The services that run on a day, on the day before it, and so on, as far back as trains may still run."""
         earlier = (datetime.timedelta(days=before) for before in range(MOST_DAYS))
         return [self._services(None if day is None else day - one) for one in earlier]
 
@@ -554,7 +554,7 @@ class _Stops:
 
 
 def _cut(path: Path, stops: list[TripStop], wanted: TripChoice, known: _Stops) -> list[TripStop]:
-    """The stops of a trip from one to another, of all that the feed knows."""
+    """The stops of a trip from one to another, out of all stops of the feed."""
     for option, name, first in (("--from", wanted.from_stop, True), ("--to", wanted.to_stop, False)):
         if name is None:
             continue
@@ -578,7 +578,7 @@ def check_ends(path: Path, trip_id: str, stops: Sequence[TripStop]) -> None:
 
 
 def _runs(trip: Row, services: set[str] | None) -> bool:
-    """Whether a trip is of one of the services that run on a day; true for any trip where no day is wanted (None)."""
+    """Whether a trip is of one of the services that run on a day; True for any trip if no day is wanted (None)."""
     return services is None or trip.get("service_id") in services
 
 

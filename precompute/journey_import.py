@@ -27,7 +27,7 @@ LONGEST_S = 3600.0
 
 @dataclass(frozen=True, kw_only=True)
 class TimesRead:
-    """How the times of a feed become windows. Raises DasError for an impossible time.
+    """The options for turning the times of a feed into windows. Raises DasError for an impossible time.
 
     The train may be `rounded_s` later than the timetable; None: after a departure by `ROUNDED_S` of
     `precompute.journey_import` if all times are whole minutes, never at the last stop.
@@ -56,11 +56,11 @@ class TimesRead:
 NEAR_M = 500.0
 """Distance (m) within which a stop of the feed is at a stop or a point of the route."""
 FAR_M = 5000.0
-"""Distance (m) beyond which a stop of the route with the same name is another one."""
+"""Distance (m) beyond which a stop of the route with the same name is a different stop."""
 OFF_SHAPE_M = 1000.0
-"""A shape that passes a stop at a larger distance (m) is not the way of the train."""
+"""Largest distance (m) of a stop from a shape that is the path of the train."""
 ROUNDED_S = 59.0
-"""Time (s) by which the moments that whole minutes stand for may be later."""
+"""Time (s) by which moments given in whole minutes may be later."""
 
 
 class Placed(NamedTuple):
@@ -73,7 +73,7 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """The stops of a trip with their positions, and what a user should know about these."""
+    """The stops of a trip with their positions, and remarks for the user on these."""
 
     stops: tuple[Placed, ...]
     notes: tuple[str, ...]
@@ -159,7 +159,7 @@ def _why_not(trip: FeedTrip, route: Route) -> str:
 
 
 def _route_stop(stop: TripStop, route: Route, from_m: float) -> Stop | None:
-    """The stop of the route, from a position on, that a stop of the feed is: by its name, else by its place."""
+    """The stop of the route, from a position on, that matches a stop of the feed: by name, else by place."""
     ahead = [one for one in route.stops if one.position_m >= from_m]
     away_m = {one.name: _away_m(stop, one, route) for one in ahead}
     alike = {one.name: _likeness(stop.name, one.name) for one in ahead if not away_m[one.name] > FAR_M}
@@ -171,9 +171,9 @@ def _route_stop(stop: TripStop, route: Route, from_m: float) -> Stop | None:
 
 
 def _likeness(name: str, other: str) -> float:
-    """How alike two names are, from 0 to 1 (the same words); 0 unless one has all words of the other.
+    """The similarity of two names, from 0 to 1 (the same words); 0 unless one has all words of the other.
 
-    "South San Francisco Station" is more like the stop "South San Francisco" than like "San Francisco".
+    "South San Francisco Station" is more similar to the stop "South San Francisco" than to "San Francisco".
     """
     words, others = set(key_of(name).split()), set(key_of(other).split())
     common = words & others
@@ -197,7 +197,7 @@ def journey_text(trip: FeedTrip, placement: Placement, times: TimesRead, route: 
 
 
 def notes(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route | None) -> list[str]:
-    """What was chosen and assumed, one sentence each: for the file and for the user."""
+    """Choices and assumptions, one sentence each: for the file and for the user."""
     inner = [one.stop for one in placement.stops[1:-1] if one.stop.serves]
     without = sum(stop.arrival_s == stop.departure_s for stop in inner)
     found = [*trip.notes, *placement.notes]
@@ -211,7 +211,7 @@ def notes(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route |
     late = may_leave if rounded_s else "leaves at each departure, no later"
     found.append(f"{minutes}the train {late} (--tolerance)")
     if any(not one.stop.serves for one in placement.stops):
-        found.append("where nobody gets on or off, the train passes, and its time there is a wish")
+        found.append("a stop without boarding becomes a passing, with its time as a wish")
     if route is not None and trip.time_zone not in ("", route.time_zone):
         found.append(
             f"the times are those of {trip.time_zone}, but the time zone of {route.name} is {route.time_zone}: "
@@ -247,7 +247,7 @@ def _file(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route |
 
 
 def _point(one: Placed, times: TimesRead, rounded_s: float, *, first: bool, last: bool) -> Iterator[str]:
-    """The lines of a stop, or of a passing where nobody gets on or off."""
+    """The lines of a stop, or of a passing at a stop without boarding."""
     stop = one.stop
     passes = not (stop.serves or first or last)
     yield "[[passings]]" if passes else "[[stops]]"

@@ -1,8 +1,8 @@
 """`python -m precompute.late_kernels`: compile kernels that a solved section needs, on a tiny one.
 
 A command that compiles the solver starts this module in a second process. It compiles the kernels in the order in which
-the command needs them, except those that share most of their code with the command's own ones: the sweep, and the tubes
-of the refinement.
+the command needs them, except those that share most of their code with the command's own kernels: the sweep, and the
+tubes of the refinement.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from das.solver.warm_up import tiny_route
 TRAIN = "re460-ic"
 """A bundled train with a loss map, which its bound needs."""
 PRICE_W = 1e5
-"""Any price of time will do."""
+"""Price of time (W); any value is suitable."""
 SLOWER_RATIO = 1.2
 """Time of the run to bound, as a multiple of the least time."""
 
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def _unsolved_policies(section: Section) -> Policies:
-    """Policies that no sweep has filled: they lead a train nowhere, but their kernels are compiled."""
+    """Policies that no sweep has filled: they drive no train, but their kernels are compiled."""
     grid, prices_w = DecisionGrid.of(section), np.array([PRICE_W, 2.0 * PRICE_W])
     shape = len(grid.node_m), grid.speed_steps + 1, len(prices_w)
     return Policies(prices_w, np.full(shape, INFEASIBLE), np.zeros(shape, np.float32))

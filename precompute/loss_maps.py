@@ -1,4 +1,4 @@
-"""Describing a loss map: what it covers, how well levels L1 and L2 fit it, its best points, and pictures of it."""
+"""The description of a loss map: coverage, fits of levels L1 and L2, best points, and pictures."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def best_point(loss_map: LossMap, vehicle: Vehicle, sign: int) -> dict[str, floa
 
 
 def facts(loss_map: LossMap, vehicle: Vehicle, summary: dict[str, Any]) -> Iterator[str]:
-    """What a map covers, its largest losses and its best points, a line each."""
+    """The coverage of a map, its largest losses and its best points, a line each."""
     cover = summary["coverage"]
     (slow, fast), (least, most) = cover["speed_kmh"], cover["force_kn"]
     yield loss_map.name
@@ -171,7 +171,7 @@ _LOWEST_SHOWN_EFFICIENCY = 0.70
 _LEVELS = 17
 _BAND_KW = 50.0
 _MOST_BANDS = 60
-"""Most bands of 50 kW in a picture of losses; one that would have more, or fewer than 4, has `_LEVELS` bands."""
+"""Largest number of 50 kW bands in a picture of losses; with more, or fewer than 4, it has `_LEVELS` bands."""
 
 
 def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle) -> Any:
@@ -191,7 +191,7 @@ def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle) -> Any:
     # Ever finer towards the best efficiency, where runs differ.
     levels = highest - (highest - _LOWEST_SHOWN_EFFICIENCY) * np.linspace(1.0, 0.0, _LEVELS) ** 2
     shown = np.ma.masked_array(efficiency, ~inside)
-    # The same difference of colour from each level to the next.
+    # Equal differences of colour between levels.
     colours = {"cmap": "viridis", "norm": BoundaryNorm(levels, 256, extend="min"), "extend": "min"}
     return _filled(axes, (speed, force, shown), vehicle, levels=levels, **colours)
 
@@ -226,7 +226,7 @@ def _filled(axes: Any, field: tuple[Floats, Floats, Any], vehicle: Vehicle, **st
 
 
 def _grid(loss_map: LossMap, vehicle: Vehicle) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Speeds and forces of the map's grid, and which of them the train can use."""
+    """Speeds and forces of the map's grid, and a mask of those that the train can use."""
     top = min(vehicle.max_speed_mps, float(loss_map.speed_mps[-1]))
     speeds = loss_map.speed_mps[(loss_map.speed_mps > 0) & (loss_map.speed_mps <= top * (1 + 1e-9))]
     speed, force = np.meshgrid(speeds, loss_map.force_n, indexing="ij")

@@ -14,7 +14,7 @@ from das.domain.files.writing import write_whole
 
 BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 LONGEST_S: Final = 120.0
-"""Time (s) after which printing a page is given up."""
+"""Longest time (s) for printing a page."""
 
 
 def browser() -> str:

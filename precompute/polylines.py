@@ -1,4 +1,4 @@
-"""Places beside polylines on the Earth: how far along the line they are, and how far from it."""
+"""Places near polylines on the Earth: their positions along the line, and distances from it."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class Projection(NamedTuple):
 
 
 def projected_in_order(line: tuple[Floats, Floats, Floats], places_deg: Floats, near_m: float) -> Projection:
-    """Places (n, 2; deg) projected on a polyline, none before the one before it: a line may pass a place twice.
+    """Places (n, 2; deg) projected on a polyline in rising order, because a line may pass a place twice.
 
-    `line` is that of `nearest_on_line`. A place farther from it than `near_m` does not hold the others back. A place
-    that is NaN gets the position NaN and the distance inf.
+    `line` is that of `nearest_on_line`. A place farther from it than `near_m` does not affect the others. A place that
+    is NaN gets the position NaN and the distance inf.
     """
     position_m, off_m = np.full(len(places_deg), np.nan), np.full(len(places_deg), np.inf)
     at_m, latitude, longitude = line
@@ -48,7 +48,7 @@ def nearest_on_line(
     """Position (m) of the point of a polyline nearest to a place, and its distance (m) from the place.
 
     `line` has position (m), latitude and longitude (deg) of each vertex, arrays of shape (n,) with n ≥ 2. Computed in
-    the plane that touches the Earth at the place, so that distances of some kilometres and more are only rough.
+    the plane that touches the Earth at the place; distances of several kilometres are therefore only rough.
     """
     at_m, latitude, longitude = line
     x, y = plane_m(latitude, longitude, (latitude_deg, longitude_deg))
@@ -68,9 +68,9 @@ def plane_m(latitude_deg: Floats, longitude_deg: Floats, place: tuple[float, flo
 def nearest_on_segments(
     x: Floats, y: Floats, dx: Floats, dy: Floats, lowest: ArrayLike = 0.0, highest: ArrayLike = 1.0
 ) -> tuple[Floats, Floats]:
-    """Where segments from (x, y) to (x + dx, y + dy) are nearest to the origin of a plane: share and distance.
+    """The points of segments from (x, y) to (x + dx, y + dy) nearest to the origin of a plane: share and distance.
 
-    The share of a segment's length is kept from `lowest` to `highest`. All arrays broadcast; the distance has the unit
+    The share of a segment's length is limited to `lowest` … `highest`. All arrays broadcast; the distance has the unit
     of the coordinates.
     """
     square = np.maximum(dx**2 + dy**2, 1e-12)  # a doubled vertex has length 0: any share of it is the same point

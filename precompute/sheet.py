@@ -1,8 +1,8 @@
-"""The driver's sheet of a journey as a page to print or to read on a tablet: what to do from which place on.
+"""The driver's sheet of a journey as a page to print or to read on a tablet: instructions by place.
 
-Nothing on it changes on the way, as on the speeds that railways hand out hours before a departure. The instructions of
-a section are the guide's timeline for the planned running time, with a higher price of a change: what is read on paper
-must be little. They are placed by kilometre and board.
+It does not change on the way, like the lists of speeds that railways issue hours before a departure. The instructions
+of a section are the guide's timeline for the planned running time, with a higher price of a change, to keep the paper
+short. They are located by kilometre and board.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ CHANGE_S = 4.0 * PolicySettings().change_s
 """Time (s) of full power whose energy a change of regime must save: four times the price that the guide has. On a
 sheet, every line has to be found, read and remembered."""
 PLACE_M = 100.0
-"""Step (m) of places on a sheet: a driver can tell them no more closely by posts and boards."""
+"""Step (m) of places on a sheet: posts and boards do not allow the driver a finer one."""
 SETTINGS = PolicySettings(change_s=CHANGE_S, young_s=2.0 * CHANGE_S)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SheetLine:
-    """An instruction: what to do from a place (m) on, the speed (m/s) to reach or to hold, and the planned time.
+    """An instruction: the action from a place (m) on, the speed (m/s) to reach or to hold, and the planned time.
 
     `after_s` counts from the departure. A coast has the speed at which it ends. `effort_ratio` is the share of the
-    largest effort of traction; 0 for what is no traction.
+    largest effort of traction; 0 without traction.
     """
 
     kind: InstructionKind
@@ -57,9 +57,9 @@ class SheetLine:
 
     @property
     def posted_m(self) -> float:
-        """The place (m) as the sheet says it, in tenths of a kilometre: brakes rather early, traction rather late.
+        """The place (m) as printed, in tenths of a kilometre: brakes rather early, traction rather late.
 
-        A brake that begins later would be too hard, traction that begins earlier too fast for the limit left behind.
+        Braking later would be too hard; with traction earlier, the train would exceed the limit that is ending.
         """
         place = self.s_m / PLACE_M
         if self.kind is InstructionKind.BRAKE:
@@ -89,9 +89,9 @@ class SectionSheet:
 def section_sheet(
     section: Section, time_s: float, point_m: float | None = None, window: Window | None = None
 ) -> SectionSheet:
-    """The sheet of a section that is driven in a time (s); a window (s from the departure) at a point is kept.
+    """The sheet of a section for a running time (s); a window (s from the departure) at a point is kept.
 
-    `section` is planned with the braking of its drivers (`das.solver.section.with_braking`). Raises DasError where the
+    `section` is planned with the braking of its drivers (`das.solver.section.with_braking`). Raises DasError if the
     train cannot drive the section.
     """
     start_m = float(section.node_m[0])
@@ -110,7 +110,7 @@ def section_sheet(
 
 
 def _lines(schedule: Schedule, forecast: Prospect) -> tuple[SheetLine, ...]:
-    """The steps of a schedule as lines. What only coasts or brakes further has no line of its own."""
+    """The steps of a schedule as lines. A step that only continues to coast or brake has no line."""
     found: list[SheetLine] = []
     for step in timeline(schedule):
         slows = step.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
@@ -133,12 +133,11 @@ def _lines(schedule: Schedule, forecast: Prospect) -> tuple[SheetLine, ...]:
 
 HALF_MINUTE_S = 30.0
 HELD_MPS, HELD_S = 1.0, 10.0
-"""Difference (m/s) below which a speed is the one reached before, and time (s) kept from which it is said to be
-held."""
+"""Difference (m/s) below which a speed equals the one reached before, and least time (s) of a held speed."""
 NEAR_M, AT_M = 1500.0, 60.0
 """A board or tunnel within `NEAR_M` of a place names it; within `AT_M` it is the place."""
 STRIP, LABEL = (600.0, 84.0), 15.0
-"""Width and height of a section's picture, and the room that a number needs in it, in the picture's own units."""
+"""Width and height of a section's picture, and the width of a number in it, in the picture's units."""
 SYMBOLS = {
     InstructionKind.TRACTION: "▲",
     InstructionKind.HOLD: "■",
@@ -171,7 +170,7 @@ def sheets_of(planner: JourneyPlanner, plan: JourneyPlan) -> Iterator[PlannedShe
 
 
 class Landmark(NamedTuple):
-    """Something that a driver sees beside the line: its place (m) and its name."""
+    """A landmark that a driver sees next to the line: its place (m) and its name."""
 
     s_m: float
     name: str
@@ -216,7 +215,7 @@ def span_words(time_s: float) -> str:
 
 
 class SaidLine(NamedTuple):
-    """A line as the page says it, and from where its speed is held (m; None: it is not), which needs no line.
+    """A line as printed, and the place from which its speed is held (m; None: it is not), which needs no line.
 
     `end_m` is where the next line begins, `begin_mps` the speed where this one does.
     """
@@ -247,7 +246,7 @@ def _holds(line: SheetLine, speed_mps: float) -> bool:
 
 
 def _held_m(sheet: SectionSheet, line: SheetLine, end_m: float) -> float | None:
-    """From where a train that accelerates holds the speed reached (m); None if the next line comes too soon."""
+    """The place (m) from which an accelerating train holds the speed reached; None if the next line is too near."""
     if line.kind is not InstructionKind.TRACTION:
         return None
     at = (sheet.s_m > line.s_m) & (sheet.s_m < end_m) & (sheet.v_mps > line.speed_mps - HELD_MPS)
@@ -258,7 +257,7 @@ def _held_m(sheet: SectionSheet, line: SheetLine, end_m: float) -> float | None:
 
 
 def line_words(said: SaidLine, *, last: bool) -> str:
-    """What to do, as a driver reads it."""
+    """The instruction as the driver reads it."""
     line, speed = said.line, f"<b>{kmh(said.line.speed_mps):.0f}</b>"
     then = ", hold" if said.held_m is not None else ""
     if line.kind is InstructionKind.TRACTION:
@@ -353,7 +352,7 @@ def _rows(one: PlannedSheet, known: Sequence[Landmark]) -> Iterator[str]:
 
 
 def _row(css: str, s_m: float, cells: tuple[str, str, str, str, str]) -> str:
-    """A row of the table: number, symbol, what to do, where and when; all but what to do is plain text."""
+    """A row of the table: number, symbol, action, place and time; all but the action is plain text."""
     number, symbol, what, where, at = cells
     return (
         f'<tr class="{css}"><td class="n">{number}</td><td class="km">{s_m / KM:.1f}</td>'
@@ -375,7 +374,7 @@ def boards_words(sheet: SectionSheet, from_m: float) -> str:
 
 
 def due_words(passing: Passing) -> str:
-    """When a point is to be passed, in half minutes inside its window; empty for a timing point."""
+    """The time for passing a point, in half minutes inside its window; empty for a timing point."""
     if passing.wish:
         return "wish"
     earliest_s, latest_s = passing.window.earliest_s, passing.window.latest_s

@@ -1,8 +1,8 @@
 """Workers for many jobs: processes of this machine, or the workers of an existing Dask cluster.
 
-How to start a cluster: docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us. If a process here
-dies, only the attempt of its own job is lost: `concurrent.futures` then loses all jobs in flight, pebble 5.2 ends or
-hangs, and `distributed.LocalCluster` takes three times the memory, starts ten times slower and opens eight ports.
+How to start a cluster: docs/how-to/build-on-a-cluster.md. Its workers need no common disk. If a process here dies, only
+the attempt at its job is lost: `concurrent.futures` then loses all jobs in flight, pebble 5.2 ends or hangs, and
+`distributed.LocalCluster` takes three times the memory, starts ten times slower and opens eight ports.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 ATTEMPTS: Final = 3
-"""Number of workers that may die on a job before it is given up."""
+"""Number of workers that may die on a job before it is abandoned."""
 FALSE_STARTS: Final = 3
 """Number of consecutive workers that may die before they are ready; then the work ends."""
 OUT_OF_MEMORY_EXIT: Final = 71
@@ -246,14 +246,14 @@ class Workers:
 
     @classmethod
     def asked(cls, count: int | None, scheduler: str | None = None) -> Workers:
-        """The workers that a user asks for, by default one process a core; DasError if both are given."""
+        """The workers that the user chose, by default one process a core; DasError if both are given."""
         if count is not None and scheduler is not None:
             raise DasError("give either --workers or --scheduler: a cluster has its own workers")
         return cls(count=count or available_cores(), scheduler=scheduler)
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What reports say about the workers."""
+        """The words on the workers in reports."""
         return {"workers": self.count} if self.scheduler is None else {"scheduler": self.scheduler}
 
     def made(
@@ -264,7 +264,7 @@ class Workers:
         prepare: Callable[[], object],
         finish: bool = False,
     ) -> Generator[Made[Job, Result]]:
-        """Yield what `make` makes of each job, as it ends; closing the iterator stops the work on all others.
+        """Yield the result of `make` for each job as it ends; closing the iterator stops the work on all others.
 
         `make` and `prepare` must be functions of modules. Local workers call `prepare` once before their first job.
         With `finish`, an interruption waits for the jobs that local workers have under way, and yields them too.
@@ -301,7 +301,7 @@ def _made_on_cluster(make: Callable[[Job], Result], jobs: Sequence[Job], address
 
 
 def connected(address: str) -> Any:
-    """A client of the scheduler at an address, to be used with `with`; DasError if none answers."""
+    """A client of the scheduler at an address, to be used with `with`; DasError if there is no answer."""
     if not _ADDRESS.fullmatch(address):
         raise DasError(f"--scheduler {address}: expected an address like tcp://HOST:8786")
     client = _distributed().Client
@@ -393,7 +393,7 @@ def environment() -> dict[str, str]:
 
 
 def differences(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """How another environment differs from this one, in words; empty if it does not."""
+    """The differences of another environment from this one, in words; empty if there are none."""
     return "; ".join(
         f"{name} {there.get(name, 'missing')}, here {value}" for name, value in here.items() if there.get(name) != value
     )

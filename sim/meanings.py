@@ -1,9 +1,9 @@
 """The colours of all pictures, pages and views, with one meaning each, for dark and white backgrounds, and for the
 viewer.
 
-No module that draws a drive has colours of its own. The exception is a display that shows no mode: its colour is in its
-module in `sim/drivers/presentations`. tests/sim/test_meanings.py checks that people can tell the colours
-apart; lines on one axis must also be told apart with the common kinds of colour blindness.
+No module that draws a drive has its own colours. The exception is a display that shows no mode: its colour is in its
+module in `sim/drivers/presentations`. tests/sim/test_meanings.py checks that people can tell the colours apart; lines
+on one axis must also be distinguishable with the common kinds of colour blindness.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ DARK, LIGHT, VIEWER = (
         )
     )
 )
-"""The themes for a dark background, for white, and for the viewer. The viewer's background is dark or light, as the
-desktop's is, so its colours are middle tones that are readable on either."""
+"""The themes for a dark background, for white, and for the viewer. The viewer's background is dark or light, like the
+desktop's, so its colours are middle tones that are readable on both."""
 
 COMPARED: Final = (LIGHT.of[Meaning.OTHER_DRIVE], LIGHT.of[Meaning.DRIVEN], "#0000ff", "#0f87ff", "#2d001e", "#0f4bff")
 """Colours of compared drives, in their order, on white; lines differ in style as well. The first is the drive with

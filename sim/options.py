@@ -1,7 +1,7 @@
 """Options of das-sim that packages below `sim.cli` use as data; `sim.cli.options` has the others.
 
-Options that belong together are grouped in dataclasses. This module imports nothing heavy, because
-it is imported whenever das-sim prints a help text.
+Options that belong together are grouped in dataclasses. This module imports no large modules, because it is imported
+whenever das-sim prints a help text.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def pace_factor(text: str) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class TripOptions:
-    """The options of a trip besides its file; None means the value in the recording, or else the default.
+    """The options of a trip besides its file; None means the recorded value, or else the default.
 
     Without `reverse`, the direction of the trip is not given. Without stops, the trip runs from the route's first stop
     to its last. `posts` is a file of kilometre posts.
@@ -143,7 +143,7 @@ class TripOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
-    """How a trip is replayed; None means: as recorded, or the default.
+    """The options of a replay; None means: as recorded, or the default.
 
     The timetable comes from a journey, or from the running time and the delay of the departure; a delay alone is
     rejected if the recording has no time of arrival.
@@ -179,7 +179,7 @@ class ReplayOptions:
 
 
 class WhatIfKind(StrEnum):
-    """How a what-if is made from a recording."""
+    """The kinds of what-ifs."""
 
     OPEN_LOOP = "open loop"
     """The drive stays as it was recorded; only the advice on it is different."""
@@ -196,7 +196,7 @@ def typed_command() -> str:
 class PageFiles:
     """Options on the page that a command writes; an `out` whose name ends in .pdf means the PDF, unless `pdf` is given.
 
-    None stands for a file that was not asked for.
+    None stands for a file that was not requested.
     """
 
     out: Annotated[
@@ -207,7 +207,7 @@ class PageFiles:
 
     @property
     def paths(self) -> tuple[Path | None, Path | None]:
-        """The page and its PDF."""
+        """The paths of the page and its PDF."""
         pdf_alone = self.out is not None and self.pdf is None and self.out.suffix.lower() == ".pdf"
         return (None, self.out) if pdf_alone else (self.out, self.pdf)
 
@@ -224,7 +224,7 @@ class PageFiles:
             browser()
 
     def write(self, draw: Callable[[], str]) -> None:
-        """Draw the page and write it as HTML, as PDF or as both; it is not drawn if neither was asked for."""
+        """Draw the page and write it as HTML, as PDF or as both; it is not drawn if neither was requested."""
         out, pdf = self.paths
         if out is None and pdf is None:
             return

@@ -1,4 +1,4 @@
-"""Baseline strategies: how trains are driven without an optimiser; and their names, which command lines need."""
+"""Baseline strategies of driving without an optimiser, and their names for command lines."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Strategy(StrEnum):
-    """How a section is driven: the optimum, or a baseline to compare it with."""
+    """The strategy on a section: the optimum, or a baseline for comparison."""
 
     OPTIMAL = "optimal"
     FASTEST = "fastest"

@@ -57,8 +57,8 @@ def electric_envelope(line, envelope, p):
 def cruise_run(cruise, line, bounds, p, v):
     """The run from v[0] that holds one cruising speed; fills v, returns the trip time (s), or -1 after a stall.
 
-    Full effort up to min(envelope, cruise), then that speed is held with traction or brakes. Full traction where the
-    train falls below it, or where the floor is above the cruising speed. Braking follows the envelope.
+    Full effort up to min(envelope, cruise), then that speed is held with traction or brakes. Full traction if the train
+    falls below that speed, or if the floor is above the cruising speed. Braking follows the envelope.
     """
     floor, envelope = bounds
     for i in range(line.step_m.size):
@@ -92,7 +92,7 @@ def coasting_speed(v0, h, g, q, p):
 
 @kernel
 def interval_cost(v0, v1, h, g, q, p, c):
-    """Time (s) and energy at the collector (J) of an interval of a trajectory, as its energy balance counts them."""
+    """Time (s) and energy at the collector (J) of an interval of a trajectory, as in its energy balance."""
     mid = 0.5 * (v0 + v1)
     dt = h / mid
     f = p.inertial_mass_kg * (v1 * v1 - v0 * v0) / (2.0 * h) + mean_resistance(v0, v1, q, p) + g
@@ -203,7 +203,7 @@ def four_mode_run(cruise, ends, base, line, bounds, p, v, coasting):
 
     ends[i] > 0: an arc starts at node i (unless another is under way) and ends at the first crossing of the base run
     near node ends[i] or after it; an earlier crossing, where the arc only grazes the base run, is ignored. coasting[i]
-    is true if interval i has no wheel force. Every interval is cut to what the train can do.
+    is true if interval i has no wheel force. Every interval is limited to the capability of the train.
     """
     step, g, q, _ = line
     floor, envelope = bounds

@@ -1,7 +1,7 @@
-"""Baseline strategies: how trains are driven without an optimiser – fastest, reduced maximum speed, four modes.
+"""Baseline strategies of driving without an optimiser: fastest, reduced maximum speed, four modes.
 
 Like the front, each strategy gives a run on the integration grid of any section (gradients, limits, any loss level),
-with its trajectory, its energy balance and how well it meets the time.
+with its trajectory, its energy balance and its fit to the time.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LOWEST_CRUISE_MPS = 1.0
-"""Lowest speed (m/s) that a strategy holds or passes a crest with."""
+"""Lowest speed (m/s) at which a strategy cruises or passes a crest."""
 SPEED_ROUNDING_MPS = 1e-10
 """Difference (m/s) below which cruising speeds are the same."""
 SCANNED_SPEEDS = 8
-"""Cruising speeds tried before the best one is narrowed down."""
+"""Number of cruising speeds tried before the search around the best one."""
 GOLDEN_STEPS = 9
 TRIED_SPEEDS, ENOUGH_RATIO = 20, 2e-3
 """Largest number of cruising speeds for which runs on time are sought, and the ratio above the dual value within which
 the energy of a run ends the search earlier."""
 MAX_PRICES = 60
 HIGHEST_PRICE_RATIO = 1e3
-"""Highest price of time tried for coasting, as a multiple of the traction power: at it, no loss of time pays."""
+"""Highest price of time tried for coasting, as a multiple of the traction power: there, no loss of time pays."""
 SPARE_RATIO, SPARE_S = 1.2, 5.0
-"""Multiple of the time to spare, and time (s) on top of it, whose loss makes an arc be given up."""
+"""Multiple of the time to spare, and additional time (s): an arc that loses more than both together is given up."""
 NEAR_S = 0.7
-"""Distance (s) from the wanted time within which a set of arcs is brought to it by changing the cruising speed."""
+"""Distance (s) from the wanted time within which a set of arcs is adjusted to it by the cruising speed."""
 EXCHANGES = 5
-"""Largest number of arcs that are exchanged to come near the time wanted."""
+"""Largest number of arcs that are exchanged to approach the wanted time."""
 TUNED_RATIO = 0.05
 """Largest relative change of the cruising speed to bring a run with given arcs to the wanted time."""
 MAX_TUNED, ENOUGH_TUNED = 20, 3
@@ -57,7 +57,7 @@ MAX_TUNED, ENOUGH_TUNED = 20, 3
 
 
 class BaselineRun(NamedTuple):
-    """Speeds at the nodes, the time (inf after a stall), the cruising speed and which intervals are coasted."""
+    """Speeds at the nodes, the time (inf after a stall), the cruising speed, and a mask of the coasted intervals."""
 
     speeds_mps: Floats
     time_s: float
@@ -72,7 +72,7 @@ class Driving:
         self.section = section
         self.envelope_mps = section.envelope_mps if envelope_mps is None else envelope_mps
         self.line = section.for_kernels
-        # A floor of 0 at a crest would leave it to rounding whether the train gets over.
+        # With a floor of 0 at a crest, rounding would decide whether the train passes it.
         floor = climbing_floor(self.line, self.envelope_mps, LOWEST_CRUISE_MPS, section.train)
         self.bounds = SpeedBounds(floor, self.envelope_mps)
         self.fastest = self.cruise(float(self.envelope_mps.max()))
@@ -94,7 +94,7 @@ class Driving:
         return _run(speeds, time_s, cruise_mps, coasting)
 
     def cruise_in(self, time_s: float) -> BaselineRun:
-        """The base run that takes a time, or the one nearest to it."""
+        """The base run that takes a time, or the nearest time."""
         return hit(self.cruise, LOWEST_CRUISE_MPS, self.top_mps, time_s)
 
     def energy_j(self, run: BaselineRun) -> float:
@@ -192,11 +192,11 @@ class _Arcs:
         return _Path(tuple(arcs), float(time_s[0]), float(cost[0] - price_w * time_s[0]))
 
     def around(self) -> tuple[_Path, _Path, float]:
-        """The best arcs just above and just within the time to spare, and the price of time (W) that both are best at.
+        """The best arcs just above and just within the time to spare, and the price of time (W) at which both are best.
 
         The dual function of the price, least (energy + price·(time − wanted)), is piecewise linear: each new price is
-        where the lines of the two neighbours meet. If the best arcs at price 0 are within the time to spare, they
-        are returned as both.
+        that at which the lines of the two neighbours meet. If the best arcs at price 0 are within the time to spare,
+        they are returned as both.
         """
         slow = self.at(0.0)
         if slow.extra_s <= self.spare_s:
@@ -214,14 +214,14 @@ class _Arcs:
         return slow, quick, price_w
 
     def bound_j(self) -> float:
-        """Dual value: no set of arcs on this base run that takes the time wanted needs less energy."""
+        """Dual value: no set of arcs on this base run that takes the wanted time needs less energy."""
         slow, _, price_w = self.around()
         return self.base_j + slow.extra_j + price_w * (slow.extra_s - self.spare_s)
 
     def near_time(self) -> list[_Path]:
         """Sets of arcs near the time to spare, the best at the price of time first.
 
-        The time of the best arcs jumps with the price. To come nearer, single arcs of both sides of the jump are added,
+        The time of the best arcs jumps with the price. To approach it, single arcs of both sides of the jump are added,
         left out or exchanged.
         """
         slow, quick, price_w = self.around()
@@ -239,7 +239,7 @@ class _Arcs:
             near = {path for path in paths if self._miss_s(path) <= NEAR_S} | {nearest}
             return sorted(near, key=lambda path: (path.extra_j + price_w * path.extra_s, path.arcs))
 
-        # A late set that coasts from the run-up is on time at no cruising speed: take early and late sets in turn.
+        # A late set that coasts from the run-up is never on time: take early and late sets in turn.
         pairs = zip_longest(best(early, quick), best(late, slow))
         mixed = [path for pair in pairs for path in pair if path is not None]
         return mixed[:MAX_TUNED]
@@ -363,9 +363,9 @@ class FourModeSearch:
 class Baseline:
     """A run of a baseline strategy on a section's integration grid.
 
-    `fit`, `least_time_s`, `requested_s` and `feasible` mean what they mean in `das.solver.solution.Solution`.
-    `cruise_speed_mps` is the speed held (None for the fastest run, which runs at the limits). `coasting_m`: begin and
-    end (route position) of each stretch on which the train coasts, in order.
+    `fit`, `least_time_s`, `requested_s` and `feasible` are those of `das.solver.solution.Solution`. `cruise_speed_mps`
+    is the speed held (None for the fastest run, which runs at the limits). `coasting_m`: begin and end (route position)
+    of each stretch on which the train coasts, in order.
     """
 
     strategy: Strategy
@@ -421,7 +421,7 @@ def reduced_maximum_speed(section: Section, time_s: float) -> Baseline:
     """The run of duration `time_s` under one lower maximum speed (Nold & Corman 2024, section 4.1; their ref. 7).
 
     Full effort up to min(limit, v); that speed is held (traction on climbs, brakes on descents; full traction where the
-    train cannot hold it); full brake along the envelope. A bisection finds the v that hits the time to
+    train cannot hold it); full brake along the envelope. A bisection finds the v that meets the time to
     `TIME_TOLERANCE_S`. The speed exceeds v only where the end speed or a hill needs a run-up, or where the brakes
     cannot hold it.
 

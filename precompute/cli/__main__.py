@@ -1,4 +1,4 @@
-"""Where das-precompute starts: `python -m precompute.cli`."""
+"""The entry point of das-precompute: `python -m precompute.cli`."""
 
 from das.command_line.process import start
 

@@ -48,8 +48,8 @@ def import_route(
     Limits are those of the direction, so the route is one_way: import the other direction as well.
 
     Tables are CSV files whose columns have their units in their names (position_km, limit_kmh, gradient_permille,
-    altitude_m, radius_m, length_m with cross_section_m2, name, latitude_deg, longitude_deg); what a file has in its
-    columns is what it is. A row holds until the next one.
+    altitude_m, radius_m, length_m with cross_section_m2, name, latitude_deg, longitude_deg); the columns determine the
+    content of a file. A row holds until the next one.
 
     Without altitudes energies are wrong by up to a third, so a line without them needs --flat.
     """
@@ -78,7 +78,7 @@ def import_route(
 
 @dataclass(frozen=True, kw_only=True)
 class AssumedOptions:
-    """What the files of other programs do not hold, and what in them is taken."""
+    """Values that the files of other programs lack, and the parts to read."""
 
     losses: Annotated[
         str | None,
@@ -145,8 +145,8 @@ def import_journey(
     500 m of the route; stops beyond its ends are left out. Without a route, positions are distances along the feed's
     shape.
 
-    Public timetables are rounded and seldom say how long a train stands. What is assumed is printed, and written in
-    the file.
+    Public timetables are rounded and seldom say how long a train stands. Assumptions are printed, and written in the
+    file.
     """
     written.check(feed, on.route)
     from das.domain.files.reading import Fields

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from das.offline.journey import JourneyPlan, JourneyPlanner
 
 ALL_STOPS = "stops"
-"""The word that is given instead of a journey: call at all stops of the route."""
+"""The word instead of a journey for calls at all stops of the route."""
 DWELL_S = 30.0
 
 
@@ -69,7 +69,7 @@ class StopsOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class JourneyFiles(RunFiles):
-    """The files that `journey` writes: trajectory, picture and driver's sheet, and whether it prints JSON."""
+    """The files that `journey` writes (trajectory, picture and driver's sheet), and whether it prints JSON."""
 
     sheet: Annotated[
         Path | None,
@@ -81,7 +81,7 @@ class JourneyFiles(RunFiles):
     ] = None
 
     def outputs(self) -> tuple[Path | None, ...]:
-        """All files to write; None for one that was not asked for."""
+        """All files to write; None for one that was not requested."""
         return *super().outputs(), self.sheet
 
     def check(self, *inputs: str | Path | None) -> None:
@@ -117,11 +117,11 @@ def journey(
 
     Every window is kept: no stop is left early, none is reached late, and passing points are passed in time. Where no
     window binds, time is shared so that one second less would cost the same everywhere; this price of time changes only
-    where a window binds. With "stops" nothing is timed but the departure (at 0) and the last arrival.
+    where a window binds. With "stops" only the departure (at 0) and the last arrival are timed.
 
     For comparison the command prints the energy of the same windows with the same buffer in per cent everywhere, and
-    that of driving as fast as possible and waiting. Windows that cannot be kept are an error that says which, and by
-    how many seconds.
+    that of driving as fast as possible and waiting. Windows that cannot be kept are an error, which names them and the
+    missing seconds.
     """
     posed = TrainOnLine(where=where, driven=driven, world=world)
     files.check(journey, *posed.inputs())
@@ -181,7 +181,7 @@ def _write_sheet(path: Path, planner: JourneyPlanner, plan: JourneyPlan) -> None
 
 
 def _asked(name: str, line: Route, posed: TrainOnLine, stops: StopsOptions) -> tuple[Journey, Vehicle]:
-    """The journey that the user names, or the one over all stops, and the train in the mode that it names."""
+    """The journey that the user names, or a journey over all stops, and the train in the journey's mode."""
     from das.domain.files.load import load_journey
 
     driven, train = posed.driven, posed.vehicle()

@@ -1,4 +1,4 @@
-"""A journey file as a table and as a picture, what is unusual in it, and the time each section has to spare."""
+"""A journey file as a table and as a picture, warnings about unusual values, and the spare time of each section."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SPARE_LEGEND = {
 FAST_MPS = 100.0
 """Fastest mean speed (m/s) of a train between two stops."""
 NEAR_M, AT_M = 1000.0, 20.0
-"""A point with the name of a route's stop is meant to be there if it is near, and is there if it is at it (m)."""
+"""Distances (m) from a route's stop of the same name within which a point is meant to be at the stop, or is at it."""
 
 
 def table(journey: Journey) -> Table:
@@ -72,12 +72,12 @@ def _bounds(window: Window) -> list[float | None]:
 
 
 def warnings(journey: Journey, route: Route | None) -> list[str]:
-    """What is unusual in a journey, one line each."""
+    """Warnings about a journey, one line each."""
     return [*_hurried(journey, route), *_without_dwell(journey), *([] if route is None else _misplaced(journey, route))]
 
 
 def _hurried(journey: Journey, route: Route | None) -> Iterator[str]:
-    """Sections that no train can drive in the time that they have."""
+    """Sections that no train can drive in their time."""
     for start, end in pairwise(journey.calls):
         available_s = available(start, end)
         first_m, last_m = start.position_m, end.position_m
@@ -93,7 +93,7 @@ def _hurried(journey: Journey, route: Route | None) -> Iterator[str]:
 
 
 def available(start: Call, end: Call) -> float:
-    """The longest time (s) between two stops that their windows leave; inf where one is open."""
+    """The longest time (s) between two stops that their windows allow; inf if one is open."""
     latest_s = min(end.arrival.latest_s, end.departure.latest_s - end.dwell_s)
     return latest_s - max(start.departure.earliest_s, start.arrival.earliest_s + start.dwell_s)
 
@@ -118,7 +118,7 @@ def _misplaced(journey: Journey, route: Route) -> Iterator[str]:
 
 
 def spare_times(planner: JourneyPlanner) -> list[dict[str, Any]]:
-    """For each section its least running time and the time that its windows leave (s); None where they are open."""
+    """The least running time and the time that the windows allow (s), for each section; None if they are open."""
     found = []
     for section in planner.sections:
         least_s, left_s = float(section.least_s[-1]), available(section.start, section.end)
@@ -140,17 +140,17 @@ def spare_table(journey: Journey, rows: list[dict[str, Any]]) -> Table:
 
 WIDTH_IN, LEAST_IN, IN_PER_POINT = 10.0, 4.2, 0.27
 OPEN_S = 90.0
-"""The open end of a window is drawn so long (s), as a dotted line."""
+"""Length (s) of the dotted line for the open end of a window."""
 NAME_LETTERS, NAME_IN = 30, 0.16
 """Longest name (letters), and least distance (inches) between two names."""
 SPEED_SHARE = 0.05
-"""Least share of the whole for a path beside which the mean speed is written."""
+"""Least share of the whole for a path that is labelled with its mean speed."""
 ARRIVAL, DEPARTURE, PASSING = SEVERAL[1], SEVERAL[2], SEVERAL[3]
 TICKS_S = (60.0, 120.0, 300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 14400.0)
 
 
 def draw_timetable(journey: Journey) -> Picture:
-    """The picture of a journey: windows as bars, dwells and the ways between as lines, wishes as hollow marks."""
+    """The picture of a journey: windows as bars, dwells and the paths between as lines, wishes as hollow marks."""
     from das.drawing.picture import Picture
 
     height_in = max(LEAST_IN, 1.6 + IN_PER_POINT * len(journey.points))
@@ -177,7 +177,7 @@ def draw_timetable(journey: Journey) -> Picture:
 
 
 def _draw_course(axes: Any, journey: Journey) -> None:
-    """Dwells as thick lines and the ways between them as thin ones, with their mean speeds."""
+    """Dwells as thick lines and the paths between them as thin ones, with their mean speeds."""
     stands = [(call.position_m / KM, *_stand(call)) for call in journey.calls]
     known = [stand for stand in stands if math.isfinite(stand[1])]
     for place, begin_s, end_s in known:
@@ -192,7 +192,7 @@ def _draw_course(axes: Any, journey: Journey) -> None:
 
 
 def _stand(call: Call) -> tuple[float, float]:
-    """From when to when the train stands at a stop (s), as far as its windows say; NaN if they say nothing."""
+    """The span of time (s) of the stand at a stop, as far as its windows state it; else NaN."""
     arrives_s, departs_s = call.arrival.latest_s, call.departure.earliest_s
     if math.isfinite(arrives_s) and math.isfinite(departs_s):
         return min(arrives_s, departs_s), departs_s

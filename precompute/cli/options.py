@@ -49,7 +49,7 @@ RefineOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class LineOptions:
-    """Which line is driven, and in which direction; `reverse`: from its end to its start."""
+    """The line that is driven, and its direction; `reverse`: from its end to its start."""
 
     route: RouteArgument
     reverse: ReverseOption = False
@@ -77,7 +77,7 @@ class OnRoute:
         return found.reversed() if self.reverse else found
 
     def words(self) -> str:
-        """The options as they are typed for a command that plans or drives the journey."""
+        """The options as typed for a command that plans or drives the journey."""
         return f"{self.route or 'ROUTE'} VEHICLE{' --reverse' if self.reverse else ''}"
 
 
@@ -91,7 +91,7 @@ class EndsOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions:
-    """Which train runs, and what differs from its file; None = as in the file."""
+    """The train, and differences from its file; None = as in the file."""
 
     vehicle: VehicleArgument
     level: LevelOption = None
@@ -102,7 +102,7 @@ class TrainOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldOptions:
-    """What differs from the files about load, weather, supply and rail; the defaults change nothing."""
+    """Differences from the files in load, weather, supply and rail; the defaults change nothing."""
 
     mass_ratio: Annotated[float, typer.Option("--mass", help="Mass, as a multiple of the file's.")] = 1.0
     resistance_ratio: Annotated[
@@ -131,7 +131,7 @@ class TripTime:
             raise DasError("give either --time (s) or --buffer (%)")
 
     def wanted_s(self, min_time_s: float) -> float | None:
-        """The trip time (s) asked for, given the least time; None if none was. DasError for an impossible buffer."""
+        """The requested trip time (s), given the least time; None if none was. DasError for an impossible buffer."""
         return self.time_s if self.buffer_percent is None else buffered(min_time_s, self.buffer_percent)
 
 
@@ -143,7 +143,7 @@ def buffered(min_time_s: float, buffer_percent: float) -> float:
 
 
 def is_refined(text: str) -> bool:
-    """Whether `--refine` says on; DasError for anything but on and off."""
+    """Whether `--refine` is on; DasError for anything but on and off."""
     if text not in ("off", "on"):
         raise DasError(f"--refine {text}: expected off or on")
     return text == "on"
@@ -173,7 +173,7 @@ class TrainOnLine:
         return self.where.route, self.driven.vehicle, self.driven.loss_map
 
     def conditions(self) -> Conditions:
-        """What differs from the files; raises DasError if it is impossible."""
+        """The differences from the files; raises DasError if they are impossible."""
         from das.domain.conditions import Conditions
 
         world = self.world
@@ -186,14 +186,14 @@ class TrainOnLine:
         )
 
     def route(self) -> Route:
-        """The route in the direction asked for, under the user's conditions."""
+        """The route in the requested direction, under the user's conditions."""
         route = self.conditions().line(load_route(self.where.route))
         return route.reversed() if self.where.reverse else route
 
     def vehicle(self) -> Vehicle:
         """The vehicle in its mode and load, under the user's conditions.
 
-        A loss map changes the vehicle's losses and nothing else.
+        A loss map changes only the vehicle's losses.
         """
         from das.domain.files.vehicles import read_loss_map
 
@@ -223,7 +223,7 @@ class Pose(TrainOnLine):
 
 
 def picked(vehicle: Vehicle, mode: str | None, load: str | None) -> Vehicle:
-    """The vehicle in a mode and a load state; None leaves it as its file says. DasError if there is none."""
+    """The vehicle in a mode and a load state; None: as in its file. DasError if there is no such mode or state."""
     if load is not None and vehicle.modes.keys() & set(load.split("+")):
         refuse_given(f"--load {load} also names a mode", "--mode")
     vehicle = vehicle if mode is None else vehicle.in_mode(mode)
@@ -233,7 +233,7 @@ def picked(vehicle: Vehicle, mode: str | None, load: str | None) -> Vehicle:
 class Files:
     """The files that a command writes, and whether it prints JSON.
 
-    A group of options declares again what the user can give; a command without such an option keeps the value here.
+    A group of options redeclares fields that the user can give; a command without such an option keeps the default.
     `field()` makes an option that the user must give. `suffix` is what the name of `out` must end in; "": anything.
     """
 
@@ -244,18 +244,18 @@ class Files:
     suffix = ""
 
     def outputs(self) -> tuple[Path | None, ...]:
-        """All files to write; None for one that was not asked for."""
+        """All files to write; None for one that was not requested."""
         return self.out, self.plot
 
     def check(self, *inputs: str | Path | None) -> None:
-        """Refuse, before the work begins, files that cannot be written or would replace an input (DasError)."""
+        """Raise DasError, before the work begins, for files that cannot be written or would replace an input."""
         if self.out is not None and self.suffix not in ("", self.out.suffix.lower()):
             raise DasError(f"{self.out}: expected a file name that ends in {self.suffix}")
         check_picture(self.plot)
         check_outputs(*self.outputs(), inputs=inputs, overwrite=self.overwrite)
 
     def tell(self) -> None:
-        """Print which files were written."""
+        """Print the files that were written."""
         for path in self.outputs():
             if path is not None:
                 tell(f"written: {path}")
@@ -283,7 +283,7 @@ class MadeFile(Files):
     overwrite: OverwriteOption = False
 
     def write(self, text: str, notes: Iterable[str] = (), about: str = "") -> None:
-        """Write the text; print the notes (what was assumed), and the name of the file with what it holds."""
+        """Write the text; print the notes (assumptions), and the name and the content of the file."""
         from das.domain.files.writing import write_whole
 
         write_whole(self.out, text.encode())

@@ -139,7 +139,7 @@ GONE: Final = {
     "--bound": "use docs.studies.tight_bound.tightened in Python, in a checkout",
     "--bucket": "use precompute.exact.front.Limits in Python",
 }
-"""Former commands and options, each with what to run or do instead."""
+"""Former commands and options, each with its replacement."""
 
 app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS, gone=GONE)
 

@@ -154,13 +154,13 @@ _MARKS = {Held.FREE: " ", Held.EARLIEST: "≥", Held.LATEST: "≤", Held.FIXED: 
 
 
 class MissedWish(NamedTuple):
-    """A wish that a plan does not keep, and the energy (J) that keeping it would cost, NaN if it cannot be kept."""
+    """A wish that a plan does not keep, and the energy (J) that keeping it would cost; NaN if it cannot be kept."""
 
     passed: PassedAt
     costs_j: float
 
     def words(self) -> str:
-        """The wish, when the train passes, and the price of keeping it."""
+        """Words for the wish, the train's planned time, and the price of keeping the wish."""
         passing = self.passed.passing
         bounds = passing.window.earliest_s, passing.window.latest_s
         first, last = (clock(bound) if math.isfinite(bound) else "…" for bound in bounds)
@@ -178,7 +178,7 @@ class MissedWish(NamedTuple):
 
 
 def missed_wishes(planner: JourneyPlanner, plan: JourneyPlan) -> list[MissedWish]:
-    """The wishes that a plan misses, each with its price, for the times that the plan has at the stops."""
+    """The wishes that a plan misses, each with its price, for the plan's times at the stops."""
     found = []
     for section in plan.sections:
         for passed in section.passings:
@@ -265,7 +265,7 @@ def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float], missed
 
 
 def _shown(timing: PlannedTime) -> str:
-    """A time as text, with a mark if a bound of its window decides it."""
+    """A time as text, with a mark if it is at a bound of its window."""
     return f"{_MARKS[timing.held]} {clock(timing.time_s)}"
 
 

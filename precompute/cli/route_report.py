@@ -1,4 +1,4 @@
-"""A route in figures, as a table and as a picture, what is unusual in it, and what it lacks."""
+"""A route in figures, as a table and as a picture, with warnings about unusual values and notes on missing data."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 OFF_LINE_M: Final = 500.0
 """Distance (m) from the line at its position beyond which a stop's coordinates lie elsewhere."""
 SHORT_LIMIT_M: Final = 20.0
-"""Length (m) below which a limit is mostly a slip."""
+"""Length (m) below which a limit is probably a mistake."""
 KINK_RATIO: Final = 0.03
-"""Change of gradient (m/m) at one point above which it is no track: real ones are rounded out."""
+"""Change of gradient (m/m) at one point above which data are doubtful: real tracks are rounded out."""
 MOST_SIDEWAYS_MPS2: Final = 2.3
 """Sideways acceleration (m/s²) that a limit may give in a curve: 1.0 by cant (150 mm) and 1.3 uncompensated."""
 
@@ -92,7 +92,7 @@ def warnings(route: Route) -> list[str]:
 
 
 def notes(route: Route) -> list[str]:
-    """A sentence for everything that a route lacks."""
+    """A sentence for each kind of data that a route lacks."""
     return [*filter(None, [energy_range(route)]), *_lacks(route)]
 
 

@@ -1,4 +1,4 @@
-"""The command `das-precompute show`: what is in a route, vehicle, journey, loss map or table, and what is unusual."""
+"""The command `das-precompute show`: content of a route, vehicle, journey, loss map or table, and warnings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from das.drawing.picture import Picture
 
 EXIT_WARNINGS: Final = 1
-"""Exit code where something is unusual in a file."""
+"""Exit code if a file has warnings."""
 ROUTE, VEHICLE, JOURNEY, LOSS_MAP, TABLES = "route", "vehicle", "journey", "loss map", "tables"
 BELONGS: Final = {
     "--route": (JOURNEY,),
@@ -37,14 +37,14 @@ BELONGS: Final = {
     "--losses": (VEHICLE,),
     "--plot": (ROUTE, VEHICLE, JOURNEY, LOSS_MAP),
 }
-"""The kinds of files that an option is about."""
+"""The kinds of files that an option applies to."""
 OF_BENCHMARK: Final = {"mass": VEHICLE, "speed limits": ROUTE, "timing points": JOURNEY}
 """A key of each kind of JSON file of TTOBench; any other JSON file is a table."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShownFile:
-    """What is shown of a file: a dictionary for `--json`, functions that print and draw it, and what is unusual."""
+    """The content of a file: a dictionary for `--json`, functions that print and draw it, and warnings."""
 
     facts: dict[str, Any]
     tell: Callable[[], None]
@@ -55,7 +55,7 @@ class ShownFile:
 
 @dataclass(frozen=True, kw_only=True)
 class OfTrain:
-    """What is shown of a train, and the train of a journey or of a loss map."""
+    """Options for a train, and for the train of a journey or of a loss map."""
 
     vehicle: Annotated[
         str | None,
@@ -115,7 +115,7 @@ def show(
 
 
 def _show(shown: ShownFile, files: ShowFiles) -> None:
-    """Draw and print what is shown of a file; the command ends with code 1 if it has warnings."""
+    """Draw and print the content of a file; the command ends with code 1 if there are warnings."""
     if files.plot is not None and shown.draw is not None:
         with busy("drawing …"):
             shown.draw().save(files.plot, overwrite=True)
@@ -133,7 +133,7 @@ def _show(shown: ShownFile, files: ShowFiles) -> None:
 
 
 def _kind(source: str) -> str:
-    """What a bundled name or a file is; DasError for what no command reads."""
+    """The kind of a bundled name or a file; DasError for a file that no command reads."""
     from das.domain.files.load import catalogue, foreign_format
 
     kinds = (JOURNEY, ROUTE, VEHICLE) if is_given("--route") else (ROUTE, VEHICLE, JOURNEY)
@@ -292,7 +292,7 @@ def print_catalogue(*, as_json: bool) -> None:
 
 
 def _bundled(path: Path, table: str, facts: dict[str, Any]) -> dict[str, Any]:
-    """The facts of a bundled file, where its figures come from (its source, else its description), and the file."""
+    """The facts of a bundled file, the origin of its figures (its source, else its description), and the file."""
     main = tomllib.loads(path.read_text(encoding="utf-8"))[table]
     source = " ".join(str(main.get("source") or main.get("description") or "").split())
     return {**facts, "source": source, "file": str(path)}

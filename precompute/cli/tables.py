@@ -1,4 +1,4 @@
-"""The commands `das-precompute build` and `verify`, and what `show` prints of tables."""
+"""The commands `das-precompute build` and `verify`, and the output of `show` for tables."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def build(
 
     A table that is already there is kept if it is whole and neither an input nor the method has changed. A build that
     was stopped continues where it left off. A section that fails is reported and does not stop the rest; the exit code
-    is then 1. DIR/build.json says what became of each section.
+    is then 1. DIR/build.json has the outcome of each section.
 
     A table holds the guide's finished references for departures, which take most of the time, and the front of time and
     energy. By default the front is refined, which takes 2 to 3 s a section.
@@ -112,7 +112,7 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
 
 def print_tables(folder: Path, *, as_json: bool) -> None:
-    """Print what is in a folder of tables, or in one: sections, trains, sizes, times, energies and certificates.
+    """Print the content of tables in a folder, or of one: sections, trains, sizes, times, energies and certificates.
 
     Each table is checked first; problems are listed below the others. JSON has all points of the fronts and the times
     and energies of all references. Raises DasError if there is no table.
@@ -141,7 +141,7 @@ def print_tables(folder: Path, *, as_json: bool) -> None:
 
 
 def _checked(paths: Sequence[Path]) -> Iterator[tuple[Path, Table | None, str | None]]:
-    """Each file with its table if that is whole and of this release; else with a text that says what is wrong."""
+    """Each file with its table if that is whole and of this release; else with a text on the fault."""
     from das.table import Table, TableError
 
     for path in shown(paths, lambda path: path.name):
@@ -156,7 +156,7 @@ def _checked(paths: Sequence[Path]) -> Iterator[tuple[Path, Table | None, str | 
 
 
 def _facts(table: Table) -> dict[str, Any]:
-    """What `show` prints of a table; energies at the collector (kWh)."""
+    """The output of `show` for a table; energies at the collector (kWh)."""
     front, references = table.front, table.references.finished
     gaps = [one["gap_ratio"] for one in front if one["gap_ratio"] is not None]
     saved = [one["refinement_saved_j"] / max(abs(one["energy_input_j"]), 1.0) for one in front]
@@ -178,14 +178,14 @@ def _facts(table: Table) -> dict[str, Any]:
 
 
 def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
-    """What `show` prints, at most 80 columns wide unless names are long; a row has two or three lines."""
+    """The output of `show`, at most 80 columns wide unless names are long; a row has two or three lines."""
     figures = ("\nkm", "least\ns", "\nrefs", "kWh\nfirst", "kWh\nlast", "refined\n%", "gap\n%", "\nMB")
     printed = new_table("", ("route, section\ntrain, level",), figures)
     for row in rows:
         gap = row["largest_gap_ratio"]
         ends = f"{row['from']} – {row['to']}"
         printed.add_row(
-            # Names come from a file: what could be markup is printed as it is.
+            # Names come from a file: markup in them is printed literally.
             Text(f"{row['route']}\n{ends}\n{row['train']}, {row['level']}"),
             f"{(row['end_m'] - row['start_m']) / KM:.1f}",
             f"{row['least_time_s']:.1f}",

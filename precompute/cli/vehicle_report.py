@@ -1,4 +1,4 @@
-"""A train in words, in figures, as a picture, and what is unusual in it."""
+"""A train in words, in figures and as a picture, with warnings about unusual values."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ LEGEND = {
     "cruising": "energy at the current collector per kilometre at constant speed on the level",
 }
 RISES = 0.02
-"""Share of its largest force by which a curve that rises with speed causes a warning."""
+"""Largest rise of an effort curve with speed, as a share of its largest force, that causes no warning."""
 COARSE_MPS = 30.0 * KMH
-"""Distance (m/s) of points of an effort curve above which there is a warning."""
+"""Distance (m/s) between points of an effort curve above which there is a warning."""
 
 
 class Performance(NamedTuple):
     """A train at n speeds on a dry level line (n,), at its default level of losses.
 
-    Cruising needs `cruising_j_per_m` at the current collector; it is NaN, with its loss, where the traction cannot hold
-    the speed. `idle_loss_w` is the loss without effort.
+    Cruising needs `cruising_j_per_m` at the current collector; both it and the loss are NaN at speeds that the traction
+    cannot hold. `idle_loss_w` is the loss without effort.
     """
 
     traction_n: Floats
@@ -73,7 +73,7 @@ def performance_of(train: Vehicle, speed_mps: Floats) -> Performance:
 
 
 def facts(train: Vehicle) -> list[str]:
-    """What kind of train it is, in a few lines."""
+    """The kind of train and its main figures, in a few lines."""
     effort = train.traction
     shape = "force and power" if effort.curve is None else f"an effort curve of {len(effort.curve.speed_mps)} points"
     lines = [
@@ -155,7 +155,7 @@ def warnings(train: Vehicle) -> list[str]:
 
 
 def _of_efforts(train: Vehicle) -> list[str]:
-    """What is unusual in the efforts of a train in one mode."""
+    """Warnings about unusual efforts of a train in one mode."""
     found = []
     for key, effort in (("traction", train.traction), ("electric_brake", train.electric_brake)):
         if effort.curve is None:
@@ -187,7 +187,7 @@ SPEEDS = 400
 GRADIENTS = (0.01, 0.02)
 """Gradients on which the resistance is also drawn."""
 MOST_MODES = 6
-"""Most other modes that are drawn with the one of the train."""
+"""Largest number of modes that are drawn besides the train's own."""
 MOST_LETTERS = 24
 """Longest name of a mode in the key of the picture."""
 TRACTION, BRAKE, RESISTANCE = SEVERAL[0], SEVERAL[1], INK

@@ -1,4 +1,4 @@
-"""What `das-precompute front --exact` does: solve, compare with the fast solver, print."""
+"""The command `das-precompute front --exact`: solve, compare with the fast solver, print."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COLUMNS = ("time_s", "energy_input_j", "supported_j")
 
 
 def exact_front(fast: Front, buffers_percent: list[float], out: Path | None, *, as_json: bool) -> None:
-    """Print the exact front of a section at some buffers (%) beside the fast solver's energy for the same times.
+    """Print the exact front of a section at some buffers (%) with the fast solver's energy for the same times.
 
     `fast` is the solver's front of the section. `out` is the CSV file for every point of the exact front, or None.
     """
@@ -85,7 +85,7 @@ def _point(exact: ExactFront, fast: Front, buffer_percent: float) -> dict[str, f
 
 
 def _peak_memory_gb() -> float | None:
-    """The most memory that this process has had (GB); None if the system does not say."""
+    """The peak memory of this process (GB); None if the system does not report it."""
     try:
         import resource
     except ImportError:

@@ -1,10 +1,10 @@
 """Exact time–energy front of a section on the paper's grid (Nold & Corman 2024, section 4.1, figs. 3, 12, 13).
 
-From both ends, layer by layer, every undominated partial run (label) is kept, until the two halves meet and are joined:
-the result is the whole Pareto front of the grid. A label is dropped only where its least time exceeds the time asked
-for, or where a dual bound proves it useless: V(λ, node), the least energy + λ·time from the node to the other end,
-bounds its completions from below, known runs bound the front from above. Known runs come from the sweeps and from quick
-passes that keep one label per state and bucket of time; each pass tightens the bounds of the next.
+From both ends, layer by layer, every non-dominated partial run (label) is kept, until the two halves meet and are
+joined: the result is the whole Pareto front of the grid. A label is dropped only if its least time exceeds the
+requested time, or if a dual bound proves it useless: V(λ, node), the least energy + λ·time from the node to the other
+end, bounds its completions from below, known runs bound the front from above. Known runs come from the sweeps and from
+quick passes that keep one label per state and bucket of time; each pass tightens the bounds of the next.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Duals:
         return self._followed(every, every, np.zeros_like(every))
 
     def bound_j(self, time_s: Floats) -> Floats:
-        """Lower bound of the energy (J) of every run on the grid that takes at most these times (s)."""
+        """Lower bound (J) on the energy of every run on the grid that takes at most these times (s)."""
         best = np.full(len(time_s), -np.inf)
         for lambda_w, value_j in zip(self.lambda_w, self.value_j[0][0], strict=True):
             np.maximum(best, value_j - lambda_w * time_s, out=best)
@@ -204,7 +204,7 @@ class Bounds:
 
     @classmethod
     def of(cls, search: Search, known: Known) -> Bounds:
-        """The bounds that known runs give.
+        """The bounds from known runs.
 
         A run not yet known that belongs to the front lies between two neighbours of the known front: it takes less time
         than the later one and no more energy than the earlier one. Each such stretch is bounded by the λ whose bound is
@@ -290,7 +290,7 @@ class Half:
         return self.count * BYTES_PER_LABEL + len(self.labels) * BYTES_PER_OPEN_LABEL
 
     def run(self, label: int) -> list[int]:
-        """Speeds (grid units) from the node of the labels to the end that they began at."""
+        """Speeds (grid units) from the node of the labels to the end at which they began."""
         speeds = []
         step = -1 if self._onward else 1
         nodes = range(self.node, self.node + step * len(self._offsets), step)
@@ -303,7 +303,7 @@ class Half:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Joined:
-    """Runs joined from two halves, time rising and energy falling, with the two labels that each is made of."""
+    """Runs joined from two halves, time rising and energy falling, with the two labels of each."""
 
     time_ns: Ints
     energy_mj: Ints
@@ -444,12 +444,12 @@ class ExactFront:
 
     @property
     def gap_ratio(self) -> Floats:
-        """How far each point lies above the supported front, relative to its energy."""
+        """The distance of each point above the supported front, relative to its energy."""
         return (self.energy_j - self.supported_j) / np.maximum(np.abs(self.energy_j), 1.0)
 
     @property
     def swept_gap_ratio(self) -> Floats:
-        """How far each swept run lies above the exact front at its own time, relative to the front's energy."""
+        """The distance of each swept run above the exact front at its own time, relative to the front's energy."""
         front_j = self.energy_j[[self.index_at(time_s) for time_s in self.swept_time_s]]
         return (self.swept_energy_j - front_j) / np.maximum(np.abs(front_j), 1.0)
 
@@ -468,7 +468,7 @@ class ExactFront:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Limits on what the search keeps.
+    """Limits of the search.
 
     `max_memory_bytes` is the memory of its labels (None: 80 % of the machine's, at most 20 GB). With a `bucket_ms` it
     keeps one partial run per state and bucket of time: it finds runs near the front and a bound below it.
@@ -553,7 +553,7 @@ def passes(bucket_ms: float) -> tuple[int, ...]:
 def _swept(
     graph: Graph, layers: list[Layer], latest_ns: int, threads: int, layer_done: Callable[[], None]
 ) -> tuple[Duals, Known, Ints]:
-    """Bounds for multipliers that cover the times asked for, and the runs that a sweep for each multiplier finds.
+    """Bounds for multipliers that cover the requested times, and the runs that a sweep for each multiplier finds.
 
     The runs are returned as times with energies, and as speeds at the nodes (runs, nodes).
     """

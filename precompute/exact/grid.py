@@ -1,4 +1,4 @@
-"""The paper's grid over a section, and which of its states lie on a run that is fast enough."""
+"""The paper's grid over a section, and the states of it that lie on a run that is fast enough."""
 
 from __future__ import annotations
 
@@ -92,12 +92,12 @@ class Graph:
         return float(self.line.step_m[k]), float(self.line.constant_n[k]), float(self.line.tunnel_n_per_mps2[k])
 
     def train(self, k: int) -> TrainParams:
-        """The train with the efforts that the supply on interval k allows."""
+        """The train with the efforts allowed by the supply on interval k."""
         result: TrainParams = on_supply(self.section.train, float(self.line.supply[k]))
         return result
 
     def spans(self, k: int, speed: Ints) -> tuple[Ints, Ints, Ints]:
-        """What states of node k can reach: first and last coarse speed (in coarse steps), and the speed by coasting."""
+        """The reach of states of node k: first and last coarse speed (in coarse steps), and the speed by coasting."""
         first, last, coast = (np.empty(len(speed), np.int64) for _ in range(3))
         kernels.spans(
             speed, self.unit_mps, self.ratio, *self.interval(k), int(self.lowest[k + 1]), int(self.highest[k + 1]),
@@ -108,7 +108,7 @@ class Graph:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layer:
-    """The states of a node that lie on some run that is fast enough, and what each can reach next.
+    """The states of a node that lie on some run that is fast enough, and the reach of each.
 
     Per state: `speed` (grid units, rising), earliest arrival and least time to go (ns), the coarse speeds `first` …
     `last` it can reach at the next node (in coarse steps) and the speed it coasts to (-1: none). `row[speed − lowest]`

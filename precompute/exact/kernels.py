@@ -4,9 +4,9 @@ Speeds are whole numbers u of the coasting sub-grid (0.01 km/h); those divisible
 A state of an inner node is its index u − lowest. Times are integers of ns and energies of mJ: sums do not depend on
 their order, so that equal runs have equal labels and dominance needs no tolerance.
 
-Symbols as in `das.solver.kernels`; per interval k: h, g, q. `span` of a state is the range of coarse speeds it can
-reach, as first and last multiple of `ratio`; `coast` the speed it coasts to (-1: none). Labels of a state lie one after
-the other, time rising and energy falling.
+Symbols as in `das.solver.kernels`; per interval k: h, g, q. `first` and `last` of a state are the ends of the coarse
+speeds it can reach, as multiples of `ratio`; `coast` is the speed it coasts to (-1: none). Labels of a state lie one
+after the other, time rising and energy falling.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _ROUNDING = 1e-9
 
 @kernel
 def attainable(v0, v1, h, g, q, p):
-    """Whether a segment lies within forces, powers (at the mean speed) and accelerations."""
+    """Whether a segment is within the limits of force, power (at the mean speed) and acceleration."""
     mid = 0.5 * (v0 + v1)
     if mid <= 0.0:
         return False
@@ -209,12 +209,12 @@ def lower_hull(x, y):
 STRIDE = 16
 """Number of labels that are examined together when halves are joined."""
 ROOM = 1 << 18
-"""Runs for which `join_labels` has room; it returns once half is used, so that its caller can drop dominated runs."""
+"""Runs for which `join_labels` has room; it returns when half is used, so that the caller can drop dominated runs."""
 
 
 @kernel
 def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_energy, new_parent):
-    """Merge two undominated lists (time rising, energy falling) into an undominated one at `out`; returns its end."""
+    """Merge two non-dominated lists (time rising, energy falling) into one such list at `out`; returns its end."""
     lowest = NEVER
     while a < a_end or b < b_end:
         if b >= b_end:
@@ -239,7 +239,7 @@ def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_ene
 
 @kernel
 def _merge_segments(end, count, time, energy, parent, new_time, new_energy, new_parent):
-    """Merge `count` undominated lists stored in sequence; returns length, times, energies and parents of the result.
+    """Merge `count` non-dominated lists stored in sequence; returns length, times, energies and parents of the result.
 
     Neighbours are merged in rounds, so that dominated labels are dropped early. Either set of arrays may hold the
     result.
@@ -442,7 +442,7 @@ def join_labels(begin, stop, a_offset, a_time, a_energy, b_offset, b_time, b_ene
     known[x] is the least energy of a known run that takes at most origin + x·width. A run is left out if a known run
     takes less energy and no more time, or if it takes longer than `latest`.
 
-    Returns times, energies, the two labels of each run, and the state from which the next call goes on.
+    Returns times, energies, the two labels of each run, and the state from which the next call continues.
     """
     size = ROOM
     time = np.empty(size, np.int64)

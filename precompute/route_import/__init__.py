@@ -1,4 +1,4 @@
-"""An import from files to a route: which file is what, and what is asked of the user where data are missing."""
+"""An import from files to a route: the kinds of the files, and the errors about missing data."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NEEDS_ALTITUDES: Final = (
 
 
 def imported(files: Sequence[Path], order: ImportOrder, words: Words) -> ImportedLine:
-    """The line that files describe; DasError or InputError (file, place, value, expectation) where they do not."""
+    """The line that files describe; DasError or InputError (file, place, value, expectation) for unusable files."""
     if order.flat and order.altitudes is not None:
         raise DasError("--flat and --altitudes: give one of them")
     if order.flat and (order.smooth_m, order.cap_permille) != (ImportOrder.smooth_m, ImportOrder.cap_permille):
@@ -46,7 +46,7 @@ def imported(files: Sequence[Path], order: ImportOrder, words: Words) -> Importe
 
 
 def _with_gradients(order: ImportOrder, line: ImportedLine, tables: Sequence[LineTable]) -> ImportedLine:
-    """The line with gradients from altitudes, where they are wanted; DasError if it has neither."""
+    """The line with gradients from altitudes, if these are requested; DasError if it has neither."""
     if order.altitudes is not None:
         return with_altitudes(line, read_table(order.altitudes), order)
     if line.route.altitudes is not Altitudes.NONE:
@@ -63,7 +63,7 @@ def _with_gradients(order: ImportOrder, line: ImportedLine, tables: Sequence[Lin
 
 
 def _sorted_files(files: Sequence[Path]) -> tuple[list[Path], list[LineTable]]:
-    """The maps, and the tables as they are read; DasError for a file of another kind."""
+    """The maps, and the tables as read; DasError for a file of another kind."""
     maps, tables = [], []
     for path in files:
         suffix = path.suffix.lower()
@@ -92,7 +92,7 @@ def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
     for table in tables:
         if not table.names or not table.has("latitude", "longitude"):
             wanted = "name, latitude_deg and longitude_deg of stations"
-            raise DasError(f"{table.path}: beside a map a table has {wanted}; other rows are added to the route's file")
+            raise DasError(f"{table.path}: with a map, a table has {wanted}; other rows are added to the route's file")
         for row, (latitude, longitude) in table.numbered("latitude", "longitude"):
             if name := table.names[row]:
                 found.append(MapPlace(names=(name,), latitude_deg=latitude, longitude_deg=longitude, rank=0))

@@ -25,7 +25,7 @@ STRETCHES_PER_LENGTH: Final = 4
 """Gradients for each length of smoothing: more would only make plans slower."""
 SHORTEST_STRETCH_M: Final = 100.0
 FAR_M: Final = 500.0
-"""Distance (m) from the line beyond which an altitude is not of it."""
+"""Distance (m) beyond which an altitude does not belong to the line."""
 LOWEST_M, HIGHEST_M = -500.0, 9000.0
 SAME_POINT_M: Final = 1.0
 
@@ -33,8 +33,8 @@ SAME_POINT_M: Final = 1.0
 def with_altitudes(line: ImportedLine, table: LineTable, order: ImportOrder) -> ImportedLine:
     """A line with gradients from the altitudes of a table, by positions, coordinates or names of stops.
 
-    The order says over which length they are averaged, and which gradient is the steepest that remains.
-    Raises DasError or InputError for altitudes that are not of this line, or fewer than two.
+    The order has the length over which they are averaged, and the steepest gradient that remains. Raises DasError or
+    InputError for altitudes that are not of this line, or fewer than two.
     """
     at_m, altitude_m = _points(line.route, table)
     inside = np.zeros(len(at_m), dtype=bool)  # in a tunnel or on a bridge
@@ -57,7 +57,7 @@ def with_altitudes(line: ImportedLine, table: LineTable, order: ImportOrder) -> 
     kind = Altitudes.POINTS if few else (Altitudes.SMOOTHED if length_m else Altitudes.RAW)
     route = replace(line.route, gradients_ratio=gradients, altitude_at_start_m=float(heights_m[0]), altitudes=kind)
     how = {
-        Altitudes.POINTS: "joined by straight lines, for they lie far apart (do not forget summits)",
+        Altitudes.POINTS: "joined by straight lines, because they are far apart (include summits)",
         Altitudes.SMOOTHED: f"averaged over {length_m:g} m",
         Altitudes.RAW: "as they are (--smooth-m 0)",
     }[kind]
@@ -91,7 +91,7 @@ def _points(route: Route, table: LineTable) -> tuple[Floats, Floats]:
 
 
 def _position_m(route: Route, table: LineTable, row: int) -> float | None:
-    """Where an altitude is on the line (m); None if it is beside it."""
+    """The position of an altitude on the line (m); None if it is off the line."""
     at_m = table.numbers["position"][row] if table.has("position") else None
     if at_m is not None:
         return at_m
@@ -107,12 +107,12 @@ def _position_m(route: Route, table: LineTable, row: int) -> float | None:
     stops = [stop for stop in route.stops if name and same_station(stop.name, name)]
     if name and not stops:
         known = ", ".join(stop.name for stop in route.stops)
-        raise table.error(row, "name", name, f"a stop of the line ({known}), or a position or coordinates beside it")
+        raise table.error(row, "name", name, f"a stop of the line ({known}), or a position or coordinates in the row")
     return stops[0].position_m if stops else None
 
 
 def _edges(length_m: float, smooth_m: float) -> Floats:
-    """Ends of the stretches of one gradient."""
+    """Ends of the stretches of constant gradient."""
     count = max(1, round(length_m / max(smooth_m / STRETCHES_PER_LENGTH, SHORTEST_STRETCH_M)))
     return np.round(np.linspace(0.0, length_m, count + 1), DECIMALS)
 
@@ -120,8 +120,8 @@ def _edges(length_m: float, smooth_m: float) -> Floats:
 def _averaged(at_m: Floats, altitude_m: Floats, edges_m: Floats, length_m: float, smooth_m: float) -> Floats:
     """The altitude at each edge: of a straight line fitted to the altitudes around it, within half of `smooth_m`.
 
-    Away from the ends of the line this is the mean. At the ends, where only one side is known, a mean would be wrong
-    by the gradient.
+    Away from the ends of the line this is the mean. At the ends, with only one side known, a mean would be wrong
+    because of the gradient.
     """
     if not smooth_m:
         return np.interp(edges_m, at_m, altitude_m)

@@ -28,9 +28,9 @@ from precompute.route_import.track_map import (
 BESIDE_M: Final = 150.0
 """Distance (m) from the path within which a station is a stop of it."""
 STOPS_APART_M: Final = 50.0
-"""Distance (m) below which two stops are one."""
+"""Distance (m) below which two stops are the same stop."""
 MOST_ODD: Final = 12
-"""Most limits of an unusual form that a remark lists."""
+"""Largest number of limits of an unusual form that a remark lists."""
 TUNNEL_AREA_M2: Final = 50.0
 """Free cross section (m²) that is assumed for tunnels of a map; those of a double track have 40 to 90 m²."""
 OSM_SOURCE: Final = "© OpenStreetMap contributors"
@@ -38,7 +38,7 @@ OSM_LICENCE: Final = "ODbL 1.0"
 
 
 def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, words: Words) -> ImportedLine:
-    """The line between two stations of a map; DasError where a station or a way is not found, or no limit is known."""
+    """The line between two stations of a map; DasError if a station or a path is not found, or no limit is known."""
     stations = [stations_named(the_map, name) for name in (ends[0], *(order.via or ()), ends[1])]
     if stations[0] == stations[-1]:
         raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
@@ -83,7 +83,7 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, 
 
 
 def _limits(the_map: TrackMap, order: ImportOrder, way: FoundWay, at_m: Floats) -> tuple[Floats, str]:
-    """The limit on each step (m/s), and what was put where the map tells none; DasError if it tells none at all."""
+    """The limit on each step (m/s), and a remark on substitutes for missing limits; DasError if the map has none."""
     told = np.array([step.track.limit_mps(forward=step.forward) or math.nan for step in way.steps])
     unknown = np.isnan(told)
     if not unknown.any():
@@ -106,7 +106,7 @@ def _limits(the_map: TrackMap, order: ImportOrder, way: FoundWay, at_m: Floats) 
 
 
 def _about_odd_limits(way: FoundWay, at_m: Floats) -> str:
-    """The limits of the map that are no plain speeds, each with its first track and what was read."""
+    """The limits of the map that are no plain speeds, each with its first track and the speed that was read."""
     first: dict[str, str] = {}
     for step, from_m in zip(way.steps, at_m, strict=False):
         if odd := step.track.odd_limit(forward=step.forward):
@@ -129,7 +129,7 @@ def _about_tunnels(tunnels: Sequence[Zone], bridges: Sequence[Zone]) -> str:
 
 
 def _stops(the_map: TrackMap, order: ImportOrder, way: FoundWay, at_m: Floats) -> list[Stop]:
-    """The stations of the way: those that the user names, and all others beside it."""
+    """The stations of the path: those that the user names, and all others next to it."""
     ends = way.stations[0], way.stations[-1]
     via = [one for one in way.stations[1:-1] if one[0].rank <= FIRST_THAT_IS_NO_STOP]
     asked = [_stop(place, float(at_m[vertex])) for place, vertex in (*ends, *via)]
@@ -144,7 +144,7 @@ def _stops(the_map: TrackMap, order: ImportOrder, way: FoundWay, at_m: Floats) -
 
 
 def _stations_along(the_map: TrackMap, way: FoundWay) -> list[MapPlace]:
-    """The stations in the rectangle around the way, the best first; the order of the file does not matter."""
+    """The stations in the rectangle around the path, the best first; the order of the file does not matter."""
     margin = 0.01
     low, high = way.latitude_deg.min() - margin, way.latitude_deg.max() + margin
     west, east = way.longitude_deg.min() - margin, way.longitude_deg.max() + margin

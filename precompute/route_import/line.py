@@ -1,4 +1,4 @@
-"""A line that is being imported: the options that say which, the route so far, what the user must know, its file."""
+"""A line under import: the options that select it, the route so far, remarks for the user, and its file."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ FASTEST_KMH: Final = 600.0
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOrder:
-    """Which line of the files is wanted, where its altitudes come from, and what stands for what the files lack.
+    """The choice of a line in the files, the source of its altitudes, and substitutes for missing data.
 
-    What only a map has (`OF_MAPS`) may not be given with tables, and a length not with a map.
+    Options for maps (`OF_MAPS`) may not be given with tables, and a length not with a map.
     """
 
     start: Annotated[
@@ -81,7 +81,7 @@ OF_MAPS: Final = ("via", "only_named_stops", "limit_kmh")
 
 @dataclass(frozen=True, kw_only=True)
 class Words:
-    """What the user states of a line; it goes into its file, its pictures and its reports. None: nothing is stated."""
+    """The user's statements on a line, for its file, pictures and reports. None: nothing is stated."""
 
     source: Annotated[
         str | None, typer.Option(metavar="TEXT", help="Origin of the data [default of OpenStreetMap: its attribution].")
@@ -115,18 +115,18 @@ class Words:
 
 
 DECIMALS: Final = 3
-"""Positions (m) are rounded to so many digits behind the point."""
+"""Number of decimals to which positions (m) are rounded."""
 RESOLUTION_M: Final = 10.0**-DECIMALS
-"""Least length (m) that counts."""
+"""Least length (m) that is considered."""
 _Zone = TypeVar("_Zone", bound=Zone)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportedLine:
-    """A route made from a map or from tables; it is flat while its `altitudes` are `Altitudes.NONE`.
+    """A route made from a map or from tables; it is flat as long as its `altitudes` are `Altitudes.NONE`.
 
-    `structures` are its tunnels and bridges, where altitudes of the ground are not those of the track. `remarks` say
-    what was assumed, each in a sentence; they stand in the file as well.
+    `structures` are its tunnels and bridges, where altitudes of the ground are not those of the track. `remarks` are
+    the assumptions, each in a sentence; they are written into the file as well.
     """
 
     route: Route
@@ -189,7 +189,7 @@ def made_route(words: Words, stops: Sequence[Stop], length_m: float, source: str
 
 
 def _titles(words: Words, stops: Sequence[Stop]) -> tuple[str, str]:
-    """Id and name of a line: those that the user states, or else made from its first and last stop."""
+    """Id and name of a line: as stated by the user, or else made from its first and last stop."""
     name = words.name or f"{stops[0].name} – {stops[-1].name}"[:MOST_OF_A_NAME]
     return words.id or identity(name), name
 
@@ -329,7 +329,7 @@ def _table(key: str, names: Sequence[str], columns: Iterable[Iterable[float]]) -
 
 
 def _number(value: float) -> str:
-    """A number of TOML with seven digits behind the point at most (1e-7 km is 0.1 mm)."""
+    """A number of TOML with at most seven decimals (1e-7 km is 0.1 mm)."""
     if not np.isfinite(value):
         return "inf"
     text = f"{value:.7f}".rstrip("0")

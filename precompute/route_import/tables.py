@@ -23,9 +23,9 @@ from precompute.route_import.line import DECIMALS, ImportedLine, Words, made_rou
 MOST_ROWS: Final = 200_000
 """Largest number of rows of a table."""
 SHORTEST_M: Final = 1.0
-"""Tables of a shorter line (m) are refused: nothing of it would be left after rounding."""
+"""Least length (m) of a line from tables; nothing of a shorter one would be left after rounding."""
 OFF_COURSE_M: Final = 500.0
-"""Distance (m) from the course of the line beyond which coordinates are not of it."""
+"""Distance (m) from the course of the line beyond which coordinates do not belong to it."""
 QUANTITIES: Final = {
     **dict.fromkeys(("position", "altitude", "length", "radius", "radius_start", "radius_end"), "length"),
     "limit": "speed",
@@ -179,11 +179,10 @@ def _running_path(path: Path) -> LineTable:
 def line_from_tables(
     tables: Sequence[LineTable], words: Words, *, ends: tuple[str, str], length_m: float | None
 ) -> ImportedLine:
-    """A line from tables that together have limits and anything else; it is flat if none has gradients.
+    """A line from tables that together have limits and other quantities; it is flat if none has gradients.
 
-    `ends` name the first and last stop where the tables have no stops. `length_m` is the length of the line; None: it
-    ends at its last stop, or else with the last row of the tables. Raises DasError or InputError for tables that do not
-    fit.
+    `ends` name the first and last stop if the tables have no stops. `length_m` is the length of the line; None: it ends
+    at its last stop, or else with the last row of the tables. Raises DasError or InputError for tables that do not fit.
     """
     source = ", ".join(str(table.path) for table in tables)
     tables, course = _in_one_frame(tables, length_m)
@@ -196,7 +195,7 @@ def line_from_tables(
     route = made_route(words, stops, whole_m, source, one_way=True)
     limits = _steps(tables, "limit", whole_m)
     if limits is None:
-        raise DasError(f"{source}: no column of limits, expected limit_kmh beside position_km")
+        raise DasError(f"{source}: no column of limits, expected limit_kmh and position_km")
     gradients = _steps(tables, "gradient", whole_m)
     route = replace(
         route,
@@ -225,8 +224,8 @@ def check_coordinates(table: LineTable) -> None:
 def _in_one_frame(tables: Sequence[LineTable], length_m: float | None) -> tuple[list[LineTable], Course | None]:
     """The tables with a position in every row that has a value, and the course of the line.
 
-    Rows with coordinates alone are projected on the course: the table of coordinates without names. Without positions
-    of its own, they are the lengths along it, up to the length of the line.
+    Rows with coordinates alone are projected on the course: the table of coordinates without names. If the course has
+    no positions, they are the lengths along it, up to the length of the line.
     """
     for table in tables:
         check_coordinates(table)
@@ -263,7 +262,7 @@ def _with_lengths(course: LineTable, length_m: float | None) -> LineTable:
 
 
 def _with_positions(table: LineTable, course: Course | None) -> LineTable:
-    """The table with a position in each row that has a value; InputError where there is none, or they do not rise."""
+    """The table with a position in each row that has a value; InputError if one is missing or they do not rise."""
     if not table.has("position") and not table.has("latitude", "longitude"):
         raise DasError(f"{table.path}: no column of positions, expected position_km or position_m")
     empty: tuple[float | None, ...] = (None,) * len(table.lines)
@@ -293,7 +292,7 @@ def _projected(table: LineTable, rows: Sequence[int], course: Course | None) -> 
     places = [[column[i] for column in columns] for i in rows]
     for i, place in zip(rows, places, strict=True):
         if None in place:
-            raise table.error(i, "position", MISSING, "a position, or latitude and longitude, beside the other values")
+            raise table.error(i, "position", MISSING, "a position, or latitude and longitude, for the other values")
     if course is None or len(course[0]) < 2:
         expected = "a position, or a table of latitude_deg and longitude_deg: the course of the line"
         raise table.error(rows[0], "position", MISSING, expected)
@@ -333,7 +332,7 @@ def _the_one_with(tables: Sequence[LineTable], what: str, *quantities: str) -> L
 
 
 def _steps(tables: Sequence[LineTable], quantity: str, length_m: float) -> Stretches | None:
-    """A quantity that holds from a row to the next, of the one table that has it; None if none has."""
+    """A quantity that holds from a row to the next, from the only table with it; None without one."""
     table = _the_one_with(tables, f"{quantity}s", quantity)
     if table is None:
         return None
@@ -356,7 +355,7 @@ def _curves(tables: Sequence[LineTable], length_m: float) -> Stretches | None:
 
 
 def _zones(tables: Sequence[LineTable]) -> dict[str, Any]:
-    """Tunnels, neutral sections and zones without regeneration; the name of a file tells the latter two."""
+    """Tunnels, neutral sections and zones without regeneration; the name of a file distinguishes the latter two."""
     found: dict[str, tuple[Zone, ...]] = {}
     for table in (one for one in tables if one.has("length")):
         stem = table.path.stem.casefold()

@@ -1,4 +1,4 @@
-"""The tracks of a map as a graph, and the way of a train through it: it never turns sharply and never reverses.
+"""The tracks of a map as a graph, and the path of a train through it without sharp turns or reversing.
 
 Vertices and pieces are sorted by their places on the map. The order of the tracks in a file, the direction in which a
 track is drawn, and how a line is cut into tracks therefore change nothing.
@@ -30,23 +30,23 @@ NEAR_M: Final = 400.0
 SHARPEST_TURN_COS: Final = math.cos(math.radians(40.0))
 """Largest angle (as its cosine) by which a train turns from one piece of track to the next."""
 SHORT_M: Final = 15.0
-"""Length (m) below which the direction of a piece is uncertain: where no track branches off, it may turn by 90°."""
+"""Length (m) below which the direction of a piece is uncertain: if no track branches off, it may turn by 90°."""
 JOINED_M: Final = 3.0
 """Distance (m) within which the end of a track is joined to another one: some exports round coordinates."""
 UNITS_PER_M: Final = 400
 """10⁻⁷ degrees in a metre, at least, up to a latitude of 76°."""
 AT_VERTEX_M: Final = 0.5
-"""Distance (m) from a vertex of the track beside it within which a place needs no vertex of its own."""
+"""Distance (m) from a vertex of a track within which a place next to the track needs no new vertex."""
 PLANE_RATIO: Final = 0.99
-"""Share to which distances in a straight line are lowered in the search, so that they are never too long."""
+"""Factor on straight-line distances in the search, so that they are never too long."""
 AGAINST_PREFERRED: Final = 3.0
-"""A metre against the preferred direction of a track counts as so many."""
+"""Cost of a metre against the preferred direction of a track (a metre along it costs 1)."""
 AGAINST_ONE_WAY: Final = 30.0
 SERVICE_PRICES: Final = {"yard": 4.0, "spur": 4.0, "siding": 2.0, "crossover": 1.5}
-"""A metre of track that trains only use in stations and works counts as so many."""
+"""Cost of a metre of track that trains only use in stations and works."""
 USAGE_PRICES: Final = {"industrial": 4.0, "military": 4.0, "test": 4.0, "tourism": 1.5}
 OTHER_RAIL: Final = 2.0
-"""A metre of tram, light railway, metro or narrow gauge counts as so many, in a map that also has full railway."""
+"""Cost of a metre of tram, light railway, metro or narrow gauge in a map that also has full railway."""
 
 
 class Step(NamedTuple):
@@ -58,7 +58,7 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class FoundWay:
-    """The way of a train: n vertices (degrees), the n − 1 steps between them, and the vertices of its stations."""
+    """The path of a train: n vertices (degrees), the n − 1 steps between them, and the vertices of its stations."""
 
     latitude_deg: Floats
     longitude_deg: Floats
@@ -77,7 +77,7 @@ class _Piece(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class _Offer:
-    """The vertices at which a station may be (number → its distance, m), and where that is on the map."""
+    """The vertices at which a station may be (number → its distance, m), and its place on the map."""
 
     places: dict[int, MapPlace]
     distance_m: dict[int, float]
@@ -111,9 +111,9 @@ class TrackGraph:
         self.pieces = [best[ends] for ends in sorted(best)]
 
     def way(self, stations: Sequence[Sequence[MapPlace]]) -> FoundWay:
-        """The cheapest way over all stations in order, each given by the places that it may be.
+        """The cheapest path over all stations in order, each given by its possible places.
 
-        Raises DasError where no track is near a station, and where no way leads from one to the next.
+        Raises DasError if no track is near a station, or if no path leads from one to the next.
         """
         return _Search(self, [self._offer(places) for places in stations]).found()
 
@@ -123,9 +123,9 @@ class TrackGraph:
         return latitude, longitude
 
     def _offer(self, places: Sequence[MapPlace]) -> _Offer:
-        """Where the tracks near any of the places are nearest to it; the pieces there get a new vertex.
+        """The points of tracks nearest to any of the places; the pieces there get a new vertex.
 
-        Places of a worse rank count only if no track is near those of a better one.
+        Places of a worse rank count only if no track is near those of a better rank.
         """
         found: dict[int, MapPlace] = {}
         distance_m: dict[int, float] = {}
@@ -151,9 +151,9 @@ class TrackGraph:
         )
 
     def _feet(self, place: MapPlace) -> tuple[dict[int, float], float]:
-        """The vertices where tracks are nearest to a place, each with its distance (m), and the least of all distances.
+        """The vertices of tracks nearest to a place, each with its distance (m), and the least of all distances.
 
-        A place beside a track has its foot on the track, where a new vertex is put. A vertex itself is nearest if no
+        A place next to a track is projected on the track, where a new vertex is put. A vertex itself is nearest if no
         train that passes it comes nearer to the place: at a bend, and where a track ends.
         """
         latitude, longitude = self.degrees()
@@ -232,7 +232,7 @@ class _Search:
         self.left = self._bounds()
 
     def _bounds(self) -> list[list[float]]:
-        """For each layer the lower bound of the cost from each vertex to the last station."""
+        """The lower bound of the cost from each vertex to the last station, for each layer."""
         bounds, rest = [], 0.0
         for layer in range(len(self.offers) - 2, -1, -1):
             here, goal = self.offers[layer], self.offers[layer + 1]
@@ -243,7 +243,7 @@ class _Search:
         return bounds[::-1]
 
     def found(self) -> FoundWay:
-        """The cheapest way; DasError if there is none."""
+        """The cheapest path; DasError if there is none."""
         count, last = len(self.heads), len(self.offers) - 1
         best: dict[int, float] = {}
         before: dict[int, int] = {}
@@ -302,7 +302,7 @@ class _Search:
             if not vertices:
                 vertices.append(self.heads[directed ^ 1])
                 stations.append((self.offers[0].places[vertices[0]], 0))
-            if layer == len(stations):  # a station was reached, and the train stands where it stood
+            if layer == len(stations):  # a station was reached; the train's place is unchanged
                 stations.append((self.offers[layer].places[vertices[-1]], len(vertices) - 1))
                 continue
             piece = self.graph.pieces[directed >> 1]
@@ -316,7 +316,7 @@ class _Search:
         )
 
     def _no_way(self, state: int) -> str:
-        """The message that no way leads to the next station, with the place where the search came nearest to it."""
+        """The message that no path leads to the next station, with the place where the search came nearest to it."""
         layer, directed = divmod(state, len(self.heads))
         goal, head = self.offers[layer + 1], self.heads[directed]
         latitude, longitude = self.latitude_deg[head], self.longitude_deg[head]
@@ -330,7 +330,7 @@ class _Search:
 
 
 def _price(track: TrackLine, forward: bool, has_rail: bool) -> float:
-    """What a metre of track costs in the search: 1 on a main track in its preferred direction, else more."""
+    """The cost of a metre of track in the search: 1 on a main track in its preferred direction, else more."""
     tags = track.tags
     price = SERVICE_PRICES.get(tags.get("service", ""), 1.0) * USAGE_PRICES.get(tags.get("usage", ""), 1.0)
     if has_rail and tags.get("railway") != "rail":
@@ -343,7 +343,7 @@ def _price(track: TrackLine, forward: bool, has_rail: bool) -> float:
 
 
 def _rank(piece: _Piece) -> tuple[float, ...]:
-    """The order of two tracks that lie upon each other: it must not depend on the order of the file."""
+    """The order of two overlapping tracks, which must not depend on the order of the file."""
     ways = (piece.forward, not piece.forward)
     limits = [piece.track.limit_mps(forward=way) or math.inf for way in ways]
     inside = [float(piece.track.lies_in(what)) for what in ("tunnel", "bridge")]
@@ -351,7 +351,7 @@ def _rank(piece: _Piece) -> tuple[float, ...]:
 
 
 def _joined_ends(tracks: Sequence[TrackLine], joined_m: float) -> dict[Key, Key]:
-    """For each loose end within so many metres of another vertex, that vertex."""
+    """The other vertex within `joined_m` of each loose end that has one."""
     side = max(1, round(joined_m * UNITS_PER_M))
     neighbours: dict[Key, set[Key]] = defaultdict(set)
     for track in tracks:
@@ -379,7 +379,7 @@ def _joined_ends(tracks: Sequence[TrackLine], joined_m: float) -> dict[Key, Key]
 
 
 def _last(joined: dict[Key, Key], end: Key) -> Key:
-    """The vertex to which an end is joined in the end; the end itself if it is not joined."""
+    """The vertex to which an end is finally joined; the end itself if it is not joined."""
     while end in joined:
         end = joined[end]
     return end

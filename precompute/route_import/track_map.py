@@ -1,6 +1,6 @@
 """Railway tracks and stations of a map: OpenStreetMap as Overpass JSON or GeoJSON, GeoJSON of infrastructure managers.
 
-Coordinates join the tracks, not the numbers of nodes: GeoJSON has no such numbers.
+Tracks are joined by coordinates, not by numbers of nodes, which GeoJSON does not have.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MOST_BYTES_OF_MAP: Final = 100_000_000
 MOST_VERTICES: Final = 2_000_000
 """Largest number of vertices of all tracks of a map. Assumption: the tracks of a large country have fewer."""
 FASTEST_MPS: Final = OF_ROUTES["speed_limit"].possible[1]
-"""Limit (m/s) above which it is taken as not known: a slip of the mapper."""
+"""Limit (m/s) above which a limit counts as unknown, being a mistake of the mapper."""
 TRACKS: Final = frozenset({"rail", "narrow_gauge", "light_rail", "subway", "tram", "preserved", "monorail"})
 """Values of `railway=*` that are tracks in use."""
 STATIONS: Final = {
@@ -39,12 +39,12 @@ STATIONS: Final = {
     ("public_transport", "platform"): 2,
     **{("railway", value): 3 for value in ("junction", "crossover", "yard", "site", "spur_junction")},
 }
-"""Tags that make a place a station, each with its rank: a lower one is preferred. From rank 2 on it names no stop."""
+"""Tags that make a place a station, each with its rank: lower is preferred. From rank 2 on it names no stop."""
 FIRST_THAT_IS_NO_STOP: Final = 2
 OTHER_THING: Final = frozenset(
     {"highway", "waterway", "building", "natural", "landuse", "boundary", "aeroway", "power"}
 )
-"""Keys of things that are neither track nor station, in files that do not say what is a track."""
+"""Keys of features that are neither track nor station, in files without a key for tracks."""
 LIMIT_KEYS: Final = ("maxspeed", "v_max", "vmax", "speed_limit", "maxspeed_kmh", "limit_kmh")
 """Keys of a speed limit: of OpenStreetMap, of SNCF, and of tables."""
 _NAME_KEYS: Final = (
@@ -63,14 +63,14 @@ UNITS_PER_DEGREE: Final = 1e7
 
 @dataclass(frozen=True, kw_only=True)
 class TrackLine:
-    """A piece of track: its vertices in the order of the map, and what the map says of it."""
+    """A piece of track: its vertices in the order of the map, and its tags."""
 
     name: str
     vertices: tuple[Key, ...]
     tags: Mapping[str, str]
 
     def limit_mps(self, *, forward: bool) -> float | None:
-        """The limit (m/s) with or against the order of the vertices; None where the map does not tell.
+        """The limit (m/s) with or against the order of the vertices; None if the map has none.
 
         Of several speeds ("80;100") the least counts, in a text of another form ("60|80") the least number.
         """
@@ -78,9 +78,9 @@ class TrackLine:
         return next((speed_mps for speed_mps in speeds_mps if speed_mps is not None), None)
 
     def odd_limit(self, *, forward: bool) -> str:
-        """The value that tells the limit, with its key, if it is no plain speed or list of speeds; empty otherwise.
+        """The value of the limit, with its key, if it is no plain speed or list of speeds; empty otherwise.
 
-        Of a track whose values name no speed it is the first one.
+        If no value of the track names a speed, it is the first value.
         """
         told = list(self._told(forward=forward))
         for key, text in [one for one in told if _speeds_mps(one[1])] or told[:1]:
@@ -89,7 +89,7 @@ class TrackLine:
         return ""
 
     def _told(self, *, forward: bool) -> Iterator[tuple[str, str]]:
-        """The keys and values that tell of a limit with or against the order of the vertices, the best first."""
+        """The keys and values of a limit with or against the order of the vertices, the best first."""
         for key in (f"maxspeed:{'forward' if forward else 'backward'}", *LIMIT_KEYS):
             if text := self.tags.get(key, "").strip():
                 yield key, text
@@ -110,7 +110,7 @@ class MapPlace:
 
     @property
     def name(self) -> str:
-        """The name that the map gives first."""
+        """The first name on the map."""
         return self.names[0]
 
 
@@ -118,8 +118,8 @@ class MapPlace:
 class TrackMap:
     """The tracks and named places of some files.
 
-    `crossings` are the vertices at which tracks cross on the level without a switch. `is_osm` says whether a file is
-    from OpenStreetMap.
+    `crossings` are the vertices at which tracks cross on the level without a switch. `is_osm`: a file is from
+    OpenStreetMap.
     """
 
     sources: tuple[Path, ...]
@@ -150,7 +150,7 @@ def is_map(fields: Fields) -> bool:
 
 
 def read_map(paths: Sequence[Path]) -> TrackMap:
-    """Read tracks and stations from files; DasError for anything that is no map, or has no track."""
+    """Read tracks and stations from files; DasError for a file that is no map, or has no track."""
     things: list[_Thing] = []
     is_osm = False
     for path in paths:
@@ -185,7 +185,7 @@ def _says_openstreetmap(fields: Fields, things: Sequence[_Thing]) -> bool:
 
 
 def _tracks(things: Sequence[_Thing], told: bool) -> Iterator[TrackLine]:
-    """The tracks; in files without the key `railway` (not `told`) every line that is not another thing."""
+    """The tracks; in files without the key `railway` (not `told`) every line that is no other feature."""
     for thing in things:
         railway = thing.tags.get("railway")
         if not _is_gone(thing) and (railway in TRACKS if told else not OTHER_THING & set(thing.tags)):
@@ -224,7 +224,7 @@ def names_of(tags: Mapping[str, str]) -> tuple[str, ...]:
 def _speeds_mps(text: str) -> list[float]:
     """The speeds (m/s) that a value of `maxspeed` names; "none" and "signals" name none.
 
-    A comma before a single digit is a decimal sign. What stands in brackets is a remark.
+    A comma before a single digit is a decimal sign. Text in brackets is a remark.
     """
     matches = _SPEED.finditer(re.sub(r"\(.*?\)", " ", text.casefold()))
     speeds_mps = [float(match[1].replace(",", ".")) * (MPH if match[2] else KMH) for match in matches]
@@ -256,7 +256,7 @@ def _elements(fields: Fields) -> Iterator[_Thing]:
 
 
 def _way(fields: Fields, name: str, way: Mapping[str, Any], points: Mapping[int, Key]) -> list[list[Key]]:
-    """The lines of a way: several where nodes between them are outside the extract."""
+    """The lines of a way: several if nodes between them are outside the extract."""
     geometry, nodes = way.get("geometry"), way.get("nodes")
     if isinstance(geometry, list):
         keys = [
@@ -351,9 +351,9 @@ def _tags(properties: Any) -> dict[str, str]:
 
 
 MOST_SHOWN: Final = 25
-"""Most names in a message."""
+"""Largest number of names in a message."""
 ONE_STATION_M: Final = 3000.0
-"""Distance (m) beyond which places of one name are different stations; the largest yards are that long."""
+"""Distance (m) beyond which places of the same name are different stations: the length of the largest yards."""
 GENERIC: Final = frozenset(
     {
         *("station", "railway", "central", "halt", "of"),
@@ -365,15 +365,15 @@ GENERIC: Final = frozenset(
 )
 """Words of a station's name that a user may leave out."""
 RANK_OF_A_TRACK: Final = 8
-"""Rank of a track whose name is that of a station: it stands for a station if the map has none of that name."""
+"""Rank of a track with a station's name, which is used if the map has no station of that name."""
 RANK_WITHOUT_NAME: Final = 9
-"""Rank of a place that the user gives by its coordinates alone: the way leads over it, but no train stops there."""
+"""Rank of a place that the user gives by its coordinates alone: the path leads over it without a stop."""
 _ABBREVIATED: Final = {"st": "sankt", "saint": "sankt", "sant": "sankt", "hbf": "hauptbahnhof", "bf": "bahnhof"}
 _AT = re.compile(r"(?:(?P<name>[^=]*)=)?\s*(?P<latitude>-?\d+(?:\.\d+)?)\s*[,;]\s*(?P<longitude>-?\d+(?:\.\d+)?)\s*")
 
 
 def stations_named(the_map: TrackMap, wanted: str) -> tuple[MapPlace, ...]:
-    """The places that a user's words mean, best rank first: a station, its stops and its platforms.
+    """The places for a user's words, best rank first: a station, its stops and its platforms.
 
     `wanted` may also be a place, "48.208,15.625", or a place with a name, "St. Pölten=48.208,15.625". Raises DasError,
     which lists the names of the map, if none or several different stations fit.
@@ -459,5 +459,5 @@ def _core(name: str) -> list[str]:
 
 
 def same_station(one: str, other: str) -> bool:
-    """Whether two names are those of one station, as far as spelling goes."""
+    """Whether two names may be spellings of the name of one station."""
     return "".join(_words(one)) == "".join(_words(other))

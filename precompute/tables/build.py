@@ -38,7 +38,7 @@ class BuildStatus(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What became of a job: `reason` is why it failed (else empty), `seconds` how long its last attempt took.
+    """The outcome of a job: `reason` is the cause of a failure (else empty), `seconds` the time of its last attempt.
 
     `size_bytes` is the size of its table, None if it has none.
     """
@@ -58,7 +58,7 @@ def remove_unfinished(folder: Path) -> None:
 
 
 def finished(folder: Path, job: Job) -> int | None:
-    """The size of the job's table (bytes) if it is there, whole and what the job would make, else None."""
+    """The size of the job's table (bytes) if it is complete and equal to the one that the job would make, else None."""
     path = folder / job.name
     try:
         return path.stat().st_size if path.exists() and job.is_done(Table.read(path)) else None
@@ -80,7 +80,7 @@ def table_files(folder: Path) -> list[Path]:
 
 
 def last_build(folder: Path) -> dict[str, dict[str, Any]]:
-    """What build.json says of each section of the last build, by name; empty if it cannot be read."""
+    """The entries of build.json for each section of the last build, by name; empty if it cannot be read."""
     try:
         report = json.loads((folder / REPORT).read_bytes())
         known = report["sections"] if report["schema_version"] == REPORT_VERSION else ()
@@ -97,14 +97,14 @@ def missing_tables(folder: Path) -> list[str]:
 
 
 REPORT_EVERY_S = 5.0
-"""Time (s) since the last report after which the next outcome of a build makes it write the report again."""
+"""Time (s) since the last report after which the next outcome of a build causes a new report."""
 
 
 def build(plan: BuildPlan, folder: Path, workers: Workers, watch: Callable[[Outcome], None]) -> dict[str, Any]:
     """Build a plan into a folder; returns the report, which is written to build.json.
 
-    `watch` is called with every outcome. However the build ends, the report shows how far it came. Raises DasError if
-    another build uses the folder.
+    `watch` is called with every outcome. The report shows the progress of the build, however it ends. Raises DasError
+    if another build uses the folder.
     """
     with folder_held(folder, "another build is writing to it"):
         remove_unfinished(folder)

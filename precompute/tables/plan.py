@@ -1,4 +1,4 @@
-"""The plan of a build: from a TOML file to the jobs it asks for (format: docs/reference/tables.md)."""
+"""The plan of a build: from a TOML file to its jobs (format: docs/reference/tables.md)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, kw_only=True)
 class BuildPlan:
-    """What a build is asked for: every section of every line with every train, each once."""
+    """The jobs of a build: every section of every line with every train, each once."""
 
     source: Path
     jobs: tuple[Job, ...]
@@ -34,13 +34,13 @@ class BuildPlan:
 
 
 _Line = tuple[Route, tuple[Stop, ...]]
-"""A route in one direction with the stops between which sections lie."""
+"""A route in one direction, with the stops that bound its sections."""
 
 
 def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
     """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation).
 
-    `refined` says whether the front of each section is refined.
+    `refined`: the front of each section is refined.
     """
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
@@ -73,7 +73,7 @@ def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
 
 
 def _braking(fields: Fields) -> SiteBraking | None:
-    """How the drivers who use the tables brake; None: with the train's full brakes, as in a study."""
+    """The braking of the drivers who use the tables; None: with the train's full brakes, as in a study."""
     if not fields.has("braking"):
         return USUAL
     table = fields.table("braking")
@@ -108,7 +108,7 @@ def _journey_line(fields: Fields, route: Route) -> _Line:
     """The line between the stops of a journey, which runs in one direction."""
     for key in ("stops",) if fields.data.get("reverse") != "both" else ("reverse",):
         if fields.has(key):
-            raise fields.error(key, fields.data[key], "none beside journey, which has stops and a direction of its own")
+            raise fields.error(key, fields.data[key], "none with journey, which has its own stops and direction")
     journey = _loaded(fields, "journey", "journeys", lambda name: load_journey(name, route))
     return route, tuple(Stop(name=call.name, position_m=call.position_m) for call in journey.calls)
 
@@ -194,13 +194,13 @@ def _texts(fields: Fields, key: str) -> list[str]:
 
 
 def _loaded(fields: Fields, key: str, kind: str, load: Callable[[str], _T]) -> _T:
-    """Load a bundled route or vehicle by name, or one from a file beside the plan."""
+    """Load a bundled route or vehicle by name, or from a file in the folder of the plan."""
     name, beside = fields.text(key), fields.source.parent
     return _in_plan(fields, key, name, lambda text: load(text if text in catalogue(kind) else str(beside / text)))
 
 
 def _in_plan(fields: Fields, key: str, value: str, read: Callable[[Any], _T]) -> _T:
-    """What `read` makes of a value; its DasError is raised again with the place in the plan in front."""
+    """The result of `read` for a value; its DasError is raised again with the place in the plan in front."""
     try:
         return read(value)
     except DasError as error:

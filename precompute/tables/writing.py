@@ -34,9 +34,9 @@ memory."""
 EVERY_RATIO = 0.002
 """Distance of the times for which runs are sought, as a share of the least time."""
 LONGEST_RATIO = 1.25
-"""Multiple of the least time up to which runs are sought; a train with more time is given a plan of its own."""
+"""Multiple of the least time up to which runs are sought; a train with more time is planned separately."""
 PARTS = 4
-"""Times in each step of `EVERY_RATIO` for which the best run is kept."""
+"""Number of times in each step of `EVERY_RATIO` for which the best run is kept."""
 
 
 def finished_references(section: Section, *, threads: int = 1) -> References:
@@ -56,7 +56,7 @@ def finished_references(section: Section, *, threads: int = 1) -> References:
 
 
 def _priced_j(front: GuideFront, run: GuideRun) -> float:
-    """The energy of a run and the price of the changes in it (J): a driver is not to get a change that gains little."""
+    """The energy of a run and the price of the changes in it (J): changes that gain little should not be shown."""
     change_j = front.settings.change_s * front.power_w + CHANGE_TIME_S * run.lambda_w
     return run.energy_j + change_j * float(np.count_nonzero(np.diff(run.said)))
 
@@ -70,7 +70,7 @@ UNBOUNDED_S = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class TableSettings:
-    """What the front of a table holds.
+    """The content of a table's front.
 
     `buffers_percent`: a point for each of these, in % above the least time. `with_max`: the least energy as well.
     `refined`: whether the runs are refined. `proven`: number of points whose gap is proven.
@@ -122,7 +122,7 @@ def _to_be_proven(runs: list[Solution], count: int) -> set[int]:
 
 
 def _run_facts(run: Solution, before: Solution, is_proven: bool) -> dict[str, Any]:
-    """A run in the table; `before` is the same one unrefined. λ is null for the fastest run."""
+    """A run in the table; `before` is the same run unrefined. λ is null for the fastest run."""
     gap: dict[str, Any] = {"bound_j": None, "gap_ratio": None, "gap_reason": NOT_PROVEN}
     if is_proven:
         gap = {"bound_j": _finite(run.bound_j), "gap_ratio": _finite(run.gap_ratio), "gap_reason": run.gap_reason}
@@ -145,13 +145,13 @@ def _read_only(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
     return MappingProxyType(mapping)
 
 
-# Vehicles hold their losses in read-only mappings, which pickle does not know.
+# Vehicles hold their losses in read-only mappings, which pickle does not support.
 copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
-    """A section of a line for a train that stops at both ends, and what its table is to hold.
+    """A section of a line for a train that stops at both ends, and the content of its table.
 
     `braking`: the braking for limits and stops; None: full brakes.
     """
@@ -185,7 +185,7 @@ class Job:
         )
 
     def is_done(self, table: Table) -> bool:
-        """Whether a table is what the job would make; raises as `section` does."""
+        """Whether a table equals the one that the job would make; raises as `section` does."""
         return table.settings == self.settings.as_kept and table.key == key_of(self.section(), DEFAULT)
 
     def solve(self) -> bytes:

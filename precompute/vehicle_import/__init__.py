@@ -1,4 +1,4 @@
-"""A file from outside becomes the text of a vehicle file, which is read once before it is written."""
+"""The conversion of a foreign file to the text of a vehicle file, which is read once before it is written."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from precompute.vehicle_import.train import ImportedTrain, named_losses, vehicle
 
 COMMAND = "das-precompute vehicle import"
 IMPORTERS = "das.importers"
-"""Entry points of other packages: functions that read a train from a path, by the end of such a file's name."""
+"""Entry points of other packages: functions that read a train from a path, by the suffix of such a file's name."""
 
 
 class Imported(NamedTuple):
-    """The text of a vehicle file, the vehicle that it describes, and what was assumed."""
+    """The text of a vehicle file, the vehicle that it describes, and the assumptions."""
 
     text: str
     vehicle: Vehicle

@@ -25,8 +25,8 @@ def is_rolling_stock(fields: Fields) -> bool:
 def read_rolling_stock(fields: Fields) -> ImportedTrain:
     """The train of a rolling stock file; raises InputError (file, key, value, expectation) for anything unusable.
 
-    The file is in kg, m, s and N. The curve of a mode without a condition is called like the mode, and those with one
-    like mode and condition: "25000V-heating-22500V-C1".
+    The file is in kg, m, s and N. The curve of a mode without a condition has the mode's name, those with a condition
+    both names: "25000V-heating-22500V-C1".
     """
     name = fields.name("name")
     curves = fields.table("effort_curves")

@@ -15,9 +15,9 @@ SCHEMA = "https://railtoolkit.org/schema/rolling-stock.json"
 GRAVITY_MPS2 = 9.80665
 """Gravity in TrainRuns.jl (m/s²): it turns the permille of the file into forces."""
 AIR_MPS, REFERENCE_MPS = 15.0 * KMH, 100.0 * KMH
-"""Head wind for traction units and passenger coaches, and the speed that coefficients belong to (TrainRuns.jl)."""
+"""Head wind for traction units and passenger coaches, and reference speed of coefficients (TrainRuns.jl)."""
 PASSENGER_MPS2, FREIGHT_MPS2 = 0.375, 0.225
-"""Braking deceleration (m/s²) where a file gives none (Brünger and Dahlhaus 2014, p. 74, as in TrainRuns.jl)."""
+"""Braking deceleration (m/s²) if a file gives none (Brünger and Dahlhaus 2014, p. 74, as in TrainRuns.jl)."""
 MOST_VEHICLES = 1000
 _TRACTION, _PASSENGER = ("traction unit", "multiple unit"), ("passenger", "multiple unit")
 
@@ -86,7 +86,7 @@ def _train(fields: Fields, train_id: str | None) -> Fields:
 
 
 def _formation(fields: Fields, train: Fields) -> list[Fields]:
-    """The vehicles of a train, one for each time that its formation names them."""
+    """The vehicles of a train, one for each occurrence in its formation."""
     known = {one.text("id"): one for one in _tables(fields, "vehicles")}
     formation = train.rows("formation", "a list of ids of vehicles", MOST_VEHICLES)
     for i, name in enumerate(formation):

@@ -30,7 +30,7 @@ from precompute.vehicle_import.train import (
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """The figures of a train beside its efforts, as text with their units; None: not given.
+    """The figures of a train besides its efforts, as text with their units; None: not given.
 
     `davis` holds the three coefficients, separated by commas. `units` are those of speed and force, for a table whose
     header states none.
@@ -68,7 +68,7 @@ _UNIT = re.compile(r"(.*?)[\s_,]*(?:[\[(]\s*([^\[\]()]+?)\s*[\])]|\bin\s+(\S+)|_
 
 
 def read_efforts(path: Path, figures: Figures) -> ImportedTrain:
-    """A train from a CSV table of its efforts and the figures beside it; DasError or InputError if unusable.
+    """A train from a CSV table of its efforts and further figures; DasError or InputError if unusable.
 
     The first column holds speeds, each other one the forces of a mode (or, if there is one, of the train). The header
     states the units: `speed_kmh,force_kn`, `v [km/h];F [kN]`. A column called brake… holds the electric brake.
@@ -99,7 +99,7 @@ def read_efforts(path: Path, figures: Figures) -> ImportedTrain:
 
 
 def _columns(path: Path, header: list[str], width: int, units: str | None) -> tuple[list[str], list[float]]:
-    """The name of each column, and the factor of its unit: of the header, or as the option says."""
+    """The name of each column, and the factor of its unit, from the header or the option."""
     dimensions = ["speed", *["force"] * (width - 1)]
     if units is not None:
         said = [one.strip() for one in units.split(",")]
@@ -130,7 +130,7 @@ def _name_and_unit(cell: str) -> tuple[str, str]:
 
 
 def _modes(path: Path, curves: Mapping[str, Points]) -> dict[str, Mode]:
-    """The modes of a table from its columns of force by name: one traction alone has no name."""
+    """The modes of a table from its columns of force by name: a single traction column has no name."""
     brakes = {name: points for name, points in curves.items() if name.lower().startswith(BRAKE)}
     tractions = {name: points for name, points in curves.items() if name not in brakes}
     if len(brakes) > 1 or not tractions:

@@ -1,4 +1,4 @@
-"""A train from outside, and the vehicle file that says where its figures are from and what was assumed.
+"""A train from a foreign file, and its vehicle file with the origin of the figures and the assumptions.
 
 Quantities that state their units are read here.
 """
@@ -116,7 +116,7 @@ Points = tuple[tuple[float, float], ...]
 
 
 class Mode(NamedTuple):
-    """The efforts of a train in one mode, as a file from outside gives them."""
+    """The efforts of a train in one mode, as given by a foreign file."""
 
     traction: Points
     electric_brake: Points = ()
@@ -125,11 +125,11 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ImportedTrain:
-    """A train as a file from outside describes it, in SI units, without losses.
+    """A train as described by a foreign file, in SI units, without losses.
 
     `modes` holds its efforts by name, first those of the default mode; a train with one mode may call it "". `notes`
-    say what was assumed, and what the file gives that this project does not use. `empty` is the train without its load,
-    if `mass_kg` includes one.
+    are the assumptions, and the unused data of the file. `empty` is the train without its load, if `mass_kg` includes
+    one.
     """
 
     id: str
@@ -147,18 +147,18 @@ class ImportedTrain:
 
     @property
     def default(self) -> str:
-        """The mode that the train has if nobody picks one."""
+        """The default mode of the train."""
         return next(iter(self.modes))
 
     @property
     def power_w(self) -> float:
         """The largest power (W) of traction in the default mode."""
         speeds_mps, forces_n = np.array(self.modes[self.default].traction).T
-        with np.errstate(all="ignore"):  # Speeds that do not rise are refused when the file is read.
+        with np.errstate(all="ignore"):  # Speeds that do not rise are rejected when the file is read.
             return largest_power_w(speeds_mps, forces_n)
 
     def with_electric_brake(self, ratio: float) -> ImportedTrain:
-        """The train with an electric brake of this share of its traction, where it has none of its own."""
+        """The train with an electric brake of this share of its traction, if it has no electric brake."""
         braked = {
             name: mode
             if mode.electric_brake
@@ -196,7 +196,7 @@ def _extended(points: Points, top_mps: float) -> Points:
 
 
 class NamedLosses(NamedTuple):
-    """The losses that the user names for a train: the lines of their tables, and where they are from."""
+    """The losses that the user names for a train: the lines of their tables, and their origin."""
 
     lines: tuple[str, ...]
     note: str
@@ -242,7 +242,7 @@ def _losses_of(name: str, power_w: float) -> NamedLosses:
 
 
 def vehicle_text(train: ImportedTrain, losses: NamedLosses, made_by: str, accepted: Sequence[str] = ()) -> str:
-    """The vehicle file of a train: what it was made from and by which command, what was assumed, and its figures."""
+    """The vehicle file of a train: its source and command, the assumptions, and its figures."""
     head = [f"# {train.name}. Made by {made_by} from {train.source}."]
     head += [f"# Note: {note}." for note in (*train.notes, losses.note)]
     return "\n".join([*map(seen, head), "", *_body(train, accepted), *losses.lines]) + "\n"

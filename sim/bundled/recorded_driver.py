@@ -1,6 +1,6 @@
-"""The driver of the bundled recording, who can be shown the guide when the trip is driven anew.
+"""The driver of the bundled recording, who can be shown the guide in a new simulation.
 
-The way of driving is kept as it was when the recording was made; `tests/support/make_trip.py` makes it again.
+The way of driving is kept as it was when the recording was made; `tests/support/make_trip.py` remakes it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from sim.plant.plant import COAST, lever
 LOOK_S: Final = 0.2
 """The time (s) between two looks out of the window and at the speedometer."""
 GLANCE_S: Final = 5.0
-"""The time (s) between two glances at the display; an assumption, that of the default human driver in the mean."""
+"""The time (s) between two glances at the display; an assumption, the mean of the default human driver."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriverStyle:
-    """How a driver drives; all figures are assumptions of a plausible size."""
+    """Parameters of the driving; all values are plausible assumptions."""
 
     below_limit_mps: float = 3.0 * KMH
     """Margin (m/s) that the driver keeps below the limit."""
@@ -40,11 +40,11 @@ class DriverStyle:
     """Deviation of the speed (m/s) from which the driver uses full effort."""
     wander_mps: float = 2.0 * KMH
     wander_s: float = 40.0
-    """Correlation time (s) of the wander of the speed aimed at; its standard deviation is `wander_mps`."""
+    """Correlation time (s) of the error of the intended speed; its standard deviation is `wander_mps`."""
 
 
 class HurriedDriver:
-    """Aims at a speed under the limits and the braking curves ahead, and steers force towards it."""
+    """Intends a speed under the limits and the braking curves ahead, and sets the force to reach it."""
 
     def __init__(self, route: Route, vehicle: Vehicle, end_m: float, seed: int, style: DriverStyle) -> None:
         self.vehicle, self.end_m, self.style = vehicle, end_m, style
@@ -53,7 +53,7 @@ class HurriedDriver:
         self._at_m, self._limit = _limits_for_head(route, vehicle, end_m)
 
     def wanted_force_n(self, s_m: float, speed_mps: float, step_s: float, top_mps: float = math.inf) -> float:
-        """Wheel force the driver sets now (N), to keep below the limits and at a top speed that he was told."""
+        """Wheel force (N) that the driver sets now, to keep the limits and a top speed received from the guide."""
         style = self.style
         decay = math.exp(-step_s / style.wander_s)
         self._wander = (
@@ -67,7 +67,7 @@ class HurriedDriver:
         return hold + share * self.vehicle.inertial_mass_kg * 2.0 * style.braking_mps2
 
     def _aim(self, s_m: float) -> float:
-        """The speed to aim at: limit here and braking curves to limits ahead, less a margin (none for the stop)."""
+        """The intended speed: limit here and braking curves to limits ahead, less a margin (none for the stop)."""
         style = self.style
         way = np.maximum(self._at_m - s_m, 0.0)
         ahead = self._at_m > s_m
@@ -90,10 +90,9 @@ def _limits_for_head(route: Route, vehicle: Vehicle, end_m: float) -> tuple[Floa
 
 class RecordedDriver:
     """Drives as in the bundled recording: without advice as fast as the limits allow, regardless of the time. With the
-    guide he follows the instruction read at the last glance (`sim.drivers.cab`), with no more than its effort, and
-    with the same manner and speed errors as before. Limits of the line and stops are kept in any case; temporary
-    restrictions are not known, because the trip has none. He brakes with the motors first, as the train of the
-    recording did.
+    guide, follows the instruction read at the last glance (`sim.drivers.cab`) with at most its effort, in the same
+    manner and with the same speed errors. Limits of the line and stops are kept in any case; temporary restrictions are
+    not known, because the trip has none. The motors brake first, as on the train of the recording.
     """
 
     def __init__(self, line: LineKnowledge, seed: int = 0) -> None:

@@ -1,4 +1,4 @@
-"""Where das-sim starts: `python -m sim.cli`."""
+"""The entry point of das-sim: `python -m sim.cli`."""
 
 from das.command_line.process import start
 

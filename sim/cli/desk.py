@@ -1,4 +1,4 @@
-"""The command desk: drive a simulated train in the browser, or look at a recorded drive as its driver saw it."""
+"""The command desk: drive a simulated train in the browser, or view a recorded drive as its driver saw it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OF_A_DRIVE: Final = (
     *("--journey", "--advice", "--seed", "--level", "--train", "--pace", "--notches", "--punctuality"),
     *("--out", "--overwrite", "--bus", "--insecure-bus", "--json"),
 )
-"""The options of a drive at the desk, which a recording to look at does not use."""
+"""The options of a drive at the desk, which a replayed recording does not use."""
 
 WhatArgument = Annotated[
     str,
@@ -46,7 +46,7 @@ AtOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class DeskLooks:
-    """Options on how the desk looks, and where it is found."""
+    """Options on the appearance of the desk, and on its address."""
 
     language: Annotated[
         Language, typer.Option("--language", help="The language of the page at first; a key changes it.")
@@ -79,7 +79,7 @@ def desk(
 ) -> None:
     """Drive a simulated train yourself in the browser, or replay a drive as its driver saw it.
 
-    The advice node runs beside it, and everything is recorded. A recording plays on the same page, at any pace.
+    The advice node runs as well, and everything is recorded. A recording plays on the same page, at any pace.
     """
     if Path(what).suffix == ".mcap":
         refuse_given(f"{what} is a recording to look at; nothing is driven, nothing is recorded", *OF_A_DRIVE)
@@ -105,14 +105,14 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
     token = new_token()
     with listening(looks.port) as door:
         _show(address_of(door, token), looks)
-        say("the page is there until Ctrl-C")
+        say("the page is open until Ctrl-C")
         play(replay, door, token)
 
 
 def _drive_at_desk(
     name_or_path: str, asked: DayAsked, recorded: RecordingAsked, factor: float, looks: DeskLooks, *, as_json: bool
 ) -> None:
-    """Simulate a day that a person drives in the browser; the page is there before line and train are prepared."""
+    """Simulate a day that a person drives in the browser; the page opens before line and train are prepared."""
     recorded.check()
     _check_packages()
     from das.bus.access import Role
@@ -124,7 +124,7 @@ def _drive_at_desk(
 
     files = recorded.folder(asked.train)
     read = scenario_asked(name_or_path, asked.journey, recorded.out)
-    # What cannot be driven is refused before anybody sees a page.
+    # A day that cannot be driven is rejected before a page opens.
     lay_out(read, level=asked.level)
     own = None if files is None else files.file(Role.DESK)
     if own is not None:

@@ -21,11 +21,11 @@ from das.domain.files.writing import check_writable, toml_string, write_folder_w
 from sim.bundled import example_files
 
 BUFFER_PERCENT, DWELL_S, DEPARTURE = 8.0, 60.0, "2026-11-21T08:00:00Z"
-"""Timetable of a scenario unless another is asked for."""
+"""Default timetable of a scenario."""
 OF_SCENARIOS: Final = (*("--journey", "--reverse", "--from", "--to", "--buffer", "--dwell", "--departure"),)
 _JOURNEY = """\
 [timetable]
-departure = {departure}  # says the day; the journey has the times of day
+departure = {departure}  # the day; the journey has the times of day
 """
 _BUFFER = """\
 [timetable]
@@ -79,7 +79,7 @@ class OwnScenario:
         check_outputs(out, inputs=(self.route, self.vehicle, self.journey), overwrite=overwrite)
 
     def text(self, title: str, out: Path) -> str:
-        """The scenario as TOML; the files it names (bundled names stay) are found from the folder of `out`."""
+        """The scenario as TOML; the files it names (bundled names stay) are relative to the folder of `out`."""
         folder = out.resolve().parent
         lines = [
             "# Made by das-sim example. All keys: docs/reference/scenarios.md",
@@ -112,7 +112,7 @@ def example(
     The set of files holds a route, a vehicle, a journey, a plan of tables, a scenario, a recorded trip, kilometre posts
     and a README.txt with the commands to run on them. Route and vehicle are invented; the trip is simulated.
 
-    A scenario is a day to simulate on a line of your own, by the times of a journey or with a buffer.
+    A scenario is a simulated day on a line of your own, timed by a journey or with a buffer.
     """
     if own.route is None and own.vehicle is None:
         refuse_given("needs --route and --vehicle", *OF_SCENARIOS)

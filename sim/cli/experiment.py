@@ -101,14 +101,14 @@ def run(
     """Simulate all trials of a design, or every scenario with every driver, presentation and seed.
 
     A stopped experiment continues where it left off and tries failed trials again. The folder holds trials.csv with one
-    row a trial, the design, a README, and recordings if they are asked for. A design is checked and frozen there first,
-    unless it was before. Without one, means over the seeds and what advice saved are printed.
+    row a trial, the design, a README, and recordings if requested. A design is checked and frozen there first, unless
+    that has been done. Without a design, means over the seeds and the savings by advice are printed.
     """
     hands = Workers.asked(workers, scheduler)
     if recordings and scheduler is not None:
         raise DasError("--recordings: not together with --scheduler, because recordings are written on this machine")
     if scenario is None:
-        refuse_given("needs --scenario; a design says it itself", *ONE_LINE)
+        refuse_given("needs --scenario; a design has its own", *ONE_LINE)
         if design is None:
             raise DasError("expected a design (das-sim list studies has the bundled ones), or --scenario")
     elif design is not None:
@@ -151,7 +151,7 @@ def _days(*given: Any) -> Design:
 
 
 def _drivers(text: str) -> list[DriverKind | OwnClass]:
-    """The drivers of a list; DasError for an unknown name, and for a driver that is a process of its own."""
+    """The drivers of a list; DasError for an unknown name, and for a driver in a separate process."""
     found: dict[DriverKind | OwnClass, None] = {}
     for part in text.split(","):
         driver = named_driver("--driver", part.strip())
@@ -221,7 +221,7 @@ def rescore(
 ) -> None:
     """Compute measures from the recordings of a study, in another folder that can be analysed.
 
-    These are the measures that a recording alone gives, among them those of other packages (das-sim list).
+    Only measures that need nothing but a recording are computed, also those of other packages (das-sim list).
     """
     from sim.experiment.measures import MEASURES
     from sim.experiment.study_files import rescore as written

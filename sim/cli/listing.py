@@ -1,4 +1,4 @@
-"""The command list: what is installed, of this program and of other packages."""
+"""The command list: the installed objects of this program and of other packages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sim import doors
 
 
 class Listed(StrEnum):
-    """What can be listed."""
+    """The kinds of objects that can be listed."""
 
     SCENARIOS = "scenarios"
     DRIVERS = "drivers"
@@ -27,8 +27,8 @@ class Listed(StrEnum):
 
 
 DRIVERS: Final = {
-    "perfect": "follows the full advice, speed and force, as exactly as the train lets",
-    "literal": "does what the guide's card says and knows nothing else: no limit, no board, no signal",
+    "perfect": "follows the full advice, speed and force, as exactly as the train can",
+    "literal": "follows the guide's card and nothing else: no limit, no board, no signal",
     "fast": "drives as fast as allowed and brakes late",
     "top-speed": "holds one reduced maximum speed, the advised one or the driver's own",
     "timetable": "keeps time without advice",
@@ -40,11 +40,11 @@ OUTSIDE: Final = {
     "external": "a process of its own, over the bus",
     "desk": "a person at the cab desk, in the browser (das-sim desk)",
 }
-"""Drivers that users bring (docs/how-to/bring-your-own-driver.md)."""
+"""Drivers provided by users (docs/how-to/bring-your-own-driver.md)."""
 
 
 def brought(group: str) -> dict[str, str]:
-    """What other packages bring to a group: each name with its package."""
+    """The objects of other packages in a group: each name with its package."""
     return {name: f"of the package {door.package}" for name, door in doors.installed(group).items()}
 
 
@@ -54,7 +54,7 @@ def listing(
 ) -> None:
     """List installed scenarios, drivers, presentations, studies, measures and importers, including plug-ins.
 
-    With one kind it says what each is, and for scenarios and studies where its file is, to copy and change.
+    With one kind, it prints the meaning of each, and for scenarios and studies the file, to copy and change.
     """
     if what is None:
         names = {str(one): [*FOUND[one]()] for one in Listed}
@@ -62,7 +62,7 @@ def listing(
             print(json.dumps(names))
             return
         _print("", ("what", "names"), {one: ", ".join(listed) for one, listed in names.items()})
-        tell("das-sim list WHAT says more of one kind")
+        tell("das-sim list WHAT gives details of one kind")
         return
     found = FOUND[what]()
     if as_json:
@@ -174,4 +174,4 @@ FOUND: Final[dict[Listed, Callable[[], dict[str, Any]]]] = {
     Listed.MEASURES: _measures,
     Listed.IMPORTERS: _importers,
 }
-"""Functions that find all of each kind, by name: its meaning, or what programs read of it."""
+"""Functions that find all objects of a kind, by name: the meaning of each, or its data for programs."""

@@ -1,4 +1,4 @@
-"""What commands of das-sim share: options that no other program has, and functions that check and write results."""
+"""Shared parts of das-sim's commands: options of this program alone, and functions that check and write results."""
 
 from __future__ import annotations
 
@@ -112,14 +112,14 @@ Kind = TypeVar("Kind", bound=StrEnum)
 
 
 def chosen(kind: type[Kind], option: str, text: str) -> Kind:
-    """The member of an enumeration with a name; DasError for any other text."""
+    """The member of an enumeration that has a name; DasError for any other text."""
     if text not in list(kind):
         raise DasError(f"{option} {text}: expected {one_of(kind, text)}")
     return kind(text)
 
 
 def new_recording(kind: str, otherwise: str = "say where with --out") -> Path:
-    """Make a new file in ./recordings, named by its kind and the time; an error says what to do `otherwise`."""
+    """Make a new file in ./recordings, named by its kind and the time; an error proposes `otherwise` instead."""
     folder = Path("recordings")
     try:
         make_folder(folder)
@@ -142,7 +142,7 @@ def removed_if_unused(reserved: Path | None) -> Iterator[None]:
 
 @contextmanager
 def naming_recorded(*files: Path | None) -> Iterator[None]:
-    """If the block is interrupted, say in which of these recordings there is something already."""
+    """If the block is interrupted, print which of these recordings already have content."""
     try:
         yield
     except KeyboardInterrupt:
@@ -160,7 +160,7 @@ def check_packages(extra: str, *names: str) -> None:
 
 
 def tell_energy_range(route: Route) -> None:
-    """Say how wrong energies on a line may be because of its altitudes, if that is known."""
+    """Print the possible error of energies due to the altitudes of a line, if it is known."""
     from das.domain.plausibility import energy_range
 
     if words := energy_range(route):
@@ -168,7 +168,7 @@ def tell_energy_range(route: Route) -> None:
 
 
 def tell_written(*paths: Path | None) -> None:
-    """Print which files were written; None stands for a file that was not asked for."""
+    """Print the files that were written; None stands for a file that was not requested."""
     for path in paths:
         if path is not None:
             tell(f"written: {path}")

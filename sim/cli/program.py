@@ -41,7 +41,7 @@ GONE_EXPERIMENTS: Final = {
     "studies": "das-sim list studies",
     "power": "the notebook docs/tutorials/notebook-study-statistics.ipynb, which simulates power",
 }
-"""Former commands of the group, each with what to run instead."""
+"""Former commands of the group, each with its replacement."""
 
 
 NAME: Final = "das-sim"
@@ -155,7 +155,7 @@ GONE: Final = {
     "--planning-brake": "das-sim what-if --node with the options of das-node",
     "--below-limit": "das-sim what-if --node with the options of das-node",
 }
-"""Former commands and options, each with what to use instead."""
+"""Former commands and options, each with its replacement."""
 ABOUT: Final = (
     "Replay a train's trip, or simulate a run, with a live advice node; record and review it.\n\n"
     "Without a command, das-sim replays the bundled recording, simulates its trip with the guide, and compares the two."

@@ -39,14 +39,14 @@ if TYPE_CHECKING:
 
 
 MOST_FIELDS = 12
-"""Most fields shown of the first message that differs."""
+"""Largest number of fields shown of the first message that differs."""
 WAYS = {
     WhatIfKind.OPEN_LOOP: "the recorded drive, with the advice that it would have received",
     WhatIfKind.DRIVEN_ANEW: "the recorded run, driven by a simulated driver",
 }
 """Recorded and recomputed parts of each kind of what-if."""
 FROM_A_DRIVE = (
-    "the day was made from what was heard: timetable, late departures, restrictions; what held the train up between "
+    "the day was made from received messages: timetable, late departures, restrictions; what held the train up between "
     "stops, wind and rail are not in it. Two days driven anew tell what advice saved: with it, and with --advice none"
 )
 """Data that a day driven again from a real drive lacks."""
@@ -66,8 +66,8 @@ def check(
 ) -> None:
     """Check a recording: checksums, missing messages, topics, rates, gaps, late advice, versions, inputs.
 
-    The exit code is 1 where something is wrong, 0 where nothing is. With --save, what is sound in a cut or damaged
-    recording is saved in a new file first, and what is gone is said.
+    The exit code is 1 if something is wrong, else 0. With --save, the sound parts of a cut or damaged recording are
+    first saved in a new file, and losses are reported.
     """
     check_outputs(save, inputs=(file,), overwrite=overwrite)
     from sim.recording.check import check_file
@@ -128,7 +128,7 @@ def reproduce(
 ) -> None:
     """Feed a recording to the cab of this version, and compare its messages with the recorded ones.
 
-    The exit code is 1 where something differs, 0 where nothing does.
+    The exit code is 1 if something differs, else 0.
     """
     with loading_solver():
         from das.cab.cab import warm_up
@@ -271,7 +271,7 @@ def what_if(
 ) -> None:
     """Try a what-if in a new recording: other advice for a recorded drive, or its run simulated again.
 
-    What no option changes stays as it was. Without any change, the new recording holds the same messages.
+    Anything that no option changes stays as recorded. Without any change, the new recording holds the same messages.
     """
     check_outputs(out, inputs=(file,), overwrite=overwrite)
     new = asked.otherwise()
@@ -318,7 +318,7 @@ def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
 
 @contextmanager
 def _new_recording(file: Path, out: Path | None) -> Iterator[Path]:
-    """The file to write: `out`, or a new one beside `file`, which is removed again if nothing was recorded."""
+    """The file to write: `out`, or a new one next to `file`, which is removed again if nothing was recorded."""
     reserved = new_file(file.with_name(f"{file.stem}-what-if.mcap")) if out is None else None
     with removed_if_unused(reserved):
         yield out or reserved or file
@@ -346,7 +346,7 @@ def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeS
 
 
 def _compared_advice(files: Sequence[Path], train: str) -> tuple[dict[str, object], Callable[[], None]]:
-    """How the advice of an open loop differs, for programs, and a function that prints it."""
+    """The differences in advice of an open loop, for programs, and a function that prints them."""
     from sim.runs.what_if.open_loop import advice_apart
 
     apart = advice_apart(files[0], files[1], train)
@@ -354,7 +354,7 @@ def _compared_advice(files: Sequence[Path], train: str) -> tuple[dict[str, objec
 
 
 def _compared_drives(files: Sequence[Path], train: str) -> tuple[dict[str, object], Callable[[], None]]:
-    """How two drives differ, for programs, and a function that prints it as a report does."""
+    """The differences of two drives, for programs, and a function that prints them as a report does."""
     from das.bus.recording import recording_of
     from sim.cli.review import print_comparison
     from sim.drive.comparison import AlignedDrives, as_dict, drives_on_track

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class ReportPart(StrEnum):
-    """What `das-sim report` prints of each drive."""
+    """The parts that `das-sim report` prints for each drive."""
 
     WORDS = "words"
     EVENTS = "events"
@@ -46,7 +46,7 @@ class ReportPart(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ListedEvents:
-    """Which events `das-sim report` lists; None lets every event pass."""
+    """The filter of events that `das-sim report` lists; None lets every event pass."""
 
     kind: Annotated[
         list[str] | None,
@@ -61,7 +61,7 @@ class ListedEvents:
         return any((self.kind, self.from_time, self.to_time))
 
     def filter(self, drive: Drive, *, bookmarks: bool) -> Filter:
-        """The filter on the clock of a drive; DasError for a kind or a time that there is not."""
+        """The filter on the clock of a drive; DasError for an unknown kind or an invalid time."""
         from sim.drive.events import EventKind, Filter
 
         def moment_ns(text: str | None) -> int | None:
@@ -266,7 +266,7 @@ def _print_causes(attribution: Attribution) -> None:
 
 
 def print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
-    """Print how each drive differs from the first, or why they are not compared; nothing for a single drive."""
+    """Print the differences of each drive from the first, or why there are none; nothing for a single drive."""
     if aligned is None:
         if not_compared:
             tell(f"not compared: {not_compared}")

@@ -1,4 +1,4 @@
-"""The command run, which simulates one day; and what the command desk shares with it."""
+"""The command run, which simulates one day, and the parts that the command desk shares."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class DayAsked:
-    """Options on the day to simulate, beside its scenario."""
+    """Options on the day to simulate, besides its scenario."""
 
     journey: JourneyOption = None
     advice: AdviceOption = Presentation.GUIDE
@@ -68,7 +68,7 @@ class DayAsked:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingAsked:
-    """Options on where the run is recorded, and over which bus."""
+    """Options on the recording and the bus of the run."""
 
     out: OutRecordingOption = None
     overwrite: OverwriteOption = False
@@ -100,7 +100,7 @@ def scenario_asked(name_or_path: str, journey: str | None, out: Path | None) -> 
 
 
 def prepared_day(scenario: Scenario, asked: DayAsked, person: Participant | None = None) -> Day:
-    """The day of a seed, with its sections solved; warns of what is unusual about line and train."""
+    """The day of a seed, with its sections solved; prints warnings about unusual values of line and train."""
     from das.command_line.files import warn_once, warn_unusual
     from sim.world.service import make_day, prepare_service
 
@@ -253,7 +253,7 @@ def _print_cards(kept: DriveTable | None, recorded: Path | None) -> None:
 
 
 def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:
-    """Where the run listens for an external driver, None if it has none; DasError if the options contradict that."""
+    """The endpoint of the run for an external driver, None without one; DasError if the options contradict that."""
     if driver is not EXTERNAL:
         refuse_given(f"needs --driver {EXTERNAL}", "--driver-at")
         return None
@@ -265,7 +265,7 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
 
 
 def _external(day: Day, how: How, factor: float | None) -> ExternalDriver:
-    """The external driver, a process of its own; says where the run waits for it."""
+    """The external driver, a separate process; prints where the run waits for it."""
     from sim.world.external import ExternalDriver
 
     where = how.bus.path if how.bus is not None else how.driver_at

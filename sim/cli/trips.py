@@ -1,4 +1,4 @@
-"""The commands about recorded trips: look at one, or replay it; and das-sim without a command, which does both."""
+"""The commands on recorded trips: analyse one, or replay it; and das-sim without a command."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
 
 
 def load_solver() -> None:
-    """Load the compiled solver, or compile it. A signal ends the process at once, so nothing may be open yet."""
+    """Load the compiled solver, or compile it. A signal ends the process immediately, so nothing may be open yet."""
     with loading_solver(LATE_KERNELS):
         from das.cab.cab import warm_up
 
@@ -144,7 +144,7 @@ def load_solver() -> None:
 
 
 def bundled_recording() -> Path:
-    """The recording that comes with the program: in an installed package, or in the checkout."""
+    """The bundled recording: in an installed package, or in the checkout."""
     package = Path(__file__).parents[1]
     for path in (package / "bundled" / BUNDLED, package.parent / "recordings" / BUNDLED):
         if path.is_file():
@@ -164,7 +164,7 @@ LOOK_AGAIN_S: Final = 0.2
 
 
 def first_minute() -> None:
-    """Replay the bundled recording while its trip is driven anew with the guide, and print what came of both."""
+    """Replay the bundled recording while its trip is simulated with the guide, and print both results."""
     trip = bundled_recording()
     recorded = new_recording("replay", "start das-sim in a folder where it can write")
     with removed_if_unused(recorded):
@@ -181,10 +181,10 @@ def first_minute() -> None:
 
 
 class _Guided:
-    """A recorded trip driven anew by the same driver with the guide, in a thread; use with `with`.
+    """A new simulation of a recorded trip by the same driver with the guide, in a thread; use with `with`.
 
-    Each drive mostly waits for a node of its own, so that two at a time take little longer than one. If the block ends
-    early, the drive does too.
+    Each drive mostly waits for its own node, so that two at a time take little longer than one. If the block ends
+    early, so does the drive.
     """
 
     def __init__(self, trip: Path, out: Path) -> None:
@@ -201,7 +201,7 @@ class _Guided:
         self._pool.shutdown(wait=True)
 
     def finish(self) -> None:
-        """Show how far the drive is until it has ended; raises what ended it early."""
+        """Show the progress of the drive until it has ended; raises the error that ended it early."""
         if not self._drive.done():
             with progress_bar("driving the trip with the guide", "under way", "m") as progress:
                 while wait([self._drive], LOOK_AGAIN_S).not_done:
@@ -233,7 +233,7 @@ def _compared(recorded: Path, guided: Path) -> AlignedDrives:
 
 
 def _print(found: AlignedDrives) -> None:
-    """Print both drives beside each other, and in one sentence what the guide was worth and what that depends on."""
+    """Print both drives side by side, and one sentence on the saving by the guide and its conditions."""
     before, after = (one.drive for one in found.drives)
     alone_j, guided_j = (float(one[-1]) for one in found.energy_j)
     start, end = before.calls[0], before.calls[-1]

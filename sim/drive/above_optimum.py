@@ -1,4 +1,4 @@
-"""The energy of a drive above its optimum, how certain it is, and whether the two can be compared at all.
+"""The energy of a drive above its optimum, its certainty, and whether drive and optimum are comparable.
 
 Above the optimum = energy driven − least energy of the same train for the same departures and arrivals, in % of that
 optimum. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all use
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 NOT_COMPARABLE: Final = "not comparable"
 """Text that every command prints if it cannot state the energy above the optimum."""
 SAID_BY_THE_RECORDING: Final = "according to the recording, its trip and the optimum cannot be compared"
-"""Why, by a recording that is older than `Saving.not_comparable`."""
+"""Reason given for a recording that is older than `Saving.not_comparable`."""
 NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the stops"
-"""Why, for a drive without a departure from one stop and an arrival at another."""
+"""Reason given for a drive without a departure from one stop and an arrival at another."""
 NO_PART: Final = f"{NOT_WHOLE}, nor does it have equal speeds 1 km apart"
-"""Why, for a trip without such a departure and arrival, of which no part can be compared either."""
+"""Reason given for a trip without such a departure and arrival and without a part that can be compared."""
 IMPOSSIBLE_RATIO: Final = 0.05
-"""Share of the time with more force than the assumed train has above which the trip was another train's."""
+"""Largest share of the time with more force than the assumed train has; above it, another train made the trip."""
 RECORDED: Final = ("start", "end", "trip_s", "driven_j", "optimum_j")
 """The figures of a section that a recording states under the same names."""
 _PASSING: Final = re.compile(r"km \d+\.\d at \d+ km/h")
@@ -37,17 +37,17 @@ _PASSING: Final = re.compile(r"km \d+\.\d at \d+ km/h")
 
 
 def passing_name(s_m: float, speed_mps: float) -> str:
-    """The name of an end of a part that is no stop: where it is on the route as driven, and how fast the train was."""
+    """The name of an end that is not a stop: its position on the route as driven, and the train's speed there."""
     return f"km {s_m / KM:.1f} at {speed_mps / KMH:.0f} km/h"
 
 
 def part_between(start: str, end: str) -> str:
-    """The part of a trip between two ends with these names, in words; empty if both are stops."""
+    """Words for the part of a trip between two ends with these names; empty if both are stops."""
     return f"{start} to {end}" if any(_PASSING.fullmatch(one) for one in (start, end)) else ""
 
 
 class EnergyBand(NamedTuple):
-    """The least and the most that an energy may be (J)."""
+    """The lower and the upper bound of an energy (J)."""
 
     low_j: float
     high_j: float
@@ -97,11 +97,11 @@ class SectionEnergy:
 
 @dataclass(frozen=True, kw_only=True)
 class AboveOptimum:
-    """The energy of a drive beside its optimum, section by section.
+    """The energies of a drive and of its optimum, section by section.
 
-    `measured` tells whether the energy was measured; otherwise it is estimated from positions. `why_not` says why drive
-    and optimum cannot be compared; it is empty if they can. If the energy is estimated, `likely` is the band in which
-    the energy above the optimum probably lies, and `worst` the band with all unknowns at their worst.
+    `measured`: the energy was measured; otherwise it is estimated from positions. `why_not` is the reason why drive and
+    optimum cannot be compared; it is empty if they can. If the energy is estimated, `likely` is the band in which the
+    energy above the optimum probably lies, and `worst` the band with all unknowns at their worst.
     """
 
     sections: tuple[SectionEnergy, ...]
@@ -117,7 +117,7 @@ class AboveOptimum:
 
     @classmethod
     def recorded(cls, recording: Recording) -> AboveOptimum | None:
-        """The energies that a recording states at its end; None if it states none, as if only a node was recorded."""
+        """The energies stated at the end of a recording; None if there are none, as in a recording of a node alone."""
         for entry in recording.of(topics.SAVING)[-1:]:
             found = entry.message
             return cls(
@@ -159,14 +159,14 @@ class AboveOptimum:
     def ratio(self) -> float | None:
         """Energy above the optimum as a share of the optimum; None if that cannot be stated.
 
-        A kWh is as large a share for a wasteful driver as for a thrifty one, as neither changes the optimum.
+        The optimum does not depend on the driver, so a kWh is the same share for every driver.
         """
         above_j, optimum_j = self.above_j, self.optimum_j
         return above_j / optimum_j if above_j is not None and optimum_j > 0 else None
 
     @property
     def part(self) -> str:
-        """Which part of a trip was compared, in words; empty if it ran from standstill to standstill at its stops."""
+        """Words for the part of a trip that was compared; empty if it ran from a standstill at a stop to another."""
         return part_between(self.sections[0].start, self.sections[-1].end) if self.sections else ""
 
     @property
@@ -176,7 +176,7 @@ class AboveOptimum:
 
     @property
     def words(self) -> str:
-        """The energy above the optimum in kWh and in % of the optimum, or that it cannot be stated."""
+        """The energy above the optimum in kWh and in % of the optimum, or `NOT_COMPARABLE`."""
         above_j = self.above_j
         return NOT_COMPARABLE if above_j is None else energy_words(above_j, self.ratio)
 
@@ -249,7 +249,7 @@ def _band(low_j: float, high_j: float) -> EnergyBand | None:
 
 
 def why_not_comparable(sections: Iterable[SectionEnergy], *, direction_known: bool = True) -> str:
-    """Why the sections of a drive cannot be compared with their optima, in words; empty if they can.
+    """The reason why the sections of a drive cannot be compared with their optima; empty if they can.
 
     They cannot if the drive was faster than the assumed train can be, needed more force than it has for more than
     `IMPOSSIBLE_RATIO` of the time, or ran in an unknown direction.

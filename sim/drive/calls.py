@@ -25,7 +25,7 @@ from sim.recording.course import DrivenCourse, StandingTime, known, minutes, sto
 NEAR_M: Final = 100.0
 """Distance (m) within which a standing train may be at a stop; of several standstills, the nearest counts."""
 NEAR_ON_THE_WAY_M: Final = 300.0
-"""Distance (m) within which a train may be at a stop outside its journey: a long train may stand far from it."""
+"""Distance (m) within which a train may be at a stop outside its journey: the head of a long train may be far away."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,9 +33,9 @@ class KeptCall:
     """One stop of a journey as served, in a run just driven or in a recording.
 
     Times are in ns since 1970, 0 if there is none: those of the timetable (`due_`), and those of the train's arrival
-    and departure.
-    `stood_m` is where the train stood, NaN if it did not stop. `reached`: the train got as far as the stop. `stand`:
-    the samples of the recording in which it stood. `passed_mps`: its speed at an end of a part that is no stop.
+    and departure. `stood_m` is where the train stood, NaN if it did not stop. `reached`: the train got as far as the
+    stop. `stand`: the samples of the recording in which it stood. `passed_mps`: its speed there, if this is an end of a
+    part without a stop.
     """
 
     name: str
@@ -56,7 +56,7 @@ class KeptCall:
 
     @property
     def stopping_error_m(self) -> float:
-        """How far beyond the stop the train stood (m; before it: negative); NaN if it did not stop."""
+        """Distance of the train beyond the stop (m; before it: negative); NaN if it did not stop."""
         return self.stood_m - self.s_m
 
     @property
@@ -66,17 +66,17 @@ class KeptCall:
 
     @property
     def arrived_late_s(self) -> float:
-        """How late the train arrived (s; early < 0); NaN if its arrival or the due time is not known."""
+        """Lateness of the arrival (s; early < 0); NaN if the arrival or the due time is not known."""
         return _late_s(self.arrived_ns, self.due_arrival_ns)
 
     @property
     def departed_late_s(self) -> float:
-        """How late the train departed (s; early < 0); NaN if its departure or the due time is not known."""
+        """Lateness of the departure (s; early < 0); NaN if the departure or the due time is not known."""
         return _late_s(self.departed_ns, self.due_departure_ns)
 
     @property
     def late_s(self) -> float:
-        """How late the train arrived (s; early < 0); at the first stop, how late it left; NaN if not known."""
+        """Lateness of the arrival (s; early < 0), at the first stop of the departure; NaN if not known."""
         return self.arrived_late_s if self.due_arrival_ns else self.departed_late_s
 
 
@@ -95,7 +95,7 @@ class Travelled(NamedTuple):
 
     @property
     def time_s(self) -> float:
-        """How long the drive took (s)."""
+        """The duration of the drive (s)."""
         return (self.end_ns - self.start_ns) * NS
 
     @property
@@ -105,7 +105,7 @@ class Travelled(NamedTuple):
 
 
 class AtStop(NamedTuple):
-    """A stop's name, and from when to when the train was there (ns since 1970): one moment if it did not stop."""
+    """A stop's name, and the span of time in which the train was there (ns since 1970); a moment if it did not stop."""
 
     name: str
     start_ns: int
@@ -125,7 +125,7 @@ def calls(table: DriveTable) -> tuple[KeptCall, ...]:
 def kept_calls(
     stops: Iterable[Any], trip: DrivenCourse, measured: DrivenCourse | None = None, near_m: float = NEAR_M
 ) -> tuple[KeptCall, ...]:
-    """These stops as served, each of which has `name`, `s_m`, `arrival_ns` and `departure_ns`.
+    """These stops as served; each stop has `name`, `s_m`, `arrival_ns` and `departure_ns`.
 
     `trip` shows where and when the train stood. If the course of a receiver (`measured`) has the same stand, it gives
     the times.
@@ -245,14 +245,14 @@ class DuePassing:
 
 @dataclass(frozen=True, kw_only=True)
 class KeptPassing:
-    """A passing and when the train was there (ns since 1970; 0: it was not)."""
+    """A passing and the time at which the train was there (ns since 1970; 0: never)."""
 
     due: DuePassing
     passed_ns: int
 
     @property
     def late_s(self) -> float:
-        """By how much (s; early < 0) the train was outside the window; NaN if it was not there or no time is due."""
+        """Deviation (s; early < 0) of the train from the window; NaN if it was not there or no time is due."""
         due = self.due
         if not self.passed_ns or not (due.earliest_ns or due.latest_ns):
             return math.nan
@@ -272,7 +272,7 @@ class KeptPassing:
 
 
 def keep(due: Sequence[DuePassing], time_ns: NDArray[np.int64], s_m: NDArray[np.float64]) -> tuple[KeptPassing, ...]:
-    """When a train that was at positions (m) at times (ns) passed each point."""
+    """The time (ns) at which a train that was at positions (m) at times (ns) passed each point."""
     zero_ns, reached_m = int(time_ns[0]), np.maximum.accumulate(s_m)
     found = []
     for one in due:
@@ -283,7 +283,7 @@ def keep(due: Sequence[DuePassing], time_ns: NDArray[np.int64], s_m: NDArray[np.
 
 
 def passings_as_rows(kept: Sequence[KeptPassing], zero_ns: int) -> list[dict[str, Any]]:
-    """How the passings were kept, for programs; times (s) count from `zero_ns`; None: there is none."""
+    """The passings and their deviations, for programs; times (s) count from `zero_ns`; None: there is none."""
 
     def since_s(time_ns: int) -> float | None:
         return (time_ns - zero_ns) * NS if time_ns else None
@@ -309,7 +309,7 @@ def passing_metadata(due: Sequence[DuePassing]) -> dict[str, str]:
 
 
 def recorded_passings(metadata: Mapping[str, str]) -> tuple[DuePassing, ...]:
-    """The passings that a recording states; none if its text makes no sense."""
+    """The passings that a recording states; none if its text is invalid."""
     try:
         return tuple(_checked(DuePassing(**row)) for row in json.loads(metadata.get(PASSINGS, "[]")))
     except (ValueError, TypeError, RecursionError):
@@ -325,7 +325,7 @@ def _checked(due: DuePassing) -> DuePassing:
 
 
 def passing_table(kept: Sequence[KeptPassing], zero_ns: int) -> Table:
-    """A table of when the train was at the passings of its journey, on a clock that shows 0 at `zero_ns`."""
+    """A table of the train's times at the passings of its journey, on a clock that shows 0 at `zero_ns`."""
     found = Table(title="passings", title_justify="left")
     found.add_column("point")
     for name in ("due", "passed", "late", ""):

@@ -1,10 +1,10 @@
-"""Compares drives on one line: at the same positions, and how much more energy one took than another at equal arrival.
+"""Compares drives on one line at the same positions, and their energies at equal arrival.
 
-At equal arrival: the difference of the energies, less that of the optima for the times of both drives, which is what
-the times are worth: the time difference at λ, the optimum's price of time, integrated over it (λ = −dE*/dT).
-Saved by advice: two drives of the same day by the same driver with the same brakes, one of them without advice, at
-equal arrival; without two such drives, nothing is stated. Both are in % of the mean of both optima, so that a kWh is
-the same share whichever drive comes first.
+At equal arrival: the difference of the energies, less that of the optima for the times of both drives. The latter is
+the value of the time difference: the integral of λ, the optimum's price of time, over it (λ = −dE*/dT). Saved by
+advice: two drives of the same day by the same driver with the same brakes, one of them without advice, at equal
+arrival; without two such drives, nothing is stated. Both are in % of the mean of both optima, so that a kWh is the same
+share whatever the order of the drives.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SAME_BRAKES: Final = {
     True: "Both energies are those of the simulated train, with the same habit of braking.",
     False: "Both energies are estimates for the planned train: its mass, resistance, wind and brakes are not known.",
 }
-"""Conditions of a difference if both drives have the same brakes; the key tells whether their energy was measured."""
+"""Conditions of a difference if both drives have the same brakes; the key: their energy was measured."""
 OTHER_BRAKES: Final = (
     "The brakes or the sources of the energies differ, so that both are estimates for the planned train with motors "
     "that brake first; neither includes friction braking."
@@ -55,7 +55,7 @@ def run_of(drive: Drive) -> Mapping[str, str]:
 
 
 def brakes_of(drive: Drive) -> str:
-    """The brakes that a drive was driven or estimated with, and whether its energy was measured, in words."""
+    """Words for the brakes that a drive was driven or estimated with, and for whether its energy was measured."""
     run = run_of(drive)
     if not drive.energy.measured:
         known = any(leg.motion.friction_j is not None for leg in drive.energy.legs)
@@ -75,11 +75,11 @@ def same_brakes(drives: Sequence[Drive]) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class EqualArrival:
-    """How much more energy a drive took than the first one at equal arrival (J); None if that cannot be stated.
+    """The extra energy of a drive over the first at equal arrival (J); None if that cannot be stated.
 
-    `times_j` is what the times are worth: how much more the optimum takes in the times of the drive than in those of
-    the first. `ratio` is the share of the optimum, the mean for the times of both. `hangs_on` says what the figure
-    depends on.
+    `times_j` is the value of the time difference: how much more the optimum takes in the times of the drive than in
+    those of the first. `ratio` is the share of the optimum, the mean for the times of both. `hangs_on` are the
+    conditions of the figure.
     """
 
     more_j: float | None
@@ -151,13 +151,13 @@ def _stops_differ(before: AboveOptimum, after: AboveOptimum) -> str:
 
 
 DAY: Final = ("scenario_sha256", "seed", "route_sha256", "vehicle_sha256", "loss_map_sha256", "level")
-"""Metadata that two drives of the same day share."""
+"""Keys of metadata that are equal for two drives of the same day."""
 DRIVER: Final = ("driver", "driver_sha256")
-"""Metadata that two drives by the same driver share."""
+"""Keys of metadata that are equal for two drives by the same driver."""
 
 
 def why_not_saved(first: Drive, other: Drive) -> str:
-    """Why two drives do not tell what advice saved, in words; empty if they do."""
+    """The reason why two drives do not show the saving by advice; empty if they do."""
     runs = run_of(first), run_of(other)
     if not all(runs):
         return "this needs two simulated runs with the same disturbances, one of them without advice"
@@ -194,7 +194,7 @@ class SavedByAdvice:
 
     @classmethod
     def of(cls, first: Drive, other: Drive) -> SavedByAdvice:
-        """What advice saved, by two drives of which one was driven without advice."""
+        """The energy that advice saved, from two drives, one with advice and one without."""
         why_not = why_not_saved(first, other)
         if not why_not:
             alone, advised = (first, other) if run_of(first)["advice"] == Presentation.NONE else (other, first)
@@ -334,7 +334,7 @@ EDGE_M = 0.5
 
 
 class Advised(NamedTuple):
-    """The first place (m) where two drives were advised differently, and what each was advised, in words."""
+    """The first place (m) where two drives were advised differently, and the advice to each, in words."""
 
     s_m: float
     first: str
@@ -407,7 +407,7 @@ class AlignedDrives(Summary):
 
     @cached_property
     def pairs(self) -> tuple[AlignedDrives, ...]:
-        """Each drive aligned with the first alone: how two drives differ does not depend on which others are compared.
+        """Each drive aligned with the first alone, so that other drives do not affect how the two differ.
 
         The pair of the first drive with itself is in front, so that a drive and its pair have the same number.
         """
@@ -416,7 +416,7 @@ class AlignedDrives(Summary):
         return tuple(AlignedDrives.of((self.drives[0], one), self.step_m) for one in self.drives)
 
     def facts(self) -> dict[str, str]:
-        """The way that is compared, how each drive differs from the first, and what advice saved, in sentences."""
+        """Sentences on the part of the line compared, the differences from the first drive, and the advice's saving."""
         told = {
             drive.label: f"{sentences(self, number)[0]} {self.pairs[number].saved_by_advice(1).sentence}"
             for number, drive in enumerate(self.drives)
@@ -433,7 +433,7 @@ class AlignedDrives(Summary):
 
     @property
     def clock_s(self) -> Floats:
-        """What the clock of each drive shows at each row (s): 0 at the timetable's first departure."""
+        """The time on the clock of each drive at each row (s): 0 at the timetable's first departure."""
         return self.start_s[:, None] + self.time_s
 
     @property
@@ -461,11 +461,11 @@ class AlignedDrives(Summary):
         return Advised(float(self.s_m[at]), *told_apart((mode[at], speed[at]), (modes[at], speeds[at])))
 
     def equal_arrival(self, other: int) -> EqualArrival:
-        """How much more energy a drive took than the first at equal arrival."""
+        """The extra energy of a drive over the first at equal arrival."""
         return EqualArrival.of(self.drives[0].drive, self.drives[other].drive, own=self.own_energies)
 
     def saved_by_advice(self, other: int) -> SavedByAdvice:
-        """What advice saved, if a drive and the first tell."""
+        """The energy that advice saved, if this drive and the first show it."""
         return SavedByAdvice.of(self.drives[0].drive, self.drives[other].drive)
 
     def stretches(self, other: int) -> list[PartedStretch]:
@@ -498,7 +498,7 @@ def _rows(first: Drive, low_m: float, high_m: float, step_m: float) -> tuple[Flo
 
 
 def told_apart(first: tuple[int, float], other: tuple[int, float]) -> tuple[str, str]:
-    """The advice (mode, speed in m/s) of two drives in words, as finely as it takes to tell them apart."""
+    """The advice (mode, speed in m/s) of two drives in words, precise enough to distinguish the two."""
     whole = (_said(*first, 0), _said(*other, 0))
     return whole if whole[0] != whole[1] else (_said(*first, 1), _said(*other, 1))
 
@@ -596,14 +596,14 @@ def _more_energy(energy_j: float) -> str:
 
 
 def result(aligned: AlignedDrives, index: int) -> str:
-    """The time that a drive took against the first, and its energy at equal arrival if that is known, in few words."""
+    """The difference in time from the first drive, and in energy at equal arrival if that is known, in few words."""
     more_j = aligned.equal_arrival(index).more_j
     energy = "" if more_j is None else f", {_more_energy(more_j)} at equal arrival"
     return _more_s(float(aligned.time_s[index, -1] - aligned.time_s[0, -1])) + energy
 
 
 def sentences(aligned: AlignedDrives, index: int) -> list[str]:
-    """How a drive differs from the first, in plain words."""
+    """Sentences on the differences of a drive from the first."""
     aligned, index = aligned.pairs[index], 1
     first, other = aligned.drives[0], aligned.drives[index]
     if aligned.is_same(index):
@@ -630,6 +630,6 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
 
 
 def energy_sentences(aligned: AlignedDrives, index: int) -> list[str]:
-    """How much more energy a drive took than the first at equal arrival, on what it depends, and what advice saved."""
+    """Sentences on the extra energy of a drive at equal arrival, its conditions, and the saving by advice."""
     found = aligned.equal_arrival(index)
     return [found.sentence(aligned.drives[0].label), found.hangs_on, aligned.saved_by_advice(index).sentence]

@@ -1,7 +1,7 @@
-"""A recorded drive: its table, and what five pure functions find in it.
+"""A recorded drive: its table, and the results of five pure functions of it.
 
 The functions are `calls`, `events`, `energy`, `figures` and `series`. Each is called once, when its result is first
-asked for. Reports, tables, pictures, comparisons and JSON read these results, so that they cannot disagree.
+needed. Reports, tables, pictures, comparisons and JSON read these results, so that they cannot disagree.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Drive(Summary):
 
     @cached_property
     def calls(self) -> tuple[KeptCall, ...]:
-        """How each stop of the journey was kept; empty without a journey."""
+        """The stops of the journey as served; empty without a journey."""
         return calls(self.table)
 
     @property
@@ -80,7 +80,7 @@ class Drive(Summary):
 
     @property
     def late_s(self) -> float:
-        """How late the train arrived at the last stop (s; early < 0); NaN if not known or without a timetable."""
+        """Lateness at the last stop (s; early < 0); NaN if not known or without a timetable."""
         return self.calls[-1].late_s if self.calls else math.nan
 
     @cached_property
@@ -90,14 +90,14 @@ class Drive(Summary):
 
     @cached_property
     def energy(self) -> DriveEnergy:
-        """The energy of the drive, and where it went."""
+        """The energy of the drive, also by place and cause."""
         from sim.drive.energy import energy  # imports the solver, which events and stops do not need
 
         return energy(self.table, self.calls)
 
     @cached_property
     def series(self) -> Found:
-        """What is plotted of the drive over time, by the names of `sim.drive.series.STYLES`."""
+        """The series of the drive over time, by the names of `sim.drive.series.STYLES`."""
         return series(self.table)
 
     @cached_property
@@ -132,11 +132,11 @@ class Drive(Summary):
 
     @cached_property
     def figures(self) -> DriveFigures:
-        """How signals, limits, stops and advice were kept, and how stable the advice was."""
+        """Figures on compliance with signals, limits, stops and advice, and on the stability of the advice."""
         return figures(self.table, self.violations, self.calls)
 
     def facts(self) -> dict[str, str]:
-        """The file, between which stops, how long, how late, and the energy if the recording states it."""
+        """A heading: file, first and last stop, duration, lateness, and the energy if the recording states it."""
         told = {"recording": self.name}
         try:
             way = self.travelled

@@ -1,4 +1,4 @@
-"""The energy of a drive: how much it took, how far that is above the optimum, and where and why it went."""
+"""The energy of a drive: the energy taken, its excess over the optimum, and this excess by place and cause."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ _Found = TypeVar("_Found")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveEnergy:
-    """The energy of a drive, leg by leg; `made` says how it kept the stops of its journey.
+    """The energy of a drive, leg by leg; `made` are the stops of its journey as served.
 
-    Each figure is computed when it is first asked for, because most of them solve the sections of the drive.
+    Each figure is computed when it is first needed, because most of them solve the sections of the drive.
     """
 
     table: DriveTable
@@ -65,7 +65,7 @@ class DriveEnergy:
 
     @property
     def smoothed(self) -> Smoothed | None:
-        """How the legs change if the recorded positions are smoothed otherwise; None without usable positions."""
+        """A function that returns the legs under another smoothing of the positions; None without usable positions."""
         motions = or_error(lambda: smoothed_motions(self.table))
         if isinstance(motions, DasError):
             return None
@@ -78,7 +78,7 @@ class DriveEnergy:
 
     @cached_property
     def compared(self) -> tuple[ComparedLeg, ...]:
-        """The legs beside the planned train's optimum; DasError as for `of_legs`."""
+        """The legs with the planned train's optimum; DasError as for `of_legs`."""
         pairs = zip(self.legs, self.of_legs, strict=True)
         return tuple(
             ComparedLeg.of(leg, solve_front(section_of_leg(self.table.inputs, leg)), one) for leg, one in pairs
@@ -110,9 +110,9 @@ class DriveEnergy:
 
     @cached_property
     def _of_true_train(self) -> AboveOptimum | None:
-        """The energy above the optimum of the true train, which the simulator alone knows; None if it stated none.
+        """The energy above the true train's optimum, which only a simulator can record; None if none was recorded.
 
-        A part of a recording has the sections that it still holds.
+        For a part of a recording, only the sections in it are included.
         """
         said = self.table.said.saving
         if said is None or not said.measured:
@@ -131,7 +131,7 @@ class DriveEnergy:
         return found if said is None or not isinstance(found, DasError) else said
 
     def _beside_planned(self, sections: list[SectionEnergy]) -> AboveOptimum:
-        """The energy above the planned train's optimum; a replay knows more of its certainty, and of the trip."""
+        """The energy above the planned train's optimum; a replay adds its certainty and facts about the trip."""
         why_not, said = why_not_comparable(sections), self.table.said.saving
         above = AboveOptimum(sections=tuple(sections), measured=self.measured, why_not=why_not)
         if said is None or said.measured:
@@ -147,7 +147,7 @@ class DriveEnergy:
 
     @property
     def not_comparable(self) -> str:
-        """Why the drive cannot be compared with its optimum; empty if it can."""
+        """The reason why the drive cannot be compared with its optimum; empty if it can."""
         if not isinstance(self._above, DasError):
             return self._above.why_not
         return self._told(self._above).removeprefix(f"{NOT_COMPARABLE}: ")
@@ -159,13 +159,13 @@ class DriveEnergy:
     def motors_first(self) -> AboveOptimum:
         """The energy above the optimum if the planned train had driven this motion, and its motors had braked first.
 
-        Drives with other brakes can be compared by it. Raises DasError as `of_legs` does.
+        This energy makes drives with different brakes comparable. Raises DasError as `of_legs` does.
         """
         return replace(self._beside_planned([one.motors_first for one in self.compared]), likely=None, worst=None)
 
     @cached_property
     def shown(self) -> ShownAdvice:
-        """What the driver was shown."""
+        """The advice that the driver was shown."""
         return ShownAdvice.of(self.table)
 
     @cached_property
@@ -178,7 +178,7 @@ class DriveEnergy:
 
     @property
     def any_attribution(self) -> Attribution:
-        """Where the energy went, by cause and place, even if drive and optimum cannot be compared.
+        """The energy attribution by cause and place, even if drive and optimum cannot be compared.
 
         Raises DasError for a recording without journey or positions, or whose line or train is not known.
         """
@@ -186,10 +186,10 @@ class DriveEnergy:
 
     @property
     def known_attribution(self) -> Attribution:
-        """Where the energy went, by cause and by place.
+        """The energy attribution by cause and by place.
 
-        Raises DasError as `any_attribution` does, and if drive and optimum cannot be compared. The optimum is then that
-        of the true train, or of the planned train, by which the causes are told.
+        Raises DasError as `any_attribution` does, and if drive and optimum cannot be compared. The optimum is that of
+        the true train, else of the planned train; the causes are found with the planned train.
         """
         path = self.table.recording.path
         if not isinstance(self._above, DasError) and self._above.why_not:
@@ -202,13 +202,13 @@ class DriveEnergy:
 
     @property
     def attribution(self) -> Attribution | None:
-        """Where the energy went; None if that is not known (see `why_no_attribution`)."""
+        """The energy attribution; None if there is none (see `why_no_attribution`)."""
         found = or_error(lambda: self.known_attribution)
         return None if isinstance(found, DasError) else found
 
     @property
     def why_no_attribution(self) -> str:
-        """Why it is not known where the energy went; empty if it is known."""
+        """The reason why there is no energy attribution; empty if there is one."""
         found = or_error(lambda: self.known_attribution)
         return self._told(found) if isinstance(found, DasError) else ""
 
@@ -227,12 +227,12 @@ class DriveEnergy:
 
 
 def energy(table: DriveTable, made: tuple[KeptCall, ...]) -> DriveEnergy:
-    """The energy of a drive that kept its stops so."""
+    """The energy of a drive with these stops as served."""
     return DriveEnergy(table=table, made=made)
 
 
 def or_error(find: Callable[[], _Found]) -> _Found | DasError:
-    """What `find` returns, or the DasError that it raises, so that a cached property keeps either."""
+    """The result of `find`, or the DasError that it raises, so that a cached property keeps either."""
     try:
         return find()
     except DasError as error:

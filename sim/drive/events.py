@@ -1,4 +1,4 @@
-"""What happened on a recorded drive: when, where and why; how a list of events is filtered, and which are bookmarks."""
+"""The events of a recorded drive with time, place and cause, the filter of a list of events, and the bookmarks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats,
 
 
 class EventKind(StrEnum):
-    """What an event is about; `das-sim report --kind` takes these words."""
+    """The kind of an event; `das-sim report --kind` takes these words."""
 
     DEPARTURE = "departure"
     ARRIVAL = "arrival"
@@ -45,30 +45,30 @@ class EventKind(StrEnum):
     ADVICE = "advice"
     """The advised mode changed."""
     REPLAN = "replan"
-    """The node made a new plan that differs from the one before."""
+    """The node made a new plan that differs from the previous one."""
     WITHDRAWAL = "withdrawal"
     OVERSPEED = "overspeed"
     """The train was above the limit of the line, or above a temporary restriction."""
     BEYOND_TRAIN = "beyond-train"
-    """The train was faster than its vehicle file says that it can go: it may be another train."""
+    """The train exceeded the top speed in its vehicle file: it may be another train."""
     DRIVER = "driver"
     """The driver's answer to a change of the advice."""
     LAPSE = "lapse"
     """A message stream paused: no positions, or no advice, came for a while."""
     DEVIATION = "deviation"
-    """For the first time the train was, or was expected to arrive, far off its timetable."""
+    """The first large deviation, present or predicted for the arrival, from the timetable."""
     LOG = "log"
     WARNING = "warning"
     NOTE = "note"
-    """A bookmark that somebody made."""
+    """A bookmark made by a person."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveEvent:
-    """Something that happened: when (ns since 1970), where (m, NaN where unknown), what, and figures that go with it.
+    """An event: its time (ns since 1970), place (m, NaN if unknown), kind and text, and its figures.
 
-    `end_ns` is when it was over, 0 if it has no duration. The names in `facts` carry their units.
-    `mark` says why the program made the event a bookmark; it is empty for all others.
+    `end_ns` is the time of its end, 0 if it has no duration. The names in `facts` carry their units. `mark` is the
+    reason why the program made the event a bookmark; it is empty for all others.
     """
 
     time_ns: int
@@ -81,33 +81,33 @@ class DriveEvent:
 
     @classmethod
     def on(cls, trip: DrivenCourse, kind: EventKind, time_ns: int, text: str, *, end_ns: int = 0, **facts: Any) -> Self:
-        """An event where the train was on its course at that moment; the figures that go with it are given by name."""
+        """An event at the place of the train at that moment; the figures of the event are given by name."""
         return cls(time_ns=time_ns, end_ns=end_ns, kind=kind, text=text, s_m=place_m(trip, time_ns), facts=facts)
 
     @property
     def last_ns(self) -> int:
-        """When the event was over (ns since 1970)."""
+        """Time of the end of the event (ns since 1970)."""
         return max(self.time_ns, self.end_ns)
 
 
 def place_m(trip: DrivenCourse, time_ns: int) -> float:
-    """Where the train's head was at a moment (m)."""
+    """Position of the train's head at a moment (m)."""
     return float(trip.at(np.array([time_ns]), trip.s_m)[0])
 
 
 def lateness_text(late_s: float) -> str:
-    """How late a train is in words: "12 s late", "3 s early" or "on time"."""
+    """Words for the lateness of a train: "12 s late", "3 s early" or "on time"."""
     return "on time" if abs(late_s) <= 0.5 else f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
 
 
 def times_text(count: int) -> str:
-    """How often something happened, in words: "once", "twice", "3 times"."""
+    """Words for a number of times: "once", "twice", "3 times"."""
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Filter:
-    """Which events are wanted; a field that is empty or None lets every event pass."""
+    """A filter of events; a field that is empty or None lets every event pass."""
 
     kinds: Collection[EventKind] = ()
     from_ns: int | None = None
@@ -129,17 +129,17 @@ class Filter:
 
 
 MUCH_OVER_KMH: Final = 3.0
-"""Excess over the limit (km/h) from which a train is too fast by more than the error of a speedometer."""
+"""Excess over the limit (km/h) above the error of a speedometer, from which a train is too fast."""
 LONG_OVER_S: Final = 5.0
-"""Time (s) above the limit from which a train did not only touch it."""
+"""Time (s) above the limit from which it counts as exceeded, not just touched."""
 LONG_AWAY_S: Final = 10.0
-"""Time (s) from which attention that is away is more than a look at something else."""
+"""Time (s) from which inattention is more than a look at something else."""
 LARGE_DEVIATION_S: Final = 60.0
 """Deviation from the timetable (s), present or expected, from which it is an event."""
 
 
 def with_marks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
-    """The events in order of time; those that are bookmarks say so in `mark`."""
+    """The events in order of time; bookmarks have their reason in `mark`."""
     found = sorted(events, key=lambda one: one.time_ns)
     # Only the first refusal of each leg is marked, and only under way: a driver who refuses once usually does so again.
     may_refuse = not any(one.kind is EventKind.DEPARTURE for one in found)
@@ -189,7 +189,7 @@ def _mark(one: DriveEvent) -> str:
 def deviation_events(table: DriveTable) -> Iterator[DriveEvent]:
     """The first moment at which the train was, or was expected to arrive, a minute off its timetable; else nothing.
 
-    The operator reports how late the train is, the node predicts how late it will arrive. Without a timetable there is
+    The operator reports the present lateness, the node predicts the lateness at arrival. Without a timetable there is
     no such moment.
     """
     if table.own_timetable:
@@ -218,7 +218,7 @@ NOT_HEARD: Final = "no message from the node"
 
 
 class Span(NamedTuple):
-    """From when to when something lasted (ns since 1970), and what it was."""
+    """A span of time (ns since 1970), and its meaning."""
 
     start_ns: int
     end_ns: int
@@ -226,7 +226,7 @@ class Span(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A target of traffic management: its position (m), when the node received it, and what it demands."""
+    """A target of traffic management: its position (m), the time of its reception by the node, and its demand."""
 
     s_m: float
     told_ns: int
@@ -270,12 +270,12 @@ def _silent(table: DriveTable, first_ns: int, last_ns: int) -> Iterator[tuple[Sp
 
 
 def silence_text(span: Span) -> str:
-    """How long there was no advice, and why."""
+    """The duration and the reason of a time without advice, in words."""
     return f"no advice for {(span.end_ns - span.start_ns) * NS:.0f} s: {span.text}"
 
 
 def withdrawal_words(reason: Reason, cause: int) -> str:
-    """Why advice was withdrawn, in words; in a recording older than the codes of reasons, the name of the cause."""
+    """The reason why advice was withdrawn; in a recording older than the codes of reasons, the name of the cause."""
     return words(reason) or Cause(cause).label.replace("-", " ")
 
 
@@ -304,11 +304,11 @@ REPLANS: Final = {
     7: "keeping the plan would cost more energy than a new one",
     8: "the plan could no longer be kept",
 }
-"""Why the guide made a new reference plan, by the numbers of `ReplanCause` on the bus."""
+"""The guide's reasons for a new reference plan, by the numbers of `ReplanCause` on the bus."""
 
 
 class NewPlan(NamedTuple):
-    """A plan that replaced another: when it was made (ns), and why as far as it is known."""
+    """A plan that replaced another: its time (ns), and its cause as far as it is known."""
 
     time_ns: int
     cause: str
@@ -344,7 +344,7 @@ def _news(table: DriveTable) -> list[tuple[int, str]]:
 
 
 def _off_plan(before: PlanMade, plan: PlanMade) -> str:
-    """How far the train was from the previous plan when the new plan was made, in words."""
+    """Words for the deviation of the train from the previous plan when the new plan was made."""
     s_m = float(plan.s_m[0])
     planned_mps = float(np.interp(s_m, before.s_m, before.speed_mps))
     planned_s = float(np.interp(s_m, before.s_m, before.t_s))
@@ -409,7 +409,7 @@ def replan_events(table: DriveTable) -> Iterator[DriveEvent]:
 
 
 def withdrawal_events(table: DriveTable) -> Iterator[DriveEvent]:
-    """The times without advice, each with its cause and how long it lasted."""
+    """The times without advice, each with its cause and duration."""
     columns = table.of_topic("advice", "source", "cause")
     causes = {time_ns: cause for time_ns, source, cause in zip(*columns, strict=True) if source == Source.NONE}
     for span in silences(table):
@@ -428,13 +428,13 @@ def place_text(s_m: float) -> str:
 
 
 DELAY_STEP_S: Final = 15.0
-"""Change (s) since the last such event from which a delay is an event; smaller changes are many."""
+"""Change (s) since the last such event from which a delay is an event; smaller changes are frequent."""
 
 
 def events(table: DriveTable, made: tuple[KeptCall, ...], limit_mps: Floats) -> tuple[DriveEvent, ...]:
     """Everything that happened on a drive, in order of time, with the line's times of day.
 
-    `made` says how the drive kept each stop, `limit_mps` is the limit in force (m/s) at every position of its course.
+    `made` are the stops as served, `limit_mps` is the limit in force (m/s) at every position of its course.
     """
     trip, inputs = table.course, table.known_inputs
     found = (
@@ -520,7 +520,7 @@ def _restrictions(table: DriveTable) -> Iterator[DriveEvent]:
 def _delays(table: DriveTable) -> Iterator[DriveEvent]:
     """An event for each delay that differs by at least `DELAY_STEP_S` from that of the last such event.
 
-    There is none without a timetable: older replays made up delays for the node.
+    There is none without a timetable: older replays sent the node invented delays.
     """
     if table.own_timetable:
         return
@@ -541,7 +541,7 @@ LONGEST_ANSWER_S: Final = 30.0
 LATE_ANSWER_S: Final = 10.0
 """Time (s) after which an answer is called late."""
 LEAST_STAND_S: Final = 1.0
-"""Standstill (s) below which a train, on the way to its mark, has not come to stand."""
+"""Standstill (s) below which a train on the way to its mark does not count as stopped."""
 PAUSE_NS: Final = 5_000_000_000
 """Pause of the positions (ns) above which it is an event; they usually come once a second."""
 
@@ -556,7 +556,7 @@ WANTED: Final = {
     Regime.FULL_BRAKE: BRAKES,
     Regime.FRICTION_BRAKE: BRAKES,
 }
-"""Settings of the controller of a driver who follows an advised mode; holding a speed may need any of the three."""
+"""Settings of the controller that follow an advised mode; holding a speed may need any of the three."""
 
 
 def call_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[DriveEvent]:
@@ -587,7 +587,7 @@ def call_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[Driv
 
 
 def stand_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[DriveEvent]:
-    """The stands of the train that belong to no stop of its journey."""
+    """The standstills of the train outside the stops of its journey."""
     at_stops = {call.stand for call in made}
     for stand in stands(trip):
         arrived, departed = arrival_ns(trip, stand), departure_ns(trip, stand)
@@ -612,9 +612,9 @@ def overspeed_events(trip: DrivenCourse, limit_mps: Floats) -> Iterator[DriveEve
 
 
 def top_speed_events(trip: DrivenCourse, top_mps: float) -> Iterator[DriveEvent]:
-    """That the train was faster than its vehicle file says that it can go (m/s); nothing if it was not.
+    """The event that the train exceeded the top speed in its vehicle file (m/s); nothing if it did not.
 
-    It is one event however often it was so, where it was fastest: there is one question to answer, which train it was.
+    There is one event, at the highest speed, however often it happened: the only question is which train it was.
     """
     spans = tuple(spans_above(trip, np.full(len(trip.time_ns), top_mps)))
     if not spans:
@@ -630,9 +630,9 @@ def top_speed_events(trip: DrivenCourse, top_mps: float) -> Iterator[DriveEvent]
 
 
 def driver_events(table: DriveTable) -> Iterator[DriveEvent]:
-    """How, and after how long, the driver answered each change of the shown mode, judged by his controller.
+    """The driver's answers to changes of the shown mode and their delays, inferred from the controller.
 
-    A change to what the controller is already set to needs no answer. What the driver thought is not recorded.
+    A change to a mode that the controller is already set to needs no answer. The driver's intentions are not recorded.
     """
     trip = table.course
     at, shown, mode, lever_ratio, signal_m = table.of_topic("cab", "presentation", "mode", "lever_ratio", "signal_m")
@@ -651,7 +651,7 @@ def driver_events(table: DriveTable) -> Iterator[DriveEvent]:
 
 
 def _answer(trip: DrivenCourse, at: NDArray[np.int64], does: NDArray[np.bool_], mode: Regime) -> DriveEvent:
-    """The driver's answer to advice that was shown at the times `at`; `does`: his controller was set as advised."""
+    """The driver's answer to advice that was shown at the times `at`; `does`: the controller was set as advised."""
     waited_s = (at - at[0]) * NS
     answered = np.flatnonzero(does & (waited_s <= LONGEST_ANSWER_S))
     stood_s = float(waited_s[-1]) + 1.0
@@ -678,7 +678,7 @@ def pause_events(table: DriveTable) -> Iterator[DriveEvent]:
 
 
 def decision_events(table: DriveTable) -> Iterator[DriveEvent]:
-    """Advice that the driver followed or refused, with his reaction time, and lapses of his attention.
+    """Advice that the driver followed or refused, with the reaction time, and lapses of attention.
 
     There are none if no decisions were recorded, as in a real drive, or with a driver who does not report them.
     """

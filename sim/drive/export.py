@@ -1,4 +1,4 @@
-"""Exports a recording: one table per topic, one joined by time, and a note of their origin; anonymous if asked for."""
+"""Exports a recording: one table per topic, one joined by time, and a note of their origin; anonymous on request."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ MOVING: Final = ("truth", "position")
 JOINED: Final = ("truth", "position", "advice", "cab", "effort", "delay", "estimate", "status")
 """Topics whose columns are in the table by time."""
 LASTING: Final = ("delay", "estimate")
-"""Topics whose messages hold until the next one, however long that takes; those of others hold for `HOLDS_S`."""
+"""Topics whose messages are valid until the next message, however late; other messages are valid for `HOLDS_S`."""
 KINDS: Final = ("float", "int", "bool", "choice")
 
 
@@ -98,7 +98,7 @@ class FileFormat(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ExportSettings:
-    """Which part of a recording is exported, and how. Times are as the user wrote them (see `DriveClock.moment_ns`)."""
+    """The exported part of a recording, and options. Times are as the user wrote them (see `DriveClock.moment_ns`)."""
 
     start: str | None = None
     end: str | None = None
@@ -166,7 +166,7 @@ def _span(drive: DriveTable, settings: ExportSettings, clock: DriveClock) -> tup
 def _as_recorded(recording: Recording, zero_ns: int, span: tuple[int, int]) -> list[DataTable]:
     """A table for each topic: every message with all its fields, texts, lists and times of recording.
 
-    A `DriveTable` has what is evaluated of a drive, one message of a topic at a moment: not these.
+    A `DriveTable` does not contain them all: it has only the evaluated columns, and one message of a topic at a moment.
     """
     found = []
     for topic in topics.TOPICS:
@@ -177,7 +177,7 @@ def _as_recorded(recording: Recording, zero_ns: int, span: tuple[int, int]) -> l
 
 
 def _about(recording: Recording, settings: ExportSettings, zero_ns: int, span: tuple[int, int]) -> dict[str, Any]:
-    """What the tables are made from; in an anonymous export without what identifies the train or the line."""
+    """The origin of the tables; in an anonymous export without anything that identifies the train or the line."""
     health = recording.health
     about: dict[str, Any] = {
         "version": __version__,
@@ -265,7 +265,7 @@ KEPT: Final[Mapping[str, str]] = {
     "log": "level",
     "recorder": "tick messages advice_tick node_state",
 }
-"""Columns of each table that an anonymous export keeps beside the times of a row; all others are left out.
+"""Columns of each table that an anonymous export keeps besides the times of a row; all others are left out.
 
 A new field is therefore left out until it is added here. A position on the route is added to `POSITIONS` as well.
 Texts are not kept, since reasons and remarks may name stops.
@@ -277,7 +277,7 @@ TIMES_END: Final = "_ns"
 
 
 def anonymous(table: DataTable, zero_ns: int, zero_m: float) -> DataTable | None:
-    """The table without what identifies the train or the line; None for a table that is left out.
+    """The table without anything that identifies the train or the line; None for a table that is left out.
 
     `zero_ns` (ns since 1970) and `zero_m` become 0.
     """

@@ -32,7 +32,7 @@ A_SECOND_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceStability:
-    """How often the displayed advice changed while the train moved.
+    """The stability of the displayed advice while the train moved.
 
     `shown_s` is the time in which the train moved and advice was shown, and `changes` the number of seconds of it that
     began with another mode, speed or effort than the second before. `reversals` counts the times that the mode went
@@ -87,7 +87,7 @@ class ShownWatch:
         )
 
     def look(self, time_s: float, speed_mps: float, shown: Shown | None) -> None:
-        """Note what the driver is shown at a time (None: nothing), and the speed of the train then."""
+        """Record the advice shown at a time (None: nothing), and the speed of the train then."""
         under_way = speed_mps > 0 and shown is not None and shown.mode is not Regime.DEPART
         shown = shown if under_way else None
         before, span_s = self._before, time_s - self._before_s
@@ -105,7 +105,7 @@ class ShownWatch:
         self._note_effort(time_s, shown.mode)
 
     def _mode_ended(self, time_s: float, ended: Regime | None, now: Regime | None) -> None:
-        """Note how long the replaced mode lasted, unless the old or the new mode is a stop or a brake."""
+        """Record the duration of the replaced mode, unless the old or the new mode is a stop or a brake."""
         if Regime.STOP not in (ended, now) and not {ended, now} & BRAKES:
             self._shortest_s = min(self._shortest_s, time_s - self._mode_since_s)
         self._mode_since_s = time_s
@@ -122,7 +122,7 @@ class ShownWatch:
 
 
 def stability(table: DriveTable) -> AdviceStability:
-    """The measures of a recorded drive, by what the cab showed and how fast the true train was.
+    """The measures of a recorded drive, from the content of the cab's display and the speed of the true train.
 
     Without these nothing counts as shown. If the shown speed was not recorded, it is the advised speed, rounded. An
     external driver may look more often than once a second; one look a second counts, as for every driver.
@@ -180,7 +180,7 @@ class DriveFigures:
 
 
 def figures(table: DriveTable, violations: Violations, made: tuple[KeptCall, ...]) -> DriveFigures:
-    """The figures of a recorded drive with these violations, which kept its stops so."""
+    """The figures of a recorded drive with these violations and these stops as served."""
     return DriveFigures(violations=violations, stability=stability(table), instructions=instructions(table), calls=made)
 
 

@@ -24,7 +24,7 @@ from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 ANNOUNCED_S: Final = 8.0
 """Least notice (s) with which the announcement of a change of kind is in time."""
 MOVED_S, MOVED_RATIO = 10.0, 0.35
-"""Difference (s, or share) that the time announced for a change may have from the time at which it is due."""
+"""Tolerance (s, or share) between the time announced for a change and the time at which it is due."""
 LEAD_S: Final = 1.9
 """Least lead (s) of a brake: 2 s, less the rounding of one advice message a second."""
 COAST_MISSES_MPS: Final = 5.5 * KMH
@@ -83,9 +83,9 @@ class RelianceFigures:
 
     Of the `promised` changes (announced as the next one, and nearly due) `kept` came at about that time.
     `above_limit_s` counts the seconds in which the train of a driver who obeys is faster than the limit by 0.5 m/s,
-    `hidden_limits` the limits that began while the driver was told to stop by eye and that a steady brake to the stop
-    would exceed, `replaced` the parts of advice that the last word replaced. `advised_s` and `silent_s` are the seconds
-    with advice and without; a display left blank because of the driver's own actions counts as neither.
+    `hidden_limits` the limits that began during an instruction to stop by eye and that a steady brake to the stop would
+    exceed, `replaced` the parts of advice that the last word replaced. `advised_s` and `silent_s` are the seconds with
+    advice and without; a display left blank because of the driver's own actions counts as neither.
     """
 
     promised: int = 0
@@ -161,7 +161,7 @@ class _RelianceWatch:
         return RelianceFigures(**self._counts)
 
     def look(self, told: _Told | None, advice: Any, force_n: float) -> None:
-        """Take in advice, the instruction in it for a moving train, and the wheel force (N)."""
+        """Receive advice, the instruction in it for a moving train, and the wheel force (N)."""
         time_s = advice.time_ns * NS
         self._count_time(advice, time_s)
         self._at_s = time_s
@@ -182,8 +182,8 @@ class _RelianceWatch:
         self._counts["silent_s"] += int(advice.mode) == Regime.NONE and not Cause(advice.cause).is_quiet
 
     def _judge_by_eye(self, told: _Told | None, advice: Any) -> None:
-        """Count a limit that begins before the stop while the driver is told to stop by eye, if such a brake would
-        exceed it."""
+        """Count a limit that begins before the stop during an instruction to stop by eye, if such a brake would exceed
+        it."""
         if told is None or not told.by_eye or advice.guide.now.in_s > 0:
             self._stopping = None
             return
@@ -228,7 +228,7 @@ class InstructionWatch:
         return InstructionFigures(**self._counts, shortest_s=self._shortest_s, reliance=self._reliance.found)
 
     def look(self, advice: Any, force_n: float) -> None:
-        """Take in advice (`Advice`, or its message), and the train's wheel force (N) at that moment."""
+        """Receive advice (`Advice`, or its message), and the train's wheel force (N) at that moment."""
         told, time_s = _told(advice), advice.time_ns * NS
         if told is not None and advice.speed_mps < MOVING_MPS:
             self._counts["standing_s"] += told.kind is InstructionKind.TRACTION
@@ -320,13 +320,12 @@ def _told(advice: Any) -> _Told | None:
 
 
 def _task(kind: InstructionKind, to_mps: float) -> _Task:
-    """The action that the driver is asked for; for coasting it does not depend on the speed named."""
+    """The action that the driver must take; for coasting it does not depend on the speed named."""
     return kind, 0 if kind is InstructionKind.COAST else round(to_mps / KMH)
 
 
 def _is_odd(told: _Told, advice: Any) -> bool:
-    """Whether the speed of an instruction is neither a whole step, nor the limit here, nor the limit ahead that it is
-    for."""
+    """Whether the speed of an instruction is no whole step and equals neither the limit here nor the one ahead."""
     steps = round(told.to_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
     known = steps, advice.limit_mps, advice.guide.reason.speed_mps
     return not any(abs(told.to_mps - step_below(one)) < 0.5 * KMH for one in known if math.isfinite(one))

@@ -1,7 +1,7 @@
-"""What "above the limit" means: above the line's limit over the whole train, or above a temporary restriction that the
-node has received.
+"""Speeds above the limit: above the line's limit over the whole train, or above a temporary restriction that the node
+has received.
 
-The train's own top speed is no limit: a train that is faster than its file says may be another train.
+The train's own top speed is no limit: a train above the top speed in its file may be another train.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BEYOND_M: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Violations:
-    """What a drive violated.
+    """The violations of a drive.
 
     `signals_passed` counts the signals passed at danger; `beyond_signal_m` is the furthest that the train went beyond
     such a signal (m). `over_limit_s` is the time above limits (s), `over_limit_mps` the greatest excess (m/s).
@@ -41,7 +41,7 @@ class Violations:
 
 
 class TemporaryLimit(NamedTuple):
-    """A restriction, and from when to when (ns) the lists that the node received contained it."""
+    """A restriction, and the span of time (ns) in which the lists that the node received contained it."""
 
     restriction: Restriction
     told_ns: int
@@ -61,7 +61,7 @@ class TemporaryLimit(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """A signal at danger: its position (m), and from when to when the driver saw it at danger."""
+    """A signal at danger: its position (m), and the span of time in which the driver saw it at danger."""
 
     s_m: float
     start_ns: int
@@ -98,8 +98,8 @@ def temporary_limits(table: DriveTable) -> tuple[TemporaryLimit, ...]:
 def limit_in_force(table: DriveTable, told: Iterable[TemporaryLimit]) -> Floats:
     """The limit of the line (m/s) over the train at every position of its course, with the restrictions known by then.
 
-    It is NaN where it is not known. If line and train are not known, the line's limit is the one that a simulator
-    recorded, and a restriction holds beyond its end until the node states a higher limit.
+    It is NaN where it is not known. If line and train are not known, the line's limit is that recorded by a simulator,
+    and a restriction holds beyond its end until the node states a higher limit.
     """
     trip, inputs = table.course, table.known_inputs
     at, length_m, said_mps = trip.time_ns, 0.0, np.full(len(trip.time_ns), np.nan)
@@ -142,7 +142,7 @@ def spans_above(trip: DrivenCourse, allowed_mps: Floats) -> Iterator[SpanAbove]:
 
 
 def violations_of(trip: DrivenCourse, limit_mps: Floats, seen: Iterable[Signal]) -> Violations:
-    """What a recorded drive violated, as far as positions once a second show."""
+    """The violations of a recorded drive, as far as positions once a second show."""
     fast, passed = tuple(spans_above(trip, limit_mps)), tuple(signals_passed(trip, seen))
     return Violations(
         signals_passed=len(passed),
@@ -153,7 +153,7 @@ def violations_of(trip: DrivenCourse, limit_mps: Floats, seen: Iterable[Signal])
 
 
 class PassedSignal(NamedTuple):
-    """A signal that was passed at danger: its position (m), when the head passed it (ns), and how far it went (m)."""
+    """A signal that was passed at danger: its position (m), the time (ns) of the passing, and the overrun (m)."""
 
     s_m: float
     time_ns: int

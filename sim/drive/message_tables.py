@@ -28,11 +28,11 @@ UNITS: Final = {
     "_n": "N",
     "_j": "J",
 }
-"""Units by the end of a column's name."""
+"""Units by the suffix of a column's name."""
 RENAMED: Final = {
     "foxglove.LocationFix": {"latitude": "latitude_deg", "longitude": "longitude_deg", "altitude": "altitude_m"},
 }
-"""Fields of messages that are not ours, whose names do not say their unit."""
+"""Units of fields of foreign messages, whose names have no suffix for the unit."""
 LEFT_OUT: Final = {
     "foxglove.LocationFix": ("timestamp", "position_covariance", "position_covariance_type", "color", "heading"),
     "foxglove.Log": ("timestamp", "file", "line"),
@@ -46,7 +46,7 @@ ON_THE_CLOCK: Final = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Column:
-    """A column: its name, which ends in its unit, its values (None: there is none), and what it means.
+    """A column: its name with the unit as suffix, its values (None: missing), and its meaning.
 
     `kind` is one of int, float, bool, text, choice (the name of a value of an enumeration) and floats (a list).
     """
@@ -58,7 +58,7 @@ class Column:
 
     @property
     def unit(self) -> str:
-        """The unit by the column's name; nothing where it has none."""
+        """The unit by the column's name; empty if there is none."""
         return next((unit for end, unit in UNITS.items() if self.name.endswith(end)), "")
 
 
@@ -109,7 +109,7 @@ def _times(log_ns: list[int], time_ns: list[int], zero_ns: int) -> list[Column]:
 
 
 def _columns(messages: Sequence[Any | None], prefix: str) -> Iterator[Column]:
-    """The columns of messages of one kind; None stands for a message that is not there."""
+    """The columns of messages of one kind; None stands for a missing message."""
     some = next((one for one in messages if one is not None), None)
     if some is None:
         return
@@ -140,7 +140,7 @@ def _column(description: Any, messages: Sequence[Any | None], name: str, meaning
     if description.is_repeated:
         kind, values = "floats", [None if one is None else list(one) for one in values]
     elif name.endswith("_ns"):
-        values = [one or None for one in values]  # a time of 0 stands for none
+        values = [one or None for one in values]  # a time of 0 means that it is not set
     return Column(name=name, kind=kind, values=values, meaning=meaning)
 
 
@@ -152,7 +152,7 @@ def _named(values: list[Any], enumeration: Any) -> list[str | None]:
 
 
 def _common_word(names: list[str]) -> str:
-    """What all names begin with, up to an underscore: MODE_ of MODE_NONE and MODE_COAST."""
+    """The common beginning of all names, up to an underscore: MODE_ of MODE_NONE and MODE_COAST."""
     first = names[0]
     ends = [i + 1 for i, letter in enumerate(first) if letter == "_"]
     common = [first[:end] for end in ends if all(name.startswith(first[:end]) for name in names)]
@@ -188,7 +188,7 @@ def _lists(kind: Any, prefix: str, get: Callable[[Any], Any]) -> Iterator[tuple[
 
 
 def _meaning(field: Any) -> str:
-    """What a field means: the comment in das.proto, without the unit, which has a column of its own."""
+    """The meaning of a field: the comment in das.proto, without the unit, which has its own column."""
     return re.sub(r"^\[[^]]*\] ?", "", comments().get(field.full_name, ""))
 
 
@@ -248,7 +248,7 @@ def _type(column: Column, pa: Any) -> Any:
 
 
 def columns_table(tables: list[DataTable]) -> DataTable:
-    """A table of all columns: in which table, of which kind, in which unit, and what they mean."""
+    """A table of all columns, with the table, kind, unit and meaning of each."""
     listed = [(table.name, one) for table in tables for one in table.columns]
     rows = {
         "table": [name for name, _ in listed],

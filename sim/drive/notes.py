@@ -1,4 +1,4 @@
-"""Notes that people make on a recording, kept in an MCAP file beside it."""
+"""Notes that people make on a recording, kept in an MCAP file next to it."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 
 SUFFIX: Final = ".notes"
-"""The end of the name of a file of notes. It is an MCAP file, but must not be taken for a drive, as by `run*.mcap`."""
+"""Suffix of a file of notes: an MCAP file that patterns for drives, like `run*.mcap`, must not match."""
 TOPIC: Final = "notes"
 LONGEST_NOTE: Final = 2000
 """The greatest number of characters in a note."""
 
 
 class Note(NamedTuple):
-    """A note: the time that it is about (ns since 1970), and its text."""
+    """A note: the time to which it refers (ns since 1970), and its text."""
 
     time_ns: int
     text: str

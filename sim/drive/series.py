@@ -1,4 +1,4 @@
-"""What is plotted of a drive: its quantities with their units and colours, and the values over time.
+"""The plotted series of a drive: quantities with their units and colours, and the values over time.
 
 If only the node was recorded, some series are missing. They are derived from the attached files and the positions: the
 gradient from the line, forces and energy by inverse dynamics (docs/explanation/trip-energy.md).
@@ -26,7 +26,7 @@ UNKNOWN_S: Final = 10.0
 
 
 class Quantity(NamedTuple):
-    """What an axis shows: a short name, its unit, and a longer name for where there is room."""
+    """The quantity of an axis: a short name, its unit, and a longer name for use where there is room."""
 
     name: str
     unit: str
@@ -72,9 +72,9 @@ def quantity_of(name: str) -> str:
 
 
 class Style(NamedTuple):
-    """How a series looks: label, what its colour means, width, and whether a value holds until the next.
+    """The style of a series: label, meaning of its colour, width, and whether a value holds until the next.
 
-    `gaps`: it comes with the advice, so that it has a gap while no message came from the node.
+    `gaps`: the series comes with the advice, and has a gap while no message came from the node.
     """
 
     label: str
@@ -174,7 +174,7 @@ def _advised(table: DriveTable) -> Found:
 
 
 def driven(table: DriveTable) -> Found:
-    """What the train did, as far as it was recorded; no series but the speed is within the time of the trip yet."""
+    """The series of the train, as far as recorded; only the speed is cut to the time of the trip yet."""
     true_ns, gradient_ratio, input_j = table.of_topic("truth", "gradient_ratio", "energy_input_j")
     # Without a simulator, the train's own control may have measured its forces.
     source = "truth" if len(true_ns) else "effort"
@@ -213,7 +213,7 @@ def _in_the_cab(table: DriveTable) -> Found:
 
 
 def _estimated(table: DriveTable) -> Found:
-    """What the node estimates: its position beside the true one, and the train beside the planned one."""
+    """The node's estimates: the position relative to the true one, and the train relative to the planned one."""
     advised_ns, s_m, sd_m = table.of_topic("advice", "s_m", "position_sd_m")
     known = sd_m > 0.0
     at, trip = advised_ns[known], table.course
@@ -247,8 +247,8 @@ def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -
 
 
 def filled_in(energy: DriveEnergy) -> tuple[Found, str]:
-    """The series that a recording without a simulator lacks, and what is estimated, or why nothing could be, in a
-    sentence; both are empty if a simulator was recorded."""
+    """The series that a recording without a simulator lacks, and a sentence on the estimates, or on why there are none;
+    both are empty if a simulator was recorded."""
     table = energy.table
     if table.has("truth") or table.journey is None:
         return {}, ""

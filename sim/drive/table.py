@@ -61,7 +61,7 @@ HOLDS_NS: Final = round(HOLDS_S / NS)
 
 
 class JourneyTold(NamedTuple):
-    """A journey as the node received it: when (ns since 1970), line, train, direction, and its stops."""
+    """A journey as the node received it: time (ns since 1970), line, train, direction, and stops."""
 
     time_ns: int
     route_id: str
@@ -80,7 +80,7 @@ class PlanMade(NamedTuple):
 
 
 class RestrictionsTold(NamedTuple):
-    """A list of restrictions: when the node received it (ns since 1970), its valid ones, and how many it had in all."""
+    """A list of restrictions: time of reception (ns since 1970), valid restrictions, and the number of all."""
 
     time_ns: int
     valid: tuple[Restriction, ...]
@@ -88,7 +88,7 @@ class RestrictionsTold(NamedTuple):
 
 
 class TargetTold(NamedTuple):
-    """A target of traffic management: when the node received it, its place (m), its times (ns since 1970; 0: none)."""
+    """A target of traffic management: time of reception, place (m), and its times (ns since 1970; 0: none)."""
 
     told_ns: int
     s_m: float
@@ -124,8 +124,8 @@ class Decision(NamedTuple):
 class Occasional:
     """The irregular messages of a drive, each kind in order of time.
 
-    `simulator` and `node` are their logs, `marks_ns` the moments that a person at the desk marked (ns since 1970),
-    `saving` the energies stated in the recording.
+    `simulator` and `node` are the logs of both, `marks_ns` the moments that a person at the desk marked (ns since
+    1970), `saving` the energies stated in the recording.
     """
 
     journeys: tuple[JourneyTold, ...]
@@ -258,7 +258,7 @@ class DriveTable:
 
     @property
     def display(self) -> Presenter:
-        """The presenter of the first presentation that the cab showed; the one without advice if none was recorded."""
+        """The presenter of the first presentation that the cab showed; the one for no advice if none was recorded."""
         return _display(self["cab_presentation"])
 
 

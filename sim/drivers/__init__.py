@@ -1,1 +1,1 @@
-"""Simulated drivers: they see a cab and move its controller, and know nothing else of the run."""
+"""Simulated drivers: they see only a cab and move its controller."""

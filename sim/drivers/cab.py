@@ -43,12 +43,12 @@ class AdviceView:
 
     Times are in s on the cab's clock, modes are driving regimes by their numbers on the bus. `speed_mps` is the advised
     speed: the top speed in TOP_SPEED, the speed to hold in FOUR_MODE, the speed to reach or to hold in GUIDE.
-    `display_speed_mps` is the same speed in whole km/h, as it is written on the display. `lever_ratio` is the advised
-    effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
-    after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
-    change, `next_change_m` is the distance to it, and `second_…` is the change after it. In GUIDE, `due_s` is the time
-    until the instruction is due, and `target_way_m` the distance to where its speed is reached. DEVIATION has only
-    `deviation_s`: the lateness against the plan for the timetable (early < 0).
+    `display_speed_mps` is the same speed in whole km/h, as written on the display. `lever_ratio` is the advised effort
+    on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s after
+    `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next change,
+    `next_change_m` is the distance to it, and `second_…` is the change after it. In GUIDE, `due_s` is the time until
+    the instruction is due, and `target_way_m` the distance to where its speed is reached. In DEVIATION, only
+    `deviation_s` is shown: the lateness against the plan for the timetable (early < 0).
 
     Mode DEPART means to wait until the train is cleared; efforts and horizons are those of a standing train.
     The next change is then the departure, and `departure` is the advice for the cleared train.
@@ -81,7 +81,7 @@ class AdviceView:
 
     @property
     def shown_speed_mps(self) -> float:
-        """The speed that the driver reads (m/s): the one written on the display, or else the advised one."""
+        """The speed that the driver reads (m/s): that written on the display, or else the advised speed."""
         return self.speed_mps if math.isnan(self.display_speed_mps) else self.display_speed_mps
 
     @property

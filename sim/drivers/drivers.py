@@ -140,7 +140,7 @@ class PerfectDriver:
 
 
 class LiteralDriver:
-    """Follows the guide's card, with no other knowledge: a witness of where the card alone leads.
+    """Follows the guide's card, with no other knowledge, to show where the card alone leads.
 
     The driver reads the card, the speedometer and the distance to the stop, ignores limits, signs and signals, and
     brakes by eye only if the card shows no effort. Without the guide it drives as `TimetableDriver`.
@@ -162,7 +162,7 @@ class LiteralDriver:
         return self._obeyed(cab, self._read(cab, view.departure))
 
     def _read(self, cab: CabView, view: AdviceView) -> AdviceView:
-        """The card that is due: the one shown, or until then the one before it."""
+        """The card that is due: the card shown, or until it is due the previous one."""
         due, v = self._due, cab.speed_mps
         if due is None or cab.time_s - view.time_s >= view.due_s:
             same = due is not None and (due.mode, due.speed_mps) == (view.mode, view.speed_mps)
@@ -186,7 +186,7 @@ class LiteralDriver:
             return self._by_eye(cab, outlook)
         if told is Asked.KEEP_BELOW and card.speed_mps > 0:
             return hold(cab, outlook, card.speed_mps, high_n=0.0)
-        return lever(-1.0)  # The card says to stand.
+        return lever(-1.0)  # The card shows stop.
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> Command:
         if cab.speed_mps < FOLLOWING.creeping_mps and cab.stop_m - cab.s_m > AT_STOP_M:

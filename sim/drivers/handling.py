@@ -41,7 +41,7 @@ class HumanSettings:
     """Distance from the mark (m) below which, and beyond the mark, the driver brakes with the planned deceleration."""
     missed_m: float = 0.5 * AT_STOP_M
     """Largest misjudgement (m) of the place of a mark. Braking adds its own error, and a train further off than
-    `AT_STOP_M` has not arrived."""
+    `AT_STOP_M` counts as not arrived."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,7 +255,7 @@ class Handling:
             self._braking = True
         elif needed < HANDLING.released_ratio * human.braking_mps2:
             rolls_mps2 = -outlook.resisting_n(s, v) / outlook.train.inertial_mass_kg
-            # Where the train would speed up downhill at once, the driver eases the brake but does not release it.
+            # Where the train would immediately speed up downhill, the driver eases the brake but does not release it.
             steep = rolls_mps2 * HANDLING.regained_s > human.dead_band_mps
             settled_mps = -human.dead_band_mps if steep else HANDLING.settled_mps
             self._braking = self._braking and v > max(outlook.allowed_mps(s) + settled_mps, TRACKING.stopping_mps)

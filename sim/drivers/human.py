@@ -252,7 +252,7 @@ class HumanDriver:
     """Drives by the information in the cab, with human limitations; the same seed and stream give the same drive, bit
     for bit.
 
-    Except in lapses the driver minds limits and stops all the time, the display only at glances.
+    Except in lapses, the driver watches limits and stops all the time, and the display only at glances.
     """
 
     def __init__(

@@ -104,7 +104,7 @@ def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_m
 @dataclass(frozen=True, kw_only=True)
 class Habit:
     """A driver's margins to the permitted speeds. Braking is planned with `braking_mps2`, and at most `reserve_ratio`
-    of the brakes' capability. Speeds stay `below_mps` below limits, but at most a tenth of them.
+    of the brakes' capability. Speeds stay `below_mps` below limits, but at most a tenth of the limit.
     """
 
     braking_mps2: float

@@ -1,4 +1,4 @@
-"""The cab as a message of the bus, and advice and commands of such messages; every number keeps its last bit."""
+"""The cab as a message of the bus, and the advice and commands in such messages; numbers are kept exactly."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class CabLook(NamedTuple):
 
 
 def cab_message(look: CabLook, line: LineKnowledge) -> Message:
-    """The message `Cab` of a look; it has horizons and the limits ahead only if the look asks an external driver."""
+    """The message `Cab` of a look, with horizons and the limits ahead only if the look asks an external driver."""
     cab, asked = look.cab, look.number > 0
     message = das_pb2.Cab(
         time_ns=look.time_ns,

@@ -1,8 +1,8 @@
 """The parameters of human drivers, and the populations in which they differ.
 
-A population gives distributions of parameters, from which every participant is drawn once. The values are dependent as
-in a Gaussian copula: normal numbers with the correlations of the file, each turned into the distribution of its
-parameter, cut off at the parameter's range. The format: docs/reference/populations.md.
+A population gives distributions of parameters, from which every participant is drawn once. Dependence follows a
+Gaussian copula: normal numbers with the correlations of the file are transformed into the distributions of the
+parameters, cut off at their ranges. The format: docs/reference/populations.md.
 """
 
 from __future__ import annotations
@@ -156,11 +156,11 @@ DEFAULT: Final = "default"
 """Name of the bundled population."""
 NORMAL: Final = NormalDist()
 MOST_CERTAIN: Final = 1e-12
-"""Least distance of probabilities from 0 and 1, where the normal distribution has no finite value."""
+"""Least distance of probabilities from 0 and 1, where the normal quantile is infinite."""
 
 
 class Shape(StrEnum):
-    """The distribution of a parameter, by what is normally distributed: the value, its logarithm or its logit."""
+    """The distribution of a parameter, named by its normally distributed form: value, logarithm or logit."""
 
     FIXED = "fixed"
     NORMAL = "normal"
@@ -194,7 +194,7 @@ class Spread:
     source: str
 
     def at(self, normal: float) -> float:
-        """The value that belongs to a number from the standard normal distribution."""
+        """The value for a number from the standard normal distribution."""
         if self.sd == 0:
             return self.middle
         lowest, highest = (NORMAL.cdf(self._standard(end)) for end in (self.low, self.high))
@@ -242,8 +242,8 @@ class Population:
     def draw(self, number: int) -> dict[str, float]:
         """The values of a participant's parameters, by name.
 
-        The same number is the same person in every run. A parameter that is added at the end of the file
-        leaves the others as they are.
+        The same number is the same person in every run. A parameter added at the end of the file does not change the
+        others.
         """
         independent = [_normal(number, spread.name) for spread in self.spreads]
         dependent = (self.triangle @ np.array(independent)).tolist() if self.spreads else []
@@ -264,7 +264,7 @@ def stream_of(who: Participant | None) -> int:
 
 
 def participant_of(driver: DriverName, number: int | None, population: str | None) -> Participant | None:
-    """The participant that the user asked for; None without a number.
+    """The participant that the user chose; None without a number.
 
     Raises DasError for a population that cannot be used, for a population without a number, and for a number with a
     driver that is not human.

@@ -16,7 +16,7 @@ from sim.drivers.presentations.presenter import Shown
 ROUNDING_S: Final = 1e-6
 """Margin (s) with which times of ticks are compared."""
 LONGEST_S: Final = 600.0
-"""Longest update interval and hold time (s); a slower display would be of no use."""
+"""Longest update interval and hold time (s); a slower display would be useless."""
 
 
 @dataclass(frozen=True, kw_only=True)

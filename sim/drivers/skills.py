@@ -29,8 +29,8 @@ class Skills:
     """The abilities of a practised driver: each skill returns a controller setting for the present state of the cab.
 
     Call `see` at every look, then ask for settings. Braking is planned with `braking_mps2`, and speeds stay `below_mps`
-    below limits, but at most a tenth of them. Only the setting of `most` keeps the limits: use the lower of it and
-    yours.
+    below limits, but at most a tenth of the limit. Only the setting of `most` keeps the limits: use it if it is lower
+    than yours.
     """
 
     def __init__(self, line: LineKnowledge, *, braking_mps2: float = 0.5, below_mps: float = 2.0 * KMH) -> None:
@@ -49,14 +49,14 @@ class Skills:
     @property
     def cab(self) -> CabView:
         """The last view of the cab."""
-        assert self._cab is not None, "see(cab) comes first"
+        assert self._cab is not None, "call see(cab) first"
         return self._cab
 
     @property
     def outlook(self) -> Outlook:
         """The line up to the next halt, with the highest speed from which planned braking keeps all limits and stops
         ahead."""
-        assert self._outlook is not None, "see(cab) comes first"
+        assert self._outlook is not None, "call see(cab) first"
         return self._outlook
 
     @property
@@ -69,7 +69,7 @@ class Skills:
         return self._ratio(hold(self.cab, self.outlook, speed_mps)._replace(gain_per_s=CALM_PER_S))
 
     def brake_to(self, speed_mps: float, at_m: float) -> float | None:
-        """The setting with which the train has a lower speed at a place (m); None while it is too early to brake."""
+        """The setting with which the train reaches a lower speed at a place (m); None while braking is too early."""
         cab, way_m = self.cab, at_m - self.cab.s_m
         if cab.speed_mps <= speed_mps:
             return None
@@ -95,8 +95,8 @@ class Skills:
         return self._rule.cap_mps(self.cab, self.outlook)
 
     def advised(self, view: AdviceView) -> float | None:
-        """The setting that follows the display (`sim.drivers.cab`); None if it does not show how to drive. If it
-        shows stop without an effort, the driver holds the speed and brakes at the last moment.
+        """The setting that follows the display (`sim.drivers.cab`); None if it does not show how to drive. For "stop"
+        without an effort, the speed is held until the last moment to brake.
         """
         presenter = presenter_of(view.presentation)
         to_reach = presenter.speed_is(view.mode) is SpeedIs.TO_REACH
@@ -122,7 +122,7 @@ class Skills:
 
 
 class NotchedLever:
-    """A controller with a number of notches in each direction, moved by whole ones."""
+    """A controller with a number of notches in each direction, moved in whole notches."""
 
     def __init__(self, count: int) -> None:
         if count < 1:
@@ -146,7 +146,7 @@ class WanderingError:
         self._time_s: float | None = None
 
     def at(self, time_s: float) -> float:
-        """The error at a time (s) that is not before the last one."""
+        """The error at a time (s), which must not be before that of the last call."""
         if self._time_s is not None:
             self._wander.over(time_s - self._time_s)
         self._time_s = time_s

@@ -1,1 +1,1 @@
-"""Human-factors experiments: a design file, its trials with simulated drivers, and the data that they give."""
+"""Human-factors experiments: a design file, its trials with simulated drivers, and their data."""

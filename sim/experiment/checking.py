@@ -1,4 +1,4 @@
-"""Checks a design without driving it, and prints what the commands of an experiment found."""
+"""Checks a design without driving it, and prints the results of an experiment's commands."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ from sim.world.loop import AFTER_S, BEFORE_S
 MINUTE_S: Final = 60.0
 HOUR_S: Final = 3600.0
 FAILED_SHOWN: Final = 5
-"""Most failed trials that are printed; the table of failed trials has all."""
+"""Largest number of failed trials that are printed; the table of failed trials has all."""
 OF_DISPLAY: Final = ("loss_level", "update_interval_s", "hold_s", "preview_s", "reason")
-"""Factors that act on what a display shows."""
+"""Factors that change the content of a display."""
 
 
 def idle_factors(design: Design) -> Iterator[str]:
-    """Why a factor cannot make any difference to the driver, a sentence for each factor that cannot."""
+    """A sentence for each factor that cannot have any effect on the driver, with the reason."""
     settings = list(design.settings())
     names = {factor.name for factor in design.factors}
     if all(one.presentation is Presentation.NONE for one in settings):
@@ -59,7 +59,7 @@ def idle_factors(design: Design) -> Iterator[str]:
 
 
 def _minds_reasons(design: Design, setting: Setting) -> bool:
-    """Whether drivers of a setting refuse less of the advice whose reason they see."""
+    """Whether drivers of a setting refuse less advice if they see its reason."""
     name = "reason_refusal_ratio"
     drawn = {spread.name for spread in load_population(design.people.population).spreads}
     return name in drawn or name in setting.read_scenario().human.given or getattr(HumanParameters(), name) < 1
@@ -67,10 +67,10 @@ def _minds_reasons(design: Design, setting: Setting) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class DesignCheck:
-    """What the check of a design found; the fields are the keys of `--json`.
+    """The result of the check of a design; the fields are the keys of `--json`.
 
     The longest participant is the busiest one, breaks included. `notes` are sentences about balance and order;
-    `refused` says why the design is refused, if it is.
+    `refused` is the reason for rejecting the design, if any.
     """
 
     hash: str
@@ -106,9 +106,9 @@ def check_design(design: Design) -> DesignCheck:
 
 
 def _lengths_s(design: Design, trials: Sequence[StudyTrial]) -> dict[Setting, float]:
-    """How long a trial of each setting takes by its timetable (s), as simulated time.
+    """The duration of a trial of each setting by its timetable (s), as simulated time.
 
-    What is unusual about a line or train, and a timetable that its advice cannot keep, are warnings on standard error.
+    Unusual values of a line or train, and a timetable that its advice cannot keep, cause warnings on standard error.
     Raises DasError for a true train of a trial that cannot be driven.
     """
     found = {}
@@ -123,7 +123,7 @@ def _lengths_s(design: Design, trials: Sequence[StudyTrial]) -> dict[Setting, fl
 
 
 def _spans_s(design: Design, trials: Sequence[StudyTrial], lengths_s: Mapping[Setting, float]) -> list[float]:
-    """How long each participant is busy (s): the trips by their timetables, and the breaks."""
+    """The time that each participant needs (s): the trips by their timetables, and the breaks."""
     spans, sessions = [0.0] * design.people.count, [1] * design.people.count
     for trial in trials:
         spans[trial.who - 1] += lengths_s[trial.setting]
@@ -147,7 +147,7 @@ def _order_notes(design: Design) -> list[str]:
 
 
 def group_notes(design: Design) -> list[str]:
-    """Notes on factors of which each participant drives one level."""
+    """Notes on factors with one level for each participant."""
     between = [factor for factor in design.factors if not factor.within]
     if not between:
         return []
@@ -178,7 +178,7 @@ def pair_notes(design: Design) -> list[str]:
 
 
 def checked_in(design: Design, folder: Path) -> None:
-    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is refused."""
+    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is rejected."""
     if (folder / DESIGN_JSON).exists():
         check_frozen(design, folder, resolved(design)["hash"])
         return
@@ -191,7 +191,7 @@ def checked_in(design: Design, folder: Path) -> None:
 
 @contextlib.contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder, so that a bad one is refused before minutes of work; remove it if nothing was written into it."""
+    """Make a folder, so that a bad one is rejected before minutes of work; remove it if nothing was written into it."""
     new = not folder.exists()
     make_folder(folder)
     if not os.access(folder, os.W_OK | os.X_OK):
@@ -204,7 +204,7 @@ def made_folder(folder: Path) -> Iterator[None]:
 
 
 def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None:
-    """Print what the check found."""
+    """Print the result of the check."""
     tell(f"{design.name}: {design.title}")
     table = new_table("", ("levels", "participants meet"), whole=("factor",))
     for factor in design.factors:
@@ -231,7 +231,7 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
 
 
 def print_run(design: Design, found: StudyRun) -> None:
-    """Print how many trials of a study were driven, and those that failed."""
+    """Print the number of driven trials of a study, and the trials that failed."""
     paragraph(f"{design.name}: {found.trials} trials, {found.made} of them driven now, {len(found.failed)} failed")
     for row in found.failed[:FAILED_SHOWN]:
         paragraph(f"note: trial {row['trial']} ({row['participant']}, {row['condition']}): {row['error']}", "  ")

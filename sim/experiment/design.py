@@ -1,4 +1,4 @@
-"""The design of an experiment: factors, participants, order, measures and planned comparisons, and the file it is in.
+"""The design of an experiment: factors, participants, order, measures and planned comparisons, and its file.
 
 The format: docs/reference/experiments.md. A design is frozen in its study's folder as JSON with the same keys, every
 default written out, and with its hash, which reveals later changes. The frozen form is read by the same functions,
@@ -65,7 +65,7 @@ class Days(StrEnum):
 
 
 class Chances(StrEnum):
-    """Whether a participant's reaction times, glances, errors and lapses are redrawn for every trial."""
+    """The choice whether a participant's reaction times, glances, errors and lapses are redrawn for every trial."""
 
     NEW = "new"
     """Redrawn for every trial, as with people."""
@@ -93,7 +93,7 @@ class PlannedComparison:
         return self.contrast() if self.name.startswith(f"{self.measure}: ") else self.name
 
     def contrast(self, between: str = ", ") -> str:
-        """The difference in words: a minus b, and the levels that are fixed, each after `between`."""
+        """The difference in words: a minus b, and the fixed levels, each after the text `between`."""
         return f"{self.a} minus {self.b}" + "".join(f"{between}{name}: {level}" for name, level in self.where.items())
 
 
@@ -331,7 +331,7 @@ def _fixed(table: Fields, factors: tuple[Factor, ...], *, frozen: bool) -> dict[
 
 
 def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
-    """The levels of all factors that a design does not mention, without some of them."""
+    """The levels of all factors that a design does not mention, except some of them."""
     nowhere = Fields.of(Path(), {})
     return {name: FACTORS[name].read(nowhere, name, value) for name, value in DEFAULTS.items() if name not in but}
 
@@ -492,7 +492,7 @@ def design_files(design: Design) -> dict[str, str]:
 def freeze(design: Design, folder: Path) -> dict[str, Any]:
     """Write the design into a study's folder, which is made if needed, and return its resolved form.
 
-    Raises DasError if the folder holds another frozen design; one that no file holds was not planned, and replaces it.
+    Raises DasError if the folder holds another frozen design. A design without a file was not planned and replaces it.
     """
     found = resolved(design)
     make_folder(folder)

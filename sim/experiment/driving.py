@@ -1,4 +1,4 @@
-"""Drives a trial: the day of its seed, its participant, the display of its setting, and every look of the driver."""
+"""Drives a trial: day of its seed, participant, display of its setting, and all looks of the driver."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class StudyTrial:
 
     `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
     factors' levels in the order of the design. `seed` is the seed of the day, `chance` differs between trials of a
-    participant that draw different random numbers. `trips` is how many trips the participant has made before; None if
-    practice does not count.
+    participant that draw different random numbers. `trips` is the number of trips that the participant has made before;
+    None if practice does not count.
     """
 
     number: int
@@ -69,22 +69,22 @@ class StudyTrial:
 
     @property
     def participant(self) -> str:
-        """The participant, as tables name them."""
+        """The participant as named in tables."""
         return participant_name(self.who)
 
     @property
     def session_name(self) -> str:
-        """The session, as tables name it."""
+        """The session as named in tables."""
         return f"ses-{self.session:02d}"
 
     @property
     def condition(self) -> str:
-        """The levels of all factors, as tables name the condition."""
+        """The levels of all factors as tables name the condition."""
         return "_".join(self.levels)
 
 
 class DriverLook(NamedTuple):
-    """One look of the driver: time (s), position (m), speed and limit (m/s), the display, and what the driver asks for.
+    """One look of the driver: time (s), position (m), speed and limit (m/s), the display, and the driver's command.
 
     `shown` is None if the display shows no advice.
     """
@@ -117,7 +117,7 @@ class WatchedDriver:
         return kept_by(self._driver)
 
     def command(self, cab: CabView) -> Command:
-        """What the watched driver asks for."""
+        """The command of the watched driver."""
         asked = self._driver.command(cab)
         self.looks.append(DriverLook(cab.time_s, cab.s_m, cab.speed_mps, cab.limit_mps, cab.shown, asked))
         return asked
@@ -150,7 +150,7 @@ class Driven:
 
     @property
     def moving_min(self) -> float:
-        """How long the train moved (min)."""
+        """The time in which the train moved (min)."""
         return len(self.moving) * TICK_S / 60.0
 
     @property
@@ -164,7 +164,7 @@ class Driven:
 
 
 def drive(trial: StudyTrial, population: str, record: JobRecording | None = None, *, keep: bool = False) -> Driven:
-    """Drive a trial with a participant of a population, record it as `record` says, and `keep` the table of the drive.
+    """Drive a trial with a participant of a population, record it as in `record`, and `keep` the table of the drive.
 
     Raises DasError for files that cannot be used, and if the train does not arrive.
     """
@@ -191,7 +191,7 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
 def service_of(setting: Setting) -> Service:
     """The service of a setting: its line, train, timetable and solved sections.
 
-    Timetable and optimum belong to the true train, whichever losses the advice is planned with. Raises DasError for
+    Timetable and optimum belong to the true train, whatever losses the advice is planned with. Raises DasError for
     files that cannot be used.
     """
     scenario = setting.read_scenario()
@@ -225,6 +225,6 @@ def _day(trial: StudyTrial, who: Participant | None) -> Day:
 
 
 def _with_parameters(day: Day, setting: Setting) -> Day:
-    """The day with the parameters of its human driver that the design states."""
+    """The day with the parameters of the human driver that the design states."""
     changed: dict[str, Any] = dict(setting.human)
     return replace(day, human=replace(day.human, **changed)) if changed else day

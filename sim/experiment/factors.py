@@ -169,7 +169,7 @@ def _train(table: Fields, key: str, value: Any) -> FactorLevel:
 
 
 def _file(table: Fields, key: str, value: Any, id_of: Callable[[str], str], *, bundled: bool) -> FactorLevel:
-    """A bundled name as it is, or a path relative to the design's file; the level's text is the id of what is there."""
+    """A bundled name, or a path relative to the design's file; the text of the level is the id in that file."""
     if not isinstance(value, str) or not value:
         raise table.error(key, value, "the name of a bundled file, or a path")
     name = value if bundled else str((table.source.parent / Path(value)).resolve())
@@ -240,8 +240,8 @@ FACTORS: Final = {
         *map(_parameter, HumanParameters.__dataclass_fields__),
     )
 }  # fmt: skip
-"""Every factor by its name, which is also that of its column and, but for parameters, of its field in a `Setting`."""
+"""Every factor by its name, which is also its column and, except for parameters, its field in a `Setting`."""
 
 _OF_A_SETTING: Final = {**Setting().figures(), "preview_s": "all"}
 DEFAULTS: Final = {name: value for name, value in _OF_A_SETTING.items() if name in FACTORS and value is not None}
-"""The levels of factors that a design does not mention; others are then those of scenario and participant."""
+"""The levels of factors that a design does not mention; all other factors then follow scenario and participant."""

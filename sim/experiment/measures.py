@@ -174,7 +174,7 @@ def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]
 
 
 def _shown_since(driven: Driven) -> list[tuple[float, float]]:
-    """For every second, its time (s), and the time (s) since which the same advice (mode or highest speed) is shown."""
+    """The time (s) of every second, and the time (s) since which the same advice (mode or highest speed) is shown."""
     found: list[tuple[float, float]] = []
     before, since_s = None, math.nan
     for state, look in driven.seconds:
@@ -339,7 +339,7 @@ _LISTED: Final = (
         ("above_limit_obeying_s", "Above the limit while obeying", "s",
          "time above the limit by more than 0.5 m/s of a driver who had followed the display for 5 s"),
         ("hidden_limits", "Hidden limits", "1",
-         "limits that began while the driver was told to stop by eye, and that a steady brake to the stop exceeds"),
+         "limits that began during an instruction to stop by eye, and that a steady brake to the stop exceeds"),
         ("last_word_acts", "Replacements by the last word", "1", "parts of advice that the last word replaced"),
         ("availability_ratio", "Availability", "1", "seconds with advice / seconds from the first advice to the last"),
     ),
@@ -376,7 +376,7 @@ def _brought(door: Door) -> Measure:
 
 
 UNIT_OF: Final = {"kwh": "kWh", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "min": "1/min"}
-"""Units by the end of a column's name, where they are not that end itself."""
+"""Units by the suffix of a column's name, if they differ from the suffix."""
 MEASURES: Final = {
     **{one.name: replace(one, of_table=_of_figures(one.name)) if one.name in FIGURES else one for one in _LISTED},
     **{name: _brought(door) for name, door in installed(DOOR).items() if name not in BUNDLED},
@@ -385,7 +385,7 @@ MEASURES: Final = {
 
 
 def needs_table(names: Iterable[str]) -> bool:
-    """Whether some measures are of the table of a drive alone, which must then be kept."""
+    """Whether some measures need the table of a drive, which must then be kept."""
     return any(name not in BUNDLED for name in names)
 
 

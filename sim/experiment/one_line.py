@@ -1,8 +1,8 @@
-"""A study that the command line describes, without a design file: scenarios, drivers, presentations and seeds.
+"""A study given on the command line, without a design file: scenarios, drivers, presentations and seeds.
 
-Everybody drives the same days, with the same chances: those of `das-sim run` with these seeds. The results are by
-scenario, driver and presentation: means over the seeds, and what advice saved (defined in `sim.drive.comparison`),
-split into its causes: parts of the differences between paired runs, which sum to what was saved.
+All drivers drive the same days with the same random numbers: those of `das-sim run` with these seeds. The results for
+each scenario, driver and presentation are means over the seeds, and the saving by advice (defined in
+`sim.drive.comparison`). It is split into causes: parts of the differences between paired runs that sum to the saving.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from sim.world.outcome import SHARES
 from sim.world.service import lay_out
 
 MOST_SEEDS: Final = 1_000_000
-"""Largest number of seeds in one range; a larger range is taken for a typing error."""
+"""Largest number of seeds in one range; a larger range is considered a typing error."""
 _SEEDS: Final = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
 
 
 @dataclass(frozen=True, kw_only=True)
 class DaysAsked:
-    """What the user asked for: every scenario with every driver, presentation and seed.
+    """The user's choice: every scenario with every driver, presentation and seed.
 
     With `participants` (the first number and how many), the human driver is each of these persons of the `population`
-    in turn, and without the average one.
+    in turn, and without them the average driver.
     """
 
     scenarios: Sequence[str]
@@ -118,7 +118,7 @@ def rows_of(jobs: Sequence[TrialJob], found: StudyRun) -> Iterator[dict[str, Any
 
 
 def row_of(job: TrialJob) -> Row:
-    """What tells a trial of such a design from the others."""
+    """The values that distinguish a trial of such a design from the others."""
     trial, setting = job.trial, job.trial.setting
     person = setting.driver is DriverKind.HUMAN and trial.person is not None
     return {
@@ -132,7 +132,7 @@ def row_of(job: TrialJob) -> Row:
 
 
 def told(jobs: Sequence[TrialJob], found: StudyRun) -> dict[str, Any]:
-    """The figures of a finished run: means of each scenario, driver and presentation, and what advice saved."""
+    """The figures of a finished run: means of each scenario, driver and presentation, and savings by advice."""
     rows = list(rows_of(jobs, found))
     return {**found.as_dict(), "groups": summary(rows), "savings": savings(rows)}
 
@@ -140,7 +140,7 @@ def told(jobs: Sequence[TrialJob], found: StudyRun) -> dict[str, Any]:
 Row = Mapping[str, Any]
 """A trial: `scenario`, `driver`, `advice`, `friction_policy`, `participant`, `seed`, and its measures or `error`."""
 LEAST_VALUES: Final = 3
-"""Fewest values whose mean has an interval: of two, Student's t makes it wider than what it is about."""
+"""Fewest values whose mean has an interval; for two values, Student's t would make it too wide to be useful."""
 SHARE_NAMES: Final = {
     "component_loss": "loss",
     "resistance": "run",
@@ -163,7 +163,7 @@ SPLIT_LEGEND: Final = {
     "saved": "energy saved by advice at equal arrival, against the same driver without advice on the same days, with "
     "its 95 % interval (Student's t; none for fewer than 3 pairs)",
     "%": "that in % of the optimum for the times as driven, the mean of both drives",
-    "times": "what the time difference was worth beside it, at the optimum's price of time",
+    "times": "value of the time difference, not part of the saving, at the optimum's price of time",
     "blend": "by less friction where the motors could brake",
     "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
     "track": "by keeping to that profile (–: no perfect driver on these days, or none who follows this advice)",
@@ -173,14 +173,14 @@ SPLIT_LEGEND: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class SplitSaving:
-    """What a presentation saves at equal arrival against no advice, in kWh: means over the comparable pairs of runs.
+    """The savings (kWh) of a presentation at equal arrival against no advice: means over comparable pairs of runs.
 
-    `blending`: less friction braking where the motors could brake. `profile`: a better speed profile, as it was driven.
-    If a perfect driver followed the same advice on the same days (speed-and-effort and guide only), `profile` is what
-    that driver saved by it, and `tracking` (mostly < 0) is what this driver lost by not keeping to the advice. The
-    parts sum to `saved`, whose 95 % interval over the pairs is ± `interval` (Student's t; NaN for fewer than 3 pairs);
-    `ratio` is its share of the optimum for the times as driven, the mean of both runs, `optimum`. `time_shift` is no
-    part of it: what the time difference was worth.
+    `blending_kwh`: less friction braking where the motors could brake. `profile_kwh`: a better speed profile, as
+    driven. If a perfect driver followed the same advice on the same days (speed-and-effort and guide only), it is that
+    driver's saving by it, and `tracking_kwh` (mostly < 0) is this driver's loss by not keeping to it. The parts sum to
+    `saved_kwh`, with a 95 % interval over the pairs of ± `interval_kwh` (Student's t; NaN for fewer than 3 pairs).
+    `saved_ratio` is its share of `optimum_kwh`, the mean optimum for the times of both runs as driven.
+    `time_shift_kwh`, the value of the time difference, is not part of it.
     """
 
     scenario: str
@@ -236,8 +236,8 @@ def _student_within(t: float, freedom: int) -> float:
 def savings(rows: Sequence[Row]) -> list[SplitSaving]:
     """The savings of every presentation against no advice, by scenario and driver; failed runs are left out.
 
-    A pair is the same day with the same person (column `participant`, if there is one). Runs that are not comparable
-    with their optimum are left out, and so are those of a driver whose brakes depend on the advice.
+    A pair has the same day and the same person (column `participant`, if there is one). Runs that are not comparable
+    with their optimum are left out, as are those of a driver whose brakes depend on the advice.
     """
     good: dict[tuple[str, str, str], dict[_Pair, Row]] = {}
     for row in rows:
@@ -249,12 +249,12 @@ def savings(rows: Sequence[Row]) -> list[SplitSaving]:
 
 
 def _brakes_alike(row: Row) -> bool:
-    """Whether the driver brakes alike with and without advice."""
+    """Whether the driver brakes in the same way with and without advice."""
     return row["driver"] != DriverKind.HUMAN or row.get("friction_policy") != FrictionPolicy.BY_ADVICE
 
 
 class _Pair(NamedTuple):
-    """What two compared runs have in common: the day and the person."""
+    """The key of two compared runs: the day and the person."""
 
     seed: int
     participant: int | None
@@ -343,7 +343,7 @@ def _table(title: str, names: Sequence[str]) -> Table:
 
 
 def print_savings(found: Sequence[SplitSaving]) -> None:
-    """Print what advice saved, split into its causes; nothing if no pair of runs tells."""
+    """Print the savings by advice, split into causes; nothing without pairs of runs."""
     if not found:
         return
     table = _table("saved by advice, split (kWh)", ("n", *SPLIT_LEGEND))

@@ -1,7 +1,7 @@
-"""Does many jobs on all workers and keeps the results in a folder; a stopped command goes on with the unfinished jobs.
+"""Does many jobs on all workers and keeps the results in a folder; a stopped command resumes with the unfinished jobs.
 
 A job has an identity: the hash of everything on which its result depends. Its result is one row in the journal of the
-folder, and perhaps a recording. Results do not depend on the number or the place of the workers.
+folder, and optionally a recording. Results do not depend on the number or the place of the workers.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class JobRecording(NamedTuple):
 
 
 class RunnerJob(Protocol):
-    """What the runner needs of a job."""
+    """The interface of a job for the runner."""
 
     @property
     def inputs_sha256(self) -> str:
@@ -67,7 +67,7 @@ class RunnerJob(Protocol):
 
     @property
     def recording(self) -> JobRecording | None:
-        """Where the job's drive is recorded; None if it is not."""
+        """The file in which the job's drive is recorded; None if it is not."""
 
 
 Job = TypeVar("Job", bound=RunnerJob)
@@ -85,7 +85,7 @@ class Journal:
     """The finished rows in a folder, by the hash of their inputs; use with `with`.
 
     Only one command may use a folder at a time; a second one gets an error that names the first by `holds`. Every line
-    has the hash of its row, so that a row that was cut off or altered is not taken for a result.
+    has the hash of its row, so that a truncated or altered row is not used as a result.
     """
 
     def __init__(self, folder: Path, *, holds: str = "another run") -> None:
@@ -110,7 +110,7 @@ class Journal:
         self._held.__exit__(None, None, None)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Write the row of a finished job to the disk at once."""
+        """Write the row of a finished job to the disk immediately."""
         self.rows[row["inputs_sha256"]] = row
         try:
             line = _line(row)
@@ -161,7 +161,7 @@ class Runner(Generic[Job]):
     words: JobWords
 
     def run(self, jobs: Sequence[Job], write: Callable[[Rows, int], None]) -> int:
-        """Do the unfinished jobs, in their order; returns how many these were.
+        """Do the unfinished jobs, in their order; returns their number.
 
         `write` is called at the end, even after an interruption, with the journal's rows and that number. Raises
         DasError if another command has the folder, if files cannot be written, and as `Workers.made` does.
@@ -182,7 +182,7 @@ class Runner(Generic[Job]):
         return len(left)
 
     def _make(self, left: Sequence[Job], of: int, journal: Journal) -> None:
-        """Do the jobs that are left, and show the progress; an interruption waits for those under way here."""
+        """Do the remaining jobs, and show the progress; an interruption waits for jobs under way on this machine."""
         if not left:
             return
         for job in left:
@@ -200,7 +200,7 @@ class Runner(Generic[Job]):
 
 
 def attempted(make: Callable[[Job], dict[str, Any]], job: Job) -> dict[str, Any]:
-    """The result of a job with its whole row. If the job fails, the row says why, so that other jobs can go on."""
+    """The result of a job with its whole row. If the job fails, the row has the reason, and other jobs continue."""
     try:
         return job.row | make(job)
     except DasError as error:

@@ -37,7 +37,7 @@ A value that is missing is empty. No column depends on the wall clock: the same 
 FAILED_TABLE: Final = "failed.csv"
 """The table of the trials that failed, each with the reason; written only if there are any."""
 README: Final = "README"
-"""Contents of the study, meaning of its columns, and which program made it when."""
+"""Contents of the study, meaning of its columns, and program and time that made it."""
 RECORDINGS: Final = "recordings"
 """The folder of the recordings, if they are kept."""
 TRIAL_COLUMNS: Final = {
@@ -51,7 +51,7 @@ TRIAL_COLUMNS: Final = {
 """The first columns of the table of trials; those of the factors, the seed of the day and the measures follow."""
 
 RESCORED: Final = "rescored from"
-"""Key of the frozen design with the hash of the one whose recordings were read."""
+"""Key of the frozen design for the hash of the design whose recordings were read."""
 
 _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
     "loss_level": {
@@ -70,14 +70,14 @@ _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
     },
     "driver": {
         DriverKind.PERFECT: "follows advice exactly and at once",
-        DriverKind.LITERAL: "does what the guide's card says and knows nothing else",
-        DriverKind.FAST: "drives as fast as is allowed",
+        DriverKind.LITERAL: "follows the guide's card and nothing else",
+        DriverKind.FAST: "drives as fast as allowed",
         DriverKind.TOP_SPEED: "never drives faster than the reduced maximum speed",
         DriverKind.TIMETABLE: "keeps to the timetable without advice",
         DriverKind.HUMAN: "a simulated human driver, who looks, reacts, errs and refuses",
     },
 }
-"""Meanings of the levels of factors, where the text of a level does not say it."""
+"""Meanings of the levels of factors, if the text of a level does not explain itself."""
 
 
 def recording_file(trial: StudyTrial) -> str:
@@ -86,7 +86,7 @@ def recording_file(trial: StudyTrial) -> str:
 
 
 def recording_name(participant: str, position: int, condition: str, seed: object) -> str:
-    """Name of the recording of a trial, by what its row in the table of trials says."""
+    """Name of the recording of a trial, from its row in the table of trials."""
     return f"{participant}_run-{position:03d}_{condition}_seed-{seed}.mcap"
 
 
@@ -120,7 +120,7 @@ def trials_table(design: Design, trials: Sequence[StudyTrial], measures: Mapping
 
 
 def readme(design: Design, workers: Workers, began: datetime, ended: datetime) -> bytes:
-    """What a study's folder has, what the columns mean, and what made it."""
+    """The README: contents of a study's folder, meanings of the columns, and origin."""
     people, kept = design.people, f"{DESIGN_TEXT}, {DESIGN_JSON}"
     who = (
         "one simulated driver with the default of every parameter"
@@ -152,7 +152,7 @@ def readme(design: Design, workers: Workers, began: datetime, ended: datetime) -
 
 
 def column_meanings(design: Design) -> dict[str, str]:
-    """What each column of the table of trials means, with its unit."""
+    """The meaning of each column of the table of trials, with its unit."""
     found = dict(TRIAL_COLUMNS)
     for factor in design.factors:
         known = FACTORS[factor.name]
@@ -167,11 +167,11 @@ def column_meanings(design: Design) -> dict[str, str]:
 
 
 def level_words(factor: str, level: str) -> str:
-    """What a level of a factor means; empty where its text says it already, or is none that this program knows."""
+    """The meaning of a level of a factor; empty if its text explains itself, or is unknown to this program."""
     if factor == "scenario":
         try:
             return day_of(level).title
-        except DasError:  # a file beside the design, which may be gone
+        except DasError:  # a file next to the design, which may be gone
             return ""
     if factor == "presentation" and level in list(Presentation):
         return presenter_of(Presentation(level)).meaning
@@ -181,7 +181,7 @@ def level_words(factor: str, level: str) -> str:
 def rescore(folder: Path, names: Sequence[str], out: Path) -> int:
     """Write a study's design and table into another folder, with some measures computed from its recordings.
 
-    Only measures that need nothing but a recording can be; those that the study had are replaced, others become new
+    Only measures that need nothing but a recording can be computed; existing ones are replaced, others become new
     columns. Returns the number of trials. Raises DasError for a study without recordings, and for other measures.
     """
     for name in names:
@@ -219,7 +219,7 @@ def _recording(design: Design, row: Mapping[str, str]) -> str:
 
 
 def _frozen_with(folder: Path, measures: tuple[str, ...]) -> bytes:
-    """The frozen design with these measures, and a hash of its own."""
+    """The frozen design with these measures, and its own hash."""
     data = {**read_json(folder / DESIGN_JSON).data}
     was = data.pop("hash")
     data["analysis"] = {**data["analysis"], "measures": list(measures)}

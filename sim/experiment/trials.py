@@ -1,4 +1,4 @@
-"""The trials of a design: who drives what under which condition, in which order and on which day; and driving them.
+"""The trials of a design, each with its participant, condition, place in the order and day; and driving them.
 
 `run_study` drives all unfinished trials, on all workers, and writes the files in the study's folder.
 """
@@ -113,7 +113,7 @@ def imbalances(design: Design, trials: Sequence[StudyTrial]) -> list[str]:
 
 
 def order_count(order: ConditionOrder, conditions: int) -> int | None:
-    """After how many participants the orders begin again; None if each participant's order is drawn."""
+    """The number of participants after which the orders repeat; None if each participant's order is drawn."""
     if order is ConditionOrder.WILLIAMS:
         return conditions * (1 if conditions % 2 == 0 or conditions == 1 else 2)
     return 1 if order is ConditionOrder.LISTED else None
@@ -136,7 +136,7 @@ def order_of(order: ConditionOrder, conditions: int, row: int, seed: Sequence[in
 def williams(count: int) -> list[list[int]]:
     """The rows of a Williams design for a number of conditions: a Latin square, with its mirror if the number is odd.
 
-    Every condition stands once in every place (twice with the mirror), and follows every other equally often: Williams
+    Every condition occurs once in every place (twice with the mirror), and follows every other equally often: Williams
     (1949), Australian Journal of Scientific Research A 2, 149–168.
     """
     first = [0]
@@ -169,7 +169,7 @@ class TrialJob:
     def inputs_sha256(self) -> str:
         """The hash of everything that decides the result; a trial with an equal hash need not be driven again.
 
-        A driver without habits drives alike for all participants.
+        A driver without habits drives the same for all participants.
         """
         trial, setting = self.trial, self.trial.setting
         human = not isinstance(setting.driver, DriverKind) or setting.driver is DriverKind.HUMAN
@@ -182,14 +182,14 @@ class TrialJob:
 
     @property
     def row(self) -> dict[str, Any]:
-        """What the journal says of the trial before it is driven."""
+        """The entries of the journal on the trial before it is driven."""
         trial = self.trial
         who = {"trial": trial.number, "participant": trial.participant, "condition": trial.condition}
         return {"inputs_sha256": self.inputs_sha256, **who}
 
     @property
     def recording(self) -> JobRecording | None:
-        """Where the trial is recorded; None if it is not."""
+        """The file in which the trial is recorded; None if it is not."""
         command = f"das-sim experiment run: trial {self.trial.number}, inputs {self.inputs_sha256}"
         return None if self.record is None else JobRecording(self.record, command)
 
@@ -227,7 +227,7 @@ _files_here = cache(setting_files)
 def make_trial(job: TrialJob) -> dict[str, Any]:
     """Drive a trial and find its measures; raises DasError if it cannot be driven.
 
-    DasError is also raised if a file of the trial is not the one with which the jobs were made: it was changed
+    DasError is also raised if a file of the trial differs from that with which the jobs were made: it was changed
     afterwards, or this is another machine with another file at the same path.
     """
     here = _files_here(job.trial.setting)
@@ -253,14 +253,14 @@ def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
 
 
 def _line_of(setting: Setting, *, by_level: bool) -> str:
-    """What the solved lines of a setting depend on: line, train, timetable and, by level, the advice's losses."""
+    """The key of a setting's solved lines: line, train, timetable and, by level, the advice's losses."""
     scenario = setting.read_scenario()
     return repr([*(getattr(scenario, name) for name in PLANNED), setting.loss_level if by_level else None])
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyRun:
-    """A finished run of a study: how many trials it has, how many were driven now, and the rows of failed ones.
+    """A finished run of a study: its number of trials, the number driven now, and the rows of failed trials.
 
     `measures` has those of each finished trial by its number.
     """

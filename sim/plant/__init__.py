@@ -1,1 +1,1 @@
-"""The simulated train, with physics of its own."""
+"""The simulated train, with its own physics."""

@@ -23,9 +23,9 @@ FORCE, LEVER, SPEED = 0, 1, 2
 
 
 class Command(NamedTuple):
-    """What the controller asks of the train until the next command; make one with `force`, `lever` or `speed`.
+    """The demand of the controller until the next command; made with `force`, `lever` or `speed`.
 
-    `law` says what `value` is. FORCE: a wheel force (N); LEVER: a share of the largest traction (0 … 1) or of all
+    `law` is the meaning of `value`. FORCE: a wheel force (N); LEVER: a share of the largest traction (0 … 1) or of all
     brakes (−1 … 0) at the present speed on a dry rail; SPEED: a speed (m/s) to hold, which changes by `rate_mps2`, with
     `force_n` + `gain_per_s` × inertial mass × (wanted − actual speed). The force stays within `low_n` and `high_n`. The
     friction brake gives at least the share `friction_ratio` of a braking force.
@@ -44,8 +44,8 @@ class Command(NamedTuple):
 class PlantState(NamedTuple):
     """The train at a moment: time (s), position of the head (m), speed (m/s), acceleration (m/s²), wheel forces (N).
 
-    `…_waited_s`: for how long traction, electric brake and friction brake have been asked for. Energies (J) count from
-    the start. At the collector: `input_j`, `unreturned_j`. Where it went: `resistance_j` (running, tunnels, curves),
+    `…_waited_s`: times for which traction, electric brake and friction brake have been demanded. Energies (J) count
+    from the start. At the collector: `input_j`, `unreturned_j`. Consumed: `resistance_j` (running, tunnels, curves),
     `component_loss_j`, `auxiliary_j`, `friction_brake_j`. `comfort_j` is not part of `input_j`. `blending_j` is the
     part of `input_j` that would not have been needed if the motors had braked as much as they could.
     """
@@ -70,7 +70,7 @@ class PlantState(NamedTuple):
 
 
 class TrainNumbers(NamedTuple):
-    """A train as the kernels take it (SI; see `das.domain.vehicle.Vehicle`).
+    """The train's numbers for the kernels (SI; see `das.domain.vehicle.Vehicle`).
 
     The adhesive forces are those of a dry rail per unit of the adhesion coefficient; `rail_ratio` is the rail's state.
     `traction_curve` and `electric_curve` (n, 2) are effort curves: rising speeds with their largest forces, no rows if
@@ -100,7 +100,7 @@ class TrainNumbers(NamedTuple):
 
 
 class Actuators(NamedTuple):
-    """Dead times (s) and rates of the forces (N/s) as the kernels take them (see `sim.plant.plant.Dynamics`)."""
+    """Dead times (s) and rates of the forces (N/s) for the kernels (see `sim.plant.plant.Dynamics`)."""
 
     traction_dead_s: float
     traction_rise_n_per_s: float
@@ -129,10 +129,10 @@ class LossNumbers(NamedTuple):
 
 
 class LineNumbers(NamedTuple):
-    """A route under one train as the kernels take it.
+    """A route under one train, for the kernels.
 
     `node_m` (n,) and `profile` (n, 9): gradient (ratio), curves (m/s²) and tunnels (N/(m/s)²) as means over the train
-    with its head at s. Each has its value and slope from the node on, and its integral up to the node.
+    with its head at s. Each quantity has its value and slope from the node on, and its integral up to the node.
     `supply_start_m`, `supply` (k,): see `das.domain.route.Route.supply`.
     `weather` (w, 6): from and to (m), from and to (s), adhesion ratio, head wind (m/s).
     """
@@ -298,7 +298,7 @@ def demanded(u, into, v, p):
 
 @kernel
 def _built_up(before, target, waited, dead, rise, fall, dt):
-    """Magnitude of a force after a step: it falls at once, but rises only after its dead time."""
+    """Magnitude of a force after a step: it falls immediately, but rises only after its dead time."""
     if target <= before:
         return max(target, before - fall * dt)
     usable = dt if before > 0.0 else min(max(waited + dt - dead, 0.0), dt)
@@ -324,7 +324,7 @@ def step(x, u, began, into, dt, line, p, a, c):
 
     Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over the
     train and the step's distance. Supply and weather are those at the start of the step; a neutral section counts from
-    the step that reaches it. Braking energy is counted where it goes, so that the energy balance closes.
+    the step that reaches it. Braking energy is counted where it goes, to close the energy balance.
     """
     v0 = x.speed_mps
     rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)
@@ -350,7 +350,7 @@ def step(x, u, began, into, dt, line, p, a, c):
     asked = max(asked, min(-p.inertial_mass_kg * p.max_deceleration_mps2 + resistance + weight, 0.0))
     pulls, electric, rubs = _shared(asked, u.friction_ratio, ahead, rail, supply, p)
 
-    # How far each force has built up: the motors pull or brake, never both.
+    # The build-up of each force: the motors pull or brake, never both.
     pulled = _built_up(
         max(el0, 0.0), pulls if el0 >= 0.0 else 0.0, x.traction_waited_s, a.traction_dead_s,
         a.traction_rise_n_per_s, a.traction_fall_n_per_s, dt,

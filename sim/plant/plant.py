@@ -1,4 +1,4 @@
-"""A simulated train with physics of its own, which share no code with the solver so that they share no errors.
+"""A simulated train with its own physics, sharing no code, and hence no errors, with the solver.
 
 m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/explanation/physics.md. Moreover,
 forces take time (dead time, build-up, jerk), and wheels transmit only what the adhesion at this place and time allows.
@@ -51,7 +51,7 @@ def speed(
     low_n: float = -NO_LIMIT_N,
     high_n: float = NO_LIMIT_N,
 ) -> Command:
-    """Hold a speed that changes by `rate_mps2`; `force_n` is the force that this is expected to need."""
+    """Hold a speed that changes by `rate_mps2`; `force_n` is the force expected for it."""
     return Command(kernels.SPEED, speed_mps, rate_mps2, force_n, gain_per_s, low_n, high_n)
 
 
@@ -61,7 +61,7 @@ COAST = force(0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Dynamics:
-    """How fast the forces of a train build up and fall, and the step of the integration."""
+    """Times in which the forces of a train build up and fall, and the step of the integration."""
 
     traction_dead_s: float = 0.2
     """Time (s) from the command until traction begins; assumption of a size usual with electronic control."""
@@ -108,7 +108,7 @@ class Dynamics:
 
 @dataclass(frozen=True, kw_only=True)
 class Patch:
-    """A stretch of line on which, for some time, the rail is in another state or a wind blows.
+    """A stretch of line on which the state of the rail or the wind differs for some time.
 
     `adhesion_ratio` multiplies the adhesion, `head_wind_mps` adds to the wind, both by the share of the train on the
     stretch (its axles are taken as spread evenly). Patches may overlap.
@@ -132,10 +132,10 @@ class Patch:
 class Plant:
     """A train on a route, stepped under commands.
 
-    `conditions` and `patches` say how the true train and line differ from the files of route and vehicle; a plan need
-    not know this. A wind belongs in `conditions` or `patches`, not in the vehicle's resistance. A train with the brake
-    policy FRICTION has only a friction brake, which gives the whole braking force; any other train uses the electric
-    brake first, friction for the rest.
+    `conditions` and `patches` are the differences of the true train and line from the files of route and vehicle; plans
+    may be made without them. A wind belongs in `conditions` or `patches`, not in the vehicle's resistance. A train with
+    the brake policy FRICTION has only a friction brake, which gives the whole braking force; any other train uses the
+    electric brake first, friction for the rest.
 
     Raises DasError for losses that do not cover what the train can do here, and for conditions without data.
     """
@@ -198,7 +198,7 @@ class Plant:
         return float(rail) * self._train.rail_ratio, float(wind)
 
     def balance(self, before: PlantState, after: PlantState) -> EnergyBalance:
-        """Where the energy went between two states; kinetic and potential energy come from the states, as a check."""
+        """The energy balance between two states; kinetic and potential energy come from the states, as a check."""
         vehicle, weight_n = self.vehicle, self.vehicle.mass_kg * STANDARD_GRAVITY_MPS2
 
         def used(name: str) -> float:

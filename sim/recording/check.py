@@ -1,4 +1,4 @@
-"""The health of a recording: what it holds, how fast the advice was, and what is wrong."""
+"""The health of a recording: its contents, the speed of the advice, and its faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sim.recording.opening import is_session, versions
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """How many messages a topic has, how many per second, and the usual and the longest interval between two (s)."""
+    """The rate of a topic: number of messages, messages per second, and usual and longest interval between two (s)."""
 
     messages: int
     per_s: float
@@ -51,11 +51,11 @@ def rate_of(recording: Recording, topic: Topic) -> Rate | None:
 
 
 LATE_AFTER_S = 1.0
-"""Time (s) after its time stamp from which advice that is recorded reached the driver late as well."""
+"""Delay (s) from time stamp to recording from which advice counts as late for the driver as well."""
 SLOW_AFTER_S = 1.0
-"""Time of computing (s) above which advice comes only when the next is due."""
+"""Computing time (s) above which advice comes only when the next advice is due."""
 LONGEST_GAP_S = STALE_AFTER_S
-"""After a longer gap (s) the node withdraws its advice for want of positions, and the display goes dark."""
+"""Gap (s) of the positions above which the node withdraws its advice and the display goes dark."""
 GAP_INTERVALS = 2.5
 """Usual intervals without a message from which a topic slower than once a second has a gap."""
 CYCLIC = (topics.POSITION, topics.CONTROL, topics.ADVICE, topics.STATUS, topics.TRUTH, topics.CAB)
@@ -64,7 +64,7 @@ OF_A_SESSION = (topics.JOURNEY, topics.RESTRICTION, topics.POSITION, topics.ADVI
 OF_A_TRIP = (topics.POSITION,)
 """Topics that a recording must have: `OF_A_SESSION` with a node at work, `OF_A_TRIP` for a trip without a node."""
 MOST_OF_A_KIND = 5
-"""Most gaps of a topic that are reported one by one."""
+"""Largest number of gaps of a topic that are reported one by one."""
 
 
 class CheckKind(StrEnum):
@@ -88,7 +88,7 @@ class CheckKind(StrEnum):
 
 
 class CheckFinding(NamedTuple):
-    """Something that is wrong: its kind, a sentence about it, and its time (ns since 1970; 0: it has no time)."""
+    """A fault: its kind, a sentence about it, and its time (ns since 1970; 0: it has no time)."""
 
     kind: CheckKind
     text: str
@@ -96,7 +96,7 @@ class CheckFinding(NamedTuple):
 
 
 def find(recording: Recording) -> Iterator[CheckFinding]:
-    """All that is wrong with a recording: its file, its topics, its advice, then the programs and files behind it."""
+    """All faults of a recording: of its file, topics and advice, then of the programs and files behind it."""
     yield from _of_the_file(recording)
     for topic in OF_A_SESSION if is_session(recording) else OF_A_TRIP:
         if not recording.of(topic):
@@ -169,7 +169,7 @@ def _unanswered(recording: Recording) -> Iterator[CheckFinding]:
 
 
 def _of_the_advice(recording: Recording) -> Iterator[CheckFinding]:
-    """Advice based on an old position, expired before the next came (the display had nothing to show), or late."""
+    """Advice based on an old position, expired before the next advice (a blank display), or late."""
     data = recording.columns(topics.ADVICE, "time_ns", "valid_until_ns", "mode")
     status = recording.columns(topics.STATUS, "time_ns", "last_advice_s")
     based_ns, age_s = _position_ages(recording)
@@ -200,7 +200,7 @@ def _position_ages(recording: Recording) -> tuple[Times, Floats]:
 
 
 def to_recorder_s(recording: Recording) -> Floats:
-    """How long (s) each advice message took to the recorder; empty for a simulation, whose clock waits meanwhile."""
+    """The time (s) of each advice message to the recorder; empty for a simulation, whose clock waits meanwhile."""
     if recording.of(topics.CONTROL):
         return np.zeros(0)
     data = recording.columns(topics.ADVICE, "time_ns")
@@ -213,7 +213,7 @@ RATE_COLUMNS = ("topic", "messages", "a second", "usual interval", "longest gap"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Checked:
-    """The result of a check: figures (`numbers`), the rate of each topic, what is wrong (`findings`), and `notes`."""
+    """The result of a check: figures (`numbers`), the rate of each topic, the faults (`findings`), and `notes`."""
 
     recording: Recording
     numbers: dict[str, Any]
@@ -327,9 +327,9 @@ TIMES: Final = {
 
 
 def _speed_of_advice(recording: Recording) -> dict[str, dict[str, float] | None]:
-    """How long solving, advising and the transfer to the recorder took (s): median and most.
+    """The times of solving, advising and transfer to the recorder (s): median and maximum.
 
-    None: not measured, because the clock is that of a simulation. A time of which there is no message is left out.
+    None: not measured, because the clock is that of a simulation. A time without messages is left out.
     """
     status = recording.columns(topics.STATUS, "solve_s", "last_advice_s")
     measured = {"solve_s": status["solve_s"], "advice_s": status["last_advice_s"]}

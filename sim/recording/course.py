@@ -28,13 +28,13 @@ OWN_TIMETABLE: Final = "own_timetable"
 
 
 def own_timetable(recording: Recording) -> bool:
-    """Whether the times of a journey are those of the drive itself: nobody gave a timetable for its replay."""
+    """Whether the times of a journey are those of the drive itself, because its replay had no timetable."""
     return OWN_TIMETABLE in recording.metadata.get("run", {})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenCourse:
-    """Where a train was and how fast, each array of shape (samples,)."""
+    """Positions and speeds of a train, each array of shape (samples,)."""
 
     time_ns: Times
     s_m: Floats
@@ -42,7 +42,7 @@ class DrivenCourse:
 
     @classmethod
     def of(cls, recording: Recording) -> DrivenCourse:
-        """The course of a recording: the truth if it was recorded, else what localisation reported.
+        """The course of a recording: the truth if it was recorded, else the positions reported by localisation.
 
         Raises DasError if the recording has no position at all.
         """
@@ -69,7 +69,7 @@ class DrivenCourse:
 
 
 def stretches_of(holds: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """The stretches of samples at which something holds: the index of the first, and that behind the last."""
+    """The stretches of samples at which a condition holds: index of the first, and index behind the last."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(np.int8)))
     return [(first, end) for first, end in edges.reshape(-1, 2).tolist()]
 
@@ -126,7 +126,7 @@ class DriveClock:
         return cls(zero_ns=first_ns, zero_is=first_is)
 
     def since_s(self, time_ns: int) -> float:
-        """What the clock shows at a moment (s)."""
+        """The time on the clock at a moment (s)."""
         return (time_ns - self.zero_ns) * NS
 
     def shown(self, time_ns: int) -> str:
@@ -205,7 +205,7 @@ HELD: Final = tuple(one.name for one in (topics.RESTRICTION, topics.TARGET, topi
 
 
 def part_of(recording: Recording, start: str | None, end: str | None) -> Recording:
-    """The part of a recording between two times as a user writes them (see `FORMS`); None stands for its ends.
+    """The part of a recording between two times in a user's words (see `FORMS`); None stands for its ends.
 
     Raises DasError if a text is no time, or if the train has no position between the times.
     """
@@ -234,7 +234,7 @@ def _kept(entries: Sequence[Stamped], topic: str, from_ns: int, to_ns: int) -> t
 STANDING_MPS: Final = 0.3
 """Speed (m/s) below which a train stands: receivers report a few cm/s at rest."""
 POSITION_ERROR_M: Final = 3.0
-"""Error of a receiver's positions (m): over a shorter distance they do not show when the train stopped."""
+"""Error of a receiver's positions (m); shorter distances do not show the time of a stop."""
 
 
 class StandingTime(NamedTuple):
@@ -288,7 +288,7 @@ def at_rest(trip: DrivenCourse, stand: StandingTime) -> StandingTime:
 
 
 def arrival_ns(trip: DrivenCourse, stand: StandingTime, error_m: float = 0.0) -> int:
-    """When the train came to a stand (ns since 1970); 0 if it stood from the first sample on.
+    """The time (ns since 1970) at which the train came to a stand; 0 if it stood from the first sample on.
 
     At constant deceleration the train needs 2·Δs/v from the last moving sample to the stand. If that distance is within
     the error of the positions (`error_m`), the time is halfway between the samples in motion and at rest: taking the
@@ -298,12 +298,12 @@ def arrival_ns(trip: DrivenCourse, stand: StandingTime, error_m: float = 0.0) ->
 
 
 def departure_ns(trip: DrivenCourse, stand: StandingTime, error_m: float = 0.0) -> int:
-    """When the train left a stand (ns since 1970); 0 if it stood to the last sample. Mirrors `arrival_ns`."""
+    """The time (ns since 1970) at which the train left a stand; 0 if it stood to the last. Mirrors `arrival_ns`."""
     return _edge_ns(trip, stand.last + 1, stand.last, error_m)
 
 
 def _edge_ns(trip: DrivenCourse, moving: int, rest: int, error_m: float) -> int:
-    """When a train between a moving sample and one at rest began or ended to stand (ns; 0: no such moving sample)."""
+    """The time (ns) at which a stand began or ended between a moving sample and one at rest; 0: no moving sample."""
     if not 0 <= moving < len(trip.time_ns):
         return 0
     moving_ns, rest_ns = int(trip.time_ns[moving]), int(trip.time_ns[rest])

@@ -1,4 +1,4 @@
-"""The input files of a run, and the files attached to a recording, which are written to a folder to be read from there.
+"""The input files of a run, and the files attached to a recording, which are read from a folder.
 
 Line, train and loss level of a recorded drive come from the attached files.
 
@@ -60,10 +60,10 @@ _Input = TypeVar("_Input", Route, Vehicle)
 
 
 class AttachedFiles:
-    """The attached files of a recording by the kinds in its metadata; each is written when it is asked for."""
+    """The attached files of a recording by the kinds in its metadata; each is written when it is requested."""
 
     def __init__(self, recording: Contents | Recording, folder: Path) -> None:
-        """`folder` is private: the files are put there under their bare names, each in a folder of its own."""
+        """`folder` is private: the files are put there under their bare names, each in its own folder."""
         files = recording.attachments if isinstance(recording, Contents) else recording.attached
         self._path = recording.path
         self._run = recording.metadata.get("run", {})
@@ -173,7 +173,7 @@ def _paths_in(table: Mapping[str, Any], keys: Collection[str]) -> Iterator[tuple
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveInputs:
-    """Line as driven, train as planned and loss level of a drive, and where they come from (`source`)."""
+    """Line as driven, train as planned and loss level of a drive, and their origin (`source`)."""
 
     route: Route
     vehicle: Vehicle

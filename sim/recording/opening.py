@@ -1,4 +1,4 @@
-"""How every command opens a recording and writes one, and the metadata that say how it was made.
+"""The opening and writing of recordings for all commands, and the metadata on their origin.
 
 Damaged parts are left out with a warning. If a recording holds several trains, the user must name one. A new file
 appears at its path only when it is complete.
@@ -28,7 +28,7 @@ WHAT_IF: Final = "what_if"
 OF, OF_SHA256, CHANGED = "what_if_of", "what_if_of_sha256", "what_if_changed"
 """Keys of a what-if: the recording that it starts from, that file's hash, and the changes in words."""
 NOTHING: Final = "nothing"
-"""Text for a day on which nothing happens, and for a what-if in which nothing changes."""
+"""Text for a day without disturbances, and for a what-if without changes."""
 _warned: set[str] = set()
 """Warnings that the process has printed."""
 
@@ -74,7 +74,7 @@ def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
 
 
 def is_session(recording: Recording) -> bool:
-    """Whether a node was at work, so that its messages must be there."""
+    """Whether a node was active, so that its messages must be there."""
     return any(recording.of(topic) for topic in (topics.ADVICE, topics.STATUS, topics.CONTROL))
 
 

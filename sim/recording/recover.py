@@ -1,4 +1,4 @@
-"""Saves the sound parts of a cut or damaged recording in a new, complete file, and reports what is lost."""
+"""Saves the sound parts of a cut or damaged recording in a new, complete file, and reports the losses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from das.domain.files.writing import whole_file
 
 @dataclass(frozen=True, kw_only=True)
 class Recovered:
-    """What was saved and what is lost. `undescribed` counts the messages of unknown channels, which are left out."""
+    """The saved and the lost parts. `undescribed` counts the messages of unknown channels, which are left out."""
 
     source: Path
     out: Path
@@ -39,7 +39,7 @@ class Recovered:
         return lost + (self.health.size_bytes - self.health.cut_byte if self.health.cut_byte >= 0 else 0)
 
     def losses(self) -> list[str]:
-        """Sentences about what is lost; empty if everything was saved."""
+        """Sentences about losses; empty if everything was saved."""
         health = self.health
         lines = [f"left out: {one}" for one in health.damage if one.lost]
         lines += [f"mended: {one}" for one in health.damage if not one.lost]

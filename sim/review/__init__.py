@@ -1,1 +1,1 @@
-"""Looking at recordings: what happened, as pictures and in the rerun viewer."""
+"""The review of recordings: as a report, as pictures and in the rerun viewer."""

@@ -1,4 +1,4 @@
-"""How matplotlib draws the parts of a page's pictures: axes in a column, curves, lanes of states, names of stops."""
+"""The parts of a page's pictures in matplotlib: axes in a column, curves, lanes of states, names of stops."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NAMES_AT_POINTS: Final = (17.0, 29.0)
 into the second; a name without room there is left out."""
 
 Along = Callable[[Times], Floats]
-"""Returns where times (ns) lie on an axis."""
+"""Returns the places of times (ns) on an axis."""
 
 
 def curve(axis: Any, name: str, x: Floats, values: Floats) -> None:
@@ -160,12 +160,12 @@ def as_image(figure: Figure) -> str:
 
 
 SHOWN_IN: Final = 0.3
-"""Height (in) of the lane of what the display of a compared drive showed."""
+"""Height (in) of the lane for the display's content of a compared drive."""
 
 
 def comparison_figure(aligned: AlignedDrives) -> Figure:
-    """Compared drives over the position: speeds with the results, what displays showed, and time and lost energy, each
-    minus that of the first drive."""
+    """Compared drives over the position: speeds with the results, contents of displays, and time and lost energy minus
+    those of the first drive."""
     shown = [(one, lane) for one in aligned.drives for lane in lanes(one.drive) if lane.name == "shown"]
     figure, axes = light_figure((2.6, *(SHOWN_IN for _ in shown), 1.3, 1.3))
     (speed, *told), (time, energy) = axes[:-2], axes[-2:]

@@ -1,7 +1,7 @@
 """The scene as rerun entities over time, and the layout of the viewer.
 
-A plot of rerun shows ±30 s about the cursor unless its axis has a range, which linked axes ignore: every plot has its
-own range, the whole trip.
+A plot of rerun shows ±30 s around the cursor unless its axis has a range, which linked axes ignore. Therefore every
+plot has its own range, the whole trip.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ LEVELS: Final[Mapping[int, str]] = {
 
 INK: Final = rgba(VIEWER.ink)
 LANE_LETTERS: Final = 137.0
-"""Letters that fit into a lane in the window that the layout is made for."""
+"""Number of letters that fit into a lane in the layout's window."""
 FIGURE: Final = re.compile(r"[+-]?\d[\d.]*")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Timelines:
-    """Puts messages on all timelines: the clock of the line (the one to look at), that of the drive, and the position.
+    """Puts messages on all timelines: the clock of the line (shown at first), that of the drive, and the position.
 
     The viewer opens at the earliest moment of a timeline, so `opening_ns` is the first moment that is drawn.
     """
@@ -75,7 +75,7 @@ class Timelines:
         return f"clock in {self.zone}" if str(self.zone) != "UTC" else "clock in UTC (no zone)"
 
     def local_ns(self, time_ns: Times) -> Times:
-        """Moments as the line's clock shows them, the earlier ones moved to the opening: ns since 1970 there."""
+        """Moments on the line's clock (ns since 1970 there); those before the opening are moved to it."""
         ahead = datetime.fromtimestamp(self.opening_ns * NS, self.zone).utcoffset() or timedelta()
         return np.asarray(np.maximum(time_ns, self.opening_ns) + round(ahead.total_seconds() / NS))
 
@@ -95,7 +95,7 @@ class Timelines:
 
 
 def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> None:
-    """Send everything to rerun that is to be shown; the display is in a language."""
+    """Send the whole scene to rerun; the display is in the given language."""
     out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
     lines, attribution = Timelines.of_scene(scene), scene.drive.energy.attribution
     for name, (time_ns, values) in scene.series.items():
@@ -162,7 +162,7 @@ def _lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
     ends_ns = np.maximum(np.append(time_ns, lines.trip.time_ns[-1]), lines.opening_ns)
     letters = np.diff(ends_ns) / max(float(lines.trip.time_ns[-1] - lines.opening_ns), 1.0) * LANE_LETTERS
     texts = [fitting(change.state, room) for change, room in zip(lane.changes, letters, strict=True)]
-    # A value is told from another one with the same colour and the same words by its end, which is not shown.
+    # Values with the same colour and words are distinguished by their end, which is not shown.
     values = {f"{change.state}|{text}": (text, change.state) for change, text in zip(lane.changes, texts, strict=True)}
     shades = np.array([rgba(lane.color(state, VIEWER)) for _, state in values.values()], dtype=np.uint32)
     labels = [text or " " for text, _ in values.values()]
@@ -172,7 +172,7 @@ def _lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
 
 
 def fitting(state: str, letters: float) -> str:
-    """The words of a state, or else the figure in them, or else nothing: whatever fits into a number of letters."""
+    """The words of a state, else the figure in them, else nothing: the first that fits into a number of letters."""
     figure = FIGURE.search(state)
     for text in (state, figure[0] if figure else ""):
         if len(text) + 1 <= letters:
@@ -218,7 +218,7 @@ MARGIN_RATIO: Final = 0.02
 class Row(NamedTuple):
     """A view over time: its quantity or its lanes, its share of the height, the corner of its legend, and its title.
 
-    The title is for lanes; a quantity has a title of its own.
+    The title is for lanes; a quantity has its own title.
     """
 
     origin: str
@@ -253,7 +253,7 @@ TABS: Final = {
     ),
 }
 HEIGHTS: Final = {"buffer": BUFFER_PERCENT, "lever": (-105.0, 105.0)}
-"""Ranges of the axes that do not follow from what is shown."""
+"""Ranges of the axes that do not follow from the values shown."""
 LANE_SHARE: Final = 0.6
 """Height that each lane adds to the share of its view."""
 
@@ -303,7 +303,7 @@ def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical 
 
 
 def _said(lanes: tuple[str, ...], found: set[str]) -> tuple[str, ...]:
-    """The lanes; without that of the modes advised where that of the display stands beside it."""
+    """The lanes; that of the modes advised is left out if the lane of the display is shown."""
     return tuple(one for one in lanes if not (one == "advised" and {"shown"} & found & set(lanes)))
 
 

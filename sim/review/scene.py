@@ -1,7 +1,7 @@
-"""The scene of a review: everything that a review draws of a drive, found once, as plain data.
+"""The scene of a review: all data that a review draws of a drive, computed once, as plain data.
 
 Two renderers draw it: `rerun_drawing` for the viewer, and `report.figures` for a page. Names, units and the meaning of
-colours are defined here and in `sim.drive.series`; a renderer decides where things go.
+colours are defined here and in `sim.drive.series`; a renderer decides on their places.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ MEANINGS: Final = {
 LEAST_KWH: Final = 0.05
 """Least cost (kWh) of a span in the lane of costs."""
 OTHER_THAN_ADVISED: Final = (EnergyCause.AGAINST_ADVICE, EnergyCause.LATE_COASTING)
-"""The causes by which the effort set differed from the effort advised."""
+"""The causes that are differences of the set effort from the advised effort."""
 COST_MEANINGS: Final = {
     EnergyCause.SIGNAL: Meaning.DANGER,
     EnergyCause.RESTRICTION: Meaning.LIMIT,
@@ -81,11 +81,11 @@ STATES: Final = {
     "waiting": Meaning.NO_ADVICE,
 }
 WAY: Final = "stops"
-"""The lane of where the train was: at a stop, or on the way to one."""
+"""The name of the lane of the train's place: at a stop, or on the way to one."""
 COST: Final = "driving cost"
-"""The lane of what the driving cost above the optimum."""
+"""The name of the lane of the driving's cost above the optimum."""
 MODE_LANES: Final = ("advised", "shown")
-"""The lanes of the modes that the node advised, and of those that the display showed."""
+"""The names of the lanes of the modes that the node advised, and of those that the display showed."""
 STANDING: Final = (das_pb2.MODE_STOP, das_pb2.MODE_DEPART)
 """The modes of a train that stands, which even a display without modes may show."""
 
@@ -116,7 +116,7 @@ def lane_entity(name: str) -> str:
 
 
 def lanes(drive: Drive) -> tuple[Lane, ...]:
-    """The lanes that have something to show."""
+    """The lanes that are not empty."""
     table, trip, silent = drive.table, drive.table.course, drive.silences
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in drive.signals]
     modes = _states(_mode, *table.of_topic("advice", "mode"))
@@ -134,7 +134,7 @@ def lanes(drive: Drive) -> tuple[Lane, ...]:
 
 
 def instructions(drive: Drive) -> Lane:
-    """What the display said to the driver of a moving train, in words ("hold 120"); no changes if it said nothing."""
+    """The words on the display for the driver of a moving train ("hold 120"); no changes if it was blank."""
     changes, colors = [Change(0, "")], dict[str, str | Meaning]()
     for time_ns, view in zip(*(one.tolist() for one in drive.table.of_topic("cab", "view")), strict=True):
         text = "" if view is None or view.mode in STANDING else _instruction(view)
@@ -156,7 +156,7 @@ def _states(state_of: Callable[..., str], time_ns: Times, *columns: Any) -> list
 
 
 def _changes(trip: DrivenCourse, said: Sequence[Change], silent: Iterable[Span]) -> tuple[Change, ...]:
-    """The changes of state during the trip, with an empty state from the moment when the node falls silent.
+    """The changes of state during the trip, with an empty state from the moment when the node's messages cease.
 
     Messages from before and after the trip are left out, because in a replay their times are of another clock.
     """
@@ -170,7 +170,7 @@ def _changes(trip: DrivenCourse, said: Sequence[Change], silent: Iterable[Span])
 
 
 def lane_of_stops(stops: Sequence[AtStop]) -> Lane:
-    """The lane of where the train was: standing at a stop, or on the way to the next."""
+    """The lane of the train's place: standing at a stop, or on the way to the next."""
     changes, colors = [], {}
     for stop, following in pairwise([*stops, None]):
         assert stop is not None
@@ -224,14 +224,14 @@ def _without_mode() -> dict[str, str]:
 
 
 class Mark(NamedTuple):
-    """Something that happened: when (ns since 1970), its words with time and place, and the meaning of its colour."""
+    """A mark of an event: its moment (ns since 1970), its words with time and place, and the meaning of its colour."""
 
     time_ns: int
     text: str
     meaning: Meaning | None
 
     def color(self, theme: Theme) -> str:
-        """The colour of the mark; the colour of the ink if the mark means nothing in particular."""
+        """The colour of the mark; the colour of the ink if the mark has no meaning."""
         return theme.ink if self.meaning is None else theme.of[self.meaning]
 
 
@@ -249,7 +249,7 @@ class Trace(NamedTuple):
 
 
 class RestrictedTime(NamedTuple):
-    """From when to when (ns since 1970) the train's head was on a temporary restriction, and its limit (m/s)."""
+    """The span of time (ns since 1970) of the train's head on a temporary restriction, and its limit (m/s)."""
 
     start_ns: int
     end_ns: int
@@ -263,12 +263,12 @@ class ReviewScene:
     drive: Drive
     series: Found
     placed: tuple[Trace, ...]
-    """Series with positions of their own; other series lie where the train was at their times."""
+    """Series with their own positions; other series lie at the position of the train at their times."""
     lanes: tuple[Lane, ...]
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
     filled_from: str = ""
-    """A sentence about what is estimated because it was not recorded; empty if nothing is."""
+    """A sentence about series that are estimated because they were not recorded; empty if there are none."""
 
     @classmethod
     def of(cls, drive: Drive) -> ReviewScene:
@@ -297,7 +297,7 @@ class ReviewScene:
 
     @property
     def trip(self) -> DrivenCourse:
-        """Where the train was, and how fast."""
+        """The positions and speeds of the train."""
         return self.drive.table.course
 
     @property
@@ -313,11 +313,11 @@ class ReviewScene:
 
     @property
     def quantities(self) -> set[str]:
-        """The quantities of which there is something to show."""
+        """The quantities with values to show."""
         return {quantity_of(name) for name, (time_ns, _) in self.series.items() if len(time_ns)}
 
     def km_at(self, time_ns: Times) -> Floats:
-        """Where the train was (km) at moments (ns since 1970)."""
+        """Positions of the train (km) at moments (ns since 1970)."""
         return self.trip.at(time_ns, self.trip.s_m) / KM
 
     def over_distance(self, names: Iterable[str]) -> Iterator[Trace]:
@@ -340,7 +340,7 @@ class ReviewScene:
         return (min(ends), max(ends)) if ends else None
 
     def restricted_times(self) -> Iterator[RestrictedTime]:
-        """When the train's head was on a restriction, for each restriction that it came to."""
+        """The span of time of the train's head on each restriction that it came to."""
         trip = self.trip
         for limit in self.drive.temporary_limits:
             one = limit.restriction
@@ -351,7 +351,7 @@ class ReviewScene:
 
 
 def _placed(drive: Drive) -> Iterator[Trace]:
-    """The first plan, and by how much the train was faster than the speed shown to keep."""
+    """The first plan, and the excess of the train's speed over the speed shown to keep."""
     trip, plan, shown = drive.table.course, first_plans(drive.table), drive.energy.shown
     if plan is not None:
         within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
@@ -381,7 +381,7 @@ def _bookmarks(drive: Drive) -> tuple[Mark, ...]:
 
 
 def meaning_of(cause: EnergyCause) -> Meaning:
-    """What the colour of a cause says."""
+    """The meaning of the colour of a cause."""
     return COST_MEANINGS.get(cause, Meaning.LOST)
 
 
@@ -400,7 +400,7 @@ class CostSpan(NamedTuple):
 
 
 def cost_lanes(attribution: Attribution) -> Iterator[Lane]:
-    """The lane of what the driving cost: for each span worth showing, its cause and its energy; none without spans."""
+    """The lane of the driving's cost: for each span worth showing, its cause and energy; none without spans."""
     changes: list[Change] = []
     colors: dict[str, str | Meaning] = {}
     for span in (span for leg in attribution.legs for span in spans_of(leg)):

@@ -1,6 +1,6 @@
 """A recording to look at in the rerun viewer, or as a file for it with our own layout.
 
-Rerun need not be installed: what draws with it is imported when it is needed.
+Rerun need not be installed: modules that use it are imported when needed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ CLOSING_S: Final = 5.0
 
 
 def save_view(drive: Drive, rrd_path: Path, language: Language = Language.EN) -> None:
-    """Write a recording as a rerun file, with our layout; the display is in a language.
+    """Write a recording as a rerun file, with our layout; the display is in the given language.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
@@ -100,7 +100,7 @@ def viewer_environment() -> dict[str, str]:
 
 
 def run_viewer(file: Path) -> None:
-    """Start a viewer of a file and wait until it is closed; DasError where it ends with an error."""
+    """Start a viewer of a file and wait until it is closed; DasError if it ends with an error."""
     viewer = subprocess.Popen(viewer_command(file), env=viewer_environment(), start_new_session=True)
     try:
         code = viewer.wait()

@@ -1,4 +1,4 @@
-"""What the driver saw at each moment, in words."""
+"""The driver's view at each moment, in words."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Card(NamedTuple):
 
     @property
     def line(self) -> str:
-        """The card in one line, without how the controller stands."""
+        """The card in one line, without the setting of the controller."""
         rows = (f"{name} {value}" for name, value in self.rows.items() if name != "controller")
         return "; ".join([self.said[0], *rows])
 
@@ -57,9 +57,9 @@ IN_ENGLISH: Final = DisplayWords()
 
 
 def cards(table: DriveTable, said: DisplayWords = IN_ENGLISH) -> tuple[Card, ...]:
-    """What the driver saw, a card for each change; if no display was recorded, what the node advised.
+    """The driver's view, a card for each change; if no display was recorded, the node's advice.
 
-    The words of the display are in its language, those of the review beside them in English.
+    The words of the display are in its language, those of the review are in English.
     """
     topic, kind = ("cab", CabRow) if table.has("cab") else ("advice", AdviceRow)
     rows = (one.tolist() for one in table.of_topic(topic, *kind._fields))
@@ -76,7 +76,7 @@ def _changes(texts: list[Card], trip: DrivenCourse) -> Iterator[Card]:
 
 
 class CabRow(NamedTuple):
-    """What a card tells of the cab at a moment: the advice shown (None: none), limit, controller and signal."""
+    """The content of a card on the cab at a moment: the advice shown (None: none), limit, controller and signal."""
 
     view: AdviceView | None
     limit_mps: float
@@ -107,7 +107,7 @@ class CabRow(NamedTuple):
 
 
 class AdviceRow(NamedTuple):
-    """What a card tells of advice of the node, if no display was recorded."""
+    """The content of a card on the node's advice, if no display was recorded."""
 
     mode: int
     reason: Reason
@@ -147,7 +147,7 @@ def _next(change: str, in_s: float) -> str:
 
 
 def _departure(name: str, speed_mps: float, ratio: float) -> str:
-    """How to depart: mode, speed and effort, as far as the display shows them."""
+    """The words for the departure: mode, speed and effort, as far as the display shows them."""
     return ", ".join(filter(None, (name, speed_words(speed_mps), _share(ratio)))) if name else ""
 
 

@@ -1,1 +1,1 @@
-"""What is made from a recorded drive: replay, reproduction, what-if."""
+"""Results computed from a recorded drive: replay, reproduction, what-if."""

@@ -1,4 +1,4 @@
-"""The trains that were tried on a trip, with what each would have taken: for JSON, and for the table."""
+"""The trains that were tried on a trip, with the energy that each would have taken, as JSON and as a table."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from sim.trips.report import part_words
 from sim.trips.trip import Trip, section_with
 
 TRAINS_LEGEND: Final = {
-    "likely": "if one of them drove, and none was likelier beforehand; no: it cannot have driven this record",
+    "likely": "if one of them drove, all equally likely beforehand; no: it cannot have driven this record",
     "mass, resistance": "best fit, with one standard deviation; the resistance is a multiple of the file's",
     "beyond": "share of the time in which the train would need more effort than it has (unexplained)",
-    "kWh, above": "energy as driven by the train as it fits, and what is above its optimum, in % of that as well",
+    "kWh, above": "energy as driven by the fitted train, and its excess over the optimum, also in % of the optimum",
 }
 """Explanations that are printed below the table of trains."""
 
@@ -33,11 +33,10 @@ TRAINS_LEGEND: Final = {
 def described_trains(
     trip: Trip, trains: Sequence[tuple[str, Vehicle]], options: TripOptions
 ) -> tuple[list[dict[str, Any]], Section | None]:
-    """Every train that was tried on a trip, for JSON, the likeliest first; and the section with that one as it fits.
+    """Every train that was tried on a trip, for JSON, the likeliest first; and the section for that train as fitted.
 
-    There is no section if no train can have driven the trip, or none of them can run there. Energies are those of the
-    train with the mass and the resistance found, beside the optimum of that train. Raises DasError for a trip that is
-    too short.
+    There is no section if no train can have driven the trip, or none of them can run there. Energies and optima are
+    those of the train with the mass and the resistance found. Raises DasError for a trip that is too short.
     """
     found = find_train(trip, trains)
     likely = shares(found)
@@ -113,7 +112,7 @@ def trains_table(trains: list[dict[str, Any]]) -> Table:
 
 
 def notes_on_trains(trains: list[dict[str, Any]]) -> list[str]:
-    """What should be known about the trains that were tried, one sentence each."""
+    """Notes on the trains that were tried, one sentence each."""
     possible = [one for one in trains if one["possible"]]
     names = {id(one): Path(one["names"][0]).stem for one in trains}
     notes = [f"{names[id(one)]} cannot have driven this record: {one['why_not']}" for one in trains if one["why_not"]]

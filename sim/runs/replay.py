@@ -1,7 +1,7 @@
 """Replay of a trip against a live node: positions and delay out, advice back, everything recorded.
 
-The loop is open: the train moves as recorded, whatever is advised. Time moves in ticks of 1 s; at every tick the
-node is asked (Control) and its answer awaited, so nothing is lost at any speed of replay.
+The loop is open: the train moves as recorded, whatever is advised. Time moves in ticks of 1 s; at every tick the node
+is asked (Control) and its answer is awaited, so that no message is lost at any speed of replay.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ DAY_NS = round(LONGEST_S / NS)
 class ReplayTiming:
     """The timetable of the replayed section and the first and last tick of the replay (all in ns since 1970).
 
-    `own`: no timetable was given, and the trip itself stands for it. `retimed`: the user gave another one than the
-    recording has, so that its delays do not count.
+    `own`: no timetable was given, and the times of the trip itself are used. `retimed`: the user gave another one than
+    the recording has, so that its delays do not count.
     """
 
     departure_ns: int
@@ -66,12 +66,12 @@ class ReplayTiming:
 
     @property
     def metadata(self) -> dict[str, str]:
-        """What the recording says of the timetable."""
+        """The origin of the timetable, as recorded."""
         return {OWN_TIMETABLE: "yes"} if self.own else {}
 
 
 def check_timing(options: ReplayOptions) -> None:
-    """Raises DasError for a running time, a delay or a combination of them with a journey that is of no use."""
+    """Raise DasError for an unusable running time or delay, or for one given together with a journey."""
     given = {"--running-time": options.running_time_s, "--delay": options.delay_s}
     for name, value in given.items():
         if value is not None and not 0 <= value < LONGEST_S:
@@ -85,15 +85,15 @@ def check_timing(options: ReplayOptions) -> None:
 def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], options: ReplayOptions) -> ReplayTiming:
     """The timetable of a trip: that of a journey, or the two figures of the options, or the recording's.
 
-    Where none of them says when the train is due to arrive, the trip itself is the timetable: it is on time. Raises
-    DasError for a delay without such a time, for a journey that is not of this trip, and for a train that is due to
-    arrive before it departs.
+    Without a due arrival in any of them, the trip itself is the timetable: it is on time. Raises DasError for a delay
+    without such a time, for a journey that is not of this trip, and for a train that is due to arrive before it
+    departs.
     """
     departed_ns, arrived_ns = int(legs[0].motion.time_ns[0]), int(legs[-1].motion.time_ns[-1])
     departure_ns, arrival_ns = departed_ns, 0
     if options.journey is not None:
         departure_ns, arrival_ns = _due_ns(trip, load_journey(options.journey, trip.route), departed_ns)
-    elif trip.journey is not None and trip.journey.stops:  # on the bus, a time of 0 stands for none
+    elif trip.journey is not None and trip.journey.stops:  # on the bus, a time of 0 means that none is set
         departure_ns = trip.journey.stops[0].departure_ns or departed_ns
         arrival_ns = trip.journey.stops[-1].arrival_ns
     if options.delay_s is not None:
@@ -119,7 +119,7 @@ def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], options: ReplayOptions) -
 
 
 def _due_ns(trip: Trip, journey: Journey, departed_ns: int) -> tuple[int, int]:
-    """When a trip is due to depart and to arrive (ns since 1970), on the day on which it departed nearest to that."""
+    """The due departure and arrival of a trip (ns since 1970), on the day nearest to its actual departure."""
     departure_s = _call(journey, trip.start.name).departure.earliest_s
     arrival_s = _call(journey, trip.end.name).arrival.latest_s
     for name, time_s, what in ((trip.start.name, departure_s, "departure"), (trip.end.name, arrival_s, "arrival")):
@@ -145,12 +145,12 @@ DELAY_EVERY_S = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReplayJob:
-    """Everything that a replay needs, checked beforehand.
+    """The inputs of a replay, checked beforehand.
 
-    `processes` says how node and recorder are started. `legs` are the parts of the trip from one stop to the next.
-    `front` has the optimal runs of the section for all times, `reference` is the one for the timetable; `driven` is the
-    energy of the trip as driven. `speed` is a multiple of real time; None: as fast as possible. `files_kept` keeps the
-    folder of files extracted from a recording until the job ends.
+    `processes` has the settings of node and recorder. `legs` are the parts of the trip from one stop to the next.
+    `front` has the optimal runs of the section for all times, `reference` is the optimal run for the timetable;
+    `driven` is the energy of the trip as driven. `speed` is a multiple of real time; None: as fast as possible.
+    `files_kept` keeps the folder of files extracted from a recording until the job ends.
     """
 
     processes: Processes
@@ -165,18 +165,18 @@ class ReplayJob:
 
     @property
     def departed_ns(self) -> int:
-        """When the train left its first stop (ns since 1970)."""
+        """Time at which the train left its first stop (ns since 1970)."""
         return int(self.legs[0].motion.time_ns[0])
 
     @property
     def arrived_ns(self) -> int:
-        """When the train came to a stand at its last stop (ns since 1970)."""
+        """Time at which the train came to a stand at its last stop (ns since 1970)."""
         return int(self.legs[-1].motion.time_ns[-1])
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOutcome:
-    """What happened in a replay, and the seconds it took."""
+    """The result of a replay, and its duration (s)."""
 
     traffic: Traffic
     replay_s: float
@@ -241,12 +241,12 @@ def _on_the_way(trip: Trip, motion: DrivenMotion) -> tuple[KeptCall, ...]:
 
 
 def smoothed_legs(trip: Trip) -> Smoothed:
-    """The legs of a trip when its record is smoothed otherwise."""
+    """The legs of a trip under another smoothing of its record."""
     return cache(lambda jerk_psd_m2ps5: driven_legs(trip, to_profile(trip.matched, 1.0, jerk_psd_m2ps5)))
 
 
 def compared_legs(trip: Trip, section: Section) -> Smoothed:
-    """The legs of a trip that can be compared with optima of a section's train, when its record is smoothed otherwise.
+    """The legs of a trip that can be compared with the optima of a section's train, under another smoothing.
 
     If the trip does not stand at both its stops, they are those of its longest part between equal speeds. Smoothing
     changes neither the times nor the speeds of its ends, so that no kinetic energy is counted. DasError if there is no
@@ -266,7 +266,7 @@ def parts_of(legs: Smoothed) -> SmoothedParts:
 
 
 def stated_parts(trip: Trip, section: Section) -> tuple[SmoothedParts, str]:
-    """The parts of a trip of which energies are stated, and which part of it they are in words (empty: all of it)."""
+    """The legs of a trip with stated energies, and words for the part of the trip that they cover (empty: all)."""
     try:
         legs = compared_legs(trip, section)
     except DasError:  # no part of an open trip can be compared with this train
@@ -321,7 +321,7 @@ def _metres(distance_m: float | None) -> str:
 def replay(
     job: ReplayJob, progress: Callable[[int, int], None], closing: Callable[[int], Message] | None = None
 ) -> ReplayOutcome:
-    """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError where a process fails.
+    """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError if a process fails.
 
     `closing` makes the last message of the recording, on the energy above the optimum, with the last tick's time (ns).
     """
@@ -367,7 +367,7 @@ def _journey(job: ReplayJob) -> JourneyHeard:
 
 
 class _Feed:
-    """The messages of sensors and operator, and the truth beside them, in order of time."""
+    """The messages of sensors and operator, and the truth, in order of time."""
 
     def __init__(self, job: ReplayJob) -> None:
         self.job = job
@@ -388,7 +388,7 @@ class _Feed:
         late_s = (self.job.departed_ns - timing.departure_ns) * NS
         late = "no timetable was given" if timing.own else f"departed {late_s:.0f} s late"
         text = f"replay of {self.job.trip.path.name}, {late}"
-        # A recorded trip contains no temporary restrictions; the node must be told that there are none.
+        # A recorded trip contains no temporary restrictions; the node needs an empty list.
         at_ns = timing.first_tick_ns
         yield at_ns, codec.encode_input(RestrictionsHeard(time_ns=at_ns, restrictions=()))
         yield at_ns, Outgoing(LOG, happened(at_ns, text))

@@ -1,4 +1,4 @@
-"""The figures of a replay: its energies beside the optimum, all figures for JSON, and the table."""
+"""The figures of a replay: energies compared with the optimum, all figures for JSON, and the table."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ TIMETABLE_FIGURES = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TripEnergies:
-    """The energy of a replayed trip beside that of the optimum with the same arrivals, leg by leg.
+    """The energies of a replayed trip and of the optimum with the same arrivals, leg by leg.
 
-    `energy` is the range of the energy as driven. `above_range` is the range of the energy above the optimum, in all
-    and for each unknown alone; it is None if trip and optimum cannot be compared.
+    `energy` is the range of the energy as driven. `above_range` is the range of the energy above the optimum, for all
+    unknowns and for each alone; it is None if trip and optimum cannot be compared.
     """
 
     legs: tuple[ComparedLeg, ...]
@@ -85,7 +85,7 @@ def trip_energies(job: ReplayJob) -> TripEnergies:
 
 
 def beside_optimum(trip: Trip, section: Section, smoothed: Smoothed) -> tuple[tuple[ComparedLeg, ...], AboveOptimum]:
-    """The legs of a trip beside their optima, and its energy above the optimum, with the train of a section.
+    """The legs of a trip with their optima, and its energy above the optimum, for the train of a section.
 
     `smoothed` returns the legs, as `compared_legs` finds them. Raises DasError if the train cannot run there.
     """
@@ -105,8 +105,8 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
     """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
 
     `energy_optimum_kwh` is the least energy for the same arrival as driven (that of the fastest trajectory if the train
-    cannot arrive so early). `above_optimum_*` are None if trip and optimum cannot be compared; only
-    `above_optimum_certain` says that the trip surely took more. `timetable_*` are for the arrival by the timetable.
+    cannot arrive so early). `above_optimum_*` are None if trip and optimum cannot be compared; `above_optimum_certain`
+    states whether the trip surely took more. `timetable_*` are for the arrival by the timetable.
     """
     trip, traffic = job.trip, outcome.traffic
     return {
@@ -219,7 +219,7 @@ def certainly_above(above: EnergyRange, optimum_j: float) -> bool:
 
 
 def print_result(found: dict[str, Any]) -> None:
-    """Print the table at the end of a replay, with what should be known about its figures."""
+    """Print the table at the end of a replay, with notes on its figures."""
     table = Table(title="replay", title_justify="left", show_header=False)
     table.add_column(no_wrap=True)
     table.add_column(justify="right", no_wrap=True)
@@ -257,7 +257,7 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def late_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """How late the trip departed and arrived, if it had a timetable."""
+    """The rows on the lateness of departure and arrival, if the trip had a timetable."""
     lates = (("departed", found["departed_late_s"]), ("arrived", found["late_s"]))
     return [(f"{what} late (early < 0)", f"{late_s:.0f} s") for what, late_s in lates if late_s is not None]
 
@@ -300,7 +300,7 @@ def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def notes(found: dict[str, Any]) -> list[str]:
-    """What should be known about the figures, one sentence per note."""
+    """Notes on the figures, one sentence each."""
     return [*_notes_of_figures(found), *_notes_of_trip(found)]
 
 
@@ -330,7 +330,7 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     if found["direction_note"]:
         notes.append(found["direction_note"])
     if found["above_optimum_cases_left_out"]:
-        notes.append("a train heavier or more resisted could not have driven so: the range is without it")
+        notes.append("a heavier train, or one with more resistance, could not have driven so: the range excludes it")
     if found["advices_above_limit"]:
         notes.append(f"{found['advices_above_limit']} advice messages were above the limit: please report this")
     return notes

@@ -1,6 +1,6 @@
 """Reproduces a recording: today's cab gets the recorded messages, and its answers are compared with the old ones.
 
-The cab is rebuilt from the options of the recording's node; a what-if sends its own messages to a cab so made.
+The cab is rebuilt from the options of the recording's node; a what-if sends its own messages to such a cab.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from sim.recording.inputs import AttachedFiles
 from sim.recording.opening import NODE_ARGUMENTS, open_contents
 
 FILES: Final = {"--route": "route", "--vehicle": "vehicle", "--loss-map": "loss_map"}
-"""Options of the node that name an input file, and what the recording's metadata call it."""
+"""Options of the node that name an input file, and the name of that file in the recording's metadata."""
 
 
 @dataclass
@@ -85,9 +85,9 @@ class NodeGiven:
 def node_given(contents: Contents, train: str, folder: Path, said: str | None) -> NodeGiven:
     """The command line of a train's node; files that are attached to the recording are put into `folder`.
 
-    `said` is the command line that the user gives instead of the recorded one; the files that it names are used. If
-    neither is known, the command line is guessed from the journey and the topics, and a note says so. Raises DasError
-    for an unusable command line, and for a file that a recording names but that is neither attached to it nor bundled.
+    `said` is a command line given by the user instead of the recorded one; the files that it names are used. If neither
+    is known, the command line is guessed from the journey and the topics, with a note. Raises DasError for an unusable
+    command line, and for a file that a recording names but that is neither attached to it nor bundled.
     """
     given = _words(contents, train, contents.metadata_of(train).get("run", {}), said)
     given.typed = list(given.words)
@@ -145,12 +145,12 @@ def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]
             words[place] = str(files.place_vehicle() if kind == "vehicle" else files.place(kind))
         else:
             what = kind.replace("_", " ")
-            given.notes.append(f"the recording does not contain its {what} along: {words[place]} of today is used")
+            given.notes.append(f"the recording does not contain its {what}: {words[place]} of today is used")
     return words
 
 
 def _refuse_what_is_only_named(recording: Path, options: NodeOptions, folder: Path) -> None:
-    """Raise DasError if parsed options would open a file that is neither in `folder` (attached) nor bundled."""
+    """Raise DasError if parsed options name a file that is neither in `folder` (attached) nor bundled."""
     line, driven, bundled = options.line, options.driven, {*catalogue("routes"), *catalogue("vehicles")}
     named: list[tuple[str, str | Path | None]] = [
         ("--route", line.route),
@@ -235,7 +235,7 @@ class Rehearing:
             self._hear(one)
 
     def _hear(self, one: RecordedMessage) -> None:
-        if one.topic is EFFORT and not self.calibrates:  # such a node does not listen to it
+        if one.topic is EFFORT and not self.calibrates:  # such a node does not receive it
             return
         if one.topic in STATES:
             self._kept[one.topic.name] = one
@@ -371,14 +371,14 @@ class Difference:
 
 @dataclass
 class Comparison:
-    """How many messages of each topic were compared, and those that differ, in the order of their times."""
+    """The number of compared messages of each topic, and the messages that differ, in the order of their times."""
 
     compared: Counter[str] = field(default_factory=Counter)
     differences: list[Difference] = field(default_factory=list)
 
     @property
     def by_field(self) -> dict[str, tuple[int, float]]:
-        """For each field that differs: in how many messages, and by how much at most (NaN: not a number)."""
+        """The number of messages and the largest difference (NaN: not a number) for each field that differs."""
         found: dict[str, list[float]] = defaultdict(list)
         for one in self.differences:
             for path, by in {(_bare(x.path), x.by) for x in one.fields}:
@@ -483,7 +483,7 @@ def _value(path: str, one: Any, other: Any, description: Any) -> Iterator[FieldD
 
 
 def tolerance(name: str, value: float) -> float:
-    """How far a value of this field may be from the recorded one; counts and ticks must be the same."""
+    """Tolerance of a value of this field to the recorded one; counts and ticks must be equal."""
     for unit, amount in TOLERANCES.items():
         if name.endswith(unit):
             return amount
@@ -495,7 +495,7 @@ def _bare(path: str) -> str:
 
 
 EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
-"""Metadata of an extract: a recording of everything that its node received, with a part of what the node sent."""
+"""Metadata of an extract: a recording of all messages that its node received, and a part of those it sent."""
 BY_THE_WALL = (
     "the node used the wall clock and planned in the background: the time of each plan depended on its machine, and "
     "so do all later plans; differences do not mean that this version advises differently"
@@ -504,7 +504,7 @@ BY_THE_WALL = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reproduction:
-    """The result: how many ticks were judged again, what differs, and notes on how well the node is known."""
+    """The result: number of recomputed ticks, differences, and notes on how well the node is known."""
 
     path: Path
     train: str
@@ -514,7 +514,7 @@ class Reproduction:
 
     @property
     def same(self) -> bool:
-        """Whether today's cab sends what was recorded."""
+        """Whether today's cab sends the recorded messages."""
         return not self.comparison.differences
 
     def as_dict(self) -> dict[str, Any]:
@@ -586,7 +586,7 @@ def without_waiting(plan: CabPlan) -> CabPlan:
 
 
 def _span(contents: Contents) -> tuple[int, int]:
-    """From when to when (ns) a recording holds the messages of its node: all the time, unless it is an extract."""
+    """The span of time (ns) with the messages of a recording's node: the whole, unless it is an extract."""
     extract = contents.metadata.get(EXTRACT, {})
     try:
         return int(extract.get(SAID_FROM, "0")), int(extract.get(SAID_TO, str(LAST_NS)))

@@ -1,4 +1,4 @@
-"""Cleaning of a record: the kinds of findings, how they are found, and the log of all that was found.
+"""Cleaning of a record: the kinds of findings, the search for them, and the log of all findings.
 
 The functions find times out of order, impossible positions and impossible speeds; `points` and `matching` act on them.
 """
@@ -20,48 +20,48 @@ from sim.recording.course import stretches_of, utc
 from sim.trips.record import Bools, Ints, Record
 
 MAX_BACKWARD_M: Final = 30.0
-"""Length (m) up to which steps back are noise; longer ones mean that the train turned, or are jumps if it drives on."""
+"""Length (m) up to which steps back are noise; after a longer one the train has turned, or it is a jump."""
 STRAY_WEIGHT: Final = 3.0
 """Cost of each point left out between two points that only just fit each other. Without it, the chain of positions
 could change to a wrong part of the record and back, as if the train braked and accelerated as hard as it can."""
 LEAST_KEPT_RATIO: Final = 0.5
-"""Share of a record's points that must fit together, or of the section that they must cover."""
+"""Share of a record's points that must fit together, or of the section that the points must cover."""
 STALL_HALF_WINDOW_S: Final = 15.0
 """Time (s) within which the positions of a receiver that stalled have caught up again."""
 WRONG_SPEED_MPS: Final = 4.0
-"""Difference (m/s) from that of the positions above which, and above `WRONG_SPEED_RATIO`, a reported speed is wrong; a
-delay of 3 s at 1 m/s² explains less."""
+"""Difference (m/s) from the speed of the positions above which, and above `WRONG_SPEED_RATIO`, a reported speed is
+wrong; a delay of 3 s at 1 m/s² explains less."""
 JUMP_M: Final = 50.0
 """Distance (m) from the place that its neighbours give beyond which a position is a jump, if no change of speed
 explains it."""
 CHANGE_MPS2: Final = 1.0
-"""Change (m/s²) that the speed of an unseen train may have: no train brakes harder in service."""
+"""Largest acceleration (m/s²) of a train between its points: no train brakes harder in service."""
 STEPS_AROUND: Final = 5
 """Steps on either side whose median is the speed of the positions around a point."""
 FROZEN_RATIO: Final = 0.5
-"""Share of the distance by the reported speeds from which the next position is further on if a repeated position was
+"""Share of the distance by the reported speeds that the next position must be further on if a repeated position was
 wrong."""
 LATE_S: Final = 5.0
 """Delay (s) that reported speeds may have, which makes their integral uncertain."""
 SCALE_RATIO: Final = 0.02
-"""Share of itself by which the integral of reported speeds may be wrong."""
+"""Relative error that the integral of reported speeds may have."""
 POINTS_BACK: Final = 120
 """Longest row of wrong positions that is found: points further apart are not compared."""
 LONGEST_JUMP_S: Final = 120.0
 """Longest time (s) of wrong positions that is found: points further apart are not compared."""
 TOP_SPEED_PERCENTILE: Final = 99.0
-"""Percentile of the speeds around its points that is the top speed of a trip, because a few may be wrong."""
+"""Percentile of the speeds around its points that is taken as the top speed of a trip: a few may be wrong."""
 DERIVED_HALF_WINDOW_S: Final = 5.0
 """Time (s) on either side whose mean slope is the speed from positions."""
 WRONG_SPEED_RATIO: Final = 0.2
-"""Share of the speed from positions by which a reported speed that is wrong also differs."""
+"""Share of the speed from positions by which a wrong reported speed must also differ."""
 EDGE_MPS: Final = 1.0
-"""Difference (m/s) from which a speed beside a wrong one is wrong as well if it jumps (`EDGE_MPS2`) or repeats
+"""Difference (m/s) from which a speed next to a wrong one is wrong as well if it jumps (`EDGE_MPS2`) or repeats
 (`SAME_MPS`)."""
 EDGE_MPS2: Final = 1.5
 """Change (m/s²) above which a speed jumps."""
 SAME_MPS: Final = 0.05
-"""Difference (m/s) from the one before below which a speed repeats."""
+"""Difference (m/s) from the previous speed below which a speed repeats."""
 GAP_S: Final = 5.0
 """Time without points (s) above which, and above `GAP_STEPS` usual steps, it is a gap."""
 GAP_STEPS: Final = 3.0
@@ -72,11 +72,11 @@ SPARSE_S: Final = 30.0
 _Strays = Callable[[Ints, Any], Floats]
 """Misfit of later points j (one, or one for each i) with earlier points i; two points fit if it is at most 1."""
 _REMOVING = ("dropped", "cut")
-"""Outcomes of findings whose points are taken out of the record."""
+"""Outcomes of findings whose points are removed from the record."""
 
 
 class FindingKind(StrEnum):
-    """All that cleaning looks for: a name, words, and what is done about it."""
+    """The kinds of faults that cleaning looks for: a name, words, and the outcome."""
 
     words: str
     done: str
@@ -114,7 +114,7 @@ class FindingKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class TripFinding:
-    """Findings of one kind: how many points (or gaps), the first one's place and time, and details in words."""
+    """Findings of one kind: number of points (or gaps), place and time of the first, and details in words."""
 
     kind: FindingKind
     count: int
@@ -130,7 +130,7 @@ class TripFinding:
 
 @dataclass(frozen=True, kw_only=True)
 class CleaningReport:
-    """What was found in a record of `read` points, of which `kept` are left; `unread` are unused columns."""
+    """The findings on a record of `read` points, of which `kept` are left; `unread` are unused columns."""
 
     read: int
     kept: int
@@ -187,11 +187,11 @@ class FindingLog:
 
 
 def in_order(record: Record, log: FindingLog) -> Record:
-    """The record with increasing times: of equal times the first point is kept; as few others as possible are dropped.
+    """The record with increasing times: of equal ones the first point is kept; as few others as possible are dropped.
 
-    A file that mostly runs backwards is turned round first. Raises DasError if the times are in disorder, or all equal.
+    A file that mostly runs backwards is reversed first. Raises DasError if the times are in disorder, or all equal.
     """
-    log.add(FindingKind.NO_TIME, record, record.untimed, "none that can be read; shown is the one beside it")
+    log.add(FindingKind.NO_TIME, record, record.untimed, "not readable; the time shown is that of a neighbour")
     record = record.take(~record.untimed)
     steps = np.diff(record.time_ns)
     if np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0):
@@ -241,10 +241,10 @@ def longest_rise(values: Ints) -> list[int]:
 
 
 def find_jumps(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
-    """Points that do not belong to the longest chain of positions that one train can have had.
+    """Points outside the longest chain of positions that one train can have had.
 
-    Two points fit if their distance is the integral of the reported speeds between them, give or take 50 m, 5 s times
-    the change of speed, and 2 %. Where speeds are not reported, or contradict the positions around, the speeds of the
+    Two points fit if their distance is the integral of the reported speeds between them, within 50 m, 5 s times the
+    change of speed, and 2 %. Where speeds are not reported, or contradict the positions around, the speeds of the
     positions count instead, give or take the distance that an acceleration of 1 m/s² makes. The distance must also be
     within the train's top speed, and not lead back. The search is repeated until it drops nothing.
     """
@@ -263,8 +263,8 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
     """Points that repeat a position to the digit while the train moves: the receiver held its last position.
 
     The train moved if the next position is at least 50 m away, and at least half as far as the reported speeds (NaN:
-    none) lead. If no other position follows, it moved if the positions before show as fast a motion, because no train
-    stops within one step.
+    none) lead. If no other position follows, it moved if the positions before show an equally fast motion, because no
+    train stops within one step.
     """
     frozen = np.zeros(len(time_s), dtype=bool)
     moving = speed_mps > WRONG_SPEED_MPS
@@ -281,7 +281,7 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 
 
 def _led_on(time_s: Floats, along_m: Floats, speed_mps: Floats, last_good: int) -> bool:
-    """Whether reported speeds lead 50 m past the last position, and the positions came there at half that or more."""
+    """Whether reported speeds lead 50 m past the last position, and positions before moved at half that or more."""
     before = max(last_good - STEPS_AROUND, 0)
     if before == last_good:
         return False
@@ -413,9 +413,9 @@ def _with_edges(off_mps: Floats, derived_mps: Floats, jump: Bools, unsure_mps: F
 
 
 def _unsure_mps(time_s: Floats) -> Floats:
-    """How far off (m/s) the mean slope of positions may be beside a gap.
+    """Possible error (m/s) of the mean slope of positions next to a gap.
 
-    In a gap of G seconds the speed may change by a·(G − 5 s)/2, half of which is in the window of the slope.
+    In a gap of G seconds the speed may change by a·(G − 5 s)/2, half of it in the window of the slope.
     """
     steps = np.diff(time_s)
     longest = np.maximum(np.append(0.0, steps), np.append(steps, 0.0))

@@ -24,19 +24,19 @@ from das.solver.section import Section
 from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5
 
 ESTIMATE_BEYOND_RATIO: Final = 1.05
-"""Multiple of the vehicle's envelope beyond which a force is more than the vehicle has."""
+"""Multiple of the vehicle's envelope above which a force exceeds its capability."""
 ESTIMATE_MASS_RATIO: Final = 0.05
-"""Share by which the mass may be off."""
+"""Relative error that the mass may have."""
 ESTIMATE_RESISTANCE_RATIO: Final = 0.10
-"""Share by which the running resistance may be off."""
+"""Relative error that the running resistance may have."""
 ESTIMATE_WIND_MPS: Final = 5.0
-"""Speed (m/s) of a wind that may blow along the line, either way."""
+"""Speed (m/s) of a possible wind along the line, in either direction."""
 ESTIMATE_HELD_S: Final = 8
-"""Time (s) for which the strongest force is held: the smoothing acts over it and hides shorter ones."""
+"""Time (s) for which the strongest force must be held; the smoothing hides shorter ones."""
 ESTIMATE_FOREIGN_RATIO: Final = 0.005
 """Share of the time with more force than the vehicle has above which another vehicle drove the trip."""
 CHOICE_OVERSPEED_RATIO: Final = 1.05
-"""Multiple of their top speed up to which trains are driven: train protection brakes above it."""
+"""Multiple of their top speed up to which trains are driven; above it, train protection brakes."""
 ESTIMATE_MIN_STEP_M: Final = 0.05
 """Distance (m) below which points count as one, at which the train stands."""
 ESTIMATE_MOST_DOUBT_RATIO: Final = 0.25
@@ -60,7 +60,7 @@ class Unknown:
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyRange:
-    """The estimated energy (J), its range for each unknown alone, and for all of them together at their worst.
+    """The estimated energy (J), its range for each unknown alone, and for all of them at their worst.
 
     `left_out` counts the cases that are impossible.
     """
@@ -78,8 +78,8 @@ class DrivenEstimate:
 
     `index[i]` is the point of the run at node i of the trajectory. `traction_n` and `brakes_n` are the largest forces
     of the vehicle at the speed of each interval, and `beyond` marks intervals in which the run needs more for 8 s; then
-    it was another train, or the positions are inaccurate. `lacking_ratio` is the largest share of the force needed for
-    8 s that the vehicle lacks.
+    the train was another one, or the positions are inaccurate. `lacking_ratio` is the largest share of the force needed
+    for 8 s that the vehicle lacks.
     """
 
     trajectory: Trajectory
@@ -181,7 +181,7 @@ def strongest_held_n(driven: DrivenEstimate, inferred: NDArray[np.bool_]) -> tup
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenCase:
-    """One possible case of the drive; the defaults are those of the estimate."""
+    """A possible case of the drive; the defaults are those of the estimate."""
 
     mass_ratio: float = 1.0
     resistance_ratio: float = 1.0
@@ -266,7 +266,7 @@ SmoothedParts = Callable[[float], Sequence[DrivenPart]]
 def energy_range(section: Section, parts: SmoothedParts, doubt_ratio: float = 0.0) -> EnergyRange:
     """The uncertainty of the energy of a driven trip: inverse dynamics is repeated for every case.
 
-    Mass and resistance may be off by `doubt_ratio` more than those of a known train, as `doubt` says.
+    Mass and resistance may be wrong by `doubt_ratio` more than those of a known train (see `doubt`).
     """
     return over_unknowns(driven_energy(section, parts), doubt_ratio)
 
@@ -325,9 +325,9 @@ def one_by_one(energy_j: Callable[[DrivenCase], float | None], doubt_ratio: floa
 def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float, unknowns: Sequence[_UnknownEnds]) -> float:
     """The least (sign < 0) or the most energy (J) with every unknown at one of its ends.
 
-    First, each unknown is set to the end with the largest effect on its own. One unknown may reverse what another does:
-    a train that brakes by friction loses more with a tail wind. Therefore each in turn is then set to the end with the
-    largest effect, until nothing changes.
+    First, each unknown is set to the end with the largest effect on its own. One unknown may reverse the effect of
+    another: a train that brakes by friction loses more with a tail wind. Therefore each in turn is then set to the end
+    with the largest effect, until nothing changes.
     """
 
     def reach(case: DrivenCase) -> float:
@@ -358,7 +358,7 @@ def driven_energy(section: Section, parts: SmoothedParts) -> Callable[[DrivenCas
 
 
 def _moving_points(s_m: Floats) -> NDArray[np.intp]:
-    """Indices of the first point and of each that lies at least `min_step_m` beyond the last one taken."""
+    """Indices of the first point and of each that lies at least `ESTIMATE_MIN_STEP_M` beyond the last one taken."""
     keep = [0]
     for i in range(1, len(s_m)):
         if s_m[i] - s_m[keep[-1]] >= ESTIMATE_MIN_STEP_M:

@@ -1,9 +1,9 @@
-"""Finding the train of a recorded trip: which of several trains can have driven it, how heavy, how easily running.
+"""Finding the train of a recorded trip among several trains, with its mass and running resistance.
 
-A record shows the motion, not the forces. Three things tell trains apart nevertheless. A train cannot exceed its
-effort. Its driver often uses the full effort, or none: there the force is known for each train, so that the motion
-gives mass and resistance. And the speeds come near the top speed, or never do. The windows of motion are those of the
-calibration on board, with the full effort of the train in place of a measured force (docs/explanation/find-train.md).
+A record shows the motion, not the forces. Three things still distinguish trains. A train cannot exceed its effort. Its
+driver often uses the full effort, or none: there the force is known for each train, so that the motion gives mass and
+resistance. And the speeds may or may not come near the top speed. The windows of motion are those of the calibration on
+board, with the full effort of the train instead of a measured force (docs/explanation/find-train.md).
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from sim.trips.estimate import CHOICE_OVERSPEED_RATIO, ESTIMATE_BEYOND_RATIO, ES
 from sim.trips.trip import Trip
 
 WINDOW_SAMPLES: Final = 12
-"""Samples of a window, one a second: less shows no acceleration beside the noise, more mixes what a driver does."""
+"""Samples of a window, one a second: fewer hide the acceleration in the noise, more mix several acts of a driver."""
 WINDOW_WEIGHT: Final = 0.5
-"""Weight of a window, because each overlaps half of the one before."""
+"""Weight of a window, because each overlaps half of the previous one."""
 WINDOW_LEAST: Final = 8
 """A trip with fewer windows is too short to find its train."""
 WINDOW_UNMEASURED_SPEED_SD_MPS: Final = 0.3
@@ -45,15 +45,15 @@ WINDOW_HARDEST_BRAKING_MPS2: Final = 1.0
 """Hardest braking (m/s²) of a driver in service, however strong the brakes are."""
 SHARE_COASTING: Final = 0.08
 SHARE_FULL: Final = 0.12
-"""Full traction."""
+"""Weight of full traction in the mixture of driving."""
 SHARE_HELD: Final = 0.4
-"""A speed is held."""
+"""Weight of holding a speed."""
 SHARE_TRACTION: Final = 0.45
-"""Any other traction: its density is the same for all trains that have the effort."""
+"""Weight of any other traction; its density is the same for all trains that have the effort."""
 SHARE_BRAKING: Final = 0.3
-"""Any braking: its density is the same for all trains that have the brakes."""
+"""Weight of any braking; its density is the same for all trains that have the brakes."""
 SHARE_UNEXPLAINED: Final = 2.5e-4
-"""Everything else: a force that the train does not have, or a wrong record."""
+"""Weight of any other motion: a force that the train does not have, or a wrong record."""
 RATIO_MASS_BOUNDS: Final = (0.7, 1.4)
 """Bounds of the mass: an empty train, and an overloaded train."""
 RATIO_RESISTANCE_BOUNDS: Final = (0.5, 2.0)
@@ -61,35 +61,35 @@ RATIO_RESISTANCE_BOUNDS: Final = (0.5, 2.0)
 RATIO_STEPS: Final = 36
 """Values of either ratio that are tried."""
 RATIO_MASS_SD: Final = 0.1
-"""Standard deviation of the mass ratio before the motion is looked at."""
+"""Prior standard deviation of the mass ratio."""
 RATIO_RESISTANCE_LOG_SD: Final = 0.15
-"""Standard deviation of the logarithm of the resistance ratio before the motion is looked at."""
+"""Prior standard deviation of the logarithm of the resistance ratio."""
 RATIO_MODEL_SD: Final = 0.015
-"""The uncertainty of either ratio that no motion removes (one standard deviation)."""
+"""The uncertainty of either ratio that remains whatever the motion (one standard deviation)."""
 RATIO_KNOWN_SD_RATIO: Final = 0.6
-"""Share of the prior standard deviation to which a record must reduce it to show the mass."""
+"""Largest posterior standard deviation of a mass that the record shows, as a share of the prior one."""
 RATIO_EVIDENCE_WEIGHT: Final = 0.5
 """Weight of the evidence between trains, because windows of one driver are alike: the likeliest train is right
 about as often as its probability says on simulated drives."""
 CHOICE_CERTAIN_SDS: Final = 2.0
-"""Standard deviations of noise that must not explain why a window needs more effort than the train has."""
+"""Number of standard deviations of noise above which a window needs more effort than the train has."""
 CHOICE_BEYOND_RATIO: Final = 0.02
 """Share of the time with too much effort from which a train cannot have driven a trip."""
 CHOICE_BEYOND_WINDOWS: Final = 3
 """Least number of windows with too much effort in a trip that a train cannot have driven."""
 CHOICE_HIGH_PERCENTILE: Final = 90.0
-"""Percentile over its way that is the high speed of a trip, and the speed allowed likewise."""
+"""Percentile over the distance that is the high speed of a trip; that of the allowed speed likewise."""
 CHOICE_SLOWER_RATIO: Final = 0.1
 """Share (the mean of an exponential distribution) by which drivers stay below what line and train allow."""
 CHOICE_PLACES: Final = 500
-"""Places along the way at which speeds are compared."""
+"""Number of places along the trip at which speeds are compared."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoundTrain:
-    """A train that was tried on a trip: whether it can have driven it, and with which mass and resistance.
+    """A train that was tried on a trip: whether it can have driven the trip, with its mass and resistance.
 
-    `names` are trains that move alike, as the user called them. The ratios are those of
+    `names` are trains that move alike, as named by the user. The ratios are those of
     `das.domain.conditions.Conditions`, each with one standard deviation. `beyond_ratio` is the share of the time that
     stays unexplained, because the trip needs more effort than this train has. `why_not` is empty for a possible train.
     `evidence` is the logarithm of the probability density of the motion with this train.
@@ -117,7 +117,7 @@ class FoundTrain:
 
     @property
     def mass_known(self) -> bool:
-        """Whether the record shows the mass better than it is known of any train."""
+        """Whether the record shows the mass better than it is known beforehand."""
         return self.mass_sd <= RATIO_KNOWN_SD_RATIO * RATIO_MASS_SD
 
 
@@ -132,7 +132,7 @@ class TrainWindow(NamedTuple):
 def candidates(text: str) -> list[tuple[str, Vehicle]]:
     """The trains of a list with commas: bundled names, files, folders of vehicle files, `all` for the bundled ones.
 
-    Each has the name by which it was called. Raises DasError or InputError for a train that cannot be used.
+    Each has the name given by the user. Raises DasError or InputError for a train that cannot be used.
     """
     found: dict[str, Vehicle] = {}
     for part in (one.strip() for one in text.split(",")):
@@ -158,7 +158,7 @@ def _in_folder(folder: Path) -> list[str]:
 def find_train(trip: Trip, vehicles: Sequence[tuple[str, Vehicle]]) -> tuple[FoundTrain, ...]:
     """Try trains, each with the name that the user gave it, on a trip; possible ones first, the likeliest first of all.
 
-    Trains that differ in nothing that a motion shows are tried once. Raises DasError if the trip is too short.
+    Trains that do not differ in their motion are tried once. Raises DasError if the trip is too short.
     """
     noise_mps = speed_noise_mps(trip)
     tried = [_tried(trip, names, vehicle, noise_mps) for names, vehicle in _alike(vehicles)]
@@ -176,7 +176,7 @@ def shares(found: Iterable[FoundTrain]) -> dict[str, float]:
 
 
 def _alike(vehicles: Sequence[tuple[str, Vehicle]]) -> list[tuple[tuple[str, ...], Vehicle]]:
-    """The vehicles without those that move like one before, whose names are joined."""
+    """The vehicles; those that move alike are one, with joined names."""
     groups: dict[Any, list[tuple[str, Vehicle]]] = {}
     for name, vehicle in vehicles:
         groups.setdefault(_motion_key(vehicle), []).append((name, vehicle))
@@ -228,7 +228,7 @@ def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: floa
 
 
 def _why_not(trip: Trip, found: FoundTrain, beyond: int) -> str:
-    """Why a train cannot have driven the trip; empty if it can. `beyond` windows need more effort than it has."""
+    """The reason why the trip is impossible for a train, or empty. `beyond` windows need more effort than it has."""
     top_mps, own_mps = held_speed_mps(trip), found.vehicle.max_speed_mps
     if top_mps > CHOICE_OVERSPEED_RATIO * own_mps:
         return f"the trip held {top_mps / KMH:.0f} km/h, this train runs {own_mps / KMH:.0f} km/h"
@@ -239,7 +239,7 @@ def _why_not(trip: Trip, found: FoundTrain, beyond: int) -> str:
 
 def held_speed_mps(trip: Trip) -> float:
     """The highest speed (m/s) that the trip held for the time over which the record is smoothed."""
-    speed = np.where(trip.run.inferred, 0.0, trip.run.speed_mps)  # a speed in a gap was not seen
+    speed = np.where(trip.run.inferred, 0.0, trip.run.speed_mps)  # a speed in a gap was not measured
     held = np.lib.stride_tricks.sliding_window_view(speed, min(ESTIMATE_HELD_S, len(speed)))
     return float(held.min(axis=1).max())
 
@@ -256,7 +256,7 @@ def speed_noise_mps(trip: Trip) -> float:
 
 
 def windows_of(trip: Trip, vehicle: Vehicle, noise_mps: float) -> list[TrainWindow]:
-    """The windows of the smooth run above a slow speed, each half over the one before."""
+    """The windows of the smooth run above a low speed; each overlaps half of the one before."""
     run, samples = trip.run, WINDOW_SAMPLES
     line = LineIntegral(trip.route, vehicle, vehicle.train_length_m, speed_sd_mps=noise_mps)
     effort_n = vehicle.traction_effort_n(np.maximum(run.speed_mps, SLOWEST_MPS))
@@ -274,7 +274,7 @@ def windows_of(trip: Trip, vehicle: Vehicle, noise_mps: float) -> list[TrainWind
 
 
 class Ratios:
-    """The pairs of a mass and a resistance ratio that are tried, (pairs,), and how likely each is beforehand."""
+    """The pairs of a mass and a resistance ratio that are tried, (pairs,), and their prior probabilities."""
 
     def __init__(self) -> None:
         axes = (np.linspace(low, high, RATIO_STEPS) for low, high in (RATIO_MASS_BOUNDS, RATIO_RESISTANCE_BOUNDS))
@@ -285,17 +285,17 @@ class Ratios:
 
 
 class _WindowFit(NamedTuple):
-    """How well a window fits a train, for every pair of ratios (pairs,), and whether it needs more than full effort."""
+    """The fit of a window to a train for every pair of ratios (pairs,), and whether it needs more than full effort."""
 
     log_density: Floats
     beyond: Floats
 
     @classmethod
     def of(cls, window: TrainWindow, train: Vehicle) -> _WindowFit:
-        """The density of the acceleration (per m/s²) as a mixture of what drivers do.
+        """The density of the acceleration (per m/s²) as a mixture of the acts of drivers.
 
-        Coasting has no force, full traction all of it; a driver who holds a speed hardly accelerates; whatever else
-        he does lies within the effort of the train. F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v².
+        Coasting has no force, full traction all of it; a driver who holds a speed hardly accelerates; anything else
+        lies within the effort of the train. F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v².
         """
         means, a = window.means, window.means.acceleration_mps2
         carried_kg = RATIOS.mass * train.mass_kg
@@ -341,7 +341,7 @@ def _moments(values: Floats, weight: Floats) -> tuple[float, float]:
 
 
 def _speed_evidence(trip: Trip, vehicle: Vehicle) -> float:
-    """The logarithm of the density of the trip's high speed, as drivers come near what line and train allow."""
+    """The logarithm of the density of the trip's high speed, given that drivers come near the allowed speed."""
     run = trip.run
     place_m = np.linspace(run.s_m[0], run.s_m[-1], CHOICE_PLACES)
     limit = np.minimum(trip.route.limits_over_train(vehicle.train_length_m).at(place_m), vehicle.max_speed_mps)

@@ -20,7 +20,7 @@ COLUMNS: Final = {
     "longitude": LONGITUDE_NAMES,
     "kilometre": ("kilometre", "kilometer", "km", "position_km"),
 }
-"""The quantities in a list of kilometre posts, and the names that the column of each may have."""
+"""The quantities in a list of kilometre posts, and the possible names of their columns."""
 MAX_CROSS_TRACK_M: Final = 200.0
 """Distance (m) from the line beyond which a point is not on it. Lines through kilometre posts cut curves: 62 m at a
 radius of 2 km."""
@@ -37,8 +37,8 @@ _PAIRS_AT_ONCE: Final = 1_000_000
 class Line:
     """A polyline with a chainage at each vertex, increasing in driving order; arrays of shape (vertices,).
 
-    `on_route` says whether the chainage is the position on the route; otherwise it has a zero of its own. `by_stops`:
-    the coordinates of stops told the position, perhaps only to some 100 m.
+    `on_route`: the chainage is the position on the route; otherwise it has its own zero. `by_stops`: the position
+    follows from the coordinates of stops, perhaps only to some 100 m.
     """
 
     source: str
@@ -68,7 +68,7 @@ class Line:
         )
 
     def turned(self) -> Line:
-        """The same line driven the other way, with chainages from its other end."""
+        """The same line in the other direction, with chainages from its other end."""
         return replace(
             self,
             chainage_m=self.chainage_m[-1] - self.chainage_m[::-1],
@@ -77,10 +77,10 @@ class Line:
         )
 
     def placed(self, route: Route) -> Line:
-        """The same line on the positions of a route, by the coordinates of its stops; unchanged if these do not tell.
+        """The same line on the positions of a route, by the coordinates of its stops; unchanged if they do not suffice.
 
-        They tell if two stops or more are near the line, and are as far apart along it as on the route, within 1 %.
-        Then they also tell which way the route is driven along the line.
+        They suffice if two stops or more are near the line, and are as far apart along it as on the route, within 1 %.
+        They then also show the direction of the route along the line.
         """
         stops = [s for s in route.stops if s.latitude_deg is not None and s.longitude_deg is not None]
         if len(stops) < 2:

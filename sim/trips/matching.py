@@ -29,17 +29,17 @@ from sim.trips.line import MAX_CROSS_TRACK_M, SCALE_TOLERANCE_RATIO, Line
 from sim.trips.record import Bools, Ints, Record
 
 RECORD_STANDS_MPS: Final = 1.0 * KMH
-"""Reported speed (m/s) below which a train stands if its positions do not move."""
+"""Reported speed (m/s) below which a train counts as standing if its positions do not move."""
 WANDER_M: Final = 30.0
-"""Largest wander (m) of the positions of a standing train, which come back; `MAX_BACKWARD_M` is as large."""
+"""Largest wander (m) of the positions of a standing train, equal to `MAX_BACKWARD_M`."""
 AT_PLATFORM_M: Final = 300.0
 """Distance (m) within which a standing train stands at a stop: platforms are long, and maps inexact."""
 LEAST_MOVED_M: Final = 30.0
-"""Distance (m) up to which a record whose positions lead no further is no trip: noise alone may spread them as far."""
+"""Extent (m) that the positions of a trip must exceed: noise alone may spread them as far."""
 LONGEST_GAP_S: Final = 300.0
 """Gap (s) above which the record is split if the train moved in it or next to it; the largest part is kept."""
 STANDING_BY_POSITIONS_MPS: Final = 0.5
-"""Speed of the positions (m/s) below which a train stands where no speed is reported: they wander by metres."""
+"""Speed of the positions (m/s) below which a train stands if no speed is reported: positions wander by metres."""
 LED_WINDOW_S: Final = 12.0
 """Time (s) at an end of a record in which positions are checked for slowing to a stand."""
 LED_POINTS: Final = 4
@@ -49,7 +49,7 @@ LED_SPEED_MPS: Final = 2.0
 LED_CHANGE_MPS2: Final = 0.1
 """Least slowing (m/s²) of positions at an end of a record that show a stand: noise gives less."""
 GENTLE_MPS2: Final = 0.3
-"""Gentlest stop or start (m/s²) of a train, so that v²/2a and v/a bound what may be left of its motion."""
+"""Gentlest stop or start (m/s²) of a train, so that v²/2a and v/a bound the rest of its motion."""
 ONE_WAY_RATIO: Final = 0.5
 """Least distance of the ends of a trip in one direction, as a share of its whole extent."""
 STAND_KEPT_S: Final = 30.0
@@ -66,8 +66,8 @@ class Points:
     """Points of a record that are kept, arrays of shape (points,); `point` is the index in the record.
 
     `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line. `missing`,
-    `dropout` and `spike` mark the reason why a speed is not the reported one. Where only the positions show that the
-    train stands at an end of the record, `slowed_to_mps` is the speed that they give there; elsewhere it is NaN.
+    `dropout` and `spike` mark the reason why a speed is not the reported one. `slowed_to_mps` is the speed from
+    positions at an end of the record at which only positions show that the train stands; elsewhere it is NaN.
     """
 
     point: Ints
@@ -123,8 +123,8 @@ def runs_back(record: Record, line: Line | None) -> bool:
 def fitting_points(record: Record, line: Line | None, section_m: float, log: FindingLog) -> Points:
     """The consistent points of a record that are on the line, with speeds that fit them.
 
-    Every point that is dropped is logged. Wrong speeds are only marked here; those on the section are logged later.
-    Raises DasError if most points do not fit.
+    Every dropped point is logged. Wrong speeds are only marked here; those on the section are logged later. Raises
+    DasError if most points do not fit.
     """
     along, aside = _place(record, line)
     located = np.isfinite(aside)
@@ -265,7 +265,7 @@ def standing(speed_mps: Floats, from_positions: Bools) -> Bools:
 
 
 def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) -> Bools:
-    """Mask of the points of standstills, with apparent motion disregarded.
+    """Mask of the points of standstills, ignoring apparent motion.
 
     `still` are points at which the train stands. It also stands at points without a usable speed (`untold`) whose
     positions over 15 s on either side show no motion, and at all points between two stands if they are within 30 m.
@@ -299,7 +299,7 @@ def slowed_to(time_s: Floats, along_m: Floats, untold: Bools) -> Floats:
 
 
 def left_over(speed_mps: float) -> tuple[float, float]:
-    """Distance (m) and time (s) that a train at this speed needs at most to stop, or has needed since it started."""
+    """Largest distance (m) and time (s) in which a train at this speed comes to a stop, or has started."""
     return speed_mps**2 / (2.0 * GENTLE_MPS2), speed_mps / GENTLE_MPS2
 
 
@@ -331,13 +331,13 @@ def visits(found: list[Stand], s_m: Floats, stop_m: float, *, last: bool) -> lis
 
 @dataclass(frozen=True, kw_only=True)
 class MatchReport:
-    """How a record was placed on the route: s = offset_m + scale · chainage.
+    """The placing of a record on the route: s = offset_m + scale · chainage.
 
-    `anchor` says what fixed offset and scale: "route" (the line has the route's positions already), "start and end",
+    `anchor` is the origin of offset and scale: "route" (the line has the route's positions already), "start and end",
     "start" or "end" (the stops where the train stood), "stops" (the coordinates of the route's stops), "positions" (the
-    record has positions on the route). If only
-    positions show that the train stood at an end of the record, it may have stood up to `stand_uncertainty_m` beyond
-    that end. Distances from the line (cross track) are None if there is no line.
+    record has positions on the route). If only positions show that the train stood at an end of the record, it may have
+    stood up to `stand_uncertainty_m` beyond that end. Distances from the line (cross track) are None if there is no
+    line.
     """
 
     offset_m: float
@@ -401,9 +401,9 @@ def match_trip(
 ) -> MatchedTrip:
     """Match a record (times increasing) to a route that is driven from the first of `stops` to the second.
 
-    Impossible points and speeds are dropped or mended, and listed in the report (see docs/reference/trips.md).
-    Kilometre posts have a zero of their own. If two standstills are as far apart as the stops, within 1 %, they are put
-    on the stops and the kilometrage is scaled to both. Otherwise the stand at the start fixes the zero, or else the
+    Impossible points and speeds are dropped or corrected, and listed in the report (see docs/reference/trips.md).
+    Kilometre posts have their own zero. If two standstills are as far apart as the stops, within 1 %, they are placed
+    at the stops and the kilometrage is scaled to both. Otherwise the stand at the start fixes the zero, or else the
     stand at the end. Without a line, the record's own positions are used. Long stands at the ends are cut to 30 s
     unless `whole_stands`. Raises DasError if nothing usable remains: the train is off the line, does not move, turns
     back, or runs on another section.
@@ -444,12 +444,12 @@ def _report(
 
 
 def _fastest(slowed_to_mps: Floats) -> float:
-    """The highest speed (m/s) at an end that was taken for a stand; 0 if none was."""
+    """The highest speed (m/s) at an end that was assumed to be a stand; 0 if none was."""
     return float(np.nan_to_num(slowed_to_mps).max())
 
 
 def _pinned(along_m: Floats, found: list[Stand]) -> Floats:
-    """Positions (m) with every standstill in one place.
+    """Positions (m) with every standstill at one place.
 
     At the start that place is the last position, because the receiver has settled by then; elsewhere it is the median.
     """
@@ -509,7 +509,7 @@ def _mended(record: Record, points: Points, log: FindingLog) -> Points:
     s_m = _flattened(record, points)
     back = np.abs(s_m - points.along_m) > TOLD_M
     log.add(FindingKind.STEP_BACK, record, points.point[back], f"less than {MAX_BACKWARD_M:.0f} m")
-    # Wrong speeds are sought again on the final positions, so that a cleaned trip has nothing left to mend.
+    # Wrong speeds are sought again on the final positions, so that a cleaned trip needs no more corrections.
     dropout, spike = cleaning.find_wrong_speeds(points.time_s, s_m, measured_mps(record, points))
     points = replace(points, dropout=points.dropout | dropout, spike=points.spike | spike)
     # A standing train has speed 0; a moving train has at least the speed below which trains count as standing.
@@ -532,7 +532,7 @@ def _flattened(record: Record, points: Points) -> Floats:
 
 
 def _log_section(record: Record, points: Points, end_stop: Stop, log: FindingLog) -> None:
-    """Log what was mended in the section's speeds, and what was found but left as it is."""
+    """Log the corrections of the section's speeds, and the findings that were left uncorrected."""
     at = points.point
     for kind, which in (
         (FindingKind.SPEED_MISSING, points.missing),
@@ -557,7 +557,7 @@ def _log_section(record: Record, points: Points, end_stop: Stop, log: FindingLog
 
 
 def _speeds(record: Record, at: Ints, points: Points, which: Bools) -> str:
-    """Words about the reported speed that is furthest from the mended speed."""
+    """Words about the reported speed that is furthest from the corrected speed."""
     off = np.abs(record.speed_mps[at] - points.speed_mps[which])
     if not len(off) or np.isnan(off).all():
         return ""

@@ -18,7 +18,7 @@ SMOOTHING_JERK_PSD_M2PS5: Final = 0.03
 """Density of the white jerk (m²/s⁵). With the speed's weight the smoothing acts like a local fit over
 (σ²/psd)^¼ ≈ 1.7 s on either side, about 8 s in all."""
 SMOOTHING_MAX_POSITION_GAP_S: Final = 6.0
-"""Longest gap (s) over which positions are joined; inertia leads through longer ones."""
+"""Longest gap (s) over which positions are joined; longer ones are bridged by inertia."""
 SMOOTHING_POSITION_SIGMA_M: Final = 25.0
 """Weight of a position per second, as a standard deviation (m): errors of some 6 m last about 15 s, hence 6·√15."""
 SMOOTHING_SPEED_SIGMA_MPS: Final = 0.5
@@ -30,9 +30,9 @@ SMOOTHING_MAX_SPEED_GAP_S: Final = 3.0
 SMOOTHING_USUAL_STEPS_JOINED: Final = 2.0
 """Multiple of the usual step up to which points of a sparse record are still joined."""
 SMOOTHING_MIN_LAG_GAIN_RATIO: Final = 0.2
-"""Share of the spread between integrated speed and position that a lag of the speed must explain, else it is 0."""
+"""Share of the spread between integrated speed and position that a lag of the speed must explain; else the lag is 0."""
 SMOOTHING_MIN_LAG_GAIN_M: Final = 1.0
-"""Length (m) of the spread that a lag must also explain."""
+"""Part (m) of that spread that a lag must explain as well."""
 
 LAGS_S = np.arange(-2.0, 5.01, 0.25)
 """Lags (s) of the reported speed that are tried."""
@@ -190,7 +190,7 @@ def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Fl
 def _integrated(matched: MatchedTrip, position_m: Floats, v: Floats, step_s: float) -> tuple[Floats, Floats]:
     """Position (m) integrated from the speed, beginning at an end where the train stands, and the speed (m/s).
 
-    If the train stands at both ends, position and speed are scaled to match the last fraction of a metre.
+    If the train stands at both ends, position and speed are scaled to agree to a fraction of a metre.
     """
     if matched.ends.starts_standing:
         v[0] = 0.0

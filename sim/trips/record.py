@@ -36,7 +36,7 @@ Read = TypeVar("Read")
 
 LATITUDE_NAMES = ("latitude", "latitude_deg", "lat")
 LONGITUDE_NAMES = ("longitude", "longitude_deg", "lon", "lng")
-"""Names that a column of latitudes or of longitudes may have."""
+"""Possible names of a column of latitudes or of longitudes."""
 COLUMNS: Final = {
     "latitude": dict.fromkeys(LATITUDE_NAMES, 1.0),
     "longitude": dict.fromkeys(LONGITUDE_NAMES, 1.0),
@@ -45,7 +45,7 @@ COLUMNS: Final = {
     "speed_from_positions": {"speed_from_positions": 1.0},
     "time": {"time_ms": 0.0, "time_s": 0.0, "time": 0.0, "timestamp": 0.0},
 }
-"""Quantities, the names that their columns may have, and factors to SI (times are read digit by digit instead)."""
+"""Quantities, possible names of their columns, and factors to SI (times are read digit by digit instead)."""
 WITHOUT_HEADER = ("latitude_deg", "longitude_deg", "speed_kmh", "time_ms")
 """Columns of a CSV file without a header."""
 GPX_COLUMNS = ("latitude", "longitude", "speed_mps", "time")
@@ -55,13 +55,13 @@ LARGEST_DEG = {"latitude": 90.0, "longitude": 180.0}
 LATEST_NS = round(9e9 / NS)
 """The latest time (ns since 1970, year 2255) that fits in integer nanoseconds."""
 NO_VALUE = frozenset(("", "-", "n/a", "na", "nan", "none", "null"))
-"""Texts of a cell, in small letters, that stand for a value that is not known."""
+"""Texts of a cell, in small letters, for an unknown value."""
 NO_SPEED = -1.0
-"""Speed that iOS writes if it knows none."""
+"""Speed that iOS writes if the speed is unknown."""
 ROUNDING = 1e-6
 """Distance from 0 (in its file's unit) at which a negative speed comes from rounding."""
 BACKWARD_NOISE_MPS = 0.3
-"""Speed below 0 (m/s) up to which a recorded one is taken for noise of the sensor at a standstill."""
+"""Magnitude (m/s) up to which a negative recorded speed counts as noise of the sensor at a standstill."""
 _BEFORE_XML = b"\xef\xbb\xbf\xff\xfe \t\r\n"
 _SHOWN_NAMES = 6
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -70,7 +70,7 @@ _NS_PER_MICROSECOND = 1000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """The points of a trip as its file gives them, in the order of the file; arrays of shape (points,), NaN if unknown.
+    """The points of a trip in the order of its file; arrays of shape (points,), NaN if unknown.
 
     `number` is the number of a point's `place` (line, position) in its file. Positions are either on the map or on the
     route; on the route, `position_m` counts as in the route's file, or in the direction driven if `as_driven`. In a
@@ -100,7 +100,7 @@ class Record:
 
     @classmethod
     def of(cls, source: str, number: Ints, time_ns: Ints, **known: Any) -> Self:
-        """Make a record from the columns that are known; values of the others are NaN or False."""
+        """Make a record from the known columns; values of the others are NaN or False."""
         count = len(time_ns)
         for name in ("latitude_deg", "longitude_deg", "position_m", "speed_mps", "uncertainty_m"):
             known.setdefault(name, np.full(count, np.nan))
@@ -254,7 +254,7 @@ def read_csv(path: Path) -> Record:
 def _record(
     path: Path, columns: dict[str, tuple[int, str]], rows: list[list[str]], number: Ints, *, located: bool = False
 ) -> Record:
-    """The record in rows of cells, of which row i is at line `number[i]`; `located` rows must have a place."""
+    """The record in rows of cells, with row i at line `number[i]`; `located` rows must have a place."""
 
     def cells(quantity: str, read: Callable[[str, str], Read], *, needed: bool) -> list[Read | None]:
         index, _ = columns[quantity]
@@ -303,7 +303,7 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, tuple[int, str]]:
 
 
 def _value(path: Path, key: str, quantity: str, cell: str) -> float:
-    """A value in the unit of its column; raises InputError for a text or a number that it cannot be."""
+    """A value in the unit of its column; raises InputError for an invalid text or number."""
     value, largest = number(path, key, cell), LARGEST_DEG.get(quantity)
     if largest is not None and abs(value) > largest:
         raise InputError(path, key, value, f"-{largest:g} to {largest:g} deg")
@@ -317,7 +317,7 @@ def _value(path: Path, key: str, quantity: str, cell: str) -> float:
 
 
 def _with_neighbours(time_ns: list[int | None]) -> tuple[Ints, Bools]:
-    """Times, each unknown one that of the point before (or of the first with a time), and which are unknown."""
+    """Times, with unknown ones replaced by that of the point before (or the first with a time), and a mask of them."""
     last = next(one for one in time_ns if one is not None)
     filled = [last := one if one is not None else last for one in time_ns]
     return np.array(filled, dtype=np.int64), np.array([one is None for one in time_ns])
@@ -346,7 +346,7 @@ def read_time(path: Path, key: str, text: str, column: str) -> int:
         raise InputError(path, key, text, "a number") from None
     if not value.is_finite():
         raise InputError(path, key, text, "a finite number")
-    # A figure like 1e999999999 must not become an integer of so many digits.
+    # Guard against a huge exponent like 1e999999999 becoming an integer.
     if not 0 <= value <= LATEST_NS or not 0 <= value * per_unit_ns <= LATEST_NS:
         raise InputError(path, key, text, f"an epoch time in {column.rpartition('_')[2]}")
     return round(value * per_unit_ns)
@@ -356,7 +356,7 @@ def read_gpx(path: Path) -> Record:
     """Read the track points of all segments of a GPX file in their order; `number` is the line at which each begins.
 
     A speed is the element of that name in a point or its extensions. Raises DasError or InputError (file, line, value).
-    A file that declares entities is refused: they can grow without bound and reach other files.
+    A file that declares entities is rejected: they can grow without bound and reach other files.
     """
     try:
         content = path.read_bytes()
@@ -420,7 +420,7 @@ class _TrackPoints:
 
 
 class CellTable(NamedTuple):
-    """A CSV file: what it holds, names of columns, rows of cells, line of the first row, and separator."""
+    """A CSV file: its kind of content, names of columns, rows of cells, line of the first row, and separator."""
 
     path: Path
     what: str
@@ -487,10 +487,10 @@ def is_number(cell: str) -> bool:
 
 
 def usable(cells: Sequence[str], read: Callable[[int, str], Read], *, needed: bool = False) -> list[Read | None]:
-    """The values of a column's cells; None for a cell without a value, or with one that `read` refuses.
+    """The values of a column's cells; None for a cell without a value, or with one that `read` rejects.
 
     `read` is given the index and the text of a cell. Raises the first InputError if at least half of the stated cells
-    are refused: then the column holds something else. Where a value is `needed`, an empty cell is refused as well.
+    are rejected: then the column holds something else. If a value is `needed`, an empty cell is rejected as well.
     """
     found: list[Read | None] = []
     refused, stated = [], 0

@@ -41,7 +41,7 @@ _NS_PER_MS = round(MS / NS)
 def describe(
     trip: Trip, section: Section | None, parts: SmoothedParts | None, compared_part: str = ""
 ) -> dict[str, Any]:
-    """What is in a trip, for JSON (times in s, distances in m, energies in kWh at the current collector).
+    """The content of a trip, for JSON (times in s, distances in m, energies in kWh at the current collector).
 
     Energies are those of its parts, without comfort systems: from stop to stop, or of the part of an open trip that is
     compared with an optimum, if there is one. Without a section, that is without a vehicle, `energy` is None.
@@ -139,7 +139,7 @@ def doubt_words(assumed: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _not_known(trip: Trip, section: Section | None) -> list[str]:
-    """One sentence for each thing that a record of positions leaves unknown, with figures if there are any."""
+    """A sentence for each quantity that a record of positions leaves unknown, with figures if there are any."""
     notes = []
     if not trip.direction_known:
         notes.append(direction_by_posts(trip))
@@ -173,7 +173,7 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
 
 
 def direction_by_posts(trip: Trip) -> str:
-    """A sentence that says that kilometre posts do not show the direction, and how the user can state it."""
+    """The sentence that kilometre posts do not show the direction, and how the user can state it."""
     turned = any(f.kind == FindingKind.OTHER_WAY for f in trip.matched.report.cleaning.findings)
     posts = "turn the list of posts round and " if turned else ""
     right, wrong = ("--reverse", "--no-reverse") if trip.reversed else ("--no-reverse", "--reverse")
@@ -184,7 +184,7 @@ def direction_by_posts(trip: Trip) -> str:
 
 
 def part_words(part: str) -> str:
-    """A sentence that says which part of an open trip is compared; `part` has its ends."""
+    """A sentence on the part of an open trip that is compared; `part` has its ends."""
     return (
         f"the trip does not stand at both its stops: the energies are those of its longest part between equal speeds, "
         f"{part}, compared with an optimum with the same speeds there"
@@ -199,7 +199,7 @@ def _steps_s(trip: Trip) -> Floats:
 
 
 def _unseen_s(trip: Trip) -> float:
-    """Time between points of the run that are far apart."""
+    """Time (s) in gaps of the run."""
     steps = _steps_s(trip)
     return float(steps[steps > SMOOTHING_MAX_POSITION_GAP_S].sum())
 
@@ -223,12 +223,12 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
         tell(f"not known: {note}")
     if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO:
         share = 100 * found["energy"]["beyond_vehicle_ratio"]
-        tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has")
+        tell(f"note: in {share:.0f} % of the time the trip needs more force than this vehicle has")
         tell(f"note: {doubt_words(found['energy']['unknowns'])}")
 
 
 def cleaning_table(report: CleaningReport) -> Table:
-    """The table of what was cleaned, one row for each kind of finding."""
+    """The table of cleaning, one row for each kind of finding."""
     table = Table(title=f"cleaning: {report.kept} of {report.read} points kept", title_justify="left")
     for name, right in (("count", True), ("finding", False), ("action", False), ("first at", False), ("detail", False)):
         table.add_column(name, justify="right" if right else "left")

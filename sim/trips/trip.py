@@ -1,4 +1,4 @@
-"""A recorded trip: opened, cleaned, and put on its route as a smooth run; its standstills and its section."""
+"""A recorded trip: opened, cleaned, and placed on its route as a smooth run; its standstills and its section."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ SHORTEST_STAND_S: Final = 5.0
 WHOLE_TRIP_M: Final = 100.0
 """Distance (m) from the stops within which a trip that starts and ends there is the whole section."""
 FASTEST_MPS: Final = 400.0 * KMH
-"""A record that leads to a higher speed (m/s) is no train's trip."""
+"""Highest speed (m/s) of a trip; a record with a higher speed is rejected."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trip:
     """A trip matched to a route as driven, its smooth run, and the journey and delays of a recording.
 
-    `reversed` says that it ran against the route's file. `direction_known` is False if only kilometre posts give its
-    positions, because they do not show the direction; coordinates of the route's stops do. `delays` are pairs of a time
-    (ns) and a delay (s).
+    `reversed`: it ran against the route's file. `direction_known` is False if only kilometre posts give its positions,
+    because they do not show the direction; coordinates of the route's stops do. `delays` are pairs of a time (ns) and a
+    delay (s).
     """
 
     path: Path
@@ -67,12 +67,12 @@ class Trip:
 
     @property
     def stands(self) -> tuple[StandFound, ...]:
-        """Where the train stood, in order."""
+        """The standstills of the train, in order."""
         return stands_found(self.matched, self.route, self.run.course)
 
     @property
     def ran_ns(self) -> tuple[int, int]:
-        """From when to when the trip ran (ns since 1970): from stand to stand if it stands at both its stops."""
+        """The span of time of the trip (ns since 1970): from stand to stand if it stands at both its stops."""
         first_ns, last_ns = (int(self.run.course.time_ns[i]) for i in (0, -1))
         if not self.whole:
             return first_ns, last_ns
@@ -86,7 +86,7 @@ class Trip:
 
     @property
     def better_stops(self) -> str:
-        """Options that name the stops at which the trip starts and ends, if others were chosen; else empty."""
+        """Options for the stops at which the trip starts and ends, if other stops were chosen; else empty."""
         stands = self.stands
         first = next((s.stop for s in stands if s.arrival_ns is None), None)
         last = next((s.stop for s in stands if s.departure_ns is None), None)
@@ -95,11 +95,10 @@ class Trip:
 
 
 def load_trip(path: Path, reading: Reading, route: Route, said: TripOptions) -> Trip:
-    """Clean a trip and put it on a route, which is given as in its file.
+    """Clean a trip and place it on a route, which is given as in its file.
 
     A GPS record needs kilometre posts or a route with geometry, unless it has positions on the route. A trip that runs
-    against the stated direction is turned round if no stops are named. Raises DasError or InputError for anything
-    unusable.
+    against the stated direction is reversed if no stops are named. Raises DasError or InputError for anything unusable.
     """
     log = FindingLog(read=len(reading.record))
     record = in_order(reading.record, log)
@@ -155,7 +154,7 @@ def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
 
 
 def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog) -> tuple[Route, bool, Line | None]:
-    """The route as driven, whether that is against its file, and the line (None if the record has route positions)."""
+    """The route as driven, whether it is reversed, and the line (None if the record has route positions)."""
     reverse = bool(said.reverse)
     driven = route.reversed() if reverse else route
     line = _line(record, driven, said.posts)
@@ -172,7 +171,7 @@ def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog)
 
 
 def _check_turn(record: Record, said: TripOptions, line: Line | None) -> None:
-    """Raise DasError for a trip that runs the other way than a given direction or named stops say."""
+    """Raise DasError for a trip that runs against the given direction or the named stops."""
     right = "leave out --reverse" if said.reverse else "give --reverse"
     along = f" along {line.source}" if line is not None else ""
     if said.from_stop is None and said.to_stop is None:
@@ -195,9 +194,9 @@ def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
 
 @dataclass(frozen=True, kw_only=True)
 class StandFound:
-    """A standstill: its position, the stop of the route there (None if there is none), and when it began and ended.
+    """A standstill: its position, the stop of the route there (None if there is none), its beginning and end.
 
-    `off_m` is how far beyond the stop the train stood. A time is None if the record begins or ends with the stand.
+    `off_m` is the distance of the train beyond the stop. A time is None if the record begins or ends with the stand.
     """
 
     s_m: float
@@ -208,7 +207,7 @@ class StandFound:
 
     @property
     def dwell_s(self) -> float | None:
-        """How long the train stood; None if the record begins or ends with the stand."""
+        """Duration of the stand; None if the record begins or ends with it."""
         if self.arrival_ns is None or self.departure_ns is None:
             return None
         return (self.departure_ns - self.arrival_ns) * NS
@@ -241,7 +240,7 @@ def stands_found(matched: MatchedTrip, route: Route, course: DrivenCourse) -> tu
 def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[TripOptions, Trip]:
     """Read, clean and match a trip; returns the options completed from the recording, and the trip.
 
-    Files that a recording brings along are put into `folder`. Raises DasError for anything unusable.
+    Files that are attached to a recording are put into `folder`. Raises DasError for anything unusable.
     """
     reading = read_trip(trip_path, options.of_train)
     options = _completed(reading, options, folder)
@@ -264,7 +263,7 @@ def _completed(reading: Reading, options: TripOptions, folder: Path) -> TripOpti
     if journey is None or recording is None or ends is None:
         return options
     if options.reverse is not None:
-        raise DasError("--reverse: the recording says itself in which direction it drives")
+        raise DasError("--reverse: the recording states its direction")
     files = AttachedFiles(recording, folder)
     route = options.route
     if route is None:
@@ -290,7 +289,7 @@ def trip_section(trip: Trip, options: TripOptions) -> Section:
         find += f" --posts {shlex.quote(str(options.posts))}" if options.posts is not None else ""
         find += " --reverse" if options.reverse else ""
         raise DasError(
-            f"{trip.path}: a trip without a journey needs --vehicle; which trains can have driven it, says "
+            f"{trip.path}: a trip without a journey needs --vehicle; to find trains that can have driven it, use "
             f"{typed(find)} --vehicles all"
         )
     vehicle = load_vehicle(options.vehicle)

@@ -1,1 +1,1 @@
-"""The closed loop: a scenario, its world in steps of time, and what connects it to the advice."""
+"""The closed loop: a scenario, its world in steps of time, and its connection to the advice."""

@@ -1,4 +1,4 @@
-"""What can go wrong on a day: a class for each kind, with its figures named as in scenario files."""
+"""The disturbances of a day: a class for each kind, with its figures named as in scenario files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim.recording.opening import NOTHING
 
 
 class SensorFault(StrEnum):
-    """How localisation fails."""
+    """The kinds of failure of localisation."""
 
     DROPOUT = "dropout"
     """Localisation gives no positions."""
@@ -92,8 +92,8 @@ class SignalStop:
 class TrainAhead:
     """A signal at danger at `at_m`, visible `seen_m` before it, that clears at `clears_s` on the run's clock.
 
-    Traffic management knows this time. It gives the node a target when the train is `told_m` before the signal: not to
-    come within sight of it before the signal clears.
+    Traffic management knows this time. When the train is `told_m` before the signal, it gives the node a target: not to
+    come within sight of the signal before it clears.
     """
 
     at_m: float
@@ -183,7 +183,7 @@ def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:
-    """One line for people about what happens, with speeds in km/h and places in km."""
+    """A line of text on a disturbance, with speeds in km/h and places in km."""
     return "; ".join(map(_described, disturbances)) or NOTHING
 
 

@@ -80,10 +80,10 @@ class OverBus:
 
 @dataclass(frozen=True, kw_only=True)
 class How:
-    """How a day is driven, as its recording states.
+    """The mode of driving a day, as its recording states.
 
     `bus` is the folder of bus files (None: free ports of this machine), `driver_at` an external driver's endpoint, and
-    `recorder_at` the recorder's if it must be known. With `paced` the run keeps a pace and waits for nobody.
+    `recorder_at` the recorder's if it must be known. With `paced` the run keeps a pace and does not wait for answers.
     """
 
     driver: DriverName
@@ -113,8 +113,8 @@ def drive_day(
 ) -> DayRun:
     """Drive a day: in this process, or with node and recorder as processes if it is recorded in the file `out`.
 
-    In this process, the table of the drive is made from what a recorder would write, if it is to be kept. Raises
-    DasError if a process fails or the train does not arrive.
+    In this process, the table of the drive, if it is kept, is made from the messages that a recorder would write.
+    Raises DasError if a process fails or the train does not arrive.
     """
     if out is None and keep:
         kept, table = drive_kept(day, driver, how, progress)
@@ -152,7 +152,7 @@ def drive_kept(day: Day, driver: Driver, how: How, progress: Progress | None = N
 
 
 def make_processes(day: Day, how: How, out: Path) -> Processes:
-    """Node and recorder for a day; the recording states how it was made and contains the files it was made from."""
+    """Node and recorder for a day; the recording states its origin and contains the input files."""
     service = day.service
     shows = presenter_of(how.advice)
     leads = "--guide" if shows.needs_guide else "--no-guide"
@@ -171,7 +171,7 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
 
 
 def run_metadata(day: Day, how: How) -> dict[str, str]:
-    """How a day came about and was driven, as its recording states it."""
+    """The metadata of a recording on the origin and the driving of its day."""
     service, scenario = day.service, day.service.scenario
     return {
         "kind": "run",
@@ -247,7 +247,7 @@ def _last_messages(day: Day, run: Run) -> Iterator[tuple[Topic, Message]]:
             shortest_mode_s=found.shortest_mode_s,
         ),
     )
-    with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
+    with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome reports it
         yield SAVING, above_optimum(day, run).message(end_ns)
 
 

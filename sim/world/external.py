@@ -1,4 +1,4 @@
-"""An external driver: a process of its own that sees the cab over the bus and sets the controller.
+"""An external driver: a separate process that receives the cab over the bus and sets the controller.
 
 At every look, the simulation sends the cab and the driver answers. If the driver is silent, the train is braked.
 """
@@ -30,10 +30,10 @@ from sim.world.service import Day
 
 @dataclass(frozen=True, kw_only=True)
 class Patience:
-    """How long a run waits for its driver (s), and what its errors call this driver.
+    """Times (s) for which a run waits for its driver, and the name of this driver in errors.
 
     After `silent_s` without an answer the dead-man brake is applied. A run waits `awaited_s` for its driver before it
-    begins, and `given_up_s` for one that is gone, once the dead-man brake has stopped the train; then it ends.
+    begins. It ends if the driver has not answered for `given_up_s` and the dead-man brake has stopped the train.
     """
 
     silent_s: float = 2.0
@@ -43,7 +43,7 @@ class Patience:
 
 
 AT_THE_DESK: Final = Patience(given_up_s=600.0, awaited_s=math.inf, driver=DESK)
-"""A person reads before a run begins, and may come back after a break."""
+"""The waiting times for a person, who reads before a run begins, and may come back after a break."""
 
 
 class DeadMan:
@@ -61,7 +61,7 @@ class DeadMan:
         """Whether the brake is applied."""
 
     def answered(self, *, standing: bool, pulls: bool = False) -> str | None:
-        """Take note of an answer; returns a sentence if the brake is released, else None.
+        """Record an answer; returns a sentence if the brake is released, else None.
 
         `pulls`: the controller asks for traction.
         """
@@ -72,7 +72,7 @@ class DeadMan:
         return "the external driver answers again: the dead-man brake is released"
 
     def silent(self, span_s: float) -> str | None:
-        """Take note of a time (s) without an answer; returns a sentence if the brake is applied, else None."""
+        """Record that there is no answer at a time (s); returns a sentence if the brake is applied, else None."""
         self.silent_s += span_s
         if self.braking or self.silent_s < self._limit_s - 1e-9:
             return None
@@ -81,14 +81,14 @@ class DeadMan:
 
 
 LEAST_LISTENING: Final = 0.5
-"""Least share of the time of a look that the driver has to answer when the run keeps a pace."""
+"""Least share of the time of a look that remains for the driver's answer when the run keeps a pace."""
 SLIPS_SAID_S: Final = 1.0
-"""Time (s) that a run that slips loses between two of its reports."""
+"""Loss of time (s) between two reports of a run that cannot keep its pace."""
 BRAKES: Final = lever(-1.0)
 
 
 class Pace:
-    """When looks are due in a run that keeps a pace: a run that is late slips, and never hurries to catch up.
+    """The due times of looks in a run that keeps a pace; a run that is late does not hurry to catch up.
 
     `look_s` is the time of a look by `clock` (s), which may be any clock that does not go back.
     """
@@ -109,7 +109,7 @@ class Pace:
         return self._due_s - now_s
 
     def slipped(self) -> str | None:
-        """A sentence if the run has lost noticeably more time than it last said, else None."""
+        """A sentence if the run has lost noticeably more time than at its last report, else None."""
         if self._slipped_s - self._said_s < SLIPS_SAID_S:
             return None
         self._said_s = self._slipped_s
@@ -170,7 +170,7 @@ class ExternalDriver:
         return self._command
 
     def _message(self, now_ns: int, cab: CabView) -> Message:
-        """The cab of this look. While the dead-man brake holds, it shows no advice: nobody is there to follow it."""
+        """The cab of this look. While the dead-man brake holds, no advice is shown."""
         overruled = das_pb2.Cab.INTERLOCK_NONE
         if self._dead_man.braking:
             cab, overruled = cab._replace(advice=None), das_pb2.Cab.INTERLOCK_SILENCE
@@ -181,7 +181,7 @@ class ExternalDriver:
         return cab_message(look, self._day.service.line)
 
     def _tell(self, now_ns: int, told: str | None) -> None:
-        """Record what happened; also record, once, that another process tries to drive as well."""
+        """Record `told` and a loss of pace, and once the fact that another process tries to drive as well."""
         assert self._lockstep is not None
         other = None
         if self._lockstep.answers.other_drivers and not self._crowded:
@@ -192,7 +192,7 @@ class ExternalDriver:
                 self._lockstep.send(LOG, happened(now_ns, text, Log.WARNING))
 
     def _answer(self, lockstep: Lockstep, cab: CabView) -> Any | None:
-        """The answer to this look; None if none comes in time, DasError if the driver is gone for good."""
+        """The answer to this look; None if none comes in time, DasError if the driver has not answered for too long."""
         answers, least = lockstep.answers, self._look
         if self._pace is not None:
             lockstep.hear(lambda: False, self._pace.left_s())

@@ -1,7 +1,7 @@
 """Compiles the kernels that a simulated day needs last, on a tiny line.
 
-A command that compiles the solver starts this beside itself: the train model, the guide's plans and the last word come
-when sections have been solved.
+A command that compiles the solver runs this in parallel: the train model, the guide's plans and the last word are
+needed once sections have been solved.
 """
 
 from __future__ import annotations

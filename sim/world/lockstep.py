@@ -41,9 +41,9 @@ STOP_TIMEOUT_S = 30.0
 
 
 class Process:
-    """A child process that runs one of our modules; use with `with`. Its output goes to a file; errors quote it.
+    """A child process that runs one of our modules; use with `with`. Its output is written to a file; errors quote it.
 
-    `given` are environment variables that it has besides ours; `door` is a file descriptor that it inherits (−1: none).
+    `given` are environment variables in addition to ours; `door` is a file descriptor that it inherits (−1: none).
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Process:
     ) -> None:
         self.name = name
         self._log = tempfile.NamedTemporaryFile(prefix=f"{name}-", suffix=".log", delete=False)  # noqa: SIM115
-        # A session of its own: Ctrl-C comes to us alone, and we stop the children in order.
+        # A separate session: only this process receives Ctrl-C, and it stops the children in order.
         self._child = subprocess.Popen(
             [sys.executable, "-m", module, "--with-parent", str(os.getpid()), *arguments],
             stdin=subprocess.DEVNULL,
@@ -111,12 +111,12 @@ class Process:
 
 @dataclass(frozen=True, kw_only=True)
 class Processes:
-    """How node and recorder of a run are started.
+    """The settings with which node and recorder of a run are started.
 
     `driver_at` is the endpoint at which an external driver finds the simulator; None where there is no such driver.
-    With a bus folder the endpoint is in the bus file, and any text in `driver_at` says that there is such a driver.
-    `recorder_at` is the recorder's endpoint (None: a free port), for a driver that also says what is only recorded.
-    With `paced` the simulation keeps a pace and waits for nobody.
+    With a bus folder the endpoint is in the bus file, and any text in `driver_at` means that there is such a driver.
+    `recorder_at` is the recorder's endpoint (None: a free port), for a driver that also sends messages for the
+    recording alone. With `paced` the simulation keeps a pace and does not wait for answers.
     """
 
     train: str
@@ -161,7 +161,7 @@ class Stations:
         return Process("recorder", "das.recorder", arguments)
 
     def start_node(self) -> Process:
-        """Start a node that goes by the simulation's clock."""
+        """Start a node that uses the simulation's clock."""
         arguments = [*self._place(2, Role.NODE), "--clock", "bus", *self._processes.node_arguments]
         return Process("node", "das.node", arguments)
 
@@ -175,14 +175,14 @@ class Stations:
 
 
 def location(time_ns: int, latitude_deg: float, longitude_deg: float) -> LocationFix:
-    """The message that tells where the train is on the map."""
+    """The message with the position of the train on the map."""
     fix = LocationFix(latitude=latitude_deg, longitude=longitude_deg, frame_id="train")
     fix.timestamp.FromNanoseconds(time_ns)
     return fix
 
 
 def happened(time_ns: int, text: str, level: Any = Log.INFO) -> Log:
-    """The message that tells people, in `text`, that something happened."""
+    """The log message for people, in `text`, on an event."""
     log = Log(level=level, message=text, name="das-sim")
     log.timestamp.FromNanoseconds(time_ns)
     return log
@@ -203,7 +203,7 @@ class Answers:
         self.node_state: int = NodeState.STARTING
         """The state that the node reported last."""
         self.reason = ""
-        """Why the node is in that state, as the node puts it."""
+        """The node's reason for that state."""
         self.written = Written()
         """Record of what the recorder has written so far."""
         self.advice: Any | None = None
@@ -211,7 +211,7 @@ class Answers:
         self.controls: Any | None = None
         """The external driver's latest answer (the bus's message); None before the first."""
         self.driver = ""
-        """Session of the external driver in control: the first that answered; while empty, the next takes control."""
+        """Session of the external driver in control; while it is empty, the next session that answers takes control."""
         self.other_drivers = 0
         """Number of messages from other sessions that tried to drive as well; they were ignored."""
 
@@ -251,7 +251,7 @@ ANSWER_TIMEOUT_S = 10.0
 HEARD_EVERY_S = 0.2
 """Interval (s) at which the simulator, while no message comes, checks that node and recorder still run."""
 RECORDER_WINDOW = 50
-"""Ticks that the recorder may be behind before the simulation waits for it."""
+"""Number of ticks by which the recorder may be late before the simulation waits for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,7 +295,7 @@ class Traffic:
         return sum(max(count - self.recorded[name], 0) for name, count in expected.items())
 
     def as_dict(self) -> dict[str, Any]:
-        """Messages sent, recorded and lost, and how long the start took (s), for programs."""
+        """Messages sent, recorded and lost, and the duration of the start (s), for programs."""
         return {
             "messages_sent": self.sent.total(),
             "messages_recorded": self.recorded.total(),
@@ -305,7 +305,7 @@ class Traffic:
 
 
 class Lockstep:
-    """Node and recorder as processes on a bus of their own; use with `with`. Raises DasError where one fails."""
+    """Node and recorder as processes on a bus of their own; use with `with`. Raises DasError if one fails."""
 
     def __init__(self, processes: Processes) -> None:
         self.processes, self.traffic = processes, Traffic()
@@ -340,7 +340,7 @@ class Lockstep:
     def restart_node(self) -> None:
         """Kill the node, restart it, and wait until it has accepted the journey, which the bus keeps, again.
 
-        At a pace there is no wait: there is no advice until the new node gives some.
+        At a pace there is no wait: there is no advice until the new node sends some.
         """
         paced = self.processes.paced
         if not paced:

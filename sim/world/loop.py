@@ -45,10 +45,10 @@ class Tick(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What is recorded at a tick although the on-board system does not receive it.
+    """The records of a tick that the on-board system does not receive.
 
-    This is the true state, the cab with its display, the driver's last command, sentences about what happened, and what
-    the driver did or decided since the last tick.
+    These are the true state, the cab with its display, the driver's last command, sentences about events, and the
+    driver's actions and decisions since the last tick.
     """
 
     state: PlantState
@@ -71,7 +71,7 @@ class Link(Protocol):
         """The newest advice that has come since the last call; None if none has, or if `exchange` returns it."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Record what the on-board system does not receive."""
+        """Record messages that the on-board system does not receive."""
 
     def restart(self) -> None:
         """Kill the on-board system and restart it."""
@@ -108,7 +108,7 @@ class Run:
 
 
 class World:
-    """The run of one day; `run` drives it to its end. `screen` is how the display shows advice (None: all, at once)."""
+    """The run of one day; `run` drives it to its end. `screen` filters the display (None: all advice immediately)."""
 
     def __init__(
         self,
@@ -194,7 +194,7 @@ class World:
         return tuple(kept[told:])
 
     def _advise(self, tick: int, now_ns: int, state: PlantState) -> bool:
-        """Ask for advice and show it, unless the node is down or cut off; returns whether there was advice at once."""
+        """Ask for advice and show it, unless the node is down or cut off; returns whether there was some at once."""
         around = self._around
         measured = around.measure(state)
         if around.news.restart_due(state.time_s):
@@ -217,7 +217,7 @@ class World:
         return True
 
     def _show(self, state: PlantState, now_ns: int, advice: Any | None) -> None:
-        """Show the advice or, on paper, the line of the sheet; a display that received nothing stays as it was."""
+        """Show the advice or, on paper, the line of the sheet; a display that received no advice is unchanged."""
         around, paper = self._around, self._paper
         if paper is None and advice is None:
             return
@@ -246,7 +246,7 @@ Recorded = Callable[[int, Told], Iterable[tuple[Topic, Any]]]
 class InProcess:
     """The link to an on-board system in this process, which receives what the bus would carry.
 
-    With `recorded`, `messages` has by topic what a recorder would write; else nothing is kept.
+    With `recorded`, `messages` has by topic all messages that a recorder would write; else nothing is kept.
     """
 
     def __init__(self, service: Service, *, guide: bool = False, recorded: Recorded | None = None) -> None:
@@ -296,7 +296,7 @@ class InProcess:
         """Return None: `exchange` has returned all advice."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Keep what the on-board system does not receive, if anything is kept."""
+        """Keep the messages that the on-board system does not receive, if any are kept."""
         for topic, message in () if self._recorded is None else self._recorded(now_ns, told):
             self.keep(topic, message, now_ns)
 

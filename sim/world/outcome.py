@@ -1,4 +1,4 @@
-"""The figures of a run, for programs and as tables: punctuality, energies, where they went, and the optimum."""
+"""The figures of a run, for programs and as tables: punctuality, energies, losses, and the optimum."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def above_optimum(day: Day, run: Run) -> AboveOptimum:
 def true_fronts(day: Day) -> tuple[Front, ...]:
     """The fronts of the sections for the true train under the day's conditions; the plan's if both are as planned.
 
-    These fronts ignore what happens on the way: signals, restrictions, slippery rail and wind on a part of the line.
+    These fronts ignore events on the way: signals, restrictions, slippery rail and wind on a part of the line.
     """
     service, truth = day.service, day.service.scenario.truth
     if truth.is_as_planned and day.conditions.changes_nothing:
@@ -93,7 +93,7 @@ def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
 EARLY_S: Final = 0.5
 """Earliness (s) above which a departure is called early."""
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
-"""The ways in which energy is lost for good, comfort systems included, as in the paper's figure.
+"""The ways in which energy is dissipated, comfort systems included, as in the paper's figure.
 
 `unreturned` is braking energy that the line did not take.
 """
@@ -101,16 +101,16 @@ SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfo
 
 @dataclass(frozen=True, kw_only=True)
 class RunEnergies:
-    """Energies of a run at the current collector, and the optima beside them (J).
+    """Energies of a run at the current collector, and the optima (J).
 
     `above` has the energy from departure to arrival for every section, and the least energy of the true train for the
     times that the sections took. `at_stops_j` is drawn at stops in between. `planned_j` is the plan's least energy for
-    the timetable. Both optima ignore what happened on the way.
+    the timetable. Both optima ignore events on the way.
 
     Driven = optimum + `blending_j` + `profile_j`, where `blending_j` went to friction brakes although the motors could
-    have braked, and `profile_j` is what the speed profile cost. `own_braking_j` is the optimum for the same times under
-    the braking and the margin below limits that a human driver intends or, for other drivers, that the advice plans.
-    Its difference from the optimum is what such braking costs; None, and why, if it cannot hold the train.
+    have braked, and `profile_j` is the cost of the speed profile. `own_braking_j` is the optimum for the same times
+    under the braking and the margin below limits that a human driver intends or, for other drivers, that the advice
+    plans. The excess is the cost of such braking; None, for `no_own_braking`, if it cannot hold the train.
     """
 
     above: AboveOptimum
@@ -132,7 +132,7 @@ class RunEnergies:
 
     @property
     def profile_j(self) -> float:
-        """Energy above the optimum (J), less what friction brakes took although the motors could have braked."""
+        """Energy above the optimum (J), less the friction brakes' part that the motors could have braked."""
         return self.driven_j - self.optimum_as_driven_j - self.blending_j
 
     def as_dict(self) -> dict[str, Any]:
@@ -151,10 +151,10 @@ class RunEnergies:
 class DayOutcome:
     """The result of one day's run.
 
-    `calls` and `figures` are what a recording of the run also gives: stops, violations, and how the advice fared.
-    `running_time_s` is the time between departures and arrivals, `simulated_s` the whole time of the run. `balance` is
-    where the energy went from the first departure to the last arrival (J), comfort systems included. `counts` has the
-    numbers of ticks at which advice was given, withdrawn or not received.
+    `calls` and `figures` can also be computed from a recording of the run: stops, violations, and quality of the
+    advice. `running_time_s` is the time between departures and arrivals, `simulated_s` the whole time of the run.
+    `balance` is the energy balance from the first departure to the last arrival (J), comfort systems included. `counts`
+    has the numbers of ticks at which advice was given, withdrawn or not received.
     """
 
     scenario: str
@@ -171,7 +171,7 @@ class DayOutcome:
 
     @property
     def late_s(self) -> float:
-        """How late the train arrived at the last stop (s; early < 0)."""
+        """Lateness of the train at the last stop (s; early < 0)."""
         return self.calls[-1].late_s
 
     def as_dict(self) -> dict[str, Any]:
@@ -227,7 +227,7 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
 
 
 def _own_braking(day: Day, run: Run, driver: DriverName | None) -> tuple[float | None, str]:
-    """`RunEnergies.own_braking_j`, or why it is not known: the train that drove may be another than the planned one."""
+    """`RunEnergies.own_braking_j`, or the reason why there is none: the true train may not be the planned one."""
     try:
         braking = optimum_as_driven(fronts_of_braking(day, driver), run)
     except InfeasibleError as error:
@@ -241,7 +241,7 @@ def _passings(service: Service, run: Run) -> tuple[KeptPassing, ...]:
 
 
 def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:
-    """Energy (J) and share (0 to 1) of each way in which energy is lost for good, by the names in `SHARES`."""
+    """Energy (J) and share (0 to 1) of each way in which energy is dissipated, by the names in `SHARES`."""
     parts = {name: float(getattr(balance, name)) for name in SHARES}
     total = sum(parts.values())
     return {name: (energy_j, energy_j / total) for name, energy_j in parts.items()}
@@ -259,10 +259,10 @@ def _parts(balance: EnergyBalance) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class DayResult:
-    """What `das-sim run` reports: the outcome, how the day was driven, what happened on it, and the recording.
+    """The report of `das-sim run`: outcome, mode of driving, disturbances, and recording.
 
-    `happens` is one line about the disturbances, `drawn` everything that the seed drew (SI). `wall_s` is how long the
-    run took in real time. `file` is the recording, and `traffic` counts its messages; both are None for a run in one
+    `happens` is one line on the disturbances, `drawn` has all random draws of the seed (SI). `wall_s` is the duration
+    of the run in real time. `file` is the recording, and `traffic` counts its messages; both are None for a run in one
     process, which is not recorded.
     """
 
@@ -282,12 +282,12 @@ class DayResult:
 
     @property
     def real_time_factor(self) -> float:
-        """How many times faster than real time the run went."""
+        """The speed of the run as a multiple of real time."""
         return self.outcome.simulated_s / max(self.wall_s, 1e-9)
 
     @property
     def warnings(self) -> list[str]:
-        """What is wrong with the advice of the run; empty if nothing is wrong."""
+        """Warnings about the advice of the run; empty if there are none."""
         warning = self.outcome.figures.stability.warning
         return [] if warning is None else [warning]
 
@@ -368,7 +368,7 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     ]
     rows += _balance_rows(found)
     counts, traffic = found.counts, result.traffic
-    told = f"{counts.advised}, {counts.withdrawn} withdrawn, {counts.unheard} not heard"
+    told = f"{counts.advised}, {counts.withdrawn} withdrawn, {counts.unheard} not received"
     rows.append(("advice messages", told))
     rows += found.figures.rows()
     if traffic is not None:

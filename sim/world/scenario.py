@@ -1,4 +1,4 @@
-"""Scenario files: train, line, timetable, what differs from the plan, and what goes wrong; what a seed draws of them.
+"""Scenario files: train, line, timetable, differences from the plan, disturbances, and the random draws of a seed.
 
 The format: docs/reference/scenarios.md.
 """
@@ -41,7 +41,7 @@ class Drawn:
 
 
 def read_range(table: Fields, key: str) -> Drawn:
-    """Read a figure as it is written: `delay_s = 90` or `delay_s = {min = 30, max = 180}`.
+    """Read a figure: `delay_s = 90` or `delay_s = {min = 30, max = 180}`.
 
     Raises InputError for anything else.
     """
@@ -86,10 +86,10 @@ RATIOS = ("mass", "resistance", "receptivity", "adhesion")
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """How the true train differs from the planned one; None means as planned.
+    """The differences of the true train from the planned one; None means as planned.
 
     `conditions` are the ranges from which each seed draws its `Conditions`, by the names of the fields.
-    `adhesive_mass_kg` is the mass on driven axles; it replaces the one in the vehicle's file. `loss_map` is the file of
+    `adhesive_mass_kg` is the mass on driven axles; it replaces that of the vehicle's file. `loss_map` is the file of
     the true train's losses (L3).
     """
 
@@ -197,7 +197,7 @@ COUNTED = ("notches",)
 
 @dataclass(frozen=True, kw_only=True)
 class HumanRange:
-    """What a scenario says about human drivers: parameters by name, and `trips`, the trips already made.
+    """The human drivers of a scenario: parameters by name, and `trips`, the number of trips already made.
 
     Parameters that are not given have their defaults.
     """
@@ -205,7 +205,7 @@ class HumanRange:
     given: Mapping[str, Drawn]
 
     def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of the participant, or of the seed's driver if there is none, and the values behind them."""
+        """The parameters of the participant, or of the seed's driver without one, and the values drawn for them."""
         if who is not None:
             return self.participant(who, source)
         random = np.random.default_rng([seed, HUMAN_STREAM])
@@ -213,10 +213,10 @@ class HumanRange:
         return _driver(drawn), drawn
 
     def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of a participant, and the values behind them.
+        """The parameters of a participant, and the values drawn for them.
 
         Values of the scenario (`source`) replace those of the population. Raises DasError if the values contradict each
-        other, or if the scenario gives a range, because each seed would then draw another driver.
+        other, or if the scenario gives a range, from which each seed would draw another driver.
         """
         for name, figure in self.given.items():
             if figure.low != figure.high:
@@ -276,7 +276,7 @@ _SIZED = (SensorFault.JUMP, SensorFault.NOISE)
 """Faults of localisation that have a size."""
 LONGEST_LINE_M = 1e7
 _MOST = {"time": LONGEST_DWELL_S, "length": LONGEST_LINE_M}
-"""Greatest values (SI) by dimension; a larger figure is taken for a typing error."""
+"""Greatest values (SI) by dimension; a larger figure is considered a typing error."""
 _RANGES = {
     "speed": (1.0, 200.0),
     "adhesion": (0.01, 10.0),
@@ -316,12 +316,12 @@ class Sensors:
 
 
 class EarlyDeparture(StrEnum):
-    """What happens when a driver sets traction before the train may depart."""
+    """The effect of traction that a driver sets before the train may depart."""
 
     WITHHELD = "withheld"
     """Traction is withheld, as by an interlock of the doors."""
     COUNTED = "counted"
-    """The train leaves, and the run says that it left early."""
+    """The train leaves, and the run reports that it left early."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -330,9 +330,9 @@ class Scenario:
 
     Sections take the times of `running_s` or, if that is None, the least time of the train braked in service and a
     buffer on top of it. `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map`
-    is the file of the losses (L3) with which the advice is planned in place of the vehicle's own. `journey` gives
-    stops, dwells, passings and times; its clock shows 0 at midnight before the departure. `early_departure` says what
-    happens when a driver sets traction before the train may depart.
+    is the file of the losses (L3) with which the advice is planned instead of the vehicle's own. `journey` gives stops,
+    dwells, passings and times; its clock shows 0 at midnight before the departure. `early_departure` is the effect of
+    traction that a driver sets before the train may depart.
     """
 
     id: str
@@ -433,17 +433,17 @@ def scenario_of(fields: Fields) -> Scenario:
 def _refuse_beside_journey(table: Fields, keys: Sequence[str]) -> None:
     for key in keys:
         if table.has(key):
-            expected = "none beside scenario.journey, which has stops and times of its own"
+            expected = "none with scenario.journey, which has stops and times of its own"
             raise table.error(key, table.data[key], expected)
 
 
 def _running_s(timetable: Fields) -> tuple[float, ...] | None:
-    """The running times (s) of the sections, if the timetable states them; a buffer beside them is refused."""
+    """The running times (s) of the sections, if the timetable states them; a buffer with them is rejected."""
     given = timetable.given_keys("running", "time")
     if not given:
         return None
     if more := [*given[1:], *timetable.given_keys("buffer", "ratio")]:
-        raise timetable.error(more[0], timetable.data[more[0]], f"none beside {given[0]}")
+        raise timetable.error(more[0], timetable.data[more[0]], f"none with {given[0]}")
     unit, times = given[0].rpartition("_")[2], []
     for i, value in enumerate(timetable.rows(given[0], "a list of times, one for each section")):
         key = f"{given[0]}[{i}]"

@@ -1,6 +1,6 @@
-"""The train service of a scenario (line, train, timetable, solved sections), and the day that a seed makes of it.
+"""The train service of a scenario (line, train, timetable, solved sections), and the day of a seed.
 
-The service is the same for every seed; the day has what happens on it, and the true train on the true line.
+The service is the same for every seed; the day has the disturbances, and the true train on the true line.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ PLANNED = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Service:
-    """What is planned: the stops in the order of travel, and each section's front, timetable and best trajectory.
+    """The planned service: stops in the order of travel, and front, timetable and best trajectory of each section.
 
     `dwells_s` has the least dwell (s) at each stop; `passings` are those of the journey, if there is one. `onboard`
     keeps the fronts with which the on-board system plans in runs without a bus.
@@ -111,7 +111,7 @@ class Service:
         return replace(self, timetables=tables, planned=_best_runs(self.fronts, tables))
 
     def unkept(self) -> Iterator[str]:
-        """A line for each section whose time in the timetable is too short for the braking that the advice plans with.
+        """A line of text for each section whose time in the timetable is too short for the braking of planned advice.
 
         Raises InfeasibleError if the train cannot be braked so.
         """
@@ -192,7 +192,7 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
 
 
 def load_of(scenario: Scenario, route: Route, vehicle: Vehicle) -> str | None:
-    """The load state of a scenario's train and the mode that its journey names ("empty+15kv"); None: as in its file.
+    """The train's load state in a scenario and the mode that its journey names ("empty+15kv"); None: as in its file.
 
     A mode that the scenario names has precedence.
     """
@@ -245,7 +245,7 @@ def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
 
 
 def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequence[Stop]) -> None:
-    """Raise DasError for a disturbance that cannot happen at its place or stop, or not with the true train."""
+    """Raise DasError for a disturbance that cannot happen at its place or stop, or with the true train."""
     vehicle, _ = scenario.truth.train(planned, level)
     slips = scenario.truth.changes_adhesion or any(x.kind == "slippery-rail" for x in scenario.disturbances)
     if slips and math.isinf(vehicle.adhesive_mass_kg):
@@ -275,8 +275,8 @@ def _best_runs(fronts: Sequence[Front], timetables: Sequence[Timetable]) -> tupl
 def _timetables(scenario: Scenario, vehicle: Vehicle, fronts: Sequence[Front]) -> tuple[Timetable, ...]:
     """Timetables of the scenario's running times, or with the same relative buffer on every section, with dwells.
 
-    The buffer is on top of the least time of the train braked in service, as advice plans it; the sum is rounded up to
-    a tenth of a minute. Raises InfeasibleError if the train cannot be braked so.
+    The buffer is added to the least time of the train with service braking, as planned by the advice; the sum is
+    rounded up to a tenth of a minute. Raises InfeasibleError if the train cannot be braked so.
     """
     times_s = scenario.running_s
     if times_s is None:
@@ -329,10 +329,10 @@ _Kind = TypeVar("_Kind")
 class Day:
     """Plan and truth of the day that belongs to one seed.
 
-    `conditions` are those of the true train and line, without what happens on the way. `held_s` is the delay (s) of the
+    `conditions` are those of the true train and line, without events on the way. `held_s` is the delay (s) of the
     departure from each stop. `human` are the parameters of a human driver, and `stream` is the number of this driver's
-    stream of random numbers on this day. `drawn` is everything that was drawn, in SI, for programs: the disturbances,
-    the truth, and the human.
+    stream of random numbers on this day. `drawn` has all random draws, in SI, for programs: the disturbances, the
+    truth, and the human.
     """
 
     service: Service
@@ -387,7 +387,7 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
 
 
 def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
-    """The same day with other disturbances, none of which may act on train or rail, because the train and its line have
+    """The same day with other disturbances, which must not act on train or rail, because the train and its line have
     been made already.
     """
     found = tuple(disturbances)
@@ -453,7 +453,7 @@ def true_sections(
 
 
 def _changed(truth: Truth, conditions: Conditions) -> Iterator[str]:
-    """What the scenario changes about the train: each key with its value, and between what this is drawn."""
+    """The scenario's changes to the train: each key with its value, and the range from which it is drawn."""
     for name, drawn in truth.conditions.items():
         value = getattr(conditions, name)
         if value != getattr(AS_PLANNED, name):

@@ -1,7 +1,7 @@
-"""Displays that show less than the node says (one top speed, or four modes), and a sheet made before the day.
+"""Displays that show only a part of the advice (one top speed, or four modes), and a sheet made before the day.
 
-The top speed is the reduced maximum speed: the one with which a train that brakes gently keeps the timetable. A display
-shows it in whole steps, as a staircase that goes down where braking for a lower speed begins.
+The top speed is the reduced maximum speed, with which a train that brakes gently keeps the timetable. A display shows
+it in whole steps, which go down where braking for a lower speed begins.
 """
 
 from __future__ import annotations
@@ -68,14 +68,14 @@ class Staircase:
     that stands short of the mark must still be able to move up. In the last metres, where full braking from the slowest
     speed would no longer stop the train at the mark, that speed is halved as often as it takes.
 
-    A train may be so much slower than the curve that speeding up saves time. Then it is shown a speed that it can reach
+    A train may be so much slower than the curve that speeding up saves time. It is then shown a speed that it can reach
     before it must brake, until the curve has fallen to that speed.
     """
 
     def __init__(self, section: Section, curve_mps: Floats, braking_mps2: float) -> None:
         self._section, self._braking_mps2 = section, braking_mps2
         self._falls = np.diff(curve_mps) < -LEVEL_MPS
-        # Where the curve rises, because the limit does, the interval already has the speed of the next one's start.
+        # Where the curve rises with the limit, the interval already has the speed at the start of the next interval.
         starts = np.where(self._falls, curve_mps[:-1], curve_mps[1:])
         self._start_w, self._end_w = starts**2, curve_mps[1:] ** 2
         self._foot_mps, self._full_w = _feet(self._falls, curve_mps[1:]), section.envelope_mps**2
@@ -147,7 +147,7 @@ class Staircase:
 
 
 def _feet(falls: NDArray[np.bool_], ends_mps: Floats) -> Floats:
-    """For each interval of a curve, the speed at the foot of the falling part that it is in or that follows it."""
+    """The speed at the foot of the falling part of a curve that contains or follows each interval."""
     feet = ends_mps.copy()
     for i in range(len(falls) - 2, -1, -1):
         if falls[i + 1]:
@@ -156,7 +156,7 @@ def _feet(falls: NDArray[np.bool_], ends_mps: Floats) -> Floats:
 
 
 class ReducedSpeed:
-    """The reduced maximum speed of a section: the one top speed with which the train keeps the timetable.
+    """The reduced maximum speed of a section: the single top speed with which the train keeps the timetable.
 
     It is computed at the departure and again at regular intervals, and is constant in between.
     """
@@ -226,14 +226,14 @@ full one, with which the driver would brake too early."""
 
 
 class SimplerDisplay:
-    """What a display of one top speed or of four modes shows on one section, second by second."""
+    """The content of a display of one top speed or of four modes on one section, second by second."""
 
     def __init__(self, section: Section) -> None:
         self.section, self._planner = section, Planner(PlanBasis(section=section))
         self._reduced = ReducedSpeed(section)
 
     def look(self, advice: Any, departure_ns: int, arrival_ns: int) -> SimplerLook:
-        """What is shown of advice (`Advice`, or its message) to a train with these times on the section."""
+        """The part of advice (`Advice`, or its message) that is shown to a train with these times on the section."""
         mode, next_mode = Regime(int(advice.mode)), Regime(int(advice.next_mode))
         four, after, after_s = mode, FOUR_MODES.get(next_mode, next_mode), advice.next_change_s
         if mode not in (Regime.NONE, Regime.STOP, Regime.DEPART):
@@ -293,7 +293,7 @@ class SimplerDisplays:
         self._shown: SimplerDisplay | None = None
 
     def look(self, advice: Any, number: int, told: tuple[Any, ...]) -> SimplerLook | None:
-        """What is shown of advice on the section with a number, under the restrictions told; None: nothing can be."""
+        """The part of advice that is shown on a section (by number) under the received restrictions; None: nothing."""
         if int(advice.mode) == Regime.NONE:
             return None
         service, table = self._service, self._service.timetables[number]
@@ -311,7 +311,7 @@ class SimplerDisplays:
         try:
             if self._shown is None:
                 self._shown = SimplerDisplay(situation.section_ahead(start_m, end_m, advice.s_m))
-        except DasError:  # The node says why there is no advice.
+        except DasError:  # The node reports why there is no advice.
             return None
         return self._shown.look(advice, table.departure_ns, table.arrival_ns)
 
@@ -319,8 +319,8 @@ class SimplerDisplays:
 class FourModes(NamedTuple):
     """Decides which of the four modes a train may be shown: full traction, hold a speed, coast, full brake.
 
-    `held_mps` is the highest speed that the train may be told to hold (m/s), `excess_mps` is how much faster it is than
-    allowed (m/s).
+    `held_mps` is the highest speed that may be advised to hold (m/s), `excess_mps` the train's excess over the allowed
+    speed (m/s).
     """
 
     valid_for_s: float
@@ -330,10 +330,10 @@ class FourModes(NamedTuple):
     excess_mps: float
 
     def safe(self, four: Regime, mode: Regime) -> Regime:
-        """The mode `four` if it is safe, else the one of the four modes that the limits and the stop ahead need.
+        """The mode `four` if it is safe, else that of the four modes that the limits and the stop ahead require.
 
-        `mode` is what the other displays show. If they show braking to a train that is too fast, this is full braking,
-        however weak theirs is.
+        `mode` is the mode on the other displays. If they show braking, however weak, to a train that is too fast, the
+        result is full braking.
         """
         planner, state, v_mps = self.planner, self.state, self.state.v_mps
         too_fast, pulls = self.excess_mps > OVERSPEED_MPS, four is Regime.FULL_TRACTION
@@ -356,12 +356,12 @@ class FourModes(NamedTuple):
         return four
 
     def _may_creep(self) -> bool:
-        """Whether a slow train may be told to hold a speed instead: it would stand short of its stop if it coasted."""
+        """Whether holding a speed may be advised to a slow train instead, because it would stop short if it coasted."""
         before_s = max(BEFORE_M / max(self.held_mps, 0.1), LEAST_S)
         return self.state.v_mps <= SLOW_MPS and not brakes_late(self.planner, self.state, self.held_mps, before_s)
 
     def full_brake_due_s(self, four: Regime) -> float:
-        """In how many whole seconds full braking must follow the mode `four`.
+        """The number of whole seconds after which full braking must follow the mode `four`.
 
         Infinity if it need not while the advice is valid, or if `four` is full braking.
         """
@@ -401,7 +401,7 @@ def brakes_late(planner: Planner, state: TrainState, v_mps: float, within_s: flo
 VALID_S = 3600.0
 """The driver's view of advice has an end of validity; a sheet, which does not expire, is re-read long before (s)."""
 LEFT_LATE_S = 60.0
-"""Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet says."""
+"""Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet instructs."""
 HELD_UP_MPS = 5.0
 """Shortfall of the sheet's speed (m/s) above which a driver does not follow its coasting and braking instructions."""
 SHEETS_KEPT = 256
@@ -413,13 +413,13 @@ _MODES = {
 
 
 class PaperSheet:
-    """The sheet of a day, read at the place of the train."""
+    """The sheet of a day, read at the position of the train."""
 
     def __init__(self, day: Day) -> None:
         self._service = day.service
 
     def look(self, state: PlantState, calls: Calls, now_ns: int) -> AdviceView | None:
-        """What the sheet says in a state; None where the driver drives by himself: late, or held up."""
+        """The instruction of the sheet in a state; None where the driver drives without it: late, or held up."""
         zero_ns = self._service.timetables[0].departure_ns
         blank = AdviceView(
             time_s=(now_ns - zero_ns) * NS,
@@ -493,6 +493,6 @@ def _mode(line: SheetLine) -> int:
 
 
 def _held_up(sheet: SectionSheet, line: SheetLine, state: PlantState) -> bool:
-    """Whether a train is so slow that coasting or braking as the sheet says would stop it before its place."""
+    """Whether a train is so slow that coasting or braking by the sheet would stop it before its place."""
     slows = line.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
     return slows and state.speed_mps < sheet.speed_at(state.s_m) - HELD_UP_MPS

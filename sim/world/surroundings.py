@@ -1,4 +1,4 @@
-"""What surrounds a simulated train: stops, signals, limits, restrictions, sensors, and the operators' messages."""
+"""The surroundings of a simulated train: stops, signals, limits, restrictions, sensors, and operators' messages."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Calls:
         return not self.waits or now_s >= self._ready_s()
 
     def _ready_s(self) -> float:
-        """When the train may depart (s): timetable or end of the dwell, the later one, plus the delay at this stop."""
+        """Earliest departure (s): timetable or end of the dwell, whichever is later, plus the delay at this stop."""
         ready_s = self._service.clock_s(self.timetable.departure_ns)
         if self.arrivals:
             ready_s = max(ready_s, self.arrivals[-1].time_s + self._service.dwells_s[self.section])
@@ -113,7 +113,7 @@ class Calls:
         return f"{what} {self._service.stops[stop].name}, {time_s - self._service.clock_s(due_ns):+.1f} s"
 
     def kept(self) -> Iterator[KeptCall]:
-        """When and where the finished run called at each of its stops."""
+        """The times and positions of the calls of the finished run at its stops."""
         service = self._service
         tables, stops = service.timetables, service.stops
         due_arrivals_ns, due_departures_ns = (
@@ -144,7 +144,7 @@ class Watch:
 
     @property
     def found(self) -> Violations:
-        """What the run has violated so far."""
+        """The violations of the run so far."""
         return Violations(
             signals_passed=len(self._passed),
             beyond_signal_m=self._beyond_m,
@@ -193,7 +193,7 @@ class Watch:
 
 DELAY_EVERY_S = 10
 COMPARED_EVERY_S = 35.0
-"""Interval (s) at which a display of the deviation alone is renewed; the display of SBB is renewed every 30 to 40 s."""
+"""Interval (s) at which a display of the deviation alone is updated; the display of SBB is updated every 30 to 40 s."""
 
 
 class Surroundings:
@@ -214,18 +214,18 @@ class Surroundings:
 
     @property
     def violations(self) -> Violations:
-        """What the run has violated so far."""
+        """The violations of the run so far."""
         return self._watch.found
 
     def measure(self, state: PlantState) -> list[Heard]:
-        """What the train's sensors measure in a state; to be called once a tick, even if nobody receives it."""
+        """The measured values of the sensors in a state; to be called once a tick, even if they are not received."""
         fix, effort = self._localisation.measure(state), self._train_control.measure(state)
         self._late_s = self._delay_s(state)
         measured: list[Heard] = [] if fix is None else [PositionHeard(fix=fix)]
         return measured if effort is None else [*measured, EffortHeard(effort=effort)]
 
     def operators(self, tick: int, now_ns: int, state: PlantState) -> Iterator[Heard]:
-        """What operators send at a tick that gets through: the delay now and then, new restrictions and targets."""
+        """The operators' messages at a tick that gets through: the delay at intervals, new restrictions and targets."""
         if tick % DELAY_EVERY_S == 1:
             yield DelayHeard(time_ns=now_ns, delay_s=self._delay_s(state))
         before, self._sent = self._sent, (self.news.told, self.news.targets)
@@ -235,13 +235,13 @@ class Surroundings:
             yield TargetsHeard(time_ns=now_ns, targets=self.news.targets)
 
     def compared_s(self, state: PlantState) -> float:
-        """How late the train was (s) when a display of the deviation alone was last renewed."""
+        """The lateness of the train (s) when a display of the deviation alone was last updated."""
         if state.time_s >= self._compared_s + COMPARED_EVERY_S:
             self._compared_s, self._deviation_s = state.time_s, self._delay_s(state)
         return self._deviation_s
 
     def _delay_s(self, state: PlantState) -> float:
-        """How late the train is (s; early < 0) against the plan for the timetable; a waiting train is never early."""
+        """The lateness (s; early < 0) against the plan for the timetable; a waiting train is never early."""
         calls, service = self.calls, self._service
         if calls.finished:
             return calls.arrivals[-1].time_s - service.clock_s(calls.timetable.arrival_ns)
@@ -251,7 +251,7 @@ class Surroundings:
         return max(late_s, 0.0) if calls.waits else late_s
 
     def cab(self, state: PlantState, shown: AdviceView | None, cause: int = 0) -> CabView:
-        """What the driver sees in a state, with the advice on the display (None: no advice, because of `cause`)."""
+        """The driver's view in a state, with the advice on the display (None: no advice, because of `cause`)."""
         calls, news, timetable = self.calls, self.news, self.calls.timetable
         return CabView(
             state.time_s,
@@ -301,7 +301,7 @@ NODE_DOWN_S = 2.0
 
 
 class DayNews:
-    """The news that driver and node have by now; call its methods once a second, in the order of time."""
+    """The news that driver and node have received; call its methods once a second, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._day, self._length_m = day, day.service.vehicle.train_length_m
@@ -318,7 +318,7 @@ class DayNews:
         self.told: tuple[Restriction, ...] = ()
         """Announced restrictions, until the tail has left them; `holding` returns those that hold."""
         self.shown: tuple[Restriction, ...] = ()
-        """Restrictions that the driver keeps to: those announced that count now, and those known to him alone."""
+        """Restrictions that the driver keeps: announced ones that count now, and those known to the driver alone."""
 
     def update(self, state: PlantState) -> list[str]:
         """Update the news for a state; returns a sentence about each new item."""
@@ -366,7 +366,7 @@ class DayNews:
         return self._seen_s.get(signal, math.inf) + signal.clears_after_s
 
     def _traffic(self, state: PlantState) -> list[str]:
-        """Update the targets; returns a sentence for each new one. Who keeps to them sees clear signals only."""
+        """Update the targets; returns a sentence for each new one. A train that keeps to them meets clear signals."""
         before = self.targets
         due = tuple(
             Target(s_m=x.s_m, earliest_ns=x.earliest_ns, latest_ns=x.latest_ns, reason=f"passing {x.name}")
@@ -470,7 +470,7 @@ class SimulatedLocalisation:
 
 
 class TrainControl:
-    """The efforts that the train's own control measures on a day; call `measure` once a tick."""
+    """The measurement of efforts by the train's own control on a day; call `measure` once a tick."""
 
     def __init__(self, day: Day) -> None:
         self._service, self._noise_ratio = day.service, day.service.scenario.sensors.force_noise_ratio

@@ -231,7 +231,7 @@ BAD_SECTIONS: list[tuple[dict[str, Any], str]] = [
     ({"between_m": (0.0, 1e300)}, "between_m = (0.0, 1e+300): expected two positions that rise"),
     ({"between_m": ("a", "b")}, "between_m = ('a', 'b'): expected two positions (m)"),
     ({"between_m": 5.0}, "between_m = 5.0: expected two positions (m)"),
-    ({"between_m": (0.0, 500.0), "start": "Zug"}, "start = 'Zug': expected none beside between_m"),
+    ({"between_m": (0.0, 500.0), "start": "Zug"}, "start = 'Zug': expected none with between_m"),
 ]
 
 

@@ -1,1 +1,1 @@
-"""Where the energy of a recorded drive went, by place and by cause, against the optimum for the same times."""
+"""Energy of a recorded drive above the optimum for the same times, by place and by cause."""

@@ -1,9 +1,9 @@
 """The energy attribution of a recorded drive: how much energy each leg took above the optimum, where and why.
 
-What counts at each place is the energy at the current collector minus the rise of the kinetic energy,
-E(s) − m·ρ·v(s)²/2, as driven minus as in the optimum. The potential energy is the same in both. Energy that a train
-carries on as speed is therefore counted where it is lost, not where it was drawn. Drive and optimum both begin and end
-at a stand, so the differences sum to that of the whole leg.
+Each place is charged with the energy at the current collector minus the rise of the kinetic energy, E(s) − m·ρ·v(s)²/2:
+the value of the drive minus that of the optimum. The potential energy is the same in both. Energy that a train keeps as
+speed is therefore counted where it is lost, not where it was drawn. Drive and optimum both begin and end at a stand, so
+the differences sum to that of the whole leg.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Places:
 def drawn_by_optimum(optimum: Solution, optimum_j: float) -> Floats:
     """Energy drawn by the optimum up to each of its nodes (J), shape (nodes,).
 
-    `optimum` is that of the planned train. Of the true train's optimum, at most the total energy is known, `optimum_j`;
+    `optimum` is that of the planned train. Of the true train's optimum only the total energy may be known, `optimum_j`;
     the planned train's energies are scaled to it, so that the energies of places sum to those of the drive.
     """
     run = optimum.trajectory
@@ -62,7 +62,7 @@ def drawn_by_optimum(optimum: Solution, optimum_j: float) -> Floats:
 
 
 def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optimum: Solution, best_j: Floats) -> Places:
-    """The energies between the rising positions `edges_m`, of which the first and the last are the ends of the leg.
+    """The energies between the rising positions `edges_m`; the first and the last are the ends of the leg.
 
     `best_j` is the energy drawn by the optimum up to each of its nodes (J).
     """
@@ -145,7 +145,7 @@ class LegAttribution(ComparedLeg):
         return parts
 
     def by_place(self, cause: EnergyCause) -> Floats:
-        """The energy above the optimum (J) that belongs to a cause and to the driving, at each place of `even`."""
+        """The energy above the optimum (J) at each place of `even` that is due to a cause."""
         edges_m, motion, energies = np.append(self.even.start_m, self.even.end_m[-1:]), self.leg.motion, self.energies
         if cause is EnergyCause.FRICTION:
             at_m, energy_j = motion.s_m[1:], np.diff(energies.blended_j - energies.motors_j)
@@ -160,12 +160,12 @@ class LegAttribution(ComparedLeg):
 
     @property
     def recovered_j(self) -> float | None:
-        """What a late departure cost: least energy for the time left, minus that for the timetable's trip time (J)."""
+        """Cost of a late departure (J): least energy for the time left, minus that for the timetable's trip time."""
         return None if self.timetable_j is None or self.left_j is None else self.left_j - self.timetable_j
 
     @property
     def early_j(self) -> float | None:
-        """What arriving early cost, with optimal driving for either arrival (J); < 0 if arriving late saved energy."""
+        """Cost of arriving early (J), with optimal driving for either arrival; < 0 if arriving late saved energy."""
         return None if self.left_j is None else self.optimum.balance.input - self.left_j
 
     @property
@@ -194,7 +194,7 @@ class Attribution:
 
     @property
     def by_cause(self) -> Mapping[EnergyCause, float]:
-        """The difference by cause (J), in the order of the causes; all causes that any leg has."""
+        """The difference by cause (J), in the order of the causes; every cause that occurs in a leg is included."""
         return _summed([leg.by_cause for leg in self.legs])
 
     @property
@@ -225,7 +225,7 @@ def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, f
 def attribution_of(
     table: DriveTable, compared: Sequence[ComparedLeg], above: AboveOptimum, shown: ShownAdvice
 ) -> Attribution:
-    """The energy attribution of a recorded drive, from its line and train, its legs beside the planned train's optimum,
+    """The energy attribution of a recorded drive, from its line and train, its legs with the planned train's optimum,
     its energy above the optimum, and what the driver was shown.
 
     It is made even if drive and optimum are not comparable.
@@ -324,7 +324,7 @@ def place_rows(places: Places) -> list[dict[str, float]]:
 
 
 def seconds_by_cause(attribution: Attribution) -> dict[EnergyCause, float]:
-    """How long (s) each cause lasted."""
+    """Duration (s) of each cause."""
     total: dict[EnergyCause, float] = {}
     for leg in attribution.legs:
         lasted_s = np.diff(leg.leg.motion.time_ns[leg.committed.sample]) * NS
@@ -334,19 +334,19 @@ def seconds_by_cause(attribution: Attribution) -> dict[EnergyCause, float]:
 
 
 DENSE_CAUSE = 3.0
-"""Multiple of its average on the drive from which a cause makes a place one of its own."""
+"""Multiple of a cause's average energy per place from which a place belongs to a stretch of that cause."""
 LEAST_PART = 0.2
-"""Part of the loss on its worst stretch from which a cause has a stretch named."""
+"""Share of the loss on a cause's worst stretch below which its other stretches are left out."""
 IDLE_RATIO, HELD_MPS2 = 0.02, 0.05
-"""Share of its largest force below which a run coasts; change of speed (m/s²) below which it else holds its speed."""
+"""Share of its largest force below which a run coasts; else, acceleration (m/s²) below which it holds its speed."""
 BRIEF_S = 5.0
-"""Time (s) below which an act of a run does not end the one around it."""
+"""Time (s) below which an act of a run counts as part of the act around it."""
 ACTIONS = (InstructionKind.HOLD, InstructionKind.COAST, InstructionKind.TRACTION, InstructionKind.BRAKE)
 """Acts of a run, by the numbers that `_actions` gives."""
 
 
 class ActionSpan(NamedTuple):
-    """What a run does on a stretch, and from where to where it does it without a break (m)."""
+    """The act of a run on a stretch, and the positions (m) between which it lasts without a break."""
 
     action: InstructionKind
     start_m: float
@@ -355,8 +355,8 @@ class ActionSpan(NamedTuple):
 
 class CauseStretch(NamedTuple):
     """A stretch on which a cause took energy: its leg, where (m) and when (ns since 1970) it begins and ends, and the
-    energy that the cause took there (J). It lasted `driven_s`, and in the optimum `optimum_s`; `best` is what that does
-    there."""
+    energy that the cause took there (J). It lasted `driven_s`, and in the optimum `optimum_s`; `best` is the optimum's
+    act there."""
 
     leg: DrivenLeg
     start_m: float
@@ -370,7 +370,7 @@ class CauseStretch(NamedTuple):
 
 
 def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> list[CauseStretch]:
-    """The stretches, at most so many, on which a cause took most energy above the optimum, the worst first.
+    """The stretches, `most` at most, on which a cause took most energy above the optimum, the worst first.
 
     A stretch consists of the neighbouring places beyond `DENSE_CAUSE` times the drive's average. One that took less
     than `LEAST_PART` of what the worst took is left out.
@@ -407,7 +407,7 @@ def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> Cau
 
 
 def doing(run: Trajectory, start_m: float, end_m: float) -> ActionSpan | None:
-    """What a run does for half of the time between two places (m) or longer; None if it does nothing for so long."""
+    """The act of a run that takes at least half of the time between two places (m); None if there is none."""
     actions, found = _actions(run), []
     begins = [0]
     for k in np.flatnonzero(np.diff(actions)) + 1:
@@ -423,7 +423,7 @@ def doing(run: Trajectory, start_m: float, end_m: float) -> ActionSpan | None:
 
 
 def _actions(run: Trajectory) -> NDArray[np.intp]:
-    """What a run does in each of its intervals, as the number of one of `ACTIONS`."""
+    """The act of a run in each of its intervals, as an index into `ACTIONS`."""
     force_n, gained_mps = run.force_el_n + run.force_friction_n, np.diff(run.v_mps)
     idle = np.abs(force_n) < IDLE_RATIO * np.abs(run.force_el_n).max()
     most_mps = HELD_MPS2 * run.interval_s()

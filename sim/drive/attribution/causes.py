@@ -22,7 +22,7 @@ from sim.recording.opening import WHAT_IF
 
 
 class EnergyCause(StrEnum):
-    """Why a drive took more energy than the optimum for the same times (docs/explanation/where-the-energy-went.md)."""
+    """A reason for energy above the optimum for the same times (docs/explanation/where-the-energy-went.md)."""
 
     TOO_MUCH_EFFORT = "too-much-effort"
     LATE_COASTING = "late-coasting"
@@ -51,7 +51,7 @@ class EnergyCause(StrEnum):
 
     @property
     def next_time(self) -> str:
-        """What the driver may do otherwise the next time, in one sentence."""
+        """One sentence of advice to the driver for the next time."""
         return NEXT_TIME.get(self, NOT_THE_DRIVERS)
 
 
@@ -106,7 +106,7 @@ BY_SPEED: Final = frozenset(
 class Seen(NamedTuple):
     """Advice that a driver saw: mode, speed (m/s), effort as a share of the largest (NaN: none).
 
-    `lever_ratio` is what his controller was set to then. `top_only`: only a highest speed is advised.
+    `lever_ratio` is the setting of the controller then. `top_only`: only a highest speed is advised.
     """
 
     mode: Regime
@@ -120,7 +120,7 @@ class Seen(NamedTuple):
 class ShownAdvice:
     """The advice shown over a drive, arrays of shape (messages,); `shown` is False where nothing was shown.
 
-    `speed_now` tells whether the speed is to be held at this moment, not to be reached later.
+    `speed_now`: the speed is to be held at this moment, not to be reached later.
     """
 
     time_ns: Times
@@ -134,7 +134,7 @@ class ShownAdvice:
 
     @classmethod
     def of(cls, table: DriveTable) -> ShownAdvice:
-        """What the display showed; if no display was recorded, the node's advice counts as shown.
+        """The content of the display; if no display was recorded, the node's advice counts as shown.
 
         Nobody saw the advice of a replay or of a what-if in open loop: the train moves as in the original recording.
         """
@@ -159,7 +159,7 @@ class ShownAdvice:
         )  # fmt: skip
 
     def at(self, time_ns: int) -> Seen | None:
-        """What the driver saw at a time; None for nothing."""
+        """The advice that the driver saw at a time; None if nothing was shown."""
         last = int(np.searchsorted(self.time_ns, time_ns, side="right")) - 1
         if last < 0 or not self.shown[last] or time_ns - int(self.time_ns[last]) > HOLDS_NS:
             return None
@@ -174,7 +174,7 @@ class ShownAdvice:
 
     @property
     def comparable(self) -> NDArray[np.bool_]:
-        """Where a speed was shown that the driven speed can be compared with: one to hold now, or not to exceed."""
+        """Mask of messages with a speed to hold now or not to exceed, which the driven speed can be compared with."""
         return self.shown & (self.speed_mps > 0) & (self.speed_now | self.top_only)
 
     @property
@@ -184,7 +184,7 @@ class ShownAdvice:
 
 
 def _speed_is(number: int, mode: int) -> SpeedIs:
-    """What the speed on the display means; in an unknown presentation, only a cruising speed is one to hold now."""
+    """The meaning of the speed shown; in an unknown presentation, only a cruising speed is a speed to hold now."""
     presentation = shown_presentation(number)
     if presentation is None:
         return SpeedIs.TO_HAVE if mode == Regime.CRUISE else SpeedIs.TO_REACH
@@ -197,7 +197,7 @@ keep within one or two."""
 SAME_MPS: Final = 1.0 / 3.6
 """Shortfall of the advised speed (m/s) from which a train may need more effort than advised to reach it."""
 LASTS: Final = 3
-"""Moments in a row from which an act of the driver is deliberate."""
+"""Least number of consecutive moments of a deliberate act of the driver."""
 NEUTRAL_RATIO: Final = 0.03
 """Share of the largest traction below which an effort counts as none: the train coasts."""
 EFFORT_RATIO: Final = 0.15
@@ -214,7 +214,7 @@ class Moment:
     """A moment of a drive: speed, efforts as shares of the largest traction, and what was shown and seen.
 
     `driven_ratio` is the effort of the driven train over the next seconds, `best_ratio` that of the optimal trajectory
-    from here (NaN: there is none); `coasts_to_brake` says whether that trajectory coasts now and brakes next.
+    from here (NaN: there is none); `coasts_to_brake`: that trajectory coasts now and brakes next.
     """
 
     speed_mps: float
@@ -237,7 +237,7 @@ class Moment:
 
 
 class Judge:
-    """Names the cause to which the energy of each moment belongs; it must be given the moments in order of time."""
+    """Finds the cause to which the energy of each moment belongs; the moments must come in order of time."""
 
     def __init__(self) -> None:
         self._coasting_due = self._was_over = False
@@ -267,7 +267,7 @@ class Judge:
         self._over_moments = self._over_moments + 1 if over and not slowing else 0
         self._slowing_moments += 1
         if slowing and now.pulls:
-            # A driver who drove against the advice before it changed still does so while he reacts to the change.
+            # A driver who drove against the advice before it changed still does so during the reaction to the change.
             goes_on = self._slowing_moments <= LASTS and self._before is EnergyCause.AGAINST_ADVICE
             return EnergyCause.AGAINST_ADVICE if self._was_over or goes_on else EnergyCause.LATE_COASTING
         if seen.mode is Regime.COAST and not seen.top_only:
@@ -289,7 +289,7 @@ class Judge:
 
 
 def _other_effort(now: Moment, seen: Seen) -> bool:
-    if seen.top_only or seen.mode is Regime.DEPART:  # The advice to depart says nothing about a moving train.
+    if seen.top_only or seen.mode is Regime.DEPART:  # The advice to depart does not apply to a moving train.
         return False
     if math.isnan(seen.lever_ratio) or math.isnan(seen.advised_ratio):
         return seen.mode in PULLING and now.brakes

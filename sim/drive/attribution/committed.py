@@ -1,4 +1,4 @@
-"""The energy that is committed at each moment of a drive, why it rises, and what was known at that moment.
+"""The energy committed at each moment of a drive, the causes of its rise, and the restrictions known then.
 
 W(t) = energy driven so far + least energy from here to the end of the leg for the arrival as driven. W begins with the
 optimum for the same times and ends with the energy as driven. Its rise between two moments is the energy that driving
@@ -56,7 +56,7 @@ NOTHING = Remaining(energy_j=math.nan, run=None)
 
 
 def epochs_of(table: DriveTable) -> tuple[Epoch, ...]:
-    """An epoch for each moment at which the known restrictions in force change; the first epoch has none.
+    """The epochs, one from each change of the known restrictions in force; the first epoch has no restrictions.
 
     They change when the node receives a list, and when a restriction of the list begins or ceases to be in force.
     """
@@ -159,7 +159,7 @@ class Committed:
         """Every rise between two cuts at which the committed energy is known, with its cause, in order of time.
 
         If it is not known at some cuts, the rise over them belongs to the cause that prevailed there, or to the rest if
-        none did. What news of restrictions cost is a rise of its own.
+        none did. The cost of news of restrictions is a separate rise.
         """
         known = np.flatnonzero(np.isfinite(self.energy_j))
         for first, last in pairwise(known.tolist()):
@@ -171,7 +171,7 @@ class Committed:
 
 
 MAIN_SHARE = 0.8
-"""Share of a time from which a cause that lasted for it is the cause of all of it."""
+"""Share of a span of time from which a cause counts as the cause of the whole span."""
 
 
 def together(causes: Sequence[EnergyCause]) -> EnergyCause:
@@ -212,7 +212,7 @@ def committed(
         if in_vain and cause in HURRYING:
             cause = EnergyCause.LATENESS
         causes.append(EnergyCause.RESTRICTION if news and not news_j[k] else cause)
-    if math.isnan(energy_j[0]):  # the planned train cannot be as fast: its fastest trajectory stands for the optimum
+    if math.isnan(energy_j[0]):  # the planned train cannot be as fast: its fastest trajectory is used as the optimum
         energy_j[0] = knowledge.front().fastest().balance.input
     energy_j[-1] = energies.motors_j[-1]
     return Committed(sample=samples, energy_j=energy_j, causes=tuple(causes), news_j=news_j)

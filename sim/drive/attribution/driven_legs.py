@@ -1,4 +1,4 @@
-"""The legs of a drive: the motion from stand to stand, its energy, and the optimum beside it."""
+"""The legs of a drive: the motion from stand to stand, its energy, and its optimum."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from sim.trips.trip import recorded_trip
 EQUAL_MPS: Final = 0.5
 """Largest distance (m/s) of two equal speeds from the same speed."""
 LEAST_PART_M: Final = 1000.0
-"""Length (m) below which a part between equal speeds says nothing about the drive."""
+"""Least length (m) of a part between equal speeds for an assessment of the drive."""
 LEAST_WAY_M = 100.0
 """Distance (m) below which two stands do not bound a leg: the train only moved up."""
 
@@ -185,10 +185,10 @@ def open_calls(
 ) -> tuple[KeptCall, ...]:
     """The ends of the longest part of a drive between equal speeds, and the stops in it.
 
-    It is for a drive that does not stand at both its stops; `stood` are the stops on the way. As much kinetic energy
-    enters the part as leaves it. Both ends are within the limits of line and vehicle. `legs_of` cuts the motion there,
-    also one that is smoothed otherwise: the ends keep their times and speeds. DasError if the part is shorter than
-    1 km, or if the drive is faster than the vehicle.
+    This part is used for a drive that does not stand at both its stops; `stood` are the stops on the way. As much
+    kinetic energy enters the part as leaves it. Both ends are within the limits of line and vehicle. `legs_of` cuts the
+    motion there, whatever its smoothing: the ends keep their times and speeds. DasError if the part is shorter than 1
+    km, or if the drive is faster than the vehicle.
     """
     vehicle = fast_enough(vehicle, motion)
     v, s_m = motion.speed_mps, motion.s_m
@@ -225,8 +225,8 @@ def _passing(motion: DrivenMotion, sample: int) -> KeptCall:
 def legs_of_drive(table: DriveTable, made: Sequence[KeptCall], motion: DrivenMotion) -> tuple[DrivenLeg, ...]:
     """The legs of a motion of a recorded drive, between its stops or in the part that a replay compared.
 
-    `made` says how the drive kept the stops of its journey. DasError if there are no legs, in the words of the
-    recording if it says why.
+    `made` are the stops of its journey as served. DasError if there are no legs, with the reason that the recording
+    states, if any.
     """
     said, path = table.said.saving, table.recording.path
     if said is None:
@@ -256,7 +256,7 @@ def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restricti
 
 
 def fast_enough(vehicle: Vehicle, motion: DrivenMotion) -> Vehicle:
-    """The vehicle with the top speed that it was driven with, if that is at most 5 % above the one in its file.
+    """The vehicle with the highest driven speed as its top speed, if that is at most 5 % above that of its file.
 
     Otherwise no optimum could arrive as early. Losses must be known up to that speed.
     """
@@ -350,7 +350,7 @@ def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> F
 
 
 MOST_LEGS: Final = 3
-"""For a drive of more legs the likely range is not computed: each leg would be solved twice for every unknown."""
+"""Largest number of legs for which the likely range is computed: each is solved twice for every unknown."""
 
 Smoothed = Callable[[float], Sequence[DrivenLeg]]
 """Returns the legs of a drive when its record is smoothed with another density of the jerk (m²/s⁵)."""
@@ -360,7 +360,7 @@ Smoothed = Callable[[float], Sequence[DrivenLeg]]
 class ComparedLeg:
     """A driven leg with its energies, and the planned train's front and optimum for the same trip time.
 
-    Front and optimum know of no temporary restrictions.
+    Front and optimum ignore temporary restrictions.
     """
 
     leg: DrivenLeg
@@ -370,7 +370,7 @@ class ComparedLeg:
 
     @classmethod
     def of(cls, leg: DrivenLeg, front: Front, energies: LegEnergies) -> ComparedLeg:
-        """A driven leg with its energies, beside the front of its section."""
+        """A driven leg with its energies and the front of its section."""
         return cls(leg=leg, front=front, optimum=front.trajectory(leg.trip_s), energies=energies)
 
     @property
@@ -390,7 +390,7 @@ class ComparedLeg:
 
     def _beside_optimum(self, driven_j: float) -> SectionEnergy:
         found = SectionEnergy.of(self.leg.start.name, self.leg.end.name, driven_j, self.optimum)
-        # A train that was measured drove what it drove: the planned one may only be lighter than it was.
+        # The measured train did drive so; if the planned train cannot, it may only be lighter.
         return replace(found, beyond_s=0.0 if self.energies.measured else self.energies.beyond_s)
 
 

@@ -20,7 +20,7 @@ class DeviationPresenter(Presenter):
 
     number = 5
     phrase = "how early or late the train is, and nothing about how to drive"
-    meaning = "seconds early or late, renewed every 35 s, and nothing about how to drive"
+    meaning = "seconds early or late, updated every 35 s, and nothing about how to drive"
     says_mode = False
     lane = LaneState("early or late", "#9a8f6b", standing=True)
 

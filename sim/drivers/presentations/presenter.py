@@ -1,4 +1,4 @@
-"""The definition of a presentation of the advice, and the search for one by name or number.
+"""The definition of a presentation of the advice, and the lookup of presentations by name or number.
 
 A new presentation needs a line in `sim.drivers.kinds.Presentation`, and a module in this package that has its name
 (with `_` for `-`) and whose `PRESENTER` is a `Presenter`.
@@ -203,7 +203,7 @@ class NoAdvice(Presenter):
 
 @cache
 def presenter_of(presentation: Presentation) -> Presenter:
-    """The presenter of a presentation, from the module of its name, or from the package that provides it."""
+    """The presenter of a presentation, from the module of its name, or from the package with it."""
     if presentation is Presentation.NONE:
         return NoAdvice()
     if (door := installed(PRESENTATIONS).get(presentation)) is not None:

@@ -20,8 +20,8 @@ class SpeedAndEffortPresenter(Presenter):
     """Shows speed and effort now and for the next seconds, and the next change of driving regime."""
 
     number = 3
-    phrase = "speed and effort of the moment"
-    meaning = "speed and effort now and for the next seconds, renewed every second"
+    phrase = "the present speed and effort"
+    meaning = "speed and effort now and for the next seconds, updated every second"
 
     def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         departs = blank.mode == Regime.DEPART
@@ -80,7 +80,7 @@ class SpeedAndEffortFollower:
         if now > cab.limit_mps:
             return hold(cab, outlook, cab.limit_mps)
         rate = (_between(speeds, since_s + TRACKING.ahead_s) - now) / TRACKING.ahead_s
-        # Brakes are applied early enough and not released too early; traction the other way round.
+        # Brakes are applied early and released late; traction is applied late and released early.
         ahead_n = min(_between(forces, since_s + lead_s) for lead_s in (RULE.anticipation_s, FOLLOWING.release_s))
         # Use no more friction brake than the plan.
         low_n = min(ahead_n, _between(forces, since_s), -electric_effort(cab.speed_mps, 1.0, train))

@@ -1,1 +1,1 @@
-"""What the trials of an experiment say: paired differences, intervals, a mixed model, checks, power, and a report."""
+"""The analysis of an experiment's trials: planned differences with intervals, and a report."""

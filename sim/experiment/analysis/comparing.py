@@ -1,16 +1,16 @@
 """A study read from its folder, and its analysis: planned comparisons with intervals, and every condition.
 
-A comparison has pairs, or two groups of participants.
-A pair is two trials of one participant on one day under two conditions; its difference is one value minus the other.
-An estimate has the mean, its interval, its p value (the probability under chance), and its size in standard deviations.
-One method decides: sign flips for pairs, Welch's t for groups. Student's t is a second opinion beside sign flips.
+A comparison has pairs, or two groups of participants. A pair is two trials of one participant on one day under two
+conditions; its difference is one value minus the other. An estimate has the mean, its interval, its p value (the
+probability under chance), and its size in standard deviations. One method decides: sign flips for pairs, Welch's t for
+groups. For pairs, Student's t is a second opinion.
 
-Sign flips (R. A. Fisher, The Design of Experiments, 1935, § 21): if the two conditions are one, a driver's difference
-might as well have had the other sign. Every pattern of signs is then equally probable, and p is the share of patterns
-whose mean is at least as far from 0 as the one found. With few drivers all patterns are counted, and p is exact; with
-many, patterns are drawn at random. The interval holds each true difference that the same test does not reject. A
-pattern that flips some drivers is as far from 0 as the one found exactly where the mean of these drivers is on the
-other side of the true difference, so that the bounds are means of drivers (J. Hartigan, Journal of the American
+Sign flips (R. A. Fisher, The Design of Experiments, 1935, § 21): if the two conditions are equivalent, a driver's
+difference might as well have had the other sign. Every pattern of signs is then equally probable, and p is the share of
+patterns whose mean is at least as far from 0 as the one found. With few drivers all patterns are counted, and p is
+exact; with many, patterns are drawn at random. The interval holds each true difference that the same test does not
+reject. A pattern that flips some drivers is as far from 0 as the one found exactly where the mean of these drivers is
+on the other side of the true difference, so that the bounds are means of drivers (J. Hartigan, Journal of the American
 Statistical Association 64 (1969) 1303–1317).
 """
 
@@ -42,7 +42,7 @@ Bools = NDArray[np.bool_]
 Texts = NDArray[np.str_]
 
 NAMED: Final = ("trial", "participant", "position", "practice", "seed")
-"""Columns that the table of trials must have besides the columns of the factors and of the measures."""
+"""Columns that the table of trials must have besides those of the factors and of the measures."""
 SHOWN_UNITS: Final = {"1": "times", "m/s": "km/h", "1/min": "per minute"}
 """The report's names for units, if they differ; a ratio is shown in percent."""
 SAME: Final = "the same"
@@ -51,7 +51,7 @@ PERCENT: Final = 100.0
 
 @dataclass(frozen=True, kw_only=True)
 class ShownMeasure:
-    """A measure as the report shows it: values times `factor`, in `unit`; differences are in `difference_unit`.
+    """The format of a measure in the report: values times `factor`, in `unit`; differences are in `difference_unit`.
 
     A ratio is shown in percent, its difference in points. `digits` is the number of digits after the decimal point.
     """
@@ -66,7 +66,7 @@ class ShownMeasure:
 
     @classmethod
     def of(cls, column: str, values: Floats) -> ShownMeasure:
-        """How to show a column: a measure of this program by its definition, another by the unit in its name.
+        """The format of a column: for a measure of this program by its definition, else by the unit in its name.
 
         The spread of the values decides the digits.
         """
@@ -115,7 +115,7 @@ class ShownMeasure:
 
 
 def probability(value: float) -> str:
-    """A probability as it is printed; empty for NaN."""
+    """A probability as printed; empty for NaN."""
     if not math.isfinite(value):
         return ""
     return "below 0.001" if value < 0.001 else f"{value:.3f}"
@@ -142,9 +142,9 @@ class FinishedTrials:
 
 @dataclass(frozen=True, kw_only=True)
 class RunStudy:
-    """A study that was run: where its files are, its frozen design, and its trials.
+    """A completed study: its folder, its frozen design, and its trials.
 
-    `failed` has a sentence for each trial that failed: who drove it, its condition and why.
+    `failed` has a sentence for each failed trial: its driver, its condition and the reason.
     """
 
     folder: Path
@@ -153,7 +153,7 @@ class RunStudy:
     failed: tuple[str, ...] = ()
 
     def chosen(self, comparison: PlannedComparison) -> Bools:
-        """Which trials belong to a comparison: no practice, at its levels, with a value of its measure."""
+        """Mask of the trials of a comparison: no practice, at its levels, with a value of its measure."""
         trials = self.trials
         kept = ~trials.practice & np.isfinite(trials.values[comparison.measure])
         kept &= np.isin(trials.levels[comparison.factor], (comparison.a, comparison.b))
@@ -172,12 +172,12 @@ class RunStudy:
 
     @property
     def missing(self) -> Counter[tuple[str, str]]:
-        """How many planned trials are not among the finished ones, by participant and condition."""
+        """Number of planned trials that are not finished, by participant and condition."""
         names = self.trials.participant[self.driven].tolist()
         return self.design.planned - Counter(zip(names, self.conditions(self.driven).tolist(), strict=True))
 
     def conditions(self, rows: Ints, without: str = "") -> Texts:
-        """The condition of each trial of `rows` as one text: its levels of all factors except the one `without`."""
+        """The condition of each trial of `rows` as one text: its levels of all factors except `without`."""
         levels = [self.trials.levels[one.name] for one in self.design.factors if one.name != without]
         return np.array([" ".join(str(one[row]) for one in levels) for row in rows], dtype=np.str_)
 
@@ -276,7 +276,7 @@ MOST_EXACT: Final = 16
 """Most drivers for whom all patterns are counted."""
 ALL_PATTERNS: Final = 2 ** (MOST_EXACT - 1)
 PATTERNS: Final = 20_000
-"""Patterns of an analysis with more drivers, the one found among them: a p of 0.05 is known to 0.003."""
+"""Patterns of an analysis with more drivers, including the observed one: a p of 0.05 is known to 0.003."""
 MOST_CELLS: Final = 20_000_000
 """Most signs of a table of patterns (160 MB): with very many drivers there are fewer patterns, but at least 1000."""
 ROUNDING: Final = 1e-10
@@ -284,7 +284,7 @@ ROUNDING: Final = 1e-10
 
 
 def signs_of(drivers: int, rng: np.random.Generator, patterns: int = ALL_PATTERNS) -> Floats:
-    """Patterns of signs (patterns, drivers), the one without a flip first.
+    """Patterns of signs (patterns, drivers), the pattern without a flip first.
 
     They are all patterns if these are no more than `patterns`, else as many drawn at random, but at most `PATTERNS`. A
     pattern stands for its mirror image too, so that the first driver is never flipped.
@@ -321,14 +321,14 @@ def interval(differences: Floats, signs: Floats, confidence: float) -> tuple[flo
 
 CONFIDENCE: Final = 0.95
 FLIPS, SOME_FLIPS, WELCH = "exact sign flips", "sign flips drawn at random", "Welch's t"
-"""The methods that decide."""
+"""The methods that decide about significance."""
 NO_RANGE: Final = (math.nan, math.nan)
 LEAST_IN_GROUP: Final = 3
 """Fewest participants whose mean has an interval by Student's t, and fewest of a group."""
 
 
 class _Cell(NamedTuple):
-    """What two trials must have in common to be a pair: the participant, the day, and the levels of other factors."""
+    """The properties that make two trials a pair: the participant, the day, and the levels of other factors."""
 
     participant: str
     day: str
@@ -341,7 +341,7 @@ class PairedTrials:
 
     Each array has an entry for each pair: `owner` is the index of its participant in `participants`, `a` and `b` are
     the values (means where a trial was driven twice). `unpaired` counts trials without a partner, which are left out.
-    `same_day` is False where no two trials had a day in common, so that pairs were made by participant alone.
+    `same_day` is False if no two trials had a day in common, so that pairs were made by participant alone.
     """
 
     participants: tuple[str, ...]
@@ -368,7 +368,7 @@ class PairedTrials:
 
 @dataclass(frozen=True, kw_only=True)
 class TwoGroups:
-    """The means of the participants of two groups, for a factor of which each participant has one level."""
+    """The means of the participants of two groups, for a factor with one level for each participant."""
 
     a: Floats
     b: Floats
@@ -386,13 +386,13 @@ ComparedTrials = PairedTrials | TwoGroups
 
 
 def compared_trials(study: RunStudy, comparison: PlannedComparison) -> ComparedTrials:
-    """The pairs of a comparison, or its two groups where each participant drove one of its conditions."""
+    """The pairs of a comparison, or its two groups if each participant drove one of its conditions."""
     within = study.design.factor(comparison.factor).within
     return paired_trials(study, comparison) if within else two_groups(study, comparison)
 
 
 def paired_trials(study: RunStudy, comparison: PlannedComparison) -> PairedTrials:
-    """The pairs of a comparison; DasError where no participant drove both of its conditions."""
+    """The pairs of a comparison; DasError if no participant drove both of its conditions."""
     same_day = _paired(study, comparison, with_day=True)
     found = same_day if len(same_day.owner) else _paired(study, comparison, with_day=False)
     if not len(found.owner):
@@ -424,7 +424,7 @@ def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -
 
 
 def two_groups(study: RunStudy, comparison: PlannedComparison) -> TwoGroups:
-    """The mean of each participant's trials, in two groups; DasError where a group is empty."""
+    """The mean of each participant's trials, in two groups; DasError if a group is empty."""
     trials, kept = study.trials, study.chosen(comparison)
     found = {}
     for level in (comparison.a, comparison.b):
@@ -480,7 +480,7 @@ def paired_estimate(differences: Floats, rng: np.random.Generator) -> Difference
     method = FLIPS if count <= MOST_EXACT else SOME_FLIPS
     if _without_spread(differences):
         alike = count > 1
-        same = 1.0 if alike and mean == 0 else math.nan  # Nothing is known about chance if all differ by the same.
+        same = 1.0 if alike and mean == 0 else math.nan  # Chance cannot be estimated if all differ by the same amount.
         sd = 0.0 if alike else math.nan
         return DifferenceEstimate(mean=mean, sd=sd, participants=count, probability=same, method=method)
     sd, test = float(differences.std(ddof=1)), stats.ttest_1samp(differences, 0.0)
@@ -514,7 +514,7 @@ def group_estimate(a: Floats, b: Floats) -> DifferenceEstimate:
 
 
 def _without_spread(values: Floats) -> bool:
-    """Whether all values are the same but for rounding."""
+    """Whether all values are the same except for rounding."""
     return len(values) < 2 or float(np.ptp(values)) <= 1e-12 * max(float(np.abs(values).max()), 1e-300)
 
 
@@ -537,7 +537,7 @@ def corrected(probabilities: Floats, correction: str) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundDifference:
-    """All that was found on a planned comparison; `corrected` is its p, corrected for the number of comparisons."""
+    """The findings on a planned comparison; `corrected` is its p, corrected for the number of comparisons."""
 
     comparison: PlannedComparison
     shown: ShownMeasure
@@ -584,7 +584,7 @@ class ConditionValues:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyFindings:
-    """What the analysis of a study found; `failed` has, for each comparison that could not be made, why."""
+    """The findings of the analysis of a study; `failed` has the reason for each comparison that could not be made."""
 
     study: RunStudy
     measures: tuple[ShownMeasure, ...]
@@ -593,7 +593,7 @@ class StudyFindings:
     conditions: tuple[ConditionValues, ...]
 
     def shown(self, measure: str) -> ShownMeasure:
-        """How a measure is shown."""
+        """The format of a measure."""
         return {one.column: one for one in self.measures}[measure]
 
 

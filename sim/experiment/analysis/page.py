@@ -1,6 +1,6 @@
 """The findings of a study: in sentences, as a page with forest plots, and for programs.
 
-The pictures are dark on white, with units, in colours that people with any colour vision can tell apart.
+The pictures are dark on white, with units, in colours that are distinguishable with any colour vision.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 SIGNALS: Final = "signals_passed"
 CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni"}
 MOST_FAILED: Final = 3
-"""Failed trials that the page names; failed.csv has all."""
+"""Largest number of failed trials that the page names; failed.csv has all."""
 MOST_MISSING: Final = 6
-"""Drivers whose missing trials are named in a sentence; the table of the page has all."""
+"""Largest number of drivers whose missing trials are named in a sentence; the page's table has all."""
 TEMPLATE: Final = "page.html.j2"
 COLUMNS_AT_ONCE: Final = 5
 """Number of measures in a table of the conditions."""
@@ -100,7 +100,7 @@ def in_short(found: StudyFindings) -> list[tuple[str, str]]:
 
 
 def _safety(found: StudyFindings) -> list[tuple[str, str]]:
-    """A sentence on signals that were passed at danger, whether or not a comparison was planned about them."""
+    """A sentence on signals that were passed at danger, even if no comparison was planned on them."""
     trials = found.study.trials
     if SIGNALS not in trials.values:
         return []
@@ -263,7 +263,7 @@ def _difference_images(found: StudyFindings) -> list[dict[str, str]]:
 
 
 def _varies(found: StudyFindings, shown: ShownMeasure) -> bool:
-    """Whether a measure has more than one value; one that has not says nothing about the conditions."""
+    """Whether a measure has more than one value; a constant measure shows nothing about the conditions."""
     values = found.study.trials.values[shown.column]
     return len(np.unique(values[np.isfinite(values)])) > 1
 
@@ -298,7 +298,7 @@ def as_dict(found: StudyFindings) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A value as JSON takes it: None for numbers and ranges that are not known."""
+    """A value for JSON: None for numbers and ranges that are not known."""
     if isinstance(value, dict):
         return {name: _plain(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
@@ -373,11 +373,11 @@ def _differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figur
 
 
 def _label(comparison: PlannedComparison) -> str:
-    """The name of a comparison if the user gave one, else which level is subtracted from which."""
+    """The name of a comparison if the user gave one, else the two levels that are subtracted."""
     return comparison.name if comparison.title == comparison.name else comparison.contrast("\n")
 
 
 def _beside(count: int) -> Floats:
-    """How far (rows) each of `count` points is drawn beside its row: on alternate sides, always by the same steps."""
+    """The distances (rows) of `count` points from their row: on alternate sides, always by the same steps."""
     steps = np.array([0.0, 0.5, -0.5, 1.0, -1.0])
     return np.asarray(SCATTER * steps[np.arange(count) % len(steps)])

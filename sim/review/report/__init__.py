@@ -1,1 +1,1 @@
-"""A report about a recorded drive: one page for an instructor, then figures, pictures, and what happened."""
+"""A report about a recorded drive: one page for an instructor, then figures, pictures and events."""

@@ -30,16 +30,16 @@ NUMBERS_AT: Final = (1.18, 1.12, 1.06)
 LEAST_SHARE: Final = 0.004
 """Least width of a drawn finding, as a share of the axis."""
 OTHERS: Final = ("speed/same_times", "speed/optimum", "speed/shown", "speed/advised")
-"""Curves set beside the drive in the picture on the first page: the first of them that there is."""
+"""Candidates for the curve next to the drive in the picture on the first page: the first that exists is drawn."""
 MOST_APART_KMH: Final = 15.0
 """Largest difference (km/h) of driven minus shown speed that is drawn; larger ones lie at the edge of the axis."""
 
 
 def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
-    """Speed over distance on the first page: the limit, what was driven, and one trajectory beside it.
+    """Speed over distance on the first page: the limit, the drive, and one other trajectory.
 
-    The places of each finding are grey stretches with its number; temporary restrictions are dashed. Below is where
-    more energy was lost than by the optimum, if that is known.
+    The places of each finding are grey stretches with its number; temporary restrictions are dashed. Below are the
+    places where more energy was lost than by the optimum, if that is known.
     """
     lost = [trace for trace in scene.over_distance(("place/lost",)) if not scene.drive.energy.not_comparable]
     figure, axes = light_figure(FIRST_IN[1 : 2 + len(lost)])
@@ -48,7 +48,7 @@ def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
     other = next((trace.name for trace in scene.over_distance(OTHERS)), OTHERS[0])
     for trace in scene.over_distance(("speed/limit", other, "speed/driven")):
         _draw(axis, trace)
-        if trace.name == other:  # told apart in print without colours
+        if trace.name == other:  # distinguishable in print without colours
             axis.get_lines()[-1].set_linestyle((0, (4.0, 1.2)))
     _restrictions(axis, scene)
     top_kmh = max((scene.extent("speed") or (0.0, 0.0))[1], 1.0)

@@ -1,4 +1,4 @@
-"""The findings of a report's first page: what happened, where and when, why, and what to do next time."""
+"""The findings of a report's first page: events with place, time and cause, and advice for the next time."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ FRICTION: Final[Mapping[str, str]] = {
 TOLD_KMH: Final = 3.0
 """Difference of mean speeds (km/h) below which it is left out."""
 MOST_PLACES: Final = 3
-"""Most places that a finding names."""
+"""Largest number of places that a finding names."""
 BY_ADVICE: Final = "hurried by the advice"
-"""The label of `EnergyCause.LATENESS` where advice was shown."""
+"""The label of `EnergyCause.LATENESS` if advice was shown."""
 SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
 """The kinds of events that are findings about safety, each in words."""
 SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
@@ -51,11 +51,11 @@ SIGNAL_PASSED: Final = "signal-passed"
 
 
 class FoundPlace(NamedTuple):
-    """Where and when a finding happened: its ends (m) and their times (ns since 1970).
+    """Place and time of a finding: its ends (m) and their times (ns since 1970).
 
-    `energy_j` is what the cause took there above the
-    optimum (J); None for a finding about safety, of which no energy is counted. For a cause about speed or brakes,
-    `mean_mps` is the mean speed there, as driven and of the optimum (m/s), and `best` what the optimum does there.
+    `energy_j` is what the cause took there above the optimum (J); None for a finding about safety, for which no energy
+    is counted. For a cause about speed or brakes, `mean_mps` is the mean speed there, as driven and of the optimum
+    (m/s), and `best` the optimum's act there.
     """
 
     start_m: float
@@ -67,7 +67,7 @@ class FoundPlace(NamedTuple):
     best: ActionSpan | None = None
 
     def words(self, clock: DriveClock) -> str:
-        """Where and when in words; the picture beside them has the stops."""
+        """Place and time in words; the picture next to them has the stops."""
         start, end = f"{self.start_m / KM:.1f}", f"{self.end_m / KM:.1f}"
         at = f"Km\u00a0{start}" if start == end else f"Km\u00a0{start} to {end}"
         energy = "" if self.energy_j is None else f", {kwh_words(self.energy_j)}"
@@ -91,7 +91,7 @@ class FoundPlace(NamedTuple):
 
 
 def best_words(best: ActionSpan | None, mean_mps: tuple[float, float] | None) -> str:
-    """What the best run does at a place, from where to where, and the mean speeds if they differ by much."""
+    """The act of the best run at a place, its ends, and the mean speeds if they differ by much."""
     span = "" if best is None else f"{DOES[best.action]} from km\u00a0{best.start_m / KM:.1f} to {best.end_m / KM:.1f}"
     driven, optimum = (0.0, 0.0) if mean_mps is None else map(kmh, mean_mps)
     if abs(driven - optimum) < TOLD_KMH:
@@ -101,11 +101,11 @@ def best_words(best: ActionSpan | None, mean_mps: tuple[float, float] | None) ->
 
 @dataclass(frozen=True, kw_only=True)
 class DriveFinding:
-    """Something for instructor and driver to talk about: its cause, what happened, where, and when.
+    """A finding for instructor and driver to discuss: its cause, event, place and time.
 
     `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is it in words.
-    `places` are where it happened or took most, the worst first. `energy_j` is the energy above the optimum of the
-    cause over the whole drive (J), None for a finding about safety. `next_time` says what to do otherwise.
+    `places` are those of the event or of the greatest loss, the worst first. `energy_j` is the energy above the optimum
+    of the cause over the whole drive (J), None for a finding about safety. `next_time` is the advice to the driver.
     """
 
     code: str
@@ -132,7 +132,7 @@ class DriveFinding:
 
 
 def findings(drive: Drive) -> tuple[DriveFinding, ...]:
-    """The three findings of the page at most: those about safety first, then the causes that took most energy."""
+    """The findings of the page, at most three: those about safety first, then the causes that took most energy."""
     return (*_safety_findings(drive), *_energy_findings(drive))[:MOST_FINDINGS]
 
 
@@ -195,9 +195,9 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
 
 
 def best_forbidden(drive: Drive, start_m: float, end_m: float, start_ns: int, end_ns: int) -> bool:
-    """Whether the driver could not have done at a place what the best run does there.
+    """Whether the driver could not have followed the best run at a place.
 
-    The best run knows of no signal at danger and of no temporary restriction.
+    The best run ignores signals at danger and temporary restrictions.
     """
     red = any(one.start_ns <= end_ns and one.end_ns >= start_ns for one in drive.signals)
     length_m = drive.table.inputs.vehicle.train_length_m
@@ -229,7 +229,7 @@ def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
 
 
 def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
-    """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
+    """The places of a cause's energy; for a restriction, where it holds, though it costs from its announcement on."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED or cause is EnergyCause.FRICTION
     place = FoundPlace(
         stretch.start_m, stretch.end_m, stretch.start_ns, stretch.end_ns, stretch.energy_j,
@@ -248,7 +248,7 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
 
 
 def friction_chosen_by(drive: Drive) -> str:
-    """What the choice of the friction brake goes back to on a simulated drive; empty for any other drive."""
+    """The origin of the choice of the friction brake on a simulated drive; empty for any other drive."""
     run = drive.table.run
     return FRICTION.get(run.get("friction_policy", ""), "") if run.get("driver") == DriverKind.HUMAN else ""
 

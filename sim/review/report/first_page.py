@@ -1,4 +1,4 @@
-"""The first page of a report: four figures, three findings, and how sure they are.
+"""The first page of a report: four figures, three findings, and their certainty.
 
 A driver's instructor reads it in two minutes. All figures are those of `Drive`, and the rest of the report explains
 them.
@@ -38,9 +38,9 @@ DRIVERS: Final[Mapping[str, str]] = {
     External.DESK: "a person at the cab desk",
 }
 HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
-"""Events that hold the train up."""
+"""Events that delay the train."""
 LEAST_STAND_S: Final = 10.0
-"""A shorter stand on the way (s) is no reason for lateness."""
+"""Shortest stand on the way (s) that counts as a reason for lateness."""
 NOT_KNOWN: Final = "not known"
 NUMBERS: Final = "The numbers mark the findings: the place of each, or the place where its cause lost most."
 LOST: Final = "Below: the places where more was lost than by the optimum; the cause may lie before."
@@ -48,13 +48,13 @@ SIGNALS_UNKNOWN: Final = "The advice knew of no signal at danger: the driver had
 LESS_THAN_BEST: Final = "Less than the best possible energy is due to errors of positions and assumptions: no saving."
 OPTIMUM: Final = "The optimum has the same times, without signals and temporary restrictions."
 MOST_CHANGES: Final = 2
-"""Most changes of the lateness on the page, the largest."""
+"""Largest number of changes of the lateness on the page."""
 
 
 class PageFigure(NamedTuple):
-    """One of the four figures: its name, its value in words, what must be known beside it, and it for programs.
+    """One of the four figures: its name, its value in words, a note on it, and its values for programs.
 
-    `told` has names with units (s, m/s, kWh); None stands for what is not known.
+    `told` has names with units (s, m/s, kWh); None stands for unknown values.
     """
 
     name: str
@@ -70,7 +70,7 @@ def last_arrival(drive: Drive) -> KeptCall | None:
 
 
 def what_happened(drive: Drive) -> str:
-    """When the train ran, who drove and what he was shown, what was to happen, and where most time went."""
+    """Sentences on the run, its driver and display, its disturbances, and the places where most time was lost."""
     return " ".join([*ran(drive), *came_about(drive), *where_time_went(drive, MOST_CHANGES)])
 
 
@@ -99,7 +99,7 @@ def _arrival(drive: Drive) -> PageFigure:
 
 
 def _price(drive: Drive, call: KeptCall) -> str:
-    """What an arrival off the timetable takes or saves at best, in words; empty if that is little or not known."""
+    """The least cost or greatest saving of an arrival off the timetable, in words; empty if small or not known."""
     legs = () if drive.energy.attribution is None or drive.energy.not_comparable else drive.energy.attribution.legs
     early_j = next((leg.early_j for leg in legs if leg.leg.end.name == call.name), None)
     if early_j is None or abs(kwh(early_j)) < NAMED_KWH:
@@ -140,7 +140,7 @@ def _above(drive: Drive) -> PageFigure:
 
 
 def _likely(drive: Drive) -> list[str]:
-    """The likely range of an estimate, and what it is if the friction brake did all braking."""
+    """The likely range of an estimate, and its value if the friction brake did all braking."""
     if drive.energy.likely is None:
         return []
     band = f"likely {kwh_figure(drive.energy.likely.low_j)} to {kwh_words(drive.energy.likely.high_j)}"
@@ -151,7 +151,7 @@ def _likely(drive: Drive) -> list[str]:
 
 
 def _right_train(drive: Drive) -> str:
-    """A doubt about the assumed train, if the trip was faster or needed more force than that train can."""
+    """A doubt about the assumed train, if the trip was faster or needed more force than this train allows."""
     over_kmh = [one.facts["over_kmh"] for one in drive.events if one.kind is EventKind.BEYOND_TRAIN]
     told = f"was up to {max(over_kmh):.0f} km/h faster than the assumed train can go" if over_kmh else ""
     short = beyond_ratio(drive)
@@ -188,7 +188,7 @@ def _over_limit(drive: Drive) -> PageFigure:
 
 
 def how_sure(drive: Drive) -> list[str]:
-    """What the figures depend on, in sentences: energy measured or computed, train known or assumed, unknowns."""
+    """Sentences on the basis of the figures: energy measured or computed, train known or assumed, unknowns."""
     told = [] if drive.recording.complete else ["The recording was cut off: its end is missing."]
     told += [*_energy_sure(drive), *_range_sure(drive)]
     if drive.violations.over_limit_s:
@@ -201,7 +201,7 @@ def how_sure(drive: Drive) -> list[str]:
 
 
 def train_known(drive: Drive) -> bool:
-    """Whether the optimum is that of the true train, which a simulator stated; otherwise its train is assumed."""
+    """Whether the optimum is that of the true train, as recorded by a simulator; otherwise its train is assumed."""
     return drive.table.said.saving is not None and drive.table.said.saving.measured
 
 
@@ -227,7 +227,7 @@ def _train_words(drive: Drive) -> str:
 
 
 def _range_sure(drive: Drive) -> list[str]:
-    """How far the energy above the optimum may be off, and which unknown moves it most."""
+    """The possible error of the energy above the optimum, and the unknown with the largest effect."""
     if drive.energy.above is None or drive.energy.not_comparable:
         return []
     if drive.energy.above.measured and train_known(drive):
@@ -250,7 +250,7 @@ def _range_sure(drive: Drive) -> list[str]:
 
 
 def first_page_dict(drive: Drive) -> dict[str, Any]:
-    """The first page for programs: s, m/s, m and kWh; None stands for what is not known."""
+    """The first page for programs: s, m/s, m and kWh; None stands for unknown values."""
     figures = {name: value for one in page_figures(drive) for name, value in one.told.items()}
     return {**figures, "findings": [one.as_dict(drive.table.clock) for one in findings(drive)]}
 
@@ -271,7 +271,7 @@ def page_dict(drive: Drive) -> dict[str, Any]:
 
 
 def in_lines(drive: Drive) -> list[str]:
-    """The first page for the terminal and for programs: what happened, each figure and finding, and how sure."""
+    """The first page for the terminal and for programs: the run, each figure and finding, and their certainty."""
     told = page_dict(drive)
     figures = [f"{one.name}: {one.value} ({one.beside})." for one in told["figures"]]
     found = [
@@ -298,7 +298,7 @@ def _row(one: DriveFinding, drive: Drive) -> dict[str, Any]:
 
 
 def _rest(drive: Drive, found: Sequence[DriveFinding]) -> str:
-    """What the findings leave of the energy above the optimum, in a sentence; empty if there is none to speak of."""
+    """A sentence on the energy above the optimum outside the findings; empty if there is hardly any."""
     told_j = [one.energy_j for one in found if one.energy_j is not None]
     if not told_j or drive.energy.above is None or drive.energy.not_comparable:
         return ""
@@ -308,7 +308,7 @@ def _rest(drive: Drive, found: Sequence[DriveFinding]) -> str:
 
 
 def _why_none(drive: Drive, found: Sequence[DriveFinding]) -> str:
-    """Why the page has no finding about energy; empty if that needs no word."""
+    """The reason why the page has no finding about energy; empty if none is needed."""
     if drive.energy.attribution is None:
         return f"The energy cannot be attributed: {drive.energy.why_no_attribution}."
     return "" if found else f"No cause took {NAMED_KWH} kWh or more above the optimum."
@@ -326,7 +326,7 @@ def _day(drive: Drive) -> str:
 
 
 def ran(drive: Drive) -> list[str]:
-    """When the train ran from where to where, and how late it was."""
+    """Sentences on the date, route, times and lateness of the run."""
     clock, served, day, went = drive.table.clock, drive.served, _day(drive), drive.travelled
     km, lasted = f"{went.way_m / KM:.1f} km", spell(went.time_s)
     if not went.between_stops:
@@ -346,7 +346,7 @@ def _late(late_s: float) -> str:
 
 
 def came_about(drive: Drive) -> list[str]:
-    """Sentences about how the drive came about; none if the recording does not say."""
+    """Sentences on the origin of the drive; none if the recording does not state it."""
     run = drive.table.run
     told = []
     if run.get("kind") == "run":
@@ -406,7 +406,7 @@ def _because(drive: Drive, before: KeptCall, after: KeptCall) -> str:
 
 
 def _holds_up(one: DriveEvent) -> bool:
-    """Whether an event held the train up: a short stand before a stop and the end of a restriction do not."""
+    """Whether an event delayed the train: a short stand before a stop and the end of a restriction do not."""
     short = one.kind is EventKind.STAND and (one.last_ns - one.time_ns) * NS < LEAST_STAND_S
     ends = one.kind is EventKind.RESTRICTION and not one.text.startswith("restriction received")
     return one.kind in HELD_UP and not short and not ends

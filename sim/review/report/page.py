@@ -31,7 +31,7 @@ TEMPLATE: Final = "page.html.j2"
 
 
 class ReviewedDrive(NamedTuple):
-    """A drive with all its figures, and what `das-sim check` finds in its recording."""
+    """A drive with all its figures, and the result of `das-sim check` on its recording."""
 
     drive: Drive
     checked: Checked
@@ -45,7 +45,7 @@ def subject_of(path: Path) -> ReviewedDrive:
 
 
 def compared(subjects: Sequence[ReviewedDrive]) -> tuple[AlignedDrives | None, str]:
-    """Several drives aligned on track position, or None and why they cannot be; None for a single drive."""
+    """Several drives aligned by position, or None and the reason why they cannot be; None for a single drive."""
     if len(subjects) < 2:
         return None, ""
     try:

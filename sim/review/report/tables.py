@@ -25,7 +25,7 @@ from sim.review.report.findings import friction_chosen_by, told_causes
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
 )
-"""The kinds of events that the page lists; the changes of the advice are a list of their own."""
+"""The kinds of events that the page lists; changes of the advice have their own list."""
 TOLD_ELSEWHERE: Final = ("drawn", PASSINGS)
 """Keys of the metadata that the page shows in other tables, or not at all."""
 NONE_TOLD: Final = "none (an empty list was received)"
@@ -73,7 +73,7 @@ def _withdrawn(drive: Drive) -> str:
 
 
 def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
-    """From the optimum for the timetable to the energy as driven, in steps that sum."""
+    """The steps from the optimum for the timetable to the energy as driven, which sum."""
     rows = []
     against = attribution.against_timetable
     if against is not None and attribution.timetable_j is not None:
@@ -160,7 +160,7 @@ def _passings(drive: Drive) -> tuple[KeptPassing, ...]:
 
 
 def passing_rows(drive: Drive) -> list[Row]:
-    """When the train was at each passing of its journey, and whether its time there was kept."""
+    """The time of the train at each passing of its journey, and whether the due time was kept."""
     clock = drive.table.clock
     return [
         {
@@ -266,7 +266,7 @@ def _moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
 
 
 def input_rows(drive: Drive) -> list[tuple[str, str]]:
-    """The sources of the drive and of its figures: metadata, hashes, files, and what is known of line and train."""
+    """The sources of the drive and of its figures: metadata, hashes, files, line and train."""
     rows = [
         readable(key, value)
         for entries in drive.recording.metadata.values()
@@ -289,7 +289,7 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
 
 
 def line_rows(drive: Drive) -> list[tuple[str, str]]:
-    """Origin of the line's data as its file states it, and how wrong energies may be because of its altitudes."""
+    """Origin of the line's data as its file states it, and the possible error of energies due to altitudes."""
     try:
         route = drive.table.inputs.route
     except DasError:
@@ -309,7 +309,7 @@ def readable(key: str, value: str) -> tuple[str, str]:
 
 
 def compliance(drive: Drive) -> float | None:
-    """For which share of the time that a speed to keep was shown it was kept within 2 km/h; None if none was shown.
+    """The share of the time with a speed to keep in which it was kept within 2 km/h; None if none was shown.
 
     A speed shown as the highest is also kept at any lower speed.
     """
@@ -324,7 +324,7 @@ def compliance(drive: Drive) -> float | None:
 
 
 def shown_s(drive: Drive) -> float:
-    """For how long (s) a speed to keep was shown while the train moved."""
+    """The time (s) in which a speed to keep was shown while the train moved."""
     shown, trip = drive.energy.shown, drive.table.course
     if len(shown.time_ns) < 2:
         return 0.0

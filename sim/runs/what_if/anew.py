@@ -1,4 +1,4 @@
-"""Driven anew: the scenario of a recorded day, with its timetable, disturbances and seed, and who drives it again.
+"""The new simulation of a recorded day: its scenario, with timetable, disturbances and seed, and the driver.
 
 The scenario of a drive without a simulator is made from its messages. Its file is only attached to the new recording.
 """
@@ -44,7 +44,7 @@ LEAST_DELAY_S: Final = 1.0
 
 
 def attached_scenario(origin: Origin) -> Scenario:
-    """The scenario of a simulated day, with the input files that the recording brings along.
+    """The scenario of a simulated day, with the input files attached to the recording.
 
     Raises DasError if the scenario, or a file that it needs, is not attached.
     """
@@ -100,8 +100,8 @@ def _attached(origin: Origin, kind: str) -> Path:
 def scenario_of_drive(origin: Origin, node: str | None) -> Scenario:
     """A scenario made from a drive without a simulator: line, train, stops, late departures and restrictions.
 
-    `node` is the command line of the recording's node, if the recording does not hold it. Nobody recorded what held the
-    train up between stops, nor resistance, wind and rail. Raises DasError if line or train is not known.
+    `node` is the command line of the recording's node, if the recording does not hold it. Causes of delay between
+    stops, resistance, wind and rail are not recorded. Raises DasError if line or train is not known.
     """
     given = node_given(origin.contents, origin.train, origin.folder, node)
     options = given.options()
@@ -181,7 +181,7 @@ def _delay(call: KeptCall, dwell_s: float) -> DepartureDelay | None:
 
 
 def _restrictions(origin: Origin, table: DriveTable) -> Iterator[AnnouncedRestriction]:
-    """Each restriction that the node received, announced where the train was when the node first received it."""
+    """Each restriction that the node received, announced at the train's position at the first reception by the node."""
     first_m, last_m = origin.journey.stops[0].s_m, origin.journey.stops[-1].s_m
     known: set[Restriction] = set()
     departure_ns = origin.journey.stops[0].departure_ns
@@ -215,7 +215,7 @@ BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
 
 
 def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[Day, How]:
-    """The recorded day with the changes of the what-if, and how it is driven; DasError if it cannot be driven again.
+    """The recorded day with the changes of the what-if, and its driver; DasError if it cannot be driven again.
 
     For a simulated day, scenario and seed are the recorded ones. For any other drive, the scenario is made from the
     recorded messages, and the driver is a simulated one with seed 0.
@@ -288,7 +288,7 @@ def _how(origin: Origin, new: Otherwise) -> How:
     if driven.friction is not None and driver is not DriverKind.HUMAN:
         raise DasError(f"--friction {driven.friction}: needs --driver {DriverKind.HUMAN}")
     shown = Presentation.GUIDE if origin.has_guide else Presentation.SPEED_AND_EFFORT
-    # Of a real drive the energy is an estimate with motors that brake first; the day driven anew keeps these brakes.
+    # Of a real drive the energy is an estimate with motors that brake first; the new run keeps these brakes.
     missing = BEFORE_THE_CHOICE if origin.is_simulated else FrictionPolicy.ELECTRIC_FIRST
     try:
         return How(
@@ -304,7 +304,7 @@ def _how(origin: Origin, new: Otherwise) -> How:
 
 
 def _participant(origin: Origin, new: Otherwise, driver: DriverName) -> Participant | None:
-    """The person who drives: the participant asked for, else the recorded one, else nobody in particular."""
+    """The participant who drives: as named by the user, else as recorded, else None."""
     driven = new.driven
     if driven.participant is not None:
         return participant_of(driver, driven.participant, driven.population)
@@ -328,7 +328,7 @@ def _check_stops(origin: Origin, names: list[str]) -> None:
 
 
 def _restricted(day: Day, new: Otherwise) -> Day:
-    """The day with its restrictions and the added ones, which everybody knows from the beginning."""
+    """The day with its restrictions and the added ones, which are announced from the beginning."""
     kept = [one for one in day.disturbances if not (new.without_restrictions and isinstance(one, AnnouncedRestriction))]
     added = [AnnouncedRestriction.of(one, day.service.route.length_m, day.service.clock_s) for one in new.restrictions]
     return with_disturbances(day, [*kept, *added]) if added or len(kept) < len(day.disturbances) else day

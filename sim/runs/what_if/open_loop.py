@@ -162,7 +162,7 @@ def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dic
 
 
 class AdviceApart(NamedTuple):
-    """How the advice of two recordings differs: common moments, those at which it differs, and the first place (m)."""
+    """The differences in advice of two recordings: common moments, differing moments, and the first place (m)."""
 
     moments: int
     differing: int
@@ -190,7 +190,7 @@ def advice_apart(old: Path, new: Path, train: str) -> AdviceApart:
 
 
 def _advice(table: DriveTable) -> dict[int, tuple[float, tuple[int, int], tuple[float, float]]]:
-    """Every advice by its time (ns): place (m), and mode and speed (m/s) of the plan and of the guide (0: silent)."""
+    """All advice by its time (ns): place (m), and mode and speed (m/s) of the plan and of the guide (0: none)."""
     columns = table.of_topic("advice", "s_m", "mode", "advised_speed_mps", "guide")
     found = {}
     for time_ns, s_m, mode, speed_mps, guide in zip(*(one.tolist() for one in columns), strict=True):

@@ -1,4 +1,4 @@
-"""The recorded day that a what-if begins with."""
+"""The recorded day that a what-if changes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sim.runs.what_if.otherwise import KEPT, Otherwise
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Origin:
-    """A recorded day of one train. `folder` takes the input files that the recording brings along."""
+    """A recorded day of one train. `folder` is the place for the input files attached to the recording."""
 
     path: Path
     contents: Contents
@@ -30,7 +30,7 @@ class Origin:
 
     @classmethod
     def read(cls, path: Path, train: str | None, folder: Path) -> Origin:
-        """Read a recording; DasError if it has no journey, which says where the train goes and when."""
+        """Read a recording; DasError if it has no journey, which gives stops and times."""
         contents = open_contents(path)
         recording = recording_of(contents, train)
         if not recording.of(topics.JOURNEY):

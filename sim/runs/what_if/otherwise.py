@@ -18,9 +18,9 @@ from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.options import ParticipantOption, PopulationOption
 
 KEPT: Final = "what_if_kept"
-"""The key of a what-if's metadata that says how its day differs from the recorded one."""
+"""The metadata key of a what-if for the differences of its day from the recorded one."""
 SLOWEST_KMH, FASTEST_KMH = 5.0, 700.0
-"""Range of the limits that can be asked for."""
+"""Range of the limits that the user may add."""
 _RESTRICTION: Final = re.compile(r"(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?):(\d+(?:\.\d+)?)")
 
 
@@ -43,7 +43,7 @@ class CabOtherwise:
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenOtherwise:
-    """The driver and the display of a day driven anew; None means as recorded."""
+    """The driver and the display of a newly simulated day; None means as recorded."""
 
     driver: Annotated[
         str | None,
@@ -69,7 +69,7 @@ class DrivenOtherwise:
 
     @property
     def asks_for_a_driver(self) -> bool:
-        """Whether anything is asked for that only a day driven anew can have."""
+        """Whether any option is given that only a newly simulated day can have."""
         return any(value is not None for value in (self.driver, self.advice, self.friction, self.participant))
 
 
@@ -100,7 +100,7 @@ class Otherwise:
         return [*said, *(f"restriction to {one.words}" for one in self.restrictions)]
 
     def kept(self) -> str:
-        """The changes that make it another day, as JSON, for a comparison of both."""
+        """The changes to the day itself, as JSON, for a comparison of both days."""
         restrictions, without = [astuple(one) for one in self.restrictions], self.without_restrictions
         return json.dumps({"load": self.cab.load, "restrictions": restrictions, "without_restrictions": without})
 

@@ -161,7 +161,7 @@ def test_a_picture_is_shown_in_a_notebook_and_saved_once(run: das.Solution, tmp_
 BAD: list[tuple[dict[str, Any], str]] = [
     ({"shown": ()}, "plot: runs = 'none': expected at least one run or front"),
     ({"shown": ("run", 5)}, "plot: runs = 'int': expected solutions"),
-    ({"shown": ("run", "front")}, "plot: runs = 'fronts beside runs': expected either fronts or runs"),
+    ({"shown": ("run", "front")}, "plot: runs = 'fronts and runs': expected either fronts or runs"),
     ({"shown": ("run",), "over": "buffer"}, "plot: over = <Over.BUFFER: 'buffer'>: expected buffer or time for fronts"),
     ({"shown": ("front",), "over": "distance"}, "expected buffer or time for fronts, distance or time for runs"),
     ({"shown": ("run",), "over": "speed"}, "plot: over = 'speed': expected one of distance, time, buffer"),

@@ -183,10 +183,10 @@ def test_a_bundled_journey_replaces_the_stops_of_a_scenario() -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("[timetable]", 'from = "A"\n[timetable]'), r"scenario.from = 'A': expected none beside scenario.journey"),
-        (("[timetable]", "calls = []\n[timetable]"), r"scenario.calls = \[\]: expected none beside scenario.journey"),
-        (("departure =", "dwell_s = 3\ndeparture ="), r"timetable.dwell_s = 3: expected none beside scenario.journey"),
-        (("departure =", "buffer_percent = 3\ndeparture ="), r"timetable.buffer_percent = 3: expected none beside"),
+        (("[timetable]", 'from = "A"\n[timetable]'), r"scenario.from = 'A': expected none with scenario.journey"),
+        (("[timetable]", "calls = []\n[timetable]"), r"scenario.calls = \[\]: expected none with scenario.journey"),
+        (("departure =", "dwell_s = 3\ndeparture ="), r"timetable.dwell_s = 3: expected none with scenario.journey"),
+        (("departure =", "buffer_percent = 3\ndeparture ="), r"timetable.buffer_percent = 3: expected none with"),
         (("journey.toml", "other.toml"), r"other.toml: no such file"),
         (("journey.toml", "night.toml"), r"is a scenario file of this program, expected a journey"),
     ],

@@ -120,11 +120,11 @@ BAD_HEADS = [
         "running_s = [99, 99]",
         "timetable.running_s = '2 times': expected one for each of the 1 sec",
     ),
-    ("buffer_percent = 10", "running_s = [99]\nrunning_min = [2]", "running_min = .2.: expected none beside running_s"),
+    ("buffer_percent = 10", "running_s = [99]\nrunning_min = [2]", "running_min = .2.: expected none with running_s"),
     (
         "buffer_percent = 10",
         "buffer_percent = 10\nrunning_s = [99]",
-        "buffer_percent = 10: expected none beside running_s",
+        "buffer_percent = 10: expected none with running_s",
     ),
     ("[scenario]", "[scenery]", "scenery"),
     ("schema_version = 1", "schema_version = 1\ndisturbances = 3", "disturbances = 3: expected a list"),
