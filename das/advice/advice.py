@@ -115,7 +115,7 @@ class ReplanCause(IntEnum):
     EARLY = 6
     """With the previous reference, the train would arrive too early, and slower driving saves energy."""
     ENERGY = 7
-    """The previous reference would need more energy than a new one; only in recordings of 0.2."""
+    """The previous reference would need more energy than a new one."""
     LOST = 8
     """The previous reference cannot be kept from the train's state."""
 

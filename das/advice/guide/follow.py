@@ -13,7 +13,7 @@ from das.advice.advice import Instruction
 from das.advice.braking import LEAST_MPS2, NeededBrake
 from das.advice.goal import OVERSPEED_MPS
 from das.advice.guide.guard import (
-    BRAKE_LEAD_S,
+    LEAST_LEAD_S,
     SHORT_M,
     STEP_RATIO,
     Proposal,
@@ -38,8 +38,13 @@ ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
 the motors alone if they slow the train."""
 COAST_MISSES_MPS = 4.0 * KMH
 """The distance (m/s) of the end of coasting from the speed shown above which the speed that it leads to is shown."""
+ROLLS_SOON_S = 10.0
+"""The time (s) to roll up to a speed within which it is held instead: coasting would be over at once."""
 BRIEF_S, GAINS_S = 30.0, 2.5
-"""An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast."""
+"""An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast. Nor is
+a brake for the stop released for less than the first, unless even the least effort shown would be too much."""
+EARLY_RATIO = 0.5
+"""The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
 CREEP_MPS = 10.0 * KMH
 """The lowest speed to creep with."""
 
@@ -184,7 +189,7 @@ class _Leads(NamedTuple):
 
 
 def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
-    """To coast to where that leads; a hold where it does as well."""
+    """To coast to where that leads; a hold where it does as well, or where the train would be there in a moment."""
     step, after = scene.steps[number], scene.after(number)
     from_m = max(scene.state.s_m, step.from_m)
     v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
@@ -192,9 +197,17 @@ def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
     goes_on = after is not None and after.kind in (InstructionKind.HOLD, InstructionKind.TRACTION)
     is_next = step.to_m > step.by_m or (after is not None and goes_on and after.speed_mps > to_mps - SAME_MPS)
     least_mps = REACHED_MPS if shown.mode is Regime.COAST else -SAME_MPS
-    if is_next and to_mps - v_mps > least_mps and leads.only_slows:
+    if is_next and least_mps < to_mps - v_mps <= OFF_MPS and leads.only_slows:
         return Proposal(hold(to_mps))
     told = _told_mps(scene, shown, step, leads)
+    if shown.mode is Regime.CRUISE or shown.mode in BRAKES:
+        rolled_mps, section = scene.ahead.rolling_mps(from_m, v_mps), scene.schedule.section
+        soon = section.node_m[-len(rolled_mps) :] < from_m + ROLLS_SOON_S * v_mps
+        tops_mps = section.limit_mps[-len(rolled_mps) :]
+        tops_mps = np.minimum(tops_mps, told) if v_mps <= told + SAME_MPS else tops_mps
+        reached = tops_mps[soon & (rolled_mps > np.maximum(tops_mps - SAME_READING_MPS, v_mps))]
+        if reached.size:
+            return Proposal(hold(float(reached[0])))
     return Proposal(coast(told), at_m=leads.end_m)
 
 
@@ -240,9 +253,9 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
         return _holding(scene, replace(memory, reached=True), step)
     need, in_s = _need(scene, step), scene.due_s(memory.step)
     if in_s > 0.0 and step.effort == 0.0:
-        in_s = min(in_s, max(begins_s(scene, state.v_mps), BRAKE_LEAD_S))
-    if in_s <= 0.0 and need < STEP_RATIO:
-        back = _eased(scene, memory, step)
+        in_s = min(in_s, max(begins_s(scene, state.v_mps), LEAST_LEAD_S))
+    if in_s <= 0.0 and need < EARLY_RATIO * planned_effort(scene, step):
+        back = _eased(scene, memory, step, need)
         if back is not None:
             mode = Lead.BACK_DOWN if slows else Lead.CREEP
             return Proposal(back, mode=mode), replace(memory, mode=mode, back=back)
@@ -252,7 +265,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     return found._replace(waits=step.effort > 0.0), memory
 
 
-def _eased(scene: Sight, memory: Memory, step: GuideStep) -> Instruction | None:
+def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instruction | None:
     """What a driver does who has braked early or hard; None if he is too near to do anything else."""
     state, v_mps, to_mps = scene.state, scene.state.v_mps, step.speed_mps
     left_m = _by_m(scene, step) - state.s_m
@@ -262,7 +275,9 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep) -> Instruction | None:
     shown = memory.shown if memory.shown.mode in BRAKES else brake(planned_effort(scene, step), 0.0)
     soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
     low_mps = max(target_below(soon_mps), CREEP_MPS)
-    if scene.ahead.is_due(state.braked_m, low_mps, BRAKES_BACK_S):
+    # Where even the least effort shown is too much, he would stop short of the mark: a brief release is worth it.
+    least_s = BRIEF_S if need >= STEP_RATIO else BRAKES_BACK_S
+    if scene.ahead.is_due(state.braked_m, low_mps, least_s):
         return None
     rolls_m = v_mps**2 / (2.0 * max(-scene.rolls_mps2, LEAST_MPS2))
     by_eye = left_m - STANDS_S * v_mps < STOP_BY_EYE_M

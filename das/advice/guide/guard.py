@@ -15,10 +15,10 @@ from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, SpeedsAllowed, TrainStat
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold
 from das.advice.guide.timeline import OFF_MPS, SAME_MPS, STANDS_S, GuideStep
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.advice.shown import SAME_READING_MPS, target_below
+from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.solver.guide.schedule import Prospect, Schedule
 
-BRAKE_LEAD_S, ASTRAY_LEAD_S = 3.0, 4.0
+BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0
 """A brake is shown the first before it is due: with one advice a second at least the last. A driver who sees it earlier
 brakes early. One who accelerates, or is faster than the reference, is shown it earlier: he ends his traction late."""
 SOONER_S = 0.7
@@ -27,6 +27,8 @@ SHORT_M = 8.0
 """The distance (m) that is clearly short of the mark, and from which a creeping train is shown a brake."""
 BRAKED_MPS = 0.9
 """The excess over the limit (m/s) above which the driver is told to brake; below it, to coast or to hold the limit."""
+HELD_MPS2 = 0.5
+"""The largest assumed acceleration (m/s²) of a driver below the speed that he is to hold."""
 NEAR_MARK_M = 3.0
 """The stopping error (m) up to which the effort of the last brake is left unchanged: the driver sees the mark."""
 STEP_RATIO, FRICTION_STEP_RATIO = 0.05, 0.5
@@ -37,6 +39,8 @@ BEGUN_S = 2.0
 """The reaction time (s) that the effort first shown for a lower limit allows for."""
 GROWN_RATIO = 1.6
 """The largest ratio of the effort shown to the one needed now, when more is needed."""
+LACKS_RATIO = 0.05
+"""The missing share of the effort up to which a brake for the stop keeps it: the last metres are by eye."""
 LESS_RATIO = 0.6
 """The ratio of needed to shown effort below which a smaller effort is shown; above it, the driver eases off himself."""
 SAME_EFFORT = 1e-3
@@ -215,7 +219,8 @@ def _soon_mps(scene: Sight, one: Instruction, lead_s: float) -> float:
         gains = scene.ahead.accelerates_mps2(one.effort_ratio, scene.state.s_m, v_mps)
         soon_mps = v_mps + max(gains, 0.0) * lead_s
         return min(soon_mps, one.speed_mps) if pulls else soon_mps
-    return _keeps_mps(one, v_mps)
+    gains_mps = min(max(one.speed_mps - v_mps, 0.0), HELD_MPS2 * lead_s) if one.mode is Regime.CRUISE else 0.0
+    return _keeps_mps(one, v_mps) + gains_mps
 
 
 def _no_faster(wanted: Proposal, most_mps: float, v_mps: float) -> Proposal:
@@ -291,9 +296,10 @@ def shown_effort(
     if kept is None:
         least = _answered(ahead, needed, state, begin_m) if slows else 0.0
         return max(stepped(needed.effort), least)
+    lacking = LACKS_RATIO if not slows and needed.at_m - state.s_m >= STOP_BY_EYE_M else SAME_EFFORT
     if _ends(needed, state.v_mps) or _nearly_enough(ahead, kept, needed, state):
         return kept
-    if needed.effort > kept * (1.0 + SAME_EFFORT):
+    if needed.effort > kept * (1.0 + lacking):
         if ahead.section.end_m - state.s_m <= AT_MARK_M:
             return kept + STEP_RATIO * 4.0  # A smaller change is not noticed, and the effort would grow again.
         return max(stepped(needed.effort), _answered(ahead, needed, state, begin_m))

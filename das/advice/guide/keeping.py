@@ -17,16 +17,25 @@ from das.domain.journey import ANY_TIME, Window
 from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.guide.policies import GuideFront
-from das.solver.guide.references import lateness_s
 from das.solver.guide.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
 from das.solver.state import least_time_s
 
+LEAST_GAIN_S: Final = 1.0
+"""The time (s) by which a new reference for an early train must be nearer to the wanted arrival; one that saves energy
+may be further from it by as much."""
+LATE_GAIN_S: Final = 2.0
+"""The time (s) by which a new reference for a late train must be nearer to the wanted arrival."""
+LEAST_GAIN_POWER_S: Final = 0.08
+"""The time (s) of full traction power whose energy a new reference must save: 0.14 kWh for 6 MW."""
+ASTRAY_MPS: Final = 1.5
+"""The difference between the speeds of train and reference (m/s) above which one that saves energy is tried."""
 ASKED_EVERY_S: Final = 30.0
-"""The least time (s) between two trials of a new reference that might be better, also after the present one was made.
-Only a change of the goal or the line, or a reference that cannot be kept, has a new one sooner."""
+"""The least time (s) between two trials of a new reference that might be better."""
+LEAST_AGE_S: Final = 20.0
+"""The age (s) up to which a reference is replaced only if the goal or the line has changed, or if it cannot be kept."""
 QUIET_S: Final = 10.0
-"""The time (s) after a change of instruction in which a reference is replaced only if it must be."""
+"""The time (s) after a change of instruction in which a reference is replaced only for the reasons of `LEAST_AGE_S`."""
 DUE_SOON_S: Final = 8.0
 """The time (s) before the next change in which the same applies, so that changes come as announced."""
 ARRIVED_S: Final = 30.0
@@ -160,6 +169,11 @@ class Keeper:
             cause = self._doubt(kept, state, goal) if doubted and kept and not quiet else must
             if cause is ReplanCause.NONE:
                 return kept
+            if doubted and cause is ReplanCause.LATE and kept:
+                least_s = least_time_s(self._section, state.s_m, state.v_mps)
+                if kept.forecast.time_s - least_s <= LATE_GAIN_S:  # No new reference can be earlier by enough.
+                    self._doubted_ns = state.now_ns
+                    return kept
             self._asked = self._ask(cause, kept, state, goal, doubted=doubted)
         if not self._asked.answer.done() or (self._asked.doubted and quiet):
             return kept
@@ -198,11 +212,12 @@ class Keeper:
         """Let the worker compute a new reference, unless a table has one for a departing train."""
         assert self._front is not None
         front, wanted = self._front, self._wanted(state, goal)
-        if kept is not None and doubted:
-            wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast), shown_s=COAST_LEAD_S)
+        if doubted:
+            self._doubted_ns = state.now_ns
+            if kept is not None:
+                wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast), shown_s=COAST_LEAD_S)
         ready = departing(front, wanted)
         worker = self._worker if ready is None else AT_ONCE
-        self._doubted_ns = state.now_ns
         return _Asked(cause, doubted, state, goal, worker.submit(lambda: ready or planned(front, wanted)))
 
     def _give_up(self) -> None:
@@ -220,7 +235,7 @@ class Keeper:
                 return kept
             raise
         gain = self._gain(kept, found, state, goal)
-        if asked.doubted and not self._is_better(asked.cause, gain, found.lambda_w):
+        if asked.doubted and not self._is_better(asked.cause, gain):
             return kept
         replan = Replan(cause=asked.cause, time_ns=state.now_ns, gain_j=gain.energy_j, gain_s=gain.lateness_s)
         return self._taken(found, replan, state, goal)
@@ -252,13 +267,18 @@ class Keeper:
     def _doubt(self, kept: Kept, state: TrainState, goal: Goal) -> ReplanCause:
         """The reason why a new reference might be better than the present one (NONE: none, or too early to try)."""
         now_ns = state.now_ns
-        if (now_ns - self._doubted_ns) * NS < ASKED_EVERY_S or kept.forecast.time_s < ARRIVED_S:
+        young = (now_ns - kept.reference.replan.time_ns) * NS < LEAST_AGE_S
+        asked = (now_ns - self._doubted_ns) * NS < ASKED_EVERY_S
+        if young or asked or kept.forecast.time_s < ARRIVED_S:
             return ReplanCause.NONE
         if self._misses_window(kept, state, goal):
             return ReplanCause.POINT
-        if -EARLY_S <= kept.late_s <= LATE_S:
-            return ReplanCause.NONE
-        return ReplanCause.LATE if kept.late_s > 0.0 else ReplanCause.EARLY
+        if kept.late_s > LATE_S:
+            return ReplanCause.LATE
+        if kept.late_s < -EARLY_S:
+            return ReplanCause.EARLY
+        known = kept.reference.schedule.speed_at(state.s_m)
+        return ReplanCause.ENERGY if abs(state.v_mps - known) > ASTRAY_MPS else ReplanCause.NONE
 
     def _misses_window(self, kept: Kept, state: TrainState, goal: Goal) -> bool:
         point = goal.passing
@@ -270,15 +290,19 @@ class Keeper:
     def _gain(self, kept: Kept | None, found: Scheduled, state: TrainState, goal: Goal) -> _Gain:
         if kept is None:
             return _Gain()
-        late_s = found.forecast.time_s - self._aimed_s(state, goal)
+        lateness_s = abs(kept.late_s) - abs(found.forecast.time_s - self._aimed_s(state, goal))
         energy_j = kept.forecast.energy_j - found.forecast.energy_j
-        worth_j = energy_j + found.lambda_w * (lateness_s(kept.late_s) - lateness_s(late_s))
-        return _Gain(energy_j, abs(kept.late_s) - abs(late_s), worth_j)
+        worth_j = energy_j + found.lambda_w * (kept.forecast.time_s - found.forecast.time_s)
+        return _Gain(energy_j, lateness_s, worth_j)
 
-    def _is_better(self, doubt: ReplanCause, gain: _Gain, lambda_w: float) -> bool:
-        """Whether a new reference is worth the price of a change; one for a point's window always is."""
-        assert self._front is not None
-        return doubt is ReplanCause.POINT or gain.worth_j > self._front.change_j(lambda_w)
+    def _is_better(self, doubt: ReplanCause, gain: _Gain) -> bool:
+        least_j = LEAST_GAIN_POWER_S * self._section.train.traction_power_w
+        return {
+            ReplanCause.POINT: True,
+            ReplanCause.LATE: gain.lateness_s > LATE_GAIN_S,
+            ReplanCause.EARLY: gain.lateness_s > LEAST_GAIN_S and gain.energy_j > least_j,
+            ReplanCause.ENERGY: -gain.lateness_s < LEAST_GAIN_S and min(gain.worth_j, gain.energy_j) > least_j,
+        }[doubt]
 
     def _taken(self, found: Scheduled, replan: Replan, state: TrainState, goal: Goal) -> Kept:
         self._changed, self._standing = False, state.v_mps <= STANDSTILL_MPS

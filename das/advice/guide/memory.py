@@ -15,6 +15,8 @@ from das.domain.units import NS
 
 SAME_CHANGE_S = 10.0
 """The shift (s) in a second below which an announcement is still that of the same change."""
+PASSED_S = 2.0
+"""The time (s) before it is due within which an announcement that ends was not dropped: its change comes now."""
 NOTHING = Instruction()
 
 
@@ -86,7 +88,7 @@ class Memory:
             due_ns, kind = now_ns + round(one.in_s / NS), KIND_OF[one.mode]
             said.append(Notice(kind, one.speed_mps, self._since_ns(one, due_ns, now_ns), due_ns))
         kinds = {one.kind for one in said}
-        due = (old for old in self.announced if 0.0 <= (now_ns - old.due_ns) * NS < SAME_CHANGE_S)
+        due = (old for old in self.announced if -PASSED_S < (now_ns - old.due_ns) * NS < SAME_CHANGE_S)
         return (*said, *(old for old in due if old.kind not in kinds))
 
 

@@ -119,7 +119,7 @@ def _enclosing(search: _Search, front: GuideFront, first: int) -> tuple[int, int
     """
     slow, quick = -1, len(front.lambda_w)
     known: dict[int, float] = {}
-    number = front.dearest if search.spare_s > 0.0 else quick - 1
+    number = quick // 2 if search.spare_s > 0.0 else quick - 1
     widths = [quick]
     while quick - slow > 1 and not search.is_near:
         late_s = search.late_s(PolicyFrom(first, number))

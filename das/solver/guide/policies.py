@@ -228,14 +228,11 @@ class GuideFront:
         """The speed to which the braking curve falls from an integration node on."""
         return float(self._curve.goal_mps[node])
 
-    def change_j(self, lambda_w: float) -> float:
-        """The energy (J) that a change of the instruction must save at a price of time (W)."""
-        return self.settings.change_s * self.power_w + CHANGE_TIME_S * max(lambda_w, 0.0)
-
     def prices(self, number: int) -> GuidePrices:
         """The prices that go with a price of time."""
-        settings, change_j = self.settings, self.change_j(float(self.lambda_w[number]))
-        young_j = change_j + max(settings.young_s - settings.change_s, 0.0) * self.power_w
+        settings, late_j = self.settings, CHANGE_TIME_S * max(float(self.lambda_w[number]), 0.0)
+        change_j = settings.change_s * self.power_w + late_j
+        young_j = max(settings.young_s * self.power_w + late_j, change_j)
         return GuidePrices(float(self.lambda_w[number]), change_j, young_j, BRAKE_CHANGES * change_j)
 
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:

@@ -92,6 +92,14 @@ def test_a_brake_that_is_nearly_done_keeps_its_effort() -> None:
     assert shows(board(0.9), at(5.0, 61), kept=0.4) == 0.4
 
 
+def test_a_little_lacking_for_a_far_stop_is_left_to_the_eye() -> None:
+    end_m = AHEAD.section.end_m
+    for left_m, effort, same in ((600.0, 0.52, True), (600.0, 0.54, False), (200.0, 0.52, False)):
+        needed = NeededBrake(effort, 0.0, end_m)
+        found = shown_effort(AHEAD, needed, Memory(efforts={end_m: 0.5}), TrainState(0, end_m - left_m, 20.0))
+        assert (found == 0.5) is same
+
+
 def test_in_the_last_metres_an_effort_grows_by_what_a_driver_notices() -> None:
     end_m = AHEAD.section.end_m
     state = TrainState(0, end_m - AT_MARK_M + 1.0, 3.0)
