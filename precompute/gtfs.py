@@ -95,7 +95,7 @@ MOST_BYTES = {"stop_times.txt": 3_000_000_000, "shapes.txt": 1_000_000_000}
 MOST_BYTES_OF_TABLE = 100_000_000
 """Largest unpacked size (bytes) of every other table."""
 SWELLING, SWELLS_FROM_BYTES = 100.0, 1_000_000
-"""Factor of unpacking above which a table of at least that size (bytes) is no timetable."""
+"""Compression factor above which a table of at least that size (bytes) is rejected."""
 LONGEST_LINE = 100_000
 """Longest row of a table (bytes)."""
 
@@ -124,7 +124,7 @@ class FeedTables:
             place = PurePosixPath(member.filename.replace("\\", "/"))
             if place.suffix == ".txt" and "__MACOSX" not in place.parts:
                 kept = self.members.get(place.name)
-                # A feed may be in a folder of its zip; of two tables, that nearer to the root counts.
+                # A feed may be in a folder of its zip; of two tables, the one nearer the root counts.
                 if kept is None or len(place.parts) < len(PurePosixPath(kept.filename).parts):
                     self.members[place.name] = member
         if "stop_times.txt" not in self.members:
@@ -133,7 +133,7 @@ class FeedTables:
             self._check_member(name, member)
 
     def _check_member(self, name: str, member: zipfile.ZipInfo) -> None:
-        """Raise InputError for a table from its entry in the zip, before it is unpacked."""
+        """Check a table by its entry in the zip before unpacking; raises InputError."""
         most = MOST_BYTES.get(name, MOST_BYTES_OF_TABLE)
         swells = member.file_size > max(SWELLS_FROM_BYTES, SWELLING * max(member.compress_size, 1))
         if member.file_size > most or swells:
@@ -200,7 +200,7 @@ def key_of(name: str) -> str:
 
 
 def whole_number(text: str) -> int | None:
-    """The number >= 0 that a text of at most nine digits is; None for any other text."""
+    """The number >= 0 in a text of at most nine digits; None for any other text."""
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 10 else None
 
 
@@ -458,7 +458,7 @@ class _Feed(FeedTables):
         return f"{name} does not leave {stop} at {file_clock(wanted.at_s)} or later{on}: {last}"
 
     def _intervals(self, trip_id: str) -> list[tuple[float, float, float]]:
-        """Begin, end and interval (s) of the runs of a trip at intervals, at its first stop; none for another trip."""
+        """Begin, end and interval (s) at the first stop of a trip that runs at intervals; none for any other trip."""
         found = []
         columns = ("trip_id", "start_time", "end_time", "headway_secs")
         for number, row in self.rows("frequencies.txt", columns, (trip_id,)):

@@ -29,8 +29,8 @@ LONGEST_S = 3600.0
 class TimesRead:
     """The options for turning the times of a feed into windows. Raises DasError for an impossible time.
 
-    The train may be `rounded_s` later than the timetable; None: after a departure by `ROUNDED_S` of
-    `precompute.journey_import` if all times are whole minutes, never at the last stop.
+    The train may be `rounded_s` later than the timetable. None: by `ROUNDED_S`, except at the last stop, if all times
+    are whole minutes, else by 0.
     """
 
     dwell_s: Annotated[
@@ -60,7 +60,7 @@ FAR_M = 5000.0
 OFF_SHAPE_M = 1000.0
 """Largest distance (m) of a stop from a shape that is the path of the train."""
 ROUNDED_S = 59.0
-"""Time (s) by which moments given in whole minutes may be later."""
+"""Delay (s) allowed if times are given in whole minutes."""
 
 
 class Placed(NamedTuple):

@@ -87,7 +87,7 @@ def _fit_json(loss_map: LossMap, vehicle: Vehicle, with_idle: bool) -> dict[str,
 def fit_error(loss_map: LossMap, fit: EfficiencyLoss, max_power_w: float) -> dict[str, float]:
     """The deviation of a fit from a map over the operating points it was fitted to (see `fit_mean_efficiency`).
 
-    Relative to the mean input power of the chain (the error of an energy) and to the largest loss of the map.
+    It is relative to the chain's mean input power (as for energies), and to the largest loss of the map.
     """
     points = operating_points(loss_map, max_power_w)
     residual = np.abs(points.loss_w - fit.loss_w(points.force_n, points.speed_mps))

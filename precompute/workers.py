@@ -1,8 +1,8 @@
 """Workers for many jobs: processes of this machine, or the workers of an existing Dask cluster.
 
 How to start a cluster: docs/how-to/build-on-a-cluster.md. Its workers need no common disk. If a process here dies, only
-the attempt at its job is lost: `concurrent.futures` then loses all jobs in flight, pebble 5.2 ends or hangs, and
-`distributed.LocalCluster` takes three times the memory, starts ten times slower and opens eight ports.
+that attempt is lost. (`concurrent.futures` would lose all jobs in flight, pebble 5.2 ends or hangs,
+`distributed.LocalCluster` takes three times the memory, starts ten times slower and opens eight ports.)
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ class Workers:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The words on the workers in reports."""
+        """The entry on workers in reports."""
         return {"workers": self.count} if self.scheduler is None else {"scheduler": self.scheduler}
 
     def made(
@@ -266,7 +266,7 @@ class Workers:
     ) -> Generator[Made[Job, Result]]:
         """Yield the result of `make` for each job as it ends; closing the iterator stops the work on all others.
 
-        `make` and `prepare` must be functions of modules. Local workers call `prepare` once before their first job.
+        `make` and `prepare` must be module-level. Local workers call `prepare` once before their first job.
         With `finish`, an interruption waits for the jobs that local workers have under way, and yields them too.
 
         Raises DasError if local workers cannot be started, if no scheduler answers or has workers, or if a worker runs

@@ -27,7 +27,7 @@ from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
 
 BACK_M: Final = 200.0
-"""Distance back on the previous section (m) beyond which a train that has begun a section counts as back there."""
+"""Distance (m) before its section at which a train that has begun it counts as back on the previous one."""
 
 MOST_NAMED: Final = 3
 """Largest number of accepted targets that are named."""
@@ -45,7 +45,7 @@ class Legs:
         self.situation, self.preparation = situation, preparation
         self.legs: tuple[Leg, ...] = ()
         self.last_words = LastWords()
-        """The last word on every advice of a leg."""
+        """The final check of a leg's advice."""
         self._started, self._guide = situation, guide
         self._index: int | None = None
         self._targets: tuple[Target, ...] = ()
@@ -75,7 +75,7 @@ class Legs:
         return news
 
     def judged(self, advice: Advice, here: Estimate) -> Advice:
-        """Advice after the last word on it: unchanged, or with safe values in place of unsafe ones."""
+        """Advice after the final check: unchanged, or with safe values in place of unsafe ones."""
         leg = self.current
         if leg is None:
             return advice
@@ -162,7 +162,7 @@ class Legs:
                 start_m, end_m = leg.start.position_m, leg.end.position_m
                 now.between(start_m, end_m).section_ahead(start_m, end_m, leg.reached_m)
         except RunawayError:
-            pass  # The leg refuses it by name.
+            pass  # The leg withdraws advice.
         except DasError as error:
             self.preparation.report(News(f"calibration ignored: {error}", True))
             return

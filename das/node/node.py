@@ -16,7 +16,7 @@ from das.domain.clocks import WALL, Clocks
 from das.domain.units import NS
 
 LEAST_STEP_S = 0.05
-"""Step (s) of the wall clock from which it counts as set; less may be the delay between reading two clocks."""
+"""Smallest step (s) of the wall clock that counts as setting it; a smaller one may come from reading it."""
 
 
 class WallClock:

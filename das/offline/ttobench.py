@@ -172,7 +172,7 @@ def _quantity(fields: Fields, key: str, dimension: str, default: float | None = 
     entry = fields.table(key)
     unit = _unit(entry, "unit", entry.data.get("unit", MISSING), dimension)
     value = entry.data.get("value", MISSING)
-    unbounded = dimension == "acceleration"  # a train whose acceleration only its forces limit
+    unbounded = dimension == "acceleration"  # acceleration limited only by the train's forces
     return in_si(fields.source, f"{entry.prefix}value", value, (unit, dimension), unbounded=unbounded)
 
 

@@ -2,8 +2,8 @@
 
 From both ends, layer by layer, every non-dominated partial run (label) is kept, until the two halves meet and are
 joined: the result is the whole Pareto front of the grid. A label is dropped only if its least time exceeds the
-requested time, or if a dual bound proves it useless: V(λ, node), the least energy + λ·time from the node to the other
-end, bounds its completions from below, known runs bound the front from above. Known runs come from the sweeps and from
+requested time, or if a dual bound proves it useless. V(λ, node), the least energy + λ·time from the node to the other
+end, bounds completions from below; known runs bound the front from above. Known runs come from the sweeps and from
 quick passes that keep one label per state and bucket of time; each pass tightens the bounds of the next.
 """
 

@@ -1,4 +1,4 @@
-"""The conversion of a foreign file to the text of a vehicle file, which is read once before it is written."""
+"""Converts a foreign file to the text of a vehicle file; it is checked by reading it before it is written."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ EXAMPLES = {
 """Examples of quantities with their units, by dimension, for messages."""
 
 LONGEST = 200
-"""Longest text (characters) of a figure or of a column's name; the time of the patterns grows with its square."""
+"""Longest text (characters) of a figure or of a column's name; matching time grows with its square."""
 _FIGURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)\s*(.*?)\s*")
 _TERM = re.compile(
     r"(?P<force>kN|daN|N|‰|permille|permil)(?:/(?P<mass>t|kg))?"
@@ -49,7 +49,7 @@ _TERMS = (
 
 
 def number_in_si(fields: Fields, key: str, unit: tuple[str, str], default: float | None = None) -> float:
-    """The number under a key, of the unit and dimension that its format fixes, in SI; InputError as for `in_si`."""
+    """The number under a key, in SI, from the unit that the format prescribes; InputError as for `in_si`."""
     value = fields.data.get(key, MISSING if default is None else default)
     return in_si(fields.source, fields.prefix + key, value, unit)
 
@@ -61,7 +61,7 @@ def known_unit(unit: str, dimension: str) -> str | None:
 
 
 def quantity(source: str | Path, key: str, value: str, dimension: str) -> float:
-    """A quantity with a unit, in SI; InputError (source, key, value, expectation) if the text is none."""
+    """A quantity with a unit, in SI; InputError (source, key, value, expectation) for other texts."""
     figure, unit = _parts(value)
     known = known_unit(unit or ("-" if dimension == "ratio" else ""), dimension)
     if figure is None or known is None:
@@ -158,7 +158,7 @@ class ImportedTrain:
             return largest_power_w(speeds_mps, forces_n)
 
     def with_electric_brake(self, ratio: float) -> ImportedTrain:
-        """The train with an electric brake of this share of its traction, if it has no electric brake."""
+        """The train with an electric brake of this share of its traction in each mode that had none."""
         braked = {
             name: mode
             if mode.electric_brake
@@ -188,7 +188,7 @@ class ImportedTrain:
 
 
 def _extended(points: Points, top_mps: float) -> Points:
-    """The points with one at standstill and one at the top speed, if those are missing; each once."""
+    """The points, extended to standstill and to the top speed if necessary, without duplicates."""
     points = tuple(dict.fromkeys(points))
     before = ((0.0, points[0][1]),) if points and points[0][0] > 0 else ()
     behind = ((top_mps, points[-1][1]),) if points and points[-1][0] < top_mps * (1 - 1e-9) else ()
@@ -205,8 +205,8 @@ class NamedLosses(NamedTuple):
 def named_losses(name: str, power_w: float) -> NamedLosses:
     """The losses that `--losses` names, for a train of a power (W): lossless, an efficiency, or those of a vehicle.
 
-    Of a vehicle, its two efficiencies or its mean efficiency count (levels own, l2 or l1), and the power that it draws
-    without effort is scaled by the power of traction. Raises DasError for any other name.
+    From a vehicle, the two efficiencies or the mean efficiency are used (levels own, l2 or l1), and its idle power,
+    scaled by the traction power. Raises DasError for any other name.
     """
     if name == LOSSLESS:
         return NamedLosses(("[losses]",), "no losses (--losses lossless): energies are those at the wheel")

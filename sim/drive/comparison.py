@@ -1,6 +1,6 @@
 """Compares drives on one line at the same positions, and their energies at equal arrival.
 
-At equal arrival: the difference of the energies, less that of the optima for the times of both drives. The latter is
+At equal arrival: the difference of the energies, less that of the optima for each drive's times. The latter is
 the value of the time difference: the integral of λ, the optimum's price of time, over it (λ = −dE*/dT). Saved by
 advice: two drives of the same day by the same driver with the same brakes, one of them without advice, at equal
 arrival; without two such drives, nothing is stated. Both are in % of the mean of both optima, so that a kWh is the same
@@ -35,7 +35,7 @@ from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.recording.course import Floats, Times, known
 
 ELECTRIC_FIRST: Final = "motors first"
-"""The brakes of estimates and of all drivers of the simulator but the human one."""
+"""Brakes assumed in estimates and for all simulated drivers but the human."""
 SAME_BRAKES: Final = {
     True: "Both energies are those of the simulated train, with the same habit of braking.",
     False: "Both energies are estimates for the planned train: its mass, resistance, wind and brakes are not known.",
@@ -78,7 +78,7 @@ class EqualArrival:
     """The extra energy of a drive over the first at equal arrival (J); None if that cannot be stated.
 
     `times_j` is the value of the time difference: how much more the optimum takes in the times of the drive than in
-    those of the first. `ratio` is the share of the optimum, the mean for the times of both. `hangs_on` are the
+    those of the first. `ratio` is relative to the mean of the optima for both times. `hangs_on` are the
     conditions of the figure.
     """
 
@@ -330,7 +330,7 @@ SAME_ADVICE_MPS = 0.5 / 3.6
 SAME_S, SAME_J = 1e-6, 1.0
 """Largest differences (s, J) between drives that are the same: such differences are rounding."""
 EDGE_M = 0.5
-"""Distance (m) from the end before it below which an end of a stretch is left out."""
+"""Smallest distance (m) between ends of stretches; a closer end is left out."""
 
 
 class Advised(NamedTuple):
@@ -342,7 +342,7 @@ class Advised(NamedTuple):
 
 
 class PartedStretch(NamedTuple):
-    """A stretch between stops or changes of the limit (m), and by how much more the other drive needed there.
+    """A stretch between stops or changes of the limit (m), and how much more the other drive needed there.
 
     `time_s` is the time, `energy_j` the energy drawn, `lost_j` the energy drawn minus the rise of the kinetic energy.
     """

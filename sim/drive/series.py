@@ -34,7 +34,7 @@ class Quantity(NamedTuple):
 
     @property
     def title(self) -> str:
-        """The short name with the unit, as every axis of a picture has it."""
+        """The short name with the unit, as used on the axes of pictures."""
         return f"{self.name[0].lower()}{self.name[1:]}, {self.unit}"
 
     @property
@@ -121,7 +121,7 @@ BUFFER_PERCENT: Final = (-5.0, 25.0)
 """Range of an axis of the buffer (%): at the end of a trip the buffer goes to infinity."""
 
 SAME_STOP_M = 1.0
-"""Distance (m) of their ends below which plans lead to the same stop."""
+"""Largest distance (m) of the ends of plans that lead to one stop."""
 
 
 def first_plans(table: DriveTable) -> DrivenCourse | None:
@@ -174,7 +174,7 @@ def _advised(table: DriveTable) -> Found:
 
 
 def driven(table: DriveTable) -> Found:
-    """The series of the train, as far as recorded; only the speed is cut to the time of the trip yet."""
+    """The train's series, as far as recorded; so far, only the speed is cut to the time of the trip."""
     true_ns, gradient_ratio, input_j = table.of_topic("truth", "gradient_ratio", "energy_input_j")
     # Without a simulator, the train's own control may have measured its forces.
     source = "truth" if len(true_ns) else "effort"

@@ -244,4 +244,4 @@ FACTORS: Final = {
 
 _OF_A_SETTING: Final = {**Setting().figures(), "preview_s": "all"}
 DEFAULTS: Final = {name: value for name, value in _OF_A_SETTING.items() if name in FACTORS and value is not None}
-"""The levels of factors that a design does not mention; all other factors then follow scenario and participant."""
+"""Default levels of factors; a factor without one here follows the scenario or the participant by default."""

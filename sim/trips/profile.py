@@ -15,8 +15,8 @@ from sim.trips.matching import MatchedTrip
 from sim.trips.record import Bools
 
 SMOOTHING_JERK_PSD_M2PS5: Final = 0.03
-"""Density of the white jerk (m²/s⁵). With the speed's weight the smoothing acts like a local fit over
-(σ²/psd)^¼ ≈ 1.7 s on either side, about 8 s in all."""
+"""Density of the white jerk (m²/s⁵). With the speed's weight, smoothing is like a local fit over about 8 s, with the
+time constant (σ²/psd)^¼ ≈ 1.7 s."""
 SMOOTHING_MAX_POSITION_GAP_S: Final = 6.0
 """Longest gap (s) over which positions are joined; longer ones are bridged by inertia."""
 SMOOTHING_POSITION_SIGMA_M: Final = 25.0
@@ -32,7 +32,7 @@ SMOOTHING_USUAL_STEPS_JOINED: Final = 2.0
 SMOOTHING_MIN_LAG_GAIN_RATIO: Final = 0.2
 """Share of the spread between integrated speed and position that a lag of the speed must explain; else the lag is 0."""
 SMOOTHING_MIN_LAG_GAIN_M: Final = 1.0
-"""Part (m) of that spread that a lag must explain as well."""
+"""Spread (m) that a lag must explain; else the lag is 0."""
 
 LAGS_S = np.arange(-2.0, 5.01, 0.25)
 """Lags (s) of the reported speed that are tried."""

@@ -19,8 +19,8 @@ from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.solver.guide.schedule import Prospect, Schedule
 
 BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0
-"""A brake is shown the first before it is due: with one advice a second at least the last. A driver who sees it earlier
-brakes early. One who accelerates, or is faster than the reference, is shown it earlier: he ends his traction late."""
+"""Times (s) before it is due at which a brake is shown: normal, if astray, and least. A driver who sees it earlier
+brakes early. One who is accelerating or too fast (astray) is shown it earlier, because traction ends late."""
 SOONER_S = 0.7
 """The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
 SHORT_M = 8.0
@@ -40,7 +40,7 @@ BEGUN_S = 2.0
 GROWN_RATIO = 1.6
 """The largest ratio of the effort shown to the one needed now, when more is needed."""
 LACKS_RATIO = 0.05
-"""The missing share of the effort up to which a brake for the stop keeps it: the last metres are by eye."""
+"""Missing share of effort up to which the effort for a stop is kept: the last metres are driven by eye."""
 LESS_RATIO = 0.6
 """The ratio of needed to shown effort below which a smaller effort is shown; above it, the driver eases off himself."""
 SAME_EFFORT = 1e-3
@@ -135,7 +135,7 @@ def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     if excess + rises_mps <= 0.0 or waits:
         return wanted
     if one.mode in TRACTION and SAME_MPS - rises_mps < excess <= BRAKED_MPS:
-        return Proposal(hold(min(one.speed_mps, limit_mps)), mode=Lead.GUARD, guarded=True)  # The hill takes it there.
+        return Proposal(hold(min(one.speed_mps, limit_mps)), mode=Lead.GUARD, guarded=True)  # The descent suffices.
     falls = place.allowed_mps < place.limit_mps
     if excess > (SAME_MPS if falls or wanted.brakes else BRAKED_MPS):
         needed = ahead.back_under(state.s_m, state.v_mps, limit_mps)
@@ -272,7 +272,7 @@ def _told_speeds_mps(scene: Sight, now: Instruction, from_m: float) -> Floats:
 
 
 def stands_at_mark(ahead: BrakingAhead, now: Instruction, state: TrainState) -> bool:
-    """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
+    """Whether a train in the last metres before its stop ends near the mark if it keeps braking as shown."""
     left_m = ahead.section.end_m - state.s_m
     if now.mode not in BRAKES or now.speed_mps > SAME_MPS or left_m > AT_MARK_M:
         return False

@@ -14,9 +14,9 @@ from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime, depar
 from das.domain.units import NS
 
 SAME_CHANGE_S = 10.0
-"""The shift (s) in a second below which an announcement is still that of the same change."""
+"""Shift (s) of the due time within a second below which the announced change is the same."""
 PASSED_S = 2.0
-"""The time (s) before it is due within which an announcement that ends was not dropped: its change comes now."""
+"""Longest time (s) before it is due at which an announcement that ends was not dropped: its change comes now."""
 NOTHING = Instruction()
 
 
@@ -46,7 +46,7 @@ class Notice(NamedTuple):
     due_ns: int
 
     def is_of(self, one: Instruction, due_ns: int) -> bool:
-        """Whether this announces an instruction for about this time; coasting is the same change to any speed."""
+        """Whether the notice announces this instruction for about this time; for coasting, at any speed."""
         same = KIND_OF.get(one.mode) is self.kind
         same &= self.kind is InstructionKind.COAST or abs(one.speed_mps - self.speed_mps) < SAME_MPS
         return same and abs(due_ns - self.due_ns) * NS < SAME_CHANGE_S
@@ -82,7 +82,7 @@ class Memory:
         return next((old.since_ns for old in self.announced if old.is_of(one, due_ns)), now_ns)
 
     def noted(self, following: tuple[Instruction, ...], now_ns: int) -> tuple[Notice, ...]:
-        """The announcements including these; one that was dropped before, or moved by much, counts from now."""
+        """The announcements with the new ones; one that was dropped, or moved by a lot, counts from now."""
         said: list[Notice] = []
         for one in following:
             due_ns, kind = now_ns + round(one.in_s / NS), KIND_OF[one.mode]

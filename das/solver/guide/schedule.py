@@ -1,7 +1,7 @@
 """A schedule: a run as phases by place, each with a driving regime and the speed to which it leads.
 
-Drivers, and forecasts of their runs, need no more: accelerate with an effort to a speed, hold it up to a place, coast,
-brake to a speed.
+Drivers and forecasts need only these actions: accelerate to a speed with an effort, hold it up to a place, coast, brake
+to a speed.
 """
 
 from __future__ import annotations
@@ -23,12 +23,11 @@ from das.solver.state import RollOut, State, following_node, least_time_s
 
 Floats = NDArray[np.float64]
 MET_MPS = 1e-3
-"""The distance from the schedule's trajectory (m/s) within which a train counts as on it from there on."""
+"""Difference (m/s) from the scheduled speed below which a train is taken to follow the schedule."""
 NOWHERE = -1.0
-"""The `met_mps` of a train that is followed to the end and never counts as on the schedule's trajectory."""
+"""The `met_mps` of a forecast that is computed to the end and never joins the schedule's trajectory."""
 ON_CURVE_MPS = 0.05
-"""The distance of the target from the braking curve (m/s) at the end of a phase within which the phase follows the
-curve."""
+"""Difference (m/s) between a phase's target and the braking curve at its end below which it follows that curve."""
 
 
 class PhaseKind(IntEnum):
@@ -124,8 +123,8 @@ class Schedule:
 
     @cached_property
     def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Kind, share and target speed of every phase; a brake without a share that leads to the braking curve follows
-        it (`CURVE`)."""
+        """Kind, share and target speed of every phase; a brake phase with share 0 that ends on the braking curve is a
+        `CURVE`."""
         kinds = np.array([int(one.kind) for one in self.phases])
         targets = np.array([one.target_mps for one in self.phases])
         led_to = self.section.envelope_mps[[*(one.begin for one in self.phases[1:]), len(self.at)]]
@@ -144,7 +143,7 @@ class Schedule:
         return np.asarray(self.known.speed_mps**2)
 
     def brakes_by_effort(self, number: int) -> bool:
-        """Whether a phase brakes with one effort to its speed and then holds it, for a reason other than a limit."""
+        """Whether a phase brakes to its speed with a given effort, not along a limit's curve, and then holds it."""
         kind, share, _ = self.columns
         return bool(kind[number] == PhaseKind.BRAKE and share[number] > 0.0)
 
@@ -155,7 +154,7 @@ class Schedule:
         return float(self.section.node_m[self.phases[number].begin])
 
     def reached_m(self, number: int, s_m: float) -> float:
-        """Where a brake reaches its target speed (m), often before its phase ends; for a train beyond it: the end."""
+        """Where (m) a brake phase reaches its target speed; if the train is past that place: where the phase ends."""
         at_m = float(self.section.node_m[self._reached(number)])
         return at_m if s_m < at_m else self.begin_m(number + 1)
 
@@ -223,7 +222,7 @@ class Scheduled(NamedTuple):
 
 
 def settled(section: Section, phases: tuple[Phase, ...], s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
-    """The schedule of phases with the trajectory that keeps to them from a state, and the forecast of that trajectory.
+    """The schedule of these phases, with the trajectory that results from a state, and that trajectory's forecast.
 
     Raises InfeasibleError if the train stalls.
     """

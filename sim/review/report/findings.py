@@ -19,7 +19,7 @@ from sim.recording.course import DriveClock
 NAMED_KWH: Final = 0.1
 """Least energy (kWh) of a cause that the page names."""
 TOLD_S: Final = 3.0
-"""Least change (s) of the lateness in the sentences."""
+"""Smallest loss of time (s) that is mentioned."""
 MOST_FINDINGS: Final = 3
 FRICTION: Final[Mapping[str, str]] = {
     FrictionPolicy.AS_MEASURED: "the simulated driver's habit to brake a share by friction, with any display",
@@ -38,7 +38,7 @@ SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
 GAINED: Final = "Next time: keep a margin; a limit applies until the whole train has left it."
 """Advice to the driver of a train that was not braking late, but gained speed while it was above the limit."""
 GAINED_MPS: Final = 0.5
-"""Gain (m/s) of the highest over the first speed above the limit from which a train gained speed."""
+"""Rise (m/s) in speed, after passing the limit, from which the train counts as gaining speed."""
 DOES: Final = {
     InstructionKind.TRACTION: "accelerating",
     InstructionKind.HOLD: "holding",
@@ -103,9 +103,9 @@ def best_words(best: ActionSpan | None, mean_mps: tuple[float, float] | None) ->
 class DriveFinding:
     """A finding for instructor and driver to discuss: its cause, event, place and time.
 
-    `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is it in words.
-    `places` are those of the event or of the greatest loss, the worst first. `energy_j` is the energy above the optimum
-    of the cause over the whole drive (J), None for a finding about safety. `next_time` is the advice to the driver.
+    `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is its name.
+    `places` are those of the event or of the greatest loss, the worst first. `energy_j` is the cause's energy above the
+    optimum, over the whole drive (J); None for a finding about safety. `next_time` is the advice to the driver.
     """
 
     code: str
@@ -229,7 +229,7 @@ def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
 
 
 def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
-    """The places of a cause's energy; for a restriction, where it holds, though it costs from its announcement on."""
+    """The place of a cause's energy; for a restriction, its stretch, though energy is lost from its announcement."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED or cause is EnergyCause.FRICTION
     place = FoundPlace(
         stretch.start_m, stretch.end_m, stretch.start_ns, stretch.end_ns, stretch.energy_j,
