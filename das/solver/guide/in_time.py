@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from functools import cached_property
 
@@ -19,11 +18,6 @@ SLOWER = (4, 8, 16, 24, 32, 41)
 their runs (possibly many seconds): 0.9 to 0.3 of the price."""
 ROUNDS = 2
 """Number of rounds in which the price after a place is found: it depends on the speed there, which depends on it."""
-
-STEEPNESS = 1.3
-"""The assumed exponent with which the time above the minimum falls with the price of time, until two runs are known."""
-LEAST_SPARE_S = 0.1
-"""The least time above the minimum (s) with which two prices are compared."""
 
 Plan = tuple[PolicyFrom, ...]
 
@@ -112,28 +106,16 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
 
 
 def _enclosing(search: _Search, front: GuideFront, first: int) -> tuple[int, int]:
-    """The numbers of two neighbouring prices, the first late and the second early, unless a run is near enough.
+    """The numbers of two neighbouring prices, with the first late and with the second early, unless a run is near.
 
-    Each price costs a sweep. The time above the minimum falls about as a power of the price, so the next price tried is
-    where the line through the logarithms of two runs is in time; the middle one if two steps have not halved the rest.
+    By halving: the time does not always fall with the price, so a search from a guess may find a higher price than
+    necessary. A train that can only be late tries the highest price alone.
     """
     slow, quick = -1, len(front.lambda_w)
-    known: dict[int, float] = {}
     number = quick // 2 if search.spare_s > 0.0 else quick - 1
-    widths = [quick]
     while quick - slow > 1 and not search.is_near:
-        late_s = search.late_s(PolicyFrom(first, number))
-        known[number] = math.log(max(late_s + search.spare_s, LEAST_SPARE_S))
-        slow, quick = (number, quick) if late_s > 0.0 else (slow, number)
-        widths.append(quick - slow)
-        if len(widths) > 2 and widths[-1] > widths[-3] / 2:
-            number = (slow + quick) // 2
-            continue
-        slope = -STEEPNESS * math.log(front.settings.ladder_ratio)
-        if slow in known and quick in known:
-            slope = min((known[quick] - known[slow]) / (quick - slow), -1e-6)
-        off = math.log(max(search.spare_s, LEAST_SPARE_S)) - known[number]
-        number = min(max(number + round(off / slope), slow + 1), quick - 1)
+        slow, quick = (number, quick) if search.late_s(PolicyFrom(first, number)) > 0.0 else (slow, number)
+        number = (slow + quick) // 2
     return slow, quick
 
 

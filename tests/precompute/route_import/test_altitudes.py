@@ -95,7 +95,7 @@ def test_stations_and_summits_are_joined_by_straight_lines(tmp_path: Path) -> No
     assert found.route.altitudes == "points"
     assert found.route.altitude_m([0, 20e3, 30e3, LENGTH_M]) == pytest.approx([400, 420, 600, 390], abs=0.01)
     assert len(found.route.gradients_ratio.value) == 3
-    assert "do not forget summits" in found.remarks[0]
+    assert "include summits" in found.remarks[0]
 
 
 def test_altitudes_by_coordinates_fall_on_the_line(tmp_path: Path) -> None:
