@@ -49,7 +49,7 @@ LOST_FIXES: Final = 2
 JITTER_S: Final = 0.25
 """Largest deviation (s) of a time stamp from its receiver's rate that counts as jitter."""
 LARGEST_STEP_S: Final = 5.0
-"""Largest step (s) of a sensor's clock that is corrected; after a larger one the estimate restarts."""
+"""Largest step (s) of a sensor's clock that is corrected; a larger one is not."""
 SPEED_DOUBTED_S = 0.5
 """Difference of the clocks (s) above which a train that slows down may still have the speed of its last fix."""
 

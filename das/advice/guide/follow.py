@@ -197,7 +197,7 @@ def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
     goes_on = after is not None and after.kind in (InstructionKind.HOLD, InstructionKind.TRACTION)
     is_next = step.to_m > step.by_m or (after is not None and goes_on and after.speed_mps > to_mps - SAME_MPS)
     least_mps = REACHED_MPS if shown.mode is Regime.COAST else -SAME_MPS
-    if is_next and least_mps < to_mps - v_mps <= OFF_MPS and leads.only_slows:
+    if is_next and least_mps < to_mps - v_mps < OFF_MPS + SAME_MPS and leads.only_slows:
         return Proposal(hold(to_mps))
     told = _told_mps(scene, shown, step, leads)
     if shown.mode is Regime.CRUISE or shown.mode in BRAKES:

@@ -14,9 +14,9 @@ from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime, depar
 from das.domain.units import NS
 
 SAME_CHANGE_S = 10.0
-"""Shift (s) of the due time within a second below which the announced change is the same."""
+"""The shift of the due time (s) below which an announced change is still the same, also after it was due."""
 PASSED_S = 2.0
-"""Longest time (s) before it is due at which an announcement that ends was not dropped: its change comes now."""
+"""The longest time (s) before its change is due at which an announcement may end without being dropped."""
 NOTHING = Instruction()
 
 

@@ -18,7 +18,7 @@ SAME_MPS = 0.3
 REACHED_MPS = 0.5
 """The shortfall (m/s) from a speed to reach at which it counts as reached; the rest is left to the driver."""
 OFF_MPS = TARGET_STEP_MPS
-"""The deviation (m/s) within which a driver holds a speed: 2 km/h below a limit, and as much by inaccuracy."""
+"""The deviation (m/s) within which a driver holds a speed: a step of the advised speeds."""
 STANDS_S = 8.0
 """The time (s) for which an instruction stands, or is announced before it is due: to read it, act and check."""
 COAST_LEAD_S = 5.0

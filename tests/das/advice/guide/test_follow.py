@@ -111,7 +111,7 @@ def test_coasting_that_would_only_slow_a_slow_train_is_a_hold() -> None:
         ("H", 0.0, 0.0, 95), ("C", 0.0, 2000.0, 90), ("H", 0.0, 3000.0, 90), ("B", 0.0, 4700.0, 0), at_kmh=95
     )
     assert asked(2100.0, 93.0, schedule=schedule)[0].one.mode is Regime.COAST
-    assert asked(2100.0, 86.0, schedule=schedule)[0].one == hold(90 * KMH)
+    assert asked(2100.0, 85.0, schedule=schedule)[0].one == hold(90 * KMH)
 
 
 def test_a_train_that_holds_and_would_roll_up_to_its_limit_at_once_holds_that() -> None:

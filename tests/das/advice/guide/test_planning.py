@@ -18,8 +18,6 @@ from tests.support.crossing import crossed, few
 
 EARLY_S = 0.5
 """A point may be passed this long before its window (the keeper's least margin is four times as long)."""
-CRAWLING_S = 3.5
-"""The same for a train that must crawl: between two neighbouring prices of time it is far too early or too late."""
 
 
 def wanted_from_start(which: Which, buffer_ratio: float, **more: float) -> Wanted:
@@ -82,7 +80,7 @@ def test_a_train_too_fast_for_the_window_of_a_point_brakes_and_does_not_accelera
     free = Wanted(s_m=s_m, v_mps=v_mps, left_s=asked_s(which, 0.15), point_m=point_m)
     wanted = replace(free, window=Window(earliest_s=slower * (point_m - s_m) / v_mps))
     found = plan(which, wanted)
-    assert passed_s(found, wanted) >= wanted.window.earliest_s - CRAWLING_S
+    assert passed_s(found, wanted) >= wanted.window.earliest_s - EARLY_S
     before = section.node_m <= point_m
     assert np.nanmax(found.forecast.speeds_mps[before]) <= v_mps + 0.5
 

@@ -131,11 +131,10 @@ def test_with_a_low_price_of_changes_a_run_is_within_a_hundredth_of_the_optimum(
 
 
 @at_points
-@pytest.mark.parametrize(("late", "most"), [(True, 1), (False, 14)], ids=["late", "in time"])
-def test_a_search_needs_few_policies(
-    monkeypatch: pytest.MonkeyPatch, route: Route, train: Vehicle, buffer_ratio: float, late: bool, most: int
+def test_a_train_that_can_only_be_late_tries_one_price(
+    monkeypatch: pytest.MonkeyPatch, route: Route, train: Vehicle, buffer_ratio: float
 ) -> None:
-    """A train that can only be late has one price of time; others no more than by halving: 8 and, for a gap, 6."""
+    """Halving would try eight, each with a sweep, to end at the highest."""
     section, _, _ = solved(route, train)
     front, prices = GuideFront(section, threads=1), set()
 
@@ -144,9 +143,8 @@ def test_a_search_needs_few_policies(
         return guide_sweep(*args)
 
     monkeypatch.setattr(policies, "guide_sweep", counted)
-    time_s = least_time_s(section, section.start_m, 0.0) * (0.99 if late else 1.0 + buffer_ratio)
-    in_time(front, State.at(section), time_s)
-    assert len(prices) <= most
+    in_time(front, State.at(section), least_time_s(section, section.start_m, 0.0) / (1.0 + buffer_ratio))
+    assert prices == {front.lambda_w[-1]}
 
 
 @at_points
