@@ -156,7 +156,7 @@ DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
 """The driver of the bundled recording, who can be shown the guide."""
 HANGS_ON: Final = (
     "This driver ignores the clock without advice, follows the guide, and brakes with the motors first; drivers who "
-    "keep to the timetable save less (docs/explanation/guide.md)."
+    "keep to the timetable save less (docs/explanation/guide-figures.md)."
 )
 """Conditions on which the figures of the result depend, in a sentence."""
 LOOK_AGAIN_S: Final = 0.2
