@@ -79,7 +79,7 @@ OF_PROBLEM = {
     ProblemKind.POSITION_UNCERTAIN: Cause.POSITION_UNCERTAIN,
     ProblemKind.SPEED_UNCERTAIN: Cause.POSITION_UNCERTAIN,
 }
-"""For each problem with a position, the cause of the withdrawal."""
+"""Cause of the withdrawal for each problem with a position."""
 
 
 @dataclass(frozen=True)
@@ -111,9 +111,9 @@ class ReplanCause(IntEnum):
     POINT = 4
     """A point ahead has a new window of time, or would be passed outside its window."""
     LATE = 5
-    """With the previous reference, the train would arrive too late."""
+    """The train would arrive too late with the previous reference."""
     EARLY = 6
-    """With the previous reference, the train would arrive too early, and slower driving saves energy."""
+    """The train would arrive too early with the previous reference, and slower driving saves energy."""
     ENERGY = 7
     """The previous reference would need more energy than a new one."""
     LOST = 8
@@ -155,12 +155,13 @@ class Replan:
 
 @dataclass(frozen=True, kw_only=True)
 class Guidance:
-    """The instructions for now and next, with a reason if the instruction does not imply it.
+    """The present and the next instructions, with a reason if the present instruction does not make it obvious.
 
-    `target_m` and `target_s` are distance and time to where the speed of `now` is reached, or no longer held. `force_n`
-    is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps the reference here;
-    while braking, `force_n` differs from it because the effort shown is rounded up. `lever_ratio` is the effort of
-    `now` on the controller's scale (−1 … 1); NaN where none is shown: for a speed to hold, and to brake by eye.
+    `target_m` and `target_s` are the distance and time to the place where the speed of `now` is reached, or is no
+    longer held. `force_n` is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps
+    the reference here; while braking, `force_n` differs from it because the effort shown is rounded up. `lever_ratio`
+    is the effort of `now` on the controller's scale (−1 … 1); NaN where none is shown: for a speed to hold, and to
+    brake by eye.
     """
 
     now: Instruction

@@ -1,7 +1,7 @@
 """Braking ahead: where a train must begin to brake, and the effort that keeps the limits and the stop ahead.
 
-A braking effort is a share of the motors' braking force at the present speed, and so serves from the start of braking
-to its end; an effort above 1 uses the friction brake as well.
+A braking effort is a share of the motors' braking force at the present speed, so one effort serves for a whole brake
+application. An effort above 1 uses the friction brake as well.
 """
 
 from __future__ import annotations
@@ -22,27 +22,28 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 
 STOP_SLACK_M = 1.0
-"""Farthest place beyond a stop (m) where braking may end: the driver finds the mark by eye."""
+"""Largest distance beyond a stop (m) at which braking may end: the driver finds the mark by eye."""
 SPEED_SLACK_MPS = 0.2
 """Largest excess over a lower limit (m/s) at which braking may end: a driver cannot read a smaller difference."""
 ABOVE_MPS = 0.2
 """Excess over the planned speed (m/s) above which a train has to brake."""
 LEVEL_MPS = 1e-6
-"""Fall over an interval (m/s) below which a braking curve counts as level."""
+"""Decrease of speed over an interval (m/s) below which a braking curve counts as level."""
 BEGINS_MPS = 0.05
-"""Fall ahead (m/s) above which a braking curve counts as falling."""
+"""Decrease of speed ahead (m/s) above which a braking curve counts as falling."""
 BACK_IN_S = 4.0
 """Time (s) in which a train above a limit is braked back to it."""
 LEAST_MPS2 = 0.02
 """Deceleration (m/s²) below which it is too early to brake for a lower speed ahead."""
 BRAKED_MORE = 1.1
-"""Factor on the effort needed with which a train above its plan brakes, so that it need not brake harder later."""
+"""Factor by which a train above its plan brakes harder than needed, so that it need not brake harder later."""
 AT_MARK_M = 10.0
 """Distance from a stop (m) below which the driver sees the mark, whatever the uncertainty of the position."""
 ALIKE = 0.9
-"""Share of the largest effort above which several places to brake for count as equal."""
+"""Share of the largest needed effort above which the places that need it count as equally demanding."""
 RIVALS = 0.8
-"""Share of the largest deceleration, over the distance with a working brake, above which an effort is computed."""
+"""Share of the largest needed deceleration above which the effort for a place is computed; only the distance with a
+working brake counts."""
 
 
 def braking_mode(effort: float) -> Regime:
@@ -99,17 +100,18 @@ class BrakingAhead:
         return float(np.interp(self.feared_m(s_m), self.section.node_m, self.section.allowed_mps))
 
     def feared_m(self, s_m: float) -> float:
-        """The furthest position (m) of a train estimated at `s_m`: ahead by the planned deviation, at most near the
-        mark."""
+        """The furthest position (m) of a train estimated at `s_m`: the planned deviation ahead, but not beyond the
+        place from which the driver sees the mark."""
         planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
         return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
 
     def nodes_ahead(self, s_m: float) -> int:
-        """The number of nodes ahead of a position; the last one is ahead of every position."""
+        """The number of nodes ahead of a position; the last node counts as ahead of every position."""
         return len(self.section.node_m) - 1 - _interval(self.section, s_m)
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
-        """The place (m) where a train with these speeds, less its excess here, meets a braking curve; else the end."""
+        """The place (m) where a train meets a braking curve, or the end; its speeds are reduced by their excess over
+        the curve here."""
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
@@ -194,7 +196,7 @@ class BrakingAhead:
         return _most_n(self.section, self._train, _interval(self.section, s_m), v) / full_n if full_n > 0.0 else 0.0
 
     def stop_is_next(self, s_m: float, v_mps: float) -> bool:
-        """Whether only the stop is left to brake for: no limit below the train's speed lies before it."""
+        """Whether the train only has to brake for the stop: no limit below its speed lies before the stop."""
         return not ((self._foot_m > s_m) & (self._foot_m < self.section.end_m) & (self._foot_mps < v_mps)).any()
 
     def full(self, s_m: float, v_mps: float) -> float:

@@ -23,7 +23,8 @@ OVERSPEED_ENDS_MPS: Final = 0.15
 COASTS_IN_S: Final = 5.0
 """Time (s) within which coasting down to a limit is advised; otherwise the limit is held, or the train brakes."""
 UNHURRIED_S: Final = 0.5
-"""Delay (s) with which a plan arrives: making up for the build-up of effort costs 0.4 % of the energy on 6 km."""
+"""Planned lateness (s) of an arrival: recovering the time lost by the build-up of effort would cost 0.4 % of the energy
+on 6 km."""
 DEVIATION_NAMED_S: Final = 5.0
 """Earliness or lateness (s) from which the reason of the advice states it."""
 
@@ -82,8 +83,8 @@ class Goal:
 
     `departure_ns` and `due_ns` are departure and arrival by the timetable (ns since 1970; 0: none). `target_ns` is the
     arrival that traffic management wants (None: that of the timetable). `passing` is the next point that must be passed
-    in a window of time, `operator_delay_s` the delay that the operator stated; None if there is none. `counts`: being
-    on time counts at the stop ahead, as at a journey's last one; an early train waits at other stops.
+    in a window of time, `operator_delay_s` the delay that the operator stated; None if there is none. `counts`:
+    punctuality counts at the stop ahead, as at the last stop of a journey; at other stops, an early train waits.
     """
 
     departure_ns: int = 0

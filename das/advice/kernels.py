@@ -26,7 +26,7 @@ def interval(nodes, x):
 
 @kernel
 def linear(nodes, values, x):
-    """As np.interp, for a single number."""
+    """Linear interpolation of a single number, as by np.interp."""
     i = interval(nodes, x)
     share = min(max((x - nodes[i]) / (nodes[i + 1] - nodes[i]), 0.0), 1.0)
     return values[i] + (values[i + 1] - values[i]) * share

@@ -155,8 +155,8 @@ class _Judgement:
     def _shown(self) -> Iterator[Doing]:
         """The driver's actions under the full advice: the advised force until the next change, then the horizon's.
 
-        If the horizon shows a brake becoming stronger, the driver follows it. He uses traction only up to the speeds
-        shown, and stops where the speed shown is 0, whatever the force.
+        If the horizon shows a brake that becomes stronger, the driver follows it. The driver uses traction only up to
+        the speeds shown, and stops where the speed shown is 0, whatever the force.
         """
         advice = self._advice
         speeds = (advice.advised_speed_mps, *advice.horizon_speed_mps)
@@ -239,7 +239,8 @@ class _Judgement:
     def _excess_of(self, guide: Guidance) -> Excess | None:
         """The excess of a driver who follows the guide, with the force shown or with the reference's, if any.
 
-        If a brake is shown without an effort, he brakes by eye and stops at the mark, but may miss a limit before it.
+        If a brake is shown without an effort, the driver brakes by eye and stops at the mark, but may exceed a limit
+        before it.
         """
         now = guide.now
         if not _finite(guide.force_n, guide.reference_force_n, now.speed_mps, now.way_m, now.in_s, guide.target_m):
@@ -253,9 +254,9 @@ class _Judgement:
         return None
 
     def _led(self, guide: Guidance, force_n: float) -> list[Doing]:
-        """What a driver who follows the guide does until the next change and after it.
+        """The actions of a driver who follows the guide, until the next change and after it.
 
-        Until an instruction is due, he keeps his speed.
+        Until an instruction is due, the driver keeps the present speed.
         """
         now, following = guide.now, guide.following
         after = following[0] if following and _finite(following[0].in_s, following[0].speed_mps) else None
@@ -287,7 +288,8 @@ class _Judgement:
         return next(safe, None) or self._braked_guide(guide)
 
     def _braked_guide(self, guide: Guidance) -> Guidance:
-        """To brake as strongly as needed; announced instructions that come after this braking are kept."""
+        """The guide's advice to brake as strongly as needed; announced instructions that come after this braking are
+        kept."""
         force_n, needed = self._braking()
         way_m, scale_n = max(needed.at_m - self._s_m, 0.0), self._brake_n(1.0)
         now = Instruction(
@@ -355,11 +357,12 @@ class _Judgement:
             return None
         led, now = self._led(guide, guide.force_n)[:-1], guide.now
         if now.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
-            led[-1] = led[-1]._replace(holds=True)  # He accelerates to that speed and then holds it.
+            led[-1] = led[-1]._replace(holds=True)  # The driver accelerates to that speed and then holds it.
         excess = self._excess(led, in_s, in_s)
         if excess is None or now.mode is not Regime.COAST or now.speed_mps <= self._v_mps:
             return excess
-        # He rolls up to that speed and is then told to hold it: he is no faster than a driver who holds it at once.
+        # The driver rolls up to that speed and is then told to hold it, so is no faster than one who holds it
+        # immediately.
         return self._excess([*led[:-1], led[-1]._replace(speed_mps=now.speed_mps, holds=True)], in_s, in_s)
 
     # --- what happens to a train from the furthest place where it may be, if its driver does what is shown -----------
@@ -597,7 +600,7 @@ def _nodes(basis: BrakingBasis, length_m: float) -> Floats:
 
 
 def _limits(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
-    """For each interval, the lowest limit (m/s) over the whole train, with the restrictions in force."""
+    """The lowest limit (m/s) over the whole train in each interval, with the restrictions in force."""
     from_m, to_m = nodes_m[:-1], nodes_m[1:]
     limit = basis.route.limits_mps.minimum(from_m - length_m, to_m)
     middle_m = 0.5 * (from_m + to_m)
@@ -618,10 +621,9 @@ def _line_mps2(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
 
 
 class Doing(NamedTuple):
-    """What the driver does until a time (s): he applies a wheel force (N) to reach a speed (m/s).
-
-    `holds`: he then holds the speed, with whatever force that takes. `of_n` > 0: the braking force is a share of the
-    electric brake, whose force (N) at the start this is, and grows with it as the train slows down; 0: it is constant.
+    """The driver's action until a time (s): to apply a wheel force (N) in order to reach a speed (m/s). `holds`: then
+    to hold the speed, with whatever force that takes. `of_n` > 0: the braking force is a share of the electric brake,
+    whose force (N) at the start this is, and grows with it as the train slows down; 0: it is constant.
     """
 
     until_s: float

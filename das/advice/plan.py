@@ -83,10 +83,11 @@ class Plan:
     """The force shown with the mode (N); where a short mode was replaced, at most the force of the mode before."""
     modes: NDArray[np.int64]
     next_change: NDArray[np.int64]
-    """For each interval, the index of the next interval with another mode (the number of intervals if none)."""
+    """The index of the next interval with another mode, for each interval (the number of intervals if there is
+    none)."""
     energy_j: Floats
     energy_after_j: Floats
-    """For each interval, the energy of all later intervals (J)."""
+    """The energy of all later intervals (J), for each interval."""
     speed_w: Floats
     """v² at the nodes (m²/s²)."""
 

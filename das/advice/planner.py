@@ -82,7 +82,7 @@ class Planner:
 
     @property
     def source(self) -> Source:
-        """What the present plan is based on."""
+        """The basis of the present plan."""
         return Source.TABLE if self._finished else self.basis.source
 
     @property
@@ -192,11 +192,11 @@ class Planner:
             try:
                 return fastest(capped(self.section, before.speeds_mps(self.section.node_m)), state.s_m, state.v_mps)
             except DasError:
-                pass  # At the speeds of the previous plan the train does not climb a hill.
+                pass  # At the speeds of the previous plan the train would stall on a hill.
         return fastest(self.section, state.s_m, state.v_mps)
 
 
 def passed_s(solution: Solution, point: PassingTarget) -> float:
-    """When a trajectory passes a point (s from its start)."""
+    """The time at which a trajectory passes a point (s from its start)."""
     run = solution.trajectory
     return float(np.interp(point.s_m, run.s_m, run.t_s))

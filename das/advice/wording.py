@@ -260,7 +260,7 @@ def words(reason: Reason, language: Language = Language.EN, zone: tzinfo = UTC) 
 
 
 def _arrival(late_s: float, said: _Words) -> str:
-    """By how much a train arrives late or early; empty if that is unknown, or little."""
+    """The lateness or earliness of an arrival in words; empty if it is unknown or small."""
     steps = round(late_s / ARRIVAL_STEP_S) if math.isfinite(late_s) else 0
     if not steps:
         return ""
@@ -268,7 +268,7 @@ def _arrival(late_s: float, said: _Words) -> str:
 
 
 def deviation(late_s: float, language: Language = Language.EN) -> str:
-    """How late (> 0) or early (< 0) a train is (s), in words; a train within 0.5 s is on time."""
+    """A lateness (s; early < 0) in words; a train within 0.5 s is on time."""
     said = _WORDS[language]
     seconds = f"{abs(late_s):.0f}"
     if seconds == "0":
@@ -283,22 +283,22 @@ def lateness(language: Language = Language.EN) -> dict[str, str]:
 
 
 def mode_words(mode: Regime, language: Language = Language.EN) -> str:
-    """What a display shows for a driving mode."""
+    """The words that a display shows for a driving mode."""
     return _WORDS[language].modes[mode]
 
 
 def instruction_words(mode: Regime, language: Language = Language.EN) -> str:
-    """What a display of the guide shows for a mode: the verb of the instruction; its effort is shown next to it."""
+    """The verb that a display of the guide shows for a mode; the effort of the instruction is shown next to it."""
     kind = KIND_OF.get(mode)
     return mode_words(mode, language) if kind is None else _WORDS[language].kinds[kind]
 
 
 def words_before_speed(mode: Regime, language: Language = Language.EN) -> str:
-    """What a display of the guide writes before the speed of an instruction: a train coasts until it has its speed."""
+    """The words before the speed of an instruction on a display of the guide: a train coasts until it has its speed."""
     verb = instruction_words(mode, language)
     return f"{verb} {_WORDS[language].until}" if mode is Regime.COAST else verb
 
 
 def top_speed(speed: str, language: Language = Language.EN) -> str:
-    """What a display shows for a speed that is not to be exceeded."""
+    """The words that a display shows for a speed that is not to be exceeded."""
     return _WORDS[language].top_speed.format(speed=speed)

@@ -39,7 +39,7 @@ class Role(StrEnum):
 
 
 PUBLISHERS: Final = {Role.SENSORS: ("localisation", "train control"), Role.DESK: ("desk", "driver")}
-"""For a role, its publishers in the registry of topics, if their names differ from the name of the role."""
+"""The publishers of a role in the registry of topics, if their names differ from the name of the role."""
 SUBSCRIBING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 """Zenoh's messages of a subscriber, including the queries for the last message of a latched topic."""
 PUBLISHING = ["put", "reply", "declare_queryable", "liveliness_token"]

@@ -34,7 +34,8 @@ from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link, umask
 
 FLUSH_EVERY_S = 0.5
-"""Interval (s) of writing to the disk, at most 0.1 s late: a kill loses at most 1.0 s, even during a slow write."""
+"""Interval (s) between writes to the disk, at most 0.1 s late: a killed recorder loses at most 1.0 s, even during a
+slow write."""
 CHUNK_BYTES = 1 << 18
 """Most bytes of a chunk, unpacked, before it is written; damage to one chunk loses no more."""
 LIBRARY = f"driver-advisory-system {__version__}"
@@ -121,7 +122,7 @@ class RecordingFile:
             schema = self._schemas[name] = self._writer.register_schema(name, "protobuf", schema_of(topic.message))
         named = {RECORDING: self._name()}
         channel = int(self._writer.register_channel(key, "protobuf", schema, named))
-        # The chunk that describes the channel may be lost; the messages in later ones must not be lost with it.
+        # The chunk that describes the channel may be lost; the messages in later chunks must remain readable.
         self.add_metadata(
             f"{CHANNELS}{channel}", {"topic": key, "schema": name, "schema_id": str(schema), NUMBERED: "yes"}
         )

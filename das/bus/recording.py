@@ -185,7 +185,7 @@ def _read(scan: Scan) -> tuple[Raw, Health]:
         what = f"{len(loose)} records outside of chunks, which nothing proves"
         damage.append(Damage(start_byte=loose[0].start_byte, end_byte=loose[-1].start_byte, what=what))
     messages = raw.messages
-    if raw.numbered:  # the recorder writes each message once: a repeated one is a damaged file's
+    if raw.numbered:  # the recorder writes each message once, so a repeated one is a sign of damage
         once: dict[tuple[int, int, int, bytes], records.Message] = {}
         for message in messages:
             once.setdefault((message.channel_id, message.sequence, message.log_time, message.data), message)
@@ -208,7 +208,7 @@ def _read(scan: Scan) -> tuple[Raw, Health]:
 
 
 def _missing(messages: list[records.Message]) -> int | None:
-    """How many messages are missing, according to the sequence numbers; None if these do not rise through the file."""
+    """The number of missing messages, according to the sequence numbers; None if these do not rise through the file."""
     numbers = [message.sequence for message in messages]
     if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
         return None
@@ -270,7 +270,8 @@ def _tell_drives_apart(found: Contents, sources: Sequence[str], *, numbered: boo
 
 
 def _drives_by_number(found: Contents, train: str, of_train: Sequence[int]) -> list[int]:
-    """Which drive each message of a train belongs to, from 0 on, in a file that does not name its recordings.
+    """The number of the drive to which each message of a train belongs, from 0 on, in a file that does not name its
+    recordings.
 
     A recorder uses each sequence number once, so a repeated number of a train shows two drives. Raises DasError for
     drives that are interleaved in the file: their messages cannot be distinguished.

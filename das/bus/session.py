@@ -116,7 +116,7 @@ class Inbox:
         return len(self._waiting) >= self.capacity or self._bytes >= BYTES_EACH * self.capacity
 
     def _make_room(self, coming: Received) -> bool:
-        """Drop a message to make room for `coming`; returns whether there was one to drop."""
+        """Drop a message to make room for `coming`; returns False if there was none to drop."""
         number = self._outdated.popleft() if self._outdated else self._latched.get(coming.topic.name, 0)
         if number not in self._waiting:
             return False
@@ -296,7 +296,7 @@ class Bus:
 
     @property
     def dropped(self) -> int:
-        """How many messages were lost in floods so far."""
+        """The number of messages lost in floods so far."""
         return self._inbox.dropped
 
     def _declare(self, topic: Topic) -> Any:

@@ -1,4 +1,4 @@
-"""The cab: the on-board system except sockets and clocks. It receives frozen messages and answers each tick."""
+"""The cab: the on-board system without sockets and clocks. It receives frozen messages and answers each tick."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ class Guard:
         return wording.withdrawal(Withdrawal(Cause.RESTRICTIONS_UNHEEDED, why))
 
     def _problem_of_restrictions(self, message: Heard) -> str:
-        """Like `problem`, for restrictions: without a usable list there must be no advice."""
+        """The `problem` of a list of restrictions: without a usable list there must be no advice."""
         assert isinstance(message, RestrictionsHeard | Unreadable)
         found = self._problem_by_itself(message)
         if found or isinstance(message, Unreadable):
@@ -268,7 +268,7 @@ class Operator:
     other has sent a list since.
 
     A publisher without a liveliness token is never reported gone. A newer message of another session overtakes its own,
-    because it was most likely restarted. If it sends again, both are present, and neither overtakes.
+    because it was most likely restarted. If it sends again, both are present, and neither overtakes the other.
     """
 
     def __init__(self) -> None:

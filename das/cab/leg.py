@@ -28,9 +28,9 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 SHORT_M: Final = 15.0
-"""Distance before its stop (m) beyond which a train that has stood moves up to it without being shown advice."""
+"""Distance before its stop (m) above which a train that has stood moves up to the stop without advice."""
 AHEAD_DEVIATIONS: Final = 2.0
-"""Most standard deviations by which the train is assumed to be ahead of its estimated position."""
+"""Largest number of standard deviations by which the train is assumed to be ahead of its estimated position."""
 LEAST_WAY_M = 2.0
 """Least distance (m) of a timing point from both ends of its section."""
 
@@ -91,7 +91,7 @@ class Leg:
         self.use_guide(None)
 
     def use_guide(self, front: GuideFront | None) -> None:
-        """Lead the driver by these policies, continuing where the last guide ended; None: it has no reference yet."""
+        """Lead the driver by these policies, continuing where the last guide ended; None: there is no reference yet."""
         if self.guide is not None:
             self.guide = self.guide.successor(self.section, front)
 
@@ -220,7 +220,7 @@ class Leg:
         return self.guide.stands(max((self.goal.departure_ns - state.now_ns) * NS, 0.0))
 
     def _arrival_late_s(self, now_ns: int) -> float:
-        """How late the train arrived (s); the value stays while the train stands."""
+        """The lateness (s) of the arrival; the value stays while the train stands."""
         self._arrived_ns = min(self._arrived_ns or now_ns, now_ns)
         return (self._arrived_ns - self.goal.arrival_ns) * NS
 

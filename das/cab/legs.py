@@ -56,7 +56,7 @@ class Legs:
 
     @property
     def index(self) -> int:
-        """Which leg the train is on (before the first position: the first)."""
+        """The number of the leg that the train is on (before the first position: the first)."""
         return self._index or 0
 
     @property
@@ -111,7 +111,7 @@ class Legs:
         started, before = self._started, self.situation
         situation = replace(before, vehicle=vehicle or started.vehicle, level=level or started.level)
         if situation.vehicle is not before.vehicle:
-            # The estimates of the previous train do not apply to this train.
+            # The estimates of the previous train do not apply to the new one.
             situation = replace(situation, conditions=AS_PLANNED)
         known = {(leg.start.position_m, leg.end.position_m): leg for leg in self.legs}
         free = replace(situation, restrictions=())

@@ -17,7 +17,7 @@ from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 
 DAY_NS = 86_400 * 10**9
-"""Least difference (ns) of all its times from the clock at which a journey is of another day."""
+"""Difference (ns) from the clock which all times of a journey must exceed for the journey to be of another day."""
 
 
 def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:

@@ -37,8 +37,8 @@ from das.table import OLD, Table, TableError, key_of, section_facts, section_sha
 KEPT_BYTES = 60_000_000
 """Total size (bytes) up to which fronts are kept (30 km take 18 MB); the newest front is always kept."""
 EVERY_MULTIPLIER = 3
-"""Step in the solver's multipliers on board. Solving every third takes 0.4 of the memory and costs 0.003 to 0.03 % of
-the energy on average, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
+"""Step in the solver's multipliers on board. With every third one, a front takes 0.4 of the memory and costs 0.003 to
+0.03 % of the energy on average, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
 
 T = TypeVar("T")
 

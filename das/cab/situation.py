@@ -34,7 +34,7 @@ class Situation:
     """Braking of the site's drivers."""
 
     def at(self, now_ns: int) -> Situation:
-        """This situation at a moment (ns since 1970; 0: not known), with only the restrictions that count then.
+        """The situation at a moment (ns since 1970; 0: not known), with only the restrictions that count then.
 
         Their time windows are removed. If the time is unknown, all restrictions count.
         """
@@ -44,7 +44,7 @@ class Situation:
         return self if counting == self.restrictions else replace(self, restrictions=counting)
 
     def between(self, start_m: float, end_m: float) -> Situation:
-        """This situation with only the restrictions that the train meets between two positions (m).
+        """The situation with only the restrictions that the train meets between two positions (m).
 
         A restriction counts until the tail of the train has left it.
         """

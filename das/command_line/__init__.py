@@ -1,1 +1,1 @@
-"""What all command lines of the project share."""
+"""Shared parts of all command lines of the project."""

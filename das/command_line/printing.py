@@ -1,4 +1,4 @@
-"""What commands print: harmless text, tables with legends, warnings, and progress.
+"""Output of commands: harmless text, tables with legends, warnings, and progress.
 
 Text from files, from the bus or from the user is never read as markup, and control characters in it become escapes.
 """
@@ -234,10 +234,10 @@ def loading_solver(late: str = "") -> Iterator[None]:
     """Say that kernels are being loaded (on a terminal) or compiled; the first calls of kernels belong in this block.
 
     From then on the process also reports compilation outside the block, once in total. `late` names a module that
-    compiles what the command needs last; it runs in a process beside this one if anything is compiled.
+    compiles what the command needs last; it runs in a second process if anything is compiled.
 
-    A signal to end the process ends it at once, with one line and exit code 130, because an exception during a
-    compilation may turn into any other error. So nothing that must be cleaned up may be open in the block.
+    A signal to end the process ends it immediately, with one line and exit code 130, because an exception during a
+    compilation may turn into any other error. Nothing that must be cleaned up may therefore be open in the block.
     """
     with ended_by_signals(), _without_scipy():
         listener = _compiling_listener()

@@ -1,4 +1,4 @@
-"""How the processes of commands start and end: imports that Ctrl-C ends cleanly, kept bytecode, and signals.
+"""Start and end of the processes of commands: imports that Ctrl-C ends cleanly, kept bytecode, and signals.
 
 Commands import this module first, so it imports nothing but small modules of Python.
 """
@@ -26,7 +26,7 @@ STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP"
 CLEAR_LINE_AND_SHOW_CURSOR = b"\r\x1b[2K\x1b[?25h"
 """Escape codes that remove a spinner, which would otherwise remain after the process has ended."""
 BYTECODE = Path(__file__).parents[1] / "__pycache__" / "das-bytecode"
-"""Folder for bytecode that Python may not write beside its sources; compiled kernels are kept beside it."""
+"""Folder for bytecode that Python may not write next to its sources; compiled kernels are kept next to this folder."""
 
 
 def start(module: str) -> None:
@@ -43,9 +43,9 @@ def available_cores() -> int:
 
 
 def start_beside(module: str) -> None:
-    """Run a module's `main()` in a process beside this one, if a processor is free for it; it ends with this one.
+    """Run a module's `main()` in a second process, if a processor is free for it; it ends with the present process.
 
-    A failure of the process is not reported: it only does in advance what this one would do later.
+    A failure of the second process is not reported: it only does in advance what the present one would do later.
     """
     if available_cores() < 2:
         return
@@ -61,7 +61,7 @@ def start_beside(module: str) -> None:
 
 
 def keep_bytecode(folder: Path = BYTECODE) -> None:
-    """Keep bytecode in a folder of our own if Python was told to write none beside its sources.
+    """Keep bytecode in a folder of our own if Python was told to write none next to its sources.
 
     With PYTHONDONTWRITEBYTECODE, which containers often set, every start would compile the sources of numpy and numba
     again, which takes longer than everything else. Nothing changes if PYTHONPYCACHEPREFIX names a folder for bytecode,
@@ -83,7 +83,7 @@ def _has_bytecode() -> bool:
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Let the signals of `STOP_SIGNALS` end the process at once, in one line, as long as the block runs.
+    """Let the signals of `STOP_SIGNALS` end the process immediately, in one line, as long as the block runs.
 
     For imports and compilations: an exception during one may turn into any other, so none is raised. Signals that the
     process ignores remain ignored. Nothing that must be cleaned up may be open in the block.

@@ -1,4 +1,4 @@
-"""Service braking of trains: the values with which advice is planned, each stated separately as in ETCS."""
+"""Service braking of trains: the values with which advice is planned, stated separately as in ETCS."""
 
 from __future__ import annotations
 

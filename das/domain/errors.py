@@ -1,4 +1,4 @@
-"""Errors a user can cause; the command lines print them as one line and exit with code 2."""
+"""Errors that a user can cause; the command lines print them as one line and exit with code 2."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ def draw_fronts(
 
 
 def _told_apart(names: Sequence[tuple[str, ...]]) -> tuple[list[list[str]], list[str]]:
-    """For each run the names that not all runs have, and the names that all have."""
+    """The names of each run that not all runs have, and the names that all have."""
     shared = [name for name in names[0] if all(name in other for other in names)]
     return [[name for name in own if name not in shared] for own in names], shared
 

@@ -72,14 +72,16 @@ class ClockDifference:
 
     @property
     def doubt_s(self) -> float:
-        """By how much the age of the newest measurement may be wrong (s).
+        """The possible error (s) of the age of the newest measurement.
 
-        It is the larger of the median difference and that of the newest measurement, which shows a step first.
+        It is the larger of the median difference and the difference of the newest measurement, which is the first to
+        show a step.
         """
         return max(abs(self.seconds), abs(self._newest_s))
 
     def set(self, step_s: float) -> None:
-        """Take note that our clock was set by a time (s), by which ages are uncertain until the next measurement."""
+        """Take note that our clock was set by a time (s); ages are uncertain by that time until the next
+        measurement."""
         self._waiting.clear()
         self._received.clear()
         self._newest_s = step_s

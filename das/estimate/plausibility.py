@@ -22,7 +22,8 @@ LARGEST_M: Final = 1e7
 LARGEST_STATED_SD_M: Final = 200.0
 """Largest stated standard deviation (m) of a usable fix: a less certain one could lie anywhere and hide any jump."""
 GATE_SDS: Final = 5.0
-"""Standard deviations above which a fix is rejected: noise alone is off that far less than once in a million fixes."""
+"""Standard deviations above which a fix is rejected: noise alone deviates that far less than once in a million
+fixes."""
 GATE_LEAST_M: Final = 10.0
 """Deviation (m) up to which a position is never rejected, however exact the sensors claim to be."""
 GATE_LEAST_MPS: Final = 1.0
@@ -227,7 +228,7 @@ OTHER_UNIT_PROBABILITY: Final = 0.5
 LEAST_FIXES: Final = 4
 """Least number of fixes that are compared, at any rate."""
 LONGEST_GAP_S: Final = 6.0
-"""After a longer time without a fix, the comparison restarts."""
+"""Longest time (s) without a fix after which the comparison continues; after a longer one it restarts."""
 APART_SDS: Final = 4.0
 """Standard deviations of the difference of two positions by which the distances by speeds and by positions must differ
 to detect another unit or to exclude all others permanently."""

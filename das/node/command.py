@@ -71,7 +71,7 @@ class TrainServed:
 
 @dataclass(frozen=True, kw_only=True)
 class NodePlace(BusPlace):
-    """Where on the bus the node sends and receives."""
+    """Endpoints at which the node sends and receives."""
 
     listen: Annotated[str | None, listen_option(NODE_ENDPOINT)] = None
 
@@ -117,7 +117,7 @@ class GuideGiven:
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceGiven:
-    """How the node advises."""
+    """Options of the node's advice."""
 
     rate: Annotated[
         float,

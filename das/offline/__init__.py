@@ -1,1 +1,1 @@
-"""What is computed offline and never rides in the cab: proven bounds, refined trajectories, journeys."""
+"""Computations that are only done offline, never on board: proven bounds, refined trajectories, journeys."""

@@ -65,7 +65,8 @@ class Task:
     speeds_mps: Floats
     allowed_s: float
     price_w: Floats | None = None
-    """A price of time (W) of each interval that counts as energy, besides the price that the bound finds; None: 0."""
+    """A price of time (W) of each interval that counts as energy, in addition to the price that the bound finds; None:
+    0."""
 
     @cached_property
     def high_w(self) -> Floats:
@@ -209,7 +210,7 @@ def _power_cut(task: Task, power_w: float, resisting_n: Floats) -> _Cut:
 def _curve_cut(task: Task, samples_n: Floats) -> _Cut:
     """The limit of an effort curve at the faster end of an interval, as a limit that is linear in the slowness.
 
-    The faster end is faster than the mean 1/τ, and so the force is at most M(1/τ) with M(v) the largest force of the
+    The faster end is faster than the mean 1/τ, so the force is at most M(1/τ), where M(v) is the largest force of the
     curve from the speed v on. M(1/τ) rises with τ; the steps from one sample to the next lie above it. A line over
     their concave hull bounds it: of all sides of the hull, the one that is lowest at the given run.
     """
@@ -228,7 +229,7 @@ def _curve_cut(task: Task, samples_n: Floats) -> _Cut:
 
 
 def _tighter(task: Task, one: _Cut, other: _Cut) -> _Cut:
-    """In each interval the cut that is lower at the given run."""
+    """The cut of each interval that is lower at the given run."""
     tau = _slowness(task)
     lower = one.slope * tau + one.offset <= other.slope * tau + other.offset
     return _Cut(np.where(lower, one.slope, other.slope), np.where(lower, one.offset, other.offset))

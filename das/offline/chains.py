@@ -113,7 +113,7 @@ def _journey_section(
     )
     nodes = section.node_m
     inner = [int(np.argmin(np.abs(nodes - passing.position_m))) for passing in passings]
-    # From the last to the first: a speed ahead bounds those before it.
+    # From the last to the first: the speed at a passing bounds the speeds before it.
     for node, passing in zip(reversed(inner), reversed(passings), strict=True):
         section = _bounded(section, node, passing)
     speeds = np.zeros(len(nodes))
@@ -182,7 +182,7 @@ def _speed_error(section: Section, passing: Passing, lowest_mps: float, highest_
 
 
 Tight = tuple[int, float]
-"""An event of the timeline and the time (s) it is held at."""
+"""An event of the timeline and the time (s) at which it is held."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -396,7 +396,7 @@ class SectionFronts:
 
 
 def late_s(front: Front, speed_mps: float, left_s: float) -> float:
-    """By how much (s) the fastest trajectory from a speed exceeds the time left; inf if none reaches the end."""
+    """The excess (s) of the fastest trajectory from a speed over the time left; inf if none reaches the end."""
     try:
         quickest = fastest(front.section, front.section.start_m, speed_mps)
     except InfeasibleError:
@@ -520,7 +520,8 @@ class Chains:
         return Ahead(speed_mps=_grid_mps(first.section, 0), value_j=cost_j, least_mps=self._least_speed(span, parts))
 
     def _dual_j(self, span: TightSpan, parts: Parts, first_j: Floats) -> Floats:
-        """For each λ, a span's least total cost less λ·its time (J), if its first stretch costs `first_j` (…, L)."""
+        """The least total cost of a span less λ·its time (J), for each λ, if its first stretch costs `first_j` (…,
+        L)."""
         tables = [self.fronts.table(stretch, parts.get(stretch), 0.0) for stretch in span.stretches[1:]]
         fixed_j = self.fronts.ladder_w * (span.least_wait_s - span.time_s)
         total_j = first_j + sum((table.total_j for table in tables), fixed_j)
@@ -578,7 +579,7 @@ class Chains:
         return [float(np.interp(column, columns, time_s)) for time_s in by_column], price_w, 0.0
 
     def _event_times(self, span: TightSpan, runs: Iterable[TimedStretch], slack_s: float) -> Floats:
-        """When the events of a span take place; the train spends `slack_s` beyond the least time at the last wait."""
+        """The times of the events of a span; the train spends `slack_s` beyond the least time at the last wait."""
         links, following = self.timeline.links, iter(runs)
         event_s = [span.begin[1]]
         for i in range(span.begin[0], span.end[0]):

@@ -120,7 +120,7 @@ class PricedTimeline:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedTime:
-    """A planned time (s on the journey's clock) and the bound it is held at."""
+    """A planned time (s on the journey's clock) and the bound at which it is held."""
 
     time_s: float
     held: Held
@@ -136,7 +136,7 @@ class PassedAt:
 
     @property
     def missed_s(self) -> float:
-        """By how much (s; late > 0) a wish is missed beyond its tolerance; 0 for what is enforced."""
+        """The deviation (s; late > 0) from a wish beyond its tolerance; 0 for a passing that is enforced."""
         return self.passing.missed_s(self.timing.time_s) if self.passing.wish else 0.0
 
 
@@ -255,7 +255,7 @@ class JourneyPlan(Summary):
 
     @property
     def time_s(self) -> float:
-        """From the first departure to the last arrival."""
+        """The time (s) from the first departure to the last arrival."""
         return self.sections[-1].arrival.time_s - self.sections[0].departure.time_s
 
     def trajectory(self) -> Trajectory:

@@ -1,9 +1,10 @@
 """Refinement: a trajectory of the table is improved in a narrow tube around it, with the same arrival.
 
 The table has a decision every 150 m or more often, among about two hundred speeds. Its trajectories are near the
-optimum of the section, but not optimal. `refined` places a few lines beside the trajectory, finds the best trajectory
-between them by a dynamic program on the section's own integration grid (`das.offline.tube_kernels`), places narrower
-lines around that, and so on. The price of time is chosen again in every pass, so that the arrival stays the same.
+optimum of the section, but not optimal. `refined` places a few lines on each side of the trajectory, finds the best
+trajectory between them by a dynamic program on the section's own integration grid (`das.offline.tube_kernels`), places
+narrower lines around that, and so on. The price of time is chosen again in every pass, so that the arrival stays the
+same.
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ from das.solver.warm_up import warm_up
 LINES: Final = 3
 """Lines on each side of the trajectory. Seven lines in total find what thirteen do, in a third of the time."""
 REFERENCE_SPEED_MPS: Final = 20.0
-"""Speed (m/s) at which widths in m/s are meant. Lines are evenly spaced in v², because a shift in v² keeps the
-force."""
+"""Speed (m/s) at which widths in m/s are meant. Lines are evenly spaced in v², because a constant shift in v² leaves
+the force unchanged."""
 CLOSED_RATIO: Final = 2e-4
 """Saving of a round, as a share of the energy, below which no further round follows."""
 MOST_TRIALS: Final = 8
 """Largest number of prices of time that are tried in a pass."""
 EARLY_S: Final = 1e-3
-"""Earliness (s) of the refined trajectory against the given one, at most; it is never later."""
+"""Largest earliness (s) of the refined trajectory against the given one; it is never later."""
 MOST_BLENDS: Final = 20
 """Largest number of blends of two trajectories that are tried in a pass."""
 TANGENT_RATIO: Final = 3e-4
@@ -99,7 +100,7 @@ def is_fastest(solution: Solution) -> bool:
 
 
 class Refinement:
-    """The refinement of one solution: its trajectory, the search beside it, and the solution of a better trajectory."""
+    """The refinement of one solution: its trajectory, the search around it, and the solution of a better trajectory."""
 
     def __init__(self, solution: Solution, settings: RefinementSettings = SETTINGS) -> None:
         run = solution.trajectory
@@ -259,7 +260,8 @@ def _knots(node_m: Floats, apart_m: float) -> NDArray[np.int64]:
 
 
 def _shares(node_m: Floats, knot: NDArray[np.int64]) -> Floats:
-    """How far each node lies from the previous knot, as a share of the distance between its two knots; 1 at a knot."""
+    """The distance of each node from the previous knot, as a share of the distance between its two knots; 1 at a
+    knot."""
     behind = np.searchsorted(knot, np.arange(len(node_m)))
     before_m, behind_m = node_m[knot[np.maximum(behind - 1, 0)]], node_m[knot[behind]]
     return np.where(behind_m > before_m, (node_m - before_m) / np.maximum(behind_m - before_m, 1e-9), 1.0)

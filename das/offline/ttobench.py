@@ -111,7 +111,7 @@ _TIMING = {
 }
 """Columns of a journey's timing points with their dimensions."""
 _OPEN = (None, -np.inf, np.inf, 0.0, np.inf)
-"""For each of the timing columns, the number that null (an open bound) stands for; None: null is refused."""
+"""The number that null (an open bound) stands for in each of the timing columns; None: null is refused."""
 
 
 def read_journey(path: Path) -> Journey:

@@ -1,4 +1,4 @@
-"""A narrow dynamic program around a trajectory: lines beside it, between knots on the integration grid.
+"""A narrow dynamic program around a trajectory: lines on both sides of it, between knots on the integration grid.
 
 The lines of a knot are speeds squared: the trajectory's v² plus whole multiples of a spacing, cut to the bounds.
 Between two knots a move leads to a *line*, its shift in v² against the trajectory changing linearly with distance, or
@@ -46,7 +46,7 @@ _SETTLED_RATIO = 1e-12
 
 
 class Tube(NamedTuple):
-    """A trajectory and the lines beside it.
+    """A trajectory and the lines on both sides of it.
 
     `squared` is the trajectory's v² at every integration node, `low` and `high` are the bounds of v² there. `share` is
     the node's distance from the previous knot, as a share of that from knot to knot. `knot` holds the integration nodes

@@ -15,7 +15,7 @@ from das.command_line.options import RECORDER_ENDPOINT, BusPlace, WithParentOpti
 
 @dataclass(frozen=True, kw_only=True)
 class RecorderPlace(BusPlace):
-    """Where on the bus the recorder listens."""
+    """Endpoints at which the recorder listens."""
 
     listen: Annotated[str | None, listen_option(RECORDER_ENDPOINT)] = None
 

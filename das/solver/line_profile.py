@@ -145,7 +145,7 @@ def _caps_m(route: Route, node_m: Floats, fastest_mps: Floats) -> Floats:
 
 
 def _changes_apart_m(route: Route, node_m: Floats) -> Floats:
-    """For each interval, the distance (m) between the changes of limit, or steep gradient changes, around it."""
+    """The distance (m) between the changes of limit, or steep gradient changes, on both sides of each interval."""
     gradients = route.gradients_ratio
     steep = gradients.start_m[1:][np.abs(np.diff(gradients.value)) >= tol.STEEP_CHANGE_RATIO]
     at_m = np.unique(np.concatenate((route.limits_mps.start_m, steep)))

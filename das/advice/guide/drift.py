@@ -32,7 +32,8 @@ LAST_S: Final = 150.0
 VARIANCE_S: Final = 4.0
 """The variance of a loss (s²), divided by the loss (s)."""
 KNOWN_AFTER_S: Final = 8.0
-"""The usual loss (s) after which a driver's own loss has the same weight as the usual one: before a first stop."""
+"""The usual loss (s) after which a driver's measured loss has the same weight as the usual one; it is reached before
+the first stop."""
 ON_CURVE_MPS = 0.05
 """The distance from the braking curve (m/s) within which the fastest run counts as braking while its speed falls."""
 
@@ -50,7 +51,7 @@ class UsualLoss:
         self._last_from_m = float(np.interp(-LAST_S, -section.fastest_run.time_to_go_s, section.node_m))
 
     def from_s(self, s_m: float, ahead_s: float) -> float:
-        """The time (s) usually lost from a position (m) to the end, a run of `ahead_s`."""
+        """The time (s) usually lost from a position (m) to the end of the section, which takes `ahead_s`."""
         braking_s = float(np.interp(s_m, self._node_m, self._braking_s))
         return RUNNING_S_PER_MIN * max(ahead_s, 0.0) / 60.0 + BRAKING_RATIO * braking_s
 
@@ -70,7 +71,8 @@ class Drift:
 
     @property
     def ratio(self) -> float:
-        """This driver's loss, as a share of the usual one; at most 1, because larger losses are made up on the way."""
+        """The loss of this driver, as a share of the usual one; at most 1, because larger losses are recovered on the
+        way."""
         return min(max(self._lost_s, 0.0) / self._usual_s, 1.0)
 
     def see(self, now_ns: int, late_s: float, usual_s: float, *, anew: bool) -> None:

@@ -37,16 +37,17 @@ ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
 """The longest time (s) for coasting back to a speed to hold, and the time (s) for braking back to it otherwise, with
 the motors alone if they slow the train."""
 COAST_MISSES_MPS = 4.0 * KMH
-"""The distance (m/s) of the end of coasting from the speed shown above which the speed that it leads to is shown."""
+"""The difference (m/s) between the speed shown and the speed at the end of coasting above which the latter is shown."""
 ROLLS_SOON_S = 10.0
-"""The time (s) to roll up to a speed within which it is held instead: coasting would be over at once."""
+"""The time (s) to roll up to a speed below which the instruction is to hold it: coasting would be over immediately."""
 BRIEF_S, GAINS_S = 30.0, 2.5
-"""An acceleration that a brake follows within the first must gain the second: a driver gains less than forecast. Nor is
-a brake for the stop released for less than the first, unless even the least effort shown would be too much."""
+"""The time (s) before a brake within which an acceleration must gain `GAINS_S` (s), because a driver gains less than
+forecast. A brake for the stop is not released for less than `BRIEF_S` either, unless even the least effort shown would
+be too much."""
 EARLY_RATIO = 0.5
 """The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
 CREEP_MPS = 10.0 * KMH
-"""The lowest speed to creep with."""
+"""The lowest speed (m/s) at which a train creeps to its stop."""
 
 Floats = NDArray[np.float64]
 
@@ -189,7 +190,8 @@ class _Leads(NamedTuple):
 
 
 def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
-    """To coast to where that leads; a hold where it does as well, or where the train would be there in a moment."""
+    """The proposal to coast to the speed that coasting leads to, or to hold it if that is as good or the train reaches
+    it soon."""
     step, after = scene.steps[number], scene.after(number)
     from_m = max(scene.state.s_m, step.from_m)
     v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
@@ -266,7 +268,8 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
 
 
 def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instruction | None:
-    """What a driver does who has braked early or hard; None if he is too near to do anything else."""
+    """The instruction for a driver who has braked early or hard; None if the train is too near to do anything but
+    brake."""
     state, v_mps, to_mps = scene.state, scene.state.v_mps, step.speed_mps
     left_m = _by_m(scene, step) - state.s_m
     if to_mps > SAME_MPS:
@@ -275,7 +278,7 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instru
     shown = memory.shown if memory.shown.mode in BRAKES else brake(planned_effort(scene, step), 0.0)
     soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
     low_mps = max(target_below(soon_mps), CREEP_MPS)
-    # Where even the least effort shown is too much, he would stop short of the mark: a brief release is worth it.
+    # If even the least effort shown is too much, the train would stop short of the mark: a brief release is better.
     least_s = BRIEF_S if need >= STEP_RATIO else BRAKES_BACK_S
     if scene.ahead.is_due(state.braked_m, low_mps, least_s):
         return None

@@ -19,8 +19,9 @@ from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.solver.guide.schedule import Prospect, Schedule
 
 BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0
-"""Times (s) before it is due at which a brake is shown: normal, if astray, and least. A driver who sees it earlier
-brakes early. One who is accelerating or too fast (astray) is shown it earlier, because traction ends late."""
+"""Leads (s) with which a brake is shown: the usual one, that for a train that is astray (it accelerates or is too
+fast), and the least. A driver who sees a brake earlier brakes early; an astray train needs longer, because traction
+ends late."""
 SOONER_S = 0.7
 """The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
 SHORT_M = 8.0
@@ -42,7 +43,8 @@ GROWN_RATIO = 1.6
 LACKS_RATIO = 0.05
 """Missing share of effort up to which the effort for a stop is kept: the last metres are driven by eye."""
 LESS_RATIO = 0.6
-"""The ratio of needed to shown effort below which a smaller effort is shown; above it, the driver eases off himself."""
+"""The ratio of needed to shown effort below which a smaller effort is shown; above it, drivers ease the brake
+themselves."""
 SAME_EFFORT = 1e-3
 Floats = NDArray[np.float64]
 
@@ -135,7 +137,8 @@ def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     if excess + rises_mps <= 0.0 or waits:
         return wanted
     if one.mode in TRACTION and SAME_MPS - rises_mps < excess <= BRAKED_MPS:
-        return Proposal(hold(min(one.speed_mps, limit_mps)), mode=Lead.GUARD, guarded=True)  # The descent suffices.
+        # The descent accelerates the train enough.
+        return Proposal(hold(min(one.speed_mps, limit_mps)), mode=Lead.GUARD, guarded=True)
     falls = place.allowed_mps < place.limit_mps
     if excess > (SAME_MPS if falls or wanted.brakes else BRAKED_MPS):
         needed = ahead.back_under(state.s_m, state.v_mps, limit_mps)
@@ -184,7 +187,7 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
         waits_s = rolls.in_s
     waits_s = min(waits_s, wanted.in_s) if wanted.brakes else waits_s
     lowest_mps = ahead.lowest_mps(state.braked_m, soon_mps * lead_s)
-    if waits_s > lead_s and lowest_mps > v_mps:  # Only a faster train would have to brake so soon.
+    if waits_s > lead_s and lowest_mps > v_mps:  # Only a faster train would have to brake so early.
         return _no_faster(wanted, target_below(lowest_mps), v_mps)
     needed = ahead.needed(state.braked_m + v_mps * waits_s, soon_mps if one.mode is Regime.COAST else v_mps)
     above_mps = v_mps - ahead.allowed_mps(state.braked_m)

@@ -43,7 +43,7 @@ SAID_LATE_S = 30.0
 SAID_ANEW_S = 10.0
 """The change (s) from which a named lateness is updated: a figure that changes often is not read."""
 NEWS_S = 20.0
-"""The time (s) for which a restriction is named that was received on the way and changed the reference."""
+"""The time (s) for which the reason names a restriction that was received on the way and changed the reference."""
 ARRIVING_M = 500.0
 """The distance from the stop (m) within which the time of arrival is not named."""
 CREEPS_M = 100.0
@@ -97,7 +97,7 @@ class Guide:
             return None
 
     def show(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Guidance | None:
-        """What the driver should do now and next; None if there is no reference."""
+        """The present and the next instructions for the driver; None if there is no reference."""
         if kept is None:
             return self._creeping(state, place) if self._lost else None
         shown = self.showing.show(kept, state, place)

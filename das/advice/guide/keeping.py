@@ -29,7 +29,8 @@ LATE_GAIN_S: Final = 2.0
 LEAST_GAIN_POWER_S: Final = 0.08
 """The time (s) of full traction power whose energy a new reference must save: 0.14 kWh for 6 MW."""
 ASTRAY_MPS: Final = 1.5
-"""The difference between the speeds of train and reference (m/s) above which one that saves energy is tried."""
+"""The difference between the speeds of train and reference (m/s) above which a new reference that saves energy is
+tried."""
 ASKED_EVERY_S: Final = 30.0
 """The least time (s) between two trials of a new reference that might be better."""
 LEAST_AGE_S: Final = 20.0
@@ -37,7 +38,7 @@ LEAST_AGE_S: Final = 20.0
 QUIET_S: Final = 10.0
 """The time (s) after a change of instruction in which a reference is replaced only for the reasons of `LEAST_AGE_S`."""
 DUE_SOON_S: Final = 8.0
-"""The time (s) before the next change in which the same applies, so that changes come as announced."""
+"""The time (s) before the next change of instruction in which the same applies, so that changes come as announced."""
 ARRIVED_S: Final = 30.0
 """The least time (s) to the end of the section for which a new reference is tried."""
 ON_TIME_RATIO: Final = 0.9
@@ -181,7 +182,8 @@ class Keeper:
         return self._answered(asked, kept, state, goal)
 
     def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
-        """How late the train is likely to arrive (s; early < 0); a forecast early by at most the reserve is on time."""
+        """The likely lateness (s; early < 0) of the arrival; a forecast that is early by at most the reserve counts as
+        on time."""
         late_s = kept.forecast.time_s - goal.left_s(state.now_ns)
         return late_s + min(self._loss_s(state, goal), max(-late_s, 0.0))
 
@@ -241,7 +243,8 @@ class Keeper:
         return self._taken(found, replan, state, goal)
 
     def _why_at_once(self, state: TrainState, goal: Goal) -> tuple[ReplanCause, Prospect | None]:
-        """The reason why a new reference is necessary now (NONE: it is not), and any forecast of the present one."""
+        """The reason why a new reference is necessary now (NONE: it is not), and the forecast of the present one, if
+        any."""
         reference = self.reference
         if reference is None:
             return ReplanCause.START, None

@@ -82,7 +82,7 @@ class Memory:
         return next((old.since_ns for old in self.announced if old.is_of(one, due_ns)), now_ns)
 
     def noted(self, following: tuple[Instruction, ...], now_ns: int) -> tuple[Notice, ...]:
-        """The announcements with the new ones; one that was dropped, or moved by a lot, counts from now."""
+        """The announcements with the new ones; one that was dropped, or has moved too far, counts from now."""
         said: list[Notice] = []
         for one in following:
             due_ns, kind = now_ns + round(one.in_s / NS), KIND_OF[one.mode]

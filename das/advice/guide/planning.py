@@ -1,4 +1,4 @@
-"""The making of a new reference: a schedule (phases of driving) for the time left that keeps a point's window."""
+"""The planning of a new reference: a schedule (phases of driving) for the time left that keeps a point's window."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
 
 
 def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
-    """The finished schedule from a table; None if none fits, for a departing train that keeps a point's window."""
+    """The finished schedule of a table for a departing train, if it keeps the point's window; None if none fits."""
     s_m, v_mps, point_m = wanted.s_m, wanted.v_mps, wanted.point_m
     departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= DEPARTS_WITHIN_M
     if front.references is None or wanted.kept is not None or not departs:

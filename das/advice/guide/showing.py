@@ -85,7 +85,8 @@ class Showing:
         self._memory = replace(self._memory, shown=Instruction(), mode=Lead.SILENT, back=None)
 
     def has_shown(self, now: Instruction, now_ns: int) -> None:
-        """Take note of a brake shown at a time (ns) that was not chosen here; other such instructions do not last."""
+        """Take note of a brake shown at a time (ns) that was not chosen here; other instructions chosen elsewhere are
+        not kept."""
         if now.mode in BRAKES and self._memory.shown.mode not in BRAKES:
             self._memory = replace(self._memory, shown=now, since_ns=now_ns, due_ns=now_ns)
 
@@ -204,7 +205,7 @@ class Showing:
         next_s = _next_s(scene, memory.step, one)
         opens = opening(memory, one, state, is_safe=is_safe, next_s=next_s)
         if has_led(memory, one.one, state) and 0.0 < opens.due_s < math.inf:
-            # It is released: what else comes after it has its notice first.
+            # The brake is released; any other instruction after it is announced first.
             notice = replace(one.one, in_s=opens.due_s, way_m=opens.due_s * state.v_mps)
             return guarded(scene, memory, Proposal(hold(shown.speed_mps))), 0.0, memory, notice
         if opens.now:
@@ -367,7 +368,7 @@ def reached(shown: Instruction, v_mps: float) -> bool:
     return shown.mode in BRAKES and shown.speed_mps > SAME_MPS and v_mps <= shown.speed_mps + SAME_MPS
 
 
-# --- what is announced: the next two changes, or the brake of the guard where it comes first ------------------------
+# --- what is announced: the next two changes, or the brake of the guard if it comes first ------------------------
 
 
 def following(scene: Sight, memory: Memory, now: Instruction, put_off: Instruction | None) -> tuple[Instruction, ...]:
@@ -441,7 +442,7 @@ def _guarded(scene: Sight, memory: Memory, now: Instruction, found: list[Instruc
     if found and found[0].mode is Regime.COAST and (guard is None or guard.in_s > found[0].in_s):
         after = foreseen_brake(scene, found[0], found[0].in_s)
         guard = after if after is not None and after.in_s < found[0].in_s + STANDS_S else guard
-        found = found[1:] if guard is after is not None else found  # It would end at once.
+        found = found[1:] if guard is after is not None else found  # It would end immediately.
     before_m = scene.state.s_m + found[0].way_m if found else math.inf
     planned = found[0] if found and found[0].mode in BRAKES else None
     is_braked = guard is None or (now.mode in BRAKES and guard.one.speed_mps > now.speed_mps - SAME_MPS)
@@ -453,7 +454,8 @@ def _guarded(scene: Sight, memory: Memory, now: Instruction, found: list[Instruc
 
 
 def _after_brake(scene: Sight, now: Instruction, found: list[Instruction]) -> list[Instruction]:
-    """The changes after a brake: the first is due when the brake has reached its speed; none leads to no lower one."""
+    """The changes after a brake: the first is due when the brake has reached its speed; further brakes lead to lower
+    speeds."""
     while found and found[0].mode in BRAKES and found[0].speed_mps > now.speed_mps - SAME_MPS:
         found = found[1:]
     if not found or found[0].mode in BRAKES:

@@ -58,7 +58,7 @@ def timeline(schedule: Schedule) -> tuple[GuideStep, ...]:
 def _goes_on(before: GuideStep, step: GuideStep, begins_mps: float) -> bool:
     """Whether a step, which begins at `begins_mps`, only repeats the one before it.
 
-    A brake that hardly slows the train at the end of coasting does so too: the guard brakes if necessary.
+    A brake that hardly slows the train at the end of coasting counts as a repetition: the guard brakes if necessary.
     """
     alike = step.kind is InstructionKind.HOLD or (step.kind, step.effort) == (before.kind, before.effort)
     if before.kind is InstructionKind.COAST and step.kind is InstructionKind.BRAKE:
@@ -86,7 +86,8 @@ def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
     tops_mps = np.minimum(section.limit_mps[phase.begin : end], to_mps)
     firsts = [0, *(np.flatnonzero(np.abs(np.diff(tops_mps)) > SAME_MPS) + 1).tolist()]
     speeds_mps = known.speed_mps[phase.begin :]
-    for before, first in reversed(list(pairwise(firsts))):  # What a lower limit further on forbids is not reached.
+    # A speed forbidden by a lower limit further on is not reached.
+    for before, first in reversed(list(pairwise(firsts))):
         if speeds_mps[first] < tops_mps[first] - SAME_MPS:
             tops_mps[before:first] = np.minimum(tops_mps[before:first], tops_mps[first])
     found: list[GuideStep] = []
@@ -94,7 +95,7 @@ def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
         node, top_mps = phase.begin + first, float(tops_mps[first])
         lasts_s = known.time_to_go_s[node] - known.time_to_go_s[phase.begin + last]
         if found and found[-1].speed_mps < top_mps + SAME_MPS and lasts_s < STANDS_S:
-            continue  # Over before a driver has acted on it.
+            continue  # It would be over before a driver had acted on it.
         below_mps = REACHED_MPS if found or phase.kind is PhaseKind.TRACTION else OFF_MPS
         pulls = speeds_mps[first] < top_mps - below_mps
         kind = InstructionKind.TRACTION if pulls else InstructionKind.HOLD

@@ -19,7 +19,7 @@ from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 
 MOST_BYTES: Final = 1_000_000
-"""Number of bytes of a file that are searched."""
+"""Number of bytes of a file that are searched for the marks of other formats."""
 UNZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError)
 """Errors that `zipfile` raises for a damaged zip, in addition to `UnicodeDecodeError` for a name that is not UTF-8.
 `BadZipFile`: wrong headers or checksums; `zlib.error` and `EOFError`: damaged or missing content; `OSError`: an offset

@@ -206,7 +206,7 @@ class Fields:
         """An instance of a dataclass from a table of its quantities: `mass_t = 440` for the field `mass_kg`.
 
         A field with a default may be missing; `beside` are other keys that the table may have, `given` other fields.
-        Raises InputError for any other key, and with the key of the file what the dataclass raises.
+        Raises InputError for any other key, and for the errors that the dataclass raises, with the key of the file.
         """
         every = dataclasses.fields(kind)  # type: ignore[arg-type]
         wanted = {one.name: one.default for one in every if "float" in str(one.type)}

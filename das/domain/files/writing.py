@@ -1,4 +1,5 @@
-"""Atomic writing of files and folders: under another name, then renamed; a reader never sees half of one."""
+"""Atomic writing of files and folders under a temporary name, which is then changed; readers never see a partial
+one."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Plans in the space of what is shown to a driver: policies over instructions, runs that follow them, schedules."""
+"""Plans that consist of instructions to a driver: policies over instructions, runs that follow them, schedules."""

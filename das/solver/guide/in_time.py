@@ -17,7 +17,7 @@ SLOWER = (4, 8, 16, 24, 32, 41)
 """Steps down the ladder from the higher of two neighbouring prices to those that may follow it, to fill the gap between
 their runs (possibly many seconds): 0.9 to 0.3 of the price."""
 ROUNDS = 2
-"""Number of rounds in which the price after a place is found: it depends on the speed there, which depends on it."""
+"""Number of rounds in which the price after a place is found: price and speed at the place depend on each other."""
 
 Plan = tuple[PolicyFrom, ...]
 
@@ -34,7 +34,7 @@ class _Search:
         self._found: list[tuple[float, GuideRun, Plan]] = []
 
     def late_s(self, *plan: PolicyFrom) -> float:
-        """How late the run of a plan is (s; early < 0)."""
+        """The lateness (s; early < 0) of the run of a plan."""
         if plan not in self._known:
             self._known[plan] = self._front.run(self._state, plan, self._told)
         run = self._known[plan]

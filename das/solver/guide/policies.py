@@ -41,10 +41,10 @@ from das.solver.state import State
 STEP_MPS: Final = 5.0 * KMH
 """The step (m/s) of advised speeds; limits are advised exactly."""
 LEAST_MPS: Final = 10.0 * KMH
-"""The lowest advised speed (m/s), except where a limit is lower."""
+"""The lowest advised speed (m/s), unless a limit is lower."""
 CHANGE_TIME_S: Final = 0.3
-"""The time (s) whose cost, at the price of time, a change must save as well: a late train makes no change with little
-gain."""
+"""The time (s) whose cost, at the price of time, a change must save in addition: a late train makes no change that
+gains little."""
 BRAKE_CHANGES: Final = 1.0
 """The additional price, in changes, of a brake that no limit requires."""
 LOW_RATIO: Final = 0.001
@@ -112,7 +112,7 @@ class GuideRun:
         return self.state.elapsed_s(self.speeds_mps)
 
     def passes_s(self, at_m: float) -> float:
-        """When the train passes a place (s)."""
+        """The time (s) at which the train passes a place."""
         return float(np.interp(at_m, self.state.node_m, self.elapsed_s))
 
     def node_at(self, node: int) -> int:
@@ -211,7 +211,7 @@ class GuideFront:
         return sum(one.nbytes for one in ahead.moves) + sum(map(_size, list(ahead.policies.values())))
 
     def cover(self, s_m: float) -> None:
-        """From now on, solve policies for a train at a position (m) and for all places ahead of it."""
+        """Solve policies, from now on, for a train at a position (m) and for all places ahead of it."""
         with self._lock:
             first = node_behind(self.section, s_m)
             if first < self._first:
@@ -357,7 +357,7 @@ def _size(solved: _Solved) -> int:
 
 
 def falls_to(envelope_mps: Floats, node_m: Floats) -> tuple[Floats, Floats]:
-    """At each node the speed to which the envelope falls strictly from there on, and where it has fallen (m)."""
+    """The speed to which the envelope falls strictly from each node on, and the place where it has fallen (m)."""
     goal, foot_m = envelope_mps.copy(), node_m.copy()
     for i in range(len(goal) - 2, -1, -1):
         if envelope_mps[i + 1] < envelope_mps[i] - SAME_MPS:

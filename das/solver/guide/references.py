@@ -1,6 +1,6 @@
 """Finished references of a section: schedules of a train that departs at its start, for a ladder of times to the end.
 
-They are computed beforehand (`precompute.tables.writing`), which takes too long for a cab.
+They are computed beforehand (`precompute.tables.writing`), because that takes too long on board.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ NEAR_S, NEAR_AT_PLACE_S = 0.7, 0.3
 enough."""
 LATE_RATIO, EARLY_RATIO, EARLY_S = 3.0, 0.7, 2.0
 """The cost of a second of lateness and the value of a second of earliness, as multiples of the price of time, and the
-largest earliness (s) with a value, as the price of an early run is too high."""
+largest earliness (s) that has a value. An early run was planned with too high a price."""
 
 
 @overload

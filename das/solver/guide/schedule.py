@@ -88,7 +88,7 @@ class Prospect:
         return np.concatenate(([0.0], steps_s.cumsum()))
 
     def passes_s(self, s_m: float) -> float:
-        """When the train passes a place (s from now)."""
+        """The time (s from now) at which the train passes a place."""
         return float(np.interp(s_m, self.at_m, self.times_s))
 
     def passes_mps(self, s_m: float) -> float:
@@ -116,7 +116,7 @@ class Schedule:
 
     @cached_property
     def ends_m(self) -> Floats:
-        """How far beyond each interval of the section its phase ends (m)."""
+        """The distance (m) from each interval of the section to the end of its phase."""
         node_m = self.section.node_m
         ends = np.array([self.begin_m(k + 1) for k in range(len(self.phases))])
         return np.asarray(ends[self.at] - node_m[1:])
@@ -148,13 +148,14 @@ class Schedule:
         return bool(kind[number] == PhaseKind.BRAKE and share[number] > 0.0)
 
     def begin_m(self, number: int) -> float:
-        """Where a phase begins (m); beyond the last one: the end of the section."""
+        """The place (m) where a phase begins; beyond the last one: the end of the section."""
         if number >= len(self.phases):
             return self.section.end_m
         return float(self.section.node_m[self.phases[number].begin])
 
     def reached_m(self, number: int, s_m: float) -> float:
-        """Where (m) a brake phase reaches its target speed; if the train is past that place: where the phase ends."""
+        """The place (m) where a brake phase reaches its target speed; if the train is past it, the place where the
+        phase ends."""
         at_m = float(self.section.node_m[self._reached(number)])
         return at_m if s_m < at_m else self.begin_m(number + 1)
 

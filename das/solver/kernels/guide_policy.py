@@ -59,7 +59,7 @@ class GuideGrid(NamedTuple):
     limit_mps: NDArray[np.float64]
     """The lowest limit of each decision step."""
     goal_mps: NDArray[np.float64]
-    """For each decision node, the speed to which its braking curve falls."""
+    """The speed to which the braking curve of each decision node falls."""
     goal_x: NDArray[np.int64]
     """Number of `goal_mps` among the speeds X; -1 for standstill."""
     speeds_mps: NDArray[np.float64]

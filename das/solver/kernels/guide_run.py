@@ -31,7 +31,7 @@ STALLED = -1
 
 
 class FineCurve(NamedTuple):
-    """For each integration node: the final speed of the braking curve, its number X and the distance to it (m)."""
+    """The final speed of the braking curve of each integration node, its number X and the distance to it (m)."""
 
     goal_mps: NDArray[np.float64]
     goal_x: NDArray[np.int64]

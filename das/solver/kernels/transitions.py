@@ -259,7 +259,7 @@ def _extremes(speeds, h, g, q, p, space):
 
 @kernel
 def _extremes_on_curves(speeds, h, g, q, p, space):
-    """As `_extremes`, but one speed at a time, with forces from the effort curves."""
+    """The results of `_extremes`, one speed at a time, with forces from the effort curves."""
     for j in range(speeds.size):
         v0 = speeds[j]
         high, coast = landing_speed(v0, h, 1.0, g, q, p), landing_under(0.0, v0, h, g, q, p)
@@ -274,7 +274,7 @@ def _extremes_on_curves(speeds, h, g, q, p, space):
 
 @kernel
 def _costs_on_curves(speeds, landings, h, g, q, p, c, time_s, energy_j):
-    """As `costs`, but one landing at a time."""
+    """The results of `costs`, one landing at a time."""
     for i in range(landings.shape[0]):
         for j in range(speeds.size):
             time_s[i, j], energy_j[i, j] = step_cost(speeds[j], landings[i, j], h, g, q, p, c)
