@@ -1,1 +1,1 @@
-"""Offline work: solves sections, shows whole trade-offs, and builds the tables of a network."""
+"""Offline work: solving sections, showing whole trade-offs, and building the tables of a network."""

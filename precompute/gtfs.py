@@ -124,7 +124,7 @@ class FeedTables:
             place = PurePosixPath(member.filename.replace("\\", "/"))
             if place.suffix == ".txt" and "__MACOSX" not in place.parts:
                 kept = self.members.get(place.name)
-                # A feed may be in a folder of its zip; of two tables, the one nearer the root counts.
+                # A feed may be in a folder of its zip; if a table is there twice, the one nearer to the root counts.
                 if kept is None or len(place.parts) < len(PurePosixPath(kept.filename).parts):
                     self.members[place.name] = member
         if "stop_times.txt" not in self.members:
@@ -178,7 +178,7 @@ def _lines(file: IO[bytes], where: str, needles: Sequence[bytes], numbers: list[
 
 
 def coordinates(latitude: str, longitude: str) -> tuple[float, float]:
-    """Two coordinates (deg) of a table; NaN where one is missing or impossible, and for 0, 0 (a place unknown)."""
+    """Two coordinates (deg) of a table; NaN if one is missing or impossible, and for 0, 0 (an unknown place)."""
     try:
         found = float(latitude), float(longitude)
     except ValueError:
@@ -458,7 +458,7 @@ class _Feed(FeedTables):
         return f"{name} does not leave {stop} at {file_clock(wanted.at_s)} or later{on}: {last}"
 
     def _intervals(self, trip_id: str) -> list[tuple[float, float, float]]:
-        """Begin, end and interval (s) at the first stop of a trip that runs at intervals; none for any other trip."""
+        """Begin, end and interval (s) at the first stop of a trip that runs at intervals; empty for any other trip."""
         found = []
         columns = ("trip_id", "start_time", "end_time", "headway_secs")
         for number, row in self.rows("frequencies.txt", columns, (trip_id,)):

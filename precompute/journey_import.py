@@ -42,7 +42,7 @@ class TimesRead:
         typer.Option(
             "--tolerance",
             metavar="S",
-            help="How much later (s) than the feed says the train may be [default: 59 at departures if all times are "
+            help="Delay (s) against the feed that is allowed [default: 59 at departures if all times are "
             "whole minutes, else 0].",
         ),
     ] = None
@@ -58,7 +58,7 @@ NEAR_M = 500.0
 FAR_M = 5000.0
 """Distance (m) beyond which a stop of the route with the same name is a different stop."""
 OFF_SHAPE_M = 1000.0
-"""Largest distance (m) of a stop from a shape that is the path of the train."""
+"""Largest distance (m) of a stop from a shape that counts as the path of the train."""
 ROUNDED_S = 59.0
 """Delay (s) allowed if times are given in whole minutes."""
 

@@ -30,7 +30,7 @@ SLOWER_RATIO = 1.2
 
 
 def main() -> None:
-    """Roll out policies of a tiny section, and bound its fastest run as if there were time to spare."""
+    """Roll out policies of a tiny section, and bound its fastest run as if there were spare time."""
     section = build_section(tiny_route(), load_vehicle(TRAIN))
     state, policies = State.at(section), _unsolved_policies(section)
     state.totals(policies)
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def _unsolved_policies(section: Section) -> Policies:
-    """Policies that no sweep has filled: they drive no train, but their kernels are compiled."""
+    """Policies that no sweep has filled: no train can follow them, but their kernels are compiled."""
     grid, prices_w = DecisionGrid.of(section), np.array([PRICE_W, 2.0 * PRICE_W])
     shape = len(grid.node_m), grid.speed_steps + 1, len(prices_w)
     return Policies(prices_w, np.full(shape, INFEASIBLE), np.zeros(shape, np.float32))

@@ -188,10 +188,10 @@ def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle) -> Any:
     into = np.where(force < 0, power, power + loss)
     efficiency = np.maximum(into - loss, 0.0) / np.maximum(into, 1.0)
     highest = max(float(efficiency[inside].max()), _LOWEST_SHOWN_EFFICIENCY + 0.01)
-    # Ever finer towards the best efficiency, where runs differ.
+    # The bands become finer towards the best efficiency, where runs differ.
     levels = highest - (highest - _LOWEST_SHOWN_EFFICIENCY) * np.linspace(1.0, 0.0, _LEVELS) ** 2
     shown = np.ma.masked_array(efficiency, ~inside)
-    # Equal differences of colour between levels.
+    # The differences of colour between levels are equal.
     colours = {"cmap": "viridis", "norm": BoundaryNorm(levels, 256, extend="min"), "extend": "min"}
     return _filled(axes, (speed, force, shown), vehicle, levels=levels, **colours)
 
@@ -216,7 +216,7 @@ def _filled(axes: Any, field: tuple[Floats, Floats, Any], vehicle: Vehicle, **st
     top = speed.max()
     v = np.linspace(0.0, top, 400)
     for envelope, sign in ((vehicle.traction, 1.0), (vehicle.electric_brake, -1.0)):
-        # Covers the steps that the grid leaves along the hyperbola.
+        # This covers the steps that the grid leaves along the hyperbola.
         axes.plot(v / KMH, sign * envelope.force_n(v) / KN, color="0.15", linewidth=1.2)
     axes.axhline(0, color="0.15", linewidth=0.6)
     axes.set_xlim(0, top / KMH)

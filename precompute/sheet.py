@@ -1,8 +1,8 @@
 """The driver's sheet of a journey as a page to print or to read on a tablet: instructions by place.
 
-It does not change on the way, like the lists of speeds that railways issue hours before a departure. The instructions
-of a section are the guide's timeline for the planned running time, with a higher price of a change, to keep the paper
-short. They are located by kilometre and board.
+Like the lists of speeds that railways issue hours before a departure, it does not change during the trip. The
+instructions of a section are the guide's timeline for the planned running time, with a higher price of a change, to
+keep the paper short. Places are given by kilometre and speed board.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from das.solver.section import Section, with_braking
 Floats = NDArray[np.float64]
 
 CHANGE_S = 4.0 * PolicySettings().change_s
-"""Time (s) of full power whose energy a change of regime must save: four times the price that the guide has. On a
-sheet, every line has to be found, read and remembered."""
+"""Time (s) of full power whose energy a change of regime must save: four times the value of the guide, because every
+line of a sheet has to be found, read and remembered."""
 PLACE_M = 100.0
 """Step (m) of places on a sheet: posts and boards do not allow the driver a finer one."""
 SETTINGS = PolicySettings(change_s=CHANGE_S, young_s=2.0 * CHANGE_S)
@@ -57,7 +57,7 @@ class SheetLine:
 
     @property
     def posted_m(self) -> float:
-        """The place (m) as printed, in tenths of a kilometre: brakes rather early, traction rather late.
+        """The place (m) as printed, in tenths of a kilometre: rounded so that brakes come earlier and traction later.
 
         Braking later would be too hard; with traction earlier, the train would exceed the limit that is ending.
         """
@@ -135,7 +135,8 @@ HALF_MINUTE_S = 30.0
 HELD_MPS, HELD_S = 1.0, 10.0
 """Difference (m/s) below which a speed equals the one reached before, and least time (s) of a held speed."""
 NEAR_M, AT_M = 1500.0, 60.0
-"""A board or tunnel within `NEAR_M` of a place names it; within `AT_M` it is the place."""
+"""Distances (m) from a board or tunnel: within `NEAR_M` a place is named by it; within `AT_M` the place is said to be
+at it."""
 STRIP, LABEL = (600.0, 84.0), 15.0
 """Width and height of a section's picture, and the width of a number in it, in the picture's units."""
 SYMBOLS = {
@@ -217,7 +218,7 @@ def span_words(time_s: float) -> str:
 class SaidLine(NamedTuple):
     """A line as printed, and the place from which its speed is held (m; None: it is not), which needs no line.
 
-    `end_m` is where the next line begins, `begin_mps` the speed where this one does.
+    `end_m` is the place where the next line begins, `begin_mps` the speed at the beginning of this one.
     """
 
     line: SheetLine
@@ -362,7 +363,8 @@ def _row(css: str, s_m: float, cells: tuple[str, str, str, str, str]) -> str:
 
 
 def boards_words(sheet: SectionSheet, from_m: float) -> str:
-    """The boards that the brake for the stop must keep on its way, as HTML in small type: "(100 at 28.1, 80 at 28.5)".
+    """The speed boards that must be observed while braking for the stop, as HTML in small type: "(100 at 28.1, 80 at
+    28.5)".
 
     Empty without one.
     """
@@ -488,9 +490,9 @@ PAGE = """<!DOCTYPE html>
 <body><main><h1>{title}</h1><div class="facts">{head}</div>
 <div class="blocks">{blocks}</div>
 <footer><p class="key">{key}</p>
-<p><strong>Signals, boards and orders come first.</strong> Up to a minute late or early, do each line at its kilometre,
-also where the train is slower or faster than it says. Later than that, drive as the boards allow, and take the sheet up
-again at the next stop. Wait for the time of departure. Times are to the half minute; the reserve is what driving as
-fast as the boards allow would gain. A limit rises where the whole train has passed its board.</p>
-<p>{made}</p></footer></main></body></html>
+<p><strong>Signals, boards and orders come first.</strong> Up to a minute late or early, follow each line at its
+kilometre, even if the train is slower or faster than the line states. If you are later than that, drive as the boards
+allow, and use the sheet again from the next stop. Wait for the time of departure. Times are to the half minute; the
+reserve is the time that driving as fast as the boards allow would gain. A limit rises when the whole train has passed
+its board.</p> <p>{made}</p></footer></main></body></html>
 """

@@ -1,7 +1,7 @@
 """Workers for many jobs: processes of this machine, or the workers of an existing Dask cluster.
 
-How to start a cluster: docs/how-to/build-on-a-cluster.md. Its workers need no common disk. If a process here dies, only
-that attempt is lost. (`concurrent.futures` would lose all jobs in flight, pebble 5.2 ends or hangs,
+How to start a cluster: docs/how-to/build-on-a-cluster.md. Its workers need no common disk. If a process of this machine
+dies, only its attempt is lost. (`concurrent.futures` would lose all jobs in flight, pebble 5.2 ends or hangs,
 `distributed.LocalCluster` takes three times the memory, starts ten times slower and opens eight ports.)
 """
 
@@ -49,7 +49,7 @@ class JobLostError(DasError):
 
 @dataclass(frozen=True, kw_only=True)
 class Made(Generic[Job, Result]):
-    """The outcome of a job: its result, or the error that prevented one, and the number of attempts."""
+    """The outcome of a job: its result, or the error that prevented it, and the number of attempts."""
 
     job: Job
     attempts: int = 1
@@ -191,7 +191,7 @@ def _how_it_ended(exit_code: int | None) -> str:
 
 
 def serve(connection: Connection, make: Callable[[Any], Any], prepare: Callable[[], object]) -> None:
-    """Do jobs as a worker process, and report each, until the parent closes the pipe or ends."""
+    """Do jobs as a worker process, and report the outcome of each, until the parent closes the pipe or ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
@@ -281,7 +281,7 @@ def _made_on_cluster(make: Callable[[Job], Result], jobs: Sequence[Job], address
     """Yield the outcome of each job that a cluster does.
 
     A job whose worker dies is tried again by the scheduler (its `allowed-failures`). A job that the scheduler gives up
-    is tried once more alone, because dask also blames jobs that only waited on a dying worker.
+    is tried once more alone, because dask also gives up jobs that only waited on a dying worker.
     """
     with connected(address) as client:
         check_workers(client, address)
@@ -296,7 +296,7 @@ def _made_on_cluster(make: Callable[[Job], Result], jobs: Sequence[Job], address
             with closing(_submitted(client, make, [job])) as coming:
                 for made in coming:
                     killed = isinstance(made.error, _distributed().KilledWorker)
-                    error = JobLostError("it took its workers down, alone as well") if killed else made.error
+                    error = JobLostError("its workers died, also when it ran alone") if killed else made.error
                     yield replace(made, error=error)
 
 

@@ -17,8 +17,8 @@ from das.solver.kernels.forces import electric_limit, electric_share, loss_power
 from das.solver.tolerances import CREEP_MPS
 
 CROSSINGS = 3
-"""A coasting arc may end at its first, second or third crossing of the base run: until the first it lies below the base
-run, then (on a descent) above it, then below it again."""
+"""Number of crossings of the base run at which a coasting arc may end: up to the first it lies below the base run, then
+(on a descent) above it, then below it again."""
 
 _STEPS = 60
 _TOLERANCE = 1e-13
@@ -31,7 +31,8 @@ _NO_FRICTION = 1.0 - 1e-9
 
 @kernel
 def electric_envelope(line, envelope, p):
-    """Fastest speed at each node at which motors alone can brake to the envelope; friction helps where they cannot."""
+    """Fastest speed at each node from which the motors alone can brake to the envelope; friction helps where they
+    cannot."""
     step, g, q, u = line
     n = step.size
     v = np.empty(n + 1)
@@ -57,8 +58,9 @@ def electric_envelope(line, envelope, p):
 def cruise_run(cruise, line, bounds, p, v):
     """The run from v[0] that holds one cruising speed; fills v, returns the trip time (s), or -1 after a stall.
 
-    Full effort up to min(envelope, cruise), then that speed is held with traction or brakes. Full traction if the train
-    falls below that speed, or if the floor is above the cruising speed. Braking follows the envelope.
+    The train uses full effort up to min(envelope, cruise), and then holds that speed with traction or brakes. It uses
+    full traction if it falls below that speed, or if the floor is above the cruising speed. Braking follows the
+    envelope.
     """
     floor, envelope = bounds
     for i in range(line.step_m.size):
@@ -115,7 +117,7 @@ def run_costs(v, line, p, c, time_s, energy_j):
 
 @kernel
 def _side(v, base_v):
-    """+1 above the base run, -1 below it, 0 on it."""
+    """The side of the base run: +1 above it, -1 below it, 0 on it."""
     if abs(v - base_v) <= _ON_BASE_MPS:
         return 0
     return 1 if v > base_v else -1

@@ -43,9 +43,10 @@ TRIED_SPEEDS, ENOUGH_RATIO = 20, 2e-3
 the energy of a run ends the search earlier."""
 MAX_PRICES = 60
 HIGHEST_PRICE_RATIO = 1e3
-"""Highest price of time tried for coasting, as a multiple of the traction power: there, no loss of time pays."""
+"""Highest price of time tried for coasting, as a multiple of the traction power: at this price, no loss of time
+pays."""
 SPARE_RATIO, SPARE_S = 1.2, 5.0
-"""Multiple of the time to spare, and additional time (s): an arc that loses more than both together is given up."""
+"""Multiple of the spare time, and additional time (s): an arc that loses more than their sum is given up."""
 NEAR_S = 0.7
 """Distance (s) from the wanted time within which a set of arcs is adjusted to it by the cruising speed."""
 EXCHANGES = 5
@@ -53,7 +54,7 @@ EXCHANGES = 5
 TUNED_RATIO = 0.05
 """Largest relative change of the cruising speed to bring a run with given arcs to the wanted time."""
 MAX_TUNED, ENOUGH_TUNED = 20, 3
-"""Largest number of sets of arcs that are tried, and the number of runs on time that suffices."""
+"""Largest number of sets of arcs that are tried, and the number of runs on time that is enough."""
 
 
 class BaselineRun(NamedTuple):
@@ -157,7 +158,7 @@ class _Edges(NamedTuple):
 
 
 class _Arcs:
-    """All coasting arcs of a base run, and the best of them for a time to spare."""
+    """All coasting arcs of a base run, and the best of them for a spare time."""
 
     def __init__(self, driving: Driving, base: BaselineRun, spare_s: float) -> None:
         section = driving.section
@@ -192,11 +193,11 @@ class _Arcs:
         return _Path(tuple(arcs), float(time_s[0]), float(cost[0] - price_w * time_s[0]))
 
     def around(self) -> tuple[_Path, _Path, float]:
-        """The best arcs just above and just within the time to spare, and the price of time (W) at which both are best.
+        """The best arcs just above and just within the spare time, and the price of time (W) at which both are best.
 
         The dual function of the price, least (energy + price·(time − wanted)), is piecewise linear: each new price is
-        that at which the lines of the two neighbours meet. If the best arcs at price 0 are within the time to spare,
-        they are returned as both.
+        that at which the lines of the two neighbours meet. If the best arcs at price 0 are within the spare time, they
+        are returned as both.
         """
         slow = self.at(0.0)
         if slow.extra_s <= self.spare_s:
@@ -219,7 +220,7 @@ class _Arcs:
         return self.base_j + slow.extra_j + price_w * (slow.extra_s - self.spare_s)
 
     def near_time(self) -> list[_Path]:
-        """Sets of arcs near the time to spare, the best at the price of time first.
+        """Sets of arcs near the spare time, the best at the price of time first.
 
         The time of the best arcs jumps with the price. To approach it, single arcs of both sides of the jump are added,
         left out or exchanged.
@@ -239,13 +240,13 @@ class _Arcs:
             near = {path for path in paths if self._miss_s(path) <= NEAR_S} | {nearest}
             return sorted(near, key=lambda path: (path.extra_j + price_w * path.extra_s, path.arcs))
 
-        # A late set that coasts from the run-up is never on time: take early and late sets in turn.
+        # A late set that coasts from the run-up is never on time, so early and late sets are taken in turn.
         pairs = zip_longest(best(early, quick), best(late, slow))
         mixed = [path for pair in pairs for path in pair if path is not None]
         return mixed[:MAX_TUNED]
 
     def ends(self, path: _Path) -> Ints:
-        """The end node of the arc that starts at each node (0: none): what the kernel `four_mode_run` takes."""
+        """The end node of the arc that starts at each node (0: none), as the kernel `four_mode_run` takes it."""
         edges, arcs = self._edges(), list(path.arcs)
         result = np.zeros(len(self._table[0]), np.int64)
         result[edges.start[arcs]] = edges.end[arcs]
@@ -295,14 +296,15 @@ class FourModeSearch:
         runs = [top_speed]
         for speed_mps in speeds[:TRIED_SPEEDS]:
             runs += self._runs_on_time(speed_mps)
-            # An arc that grazes the base run may end early once the speed is changed to hit the time: then try another.
+            # An arc that grazes the base run may end early once the speed is changed to hit the time; another set is
+            # then tried.
             least_j = min(self.driving.energy_j(run) for run in runs)
             if least_j <= bound_j + ENOUGH_RATIO * max(abs(bound_j), abs(arcs.base_j)):
                 break
         return runs
 
     def _runs_on_time(self, cruise_mps: float) -> list[BaselineRun]:
-        """Up to `ENOUGH_TUNED` runs of the wanted time near a cruising speed."""
+        """Runs of the wanted time near a cruising speed, at most `ENOUGH_TUNED`."""
         arcs = self.arcs(cruise_mps)
         runs: list[BaselineRun] = []
         for path in arcs.near_time():
@@ -420,10 +422,10 @@ def fastest(section: Section, *, requested_s: float | None = None) -> Baseline:
 def reduced_maximum_speed(section: Section, time_s: float) -> Baseline:
     """The run of duration `time_s` under one lower maximum speed (Nold & Corman 2024, section 4.1; their ref. 7).
 
-    Full effort up to min(limit, v); that speed is held (traction on climbs, brakes on descents; full traction where the
-    train cannot hold it); full brake along the envelope. A bisection finds the v that meets the time to
-    `TIME_TOLERANCE_S`. The speed exceeds v only where the end speed or a hill needs a run-up, or where the brakes
-    cannot hold it.
+    The train uses full effort up to min(limit, v), holds that speed (with traction on climbs, brakes on descents, and
+    full traction where it cannot hold it), and brakes fully along the envelope. A bisection finds the v that meets the
+    time to `TIME_TOLERANCE_S`. The speed exceeds v only where the end speed or a hill needs a run-up, or where the
+    brakes cannot hold it.
 
     A time below the least possible gives the fastest run (`Fit.LATE`). A time longer than a run at `LOWEST_CRUISE_MPS`
     takes gives the run at that speed (`Fit.EARLY`). Raises DasError for a time that is not positive.
@@ -449,8 +451,8 @@ def four_modes(section: Section, time_s: float) -> Baseline:
     is a shortest path along the nodes. The price is found by cutting planes, v by a scan and golden section on the dual
     value (least energy + price·time − price·time wanted), which varies smoothly although arcs begin at nodes. Where the
     time jumps with the price, single arcs are exchanged. Finally, v is moved a little, with the arcs kept, until the
-    time is hit to `TIME_TOLERANCE_S`. The top-speed run is a candidate, so the result never needs more energy. Not
-    tried: another cruising speed per limit, or running up above v before a climb.
+    time is hit to `TIME_TOLERANCE_S`. The top-speed run is a candidate, so the result never needs more energy. Another
+    cruising speed for each limit, or a run-up above v before a climb, is not tried.
 
     A time below the least possible gives the fastest run (`Fit.LATE`); where a slower run would cost more energy, the
     least-energy run (`Fit.EARLY`). Raises DasError for a time that is not positive.

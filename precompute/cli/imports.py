@@ -43,9 +43,9 @@ def import_route(
 ) -> None:
     """Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.
 
-    From a map comes the way of a train between two stations: it never reverses, never turns by more than 40°, and
-    avoids sidings and the track of the other direction. Names of stations are found without regard to case and accents.
-    Limits are those of the direction, so the route is one_way: import the other direction as well.
+    From a map, the command takes the path of a train between two stations. It never reverses, never turns by more than
+    40°, and avoids sidings and the track of the other direction. Names of stations are found without regard to case and
+    accents. Limits are those of the direction, so the route is one_way: import the other direction as well.
 
     Tables are CSV files whose columns have their units in their names (position_km, limit_kmh, gradient_permille,
     altitude_m, radius_m, length_m with cross_section_m2, name, latitude_deg, longitude_deg); the columns determine the
@@ -92,7 +92,7 @@ class AssumedOptions:
         str | None, typer.Option(metavar="ID", help="Train of a railtoolkit file [default: the first].")
     ] = None
     electric_brake: Annotated[
-        float | None, typer.Option(metavar="RATIO", help="Give it an electric brake: this share of the traction.")
+        float | None, typer.Option(metavar="RATIO", help="Add an electric brake with this share of the traction.")
     ] = None
     accept: Annotated[
         list[str] | None, typer.Option(metavar="CHECK", help="Accept an implausible value; the error names the check.")
@@ -107,7 +107,7 @@ def import_vehicle(
 ) -> None:
     """Make a vehicle file from rolling stock of OSRD or railtoolkit, or from a table of efforts.
 
-    These files give no losses, and mostly no electric brake. What is assumed instead is printed, and written in the
+    These files contain no losses, and most contain no electric brake. The assumptions are printed, and written in the
     file. The modes of a train (voltage, comfort) become modes of the vehicle: --mode picks one.
     """
     if assumed.losses is None:
@@ -145,7 +145,7 @@ def import_journey(
     500 m of the route; stops beyond its ends are left out. Without a route, positions are distances along the feed's
     shape.
 
-    Public timetables are rounded and seldom say how long a train stands. Assumptions are printed, and written in the
+    Public timetables are rounded and seldom state how long a train stands. Assumptions are printed, and written in the
     file.
     """
     written.check(feed, on.route)

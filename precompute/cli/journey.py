@@ -115,13 +115,13 @@ def journey(
 ) -> None:
     """Plan a train's whole journey for the least energy: times at all points, and driving between them.
 
-    Every window is kept: no stop is left early, none is reached late, and passing points are passed in time. Where no
-    window binds, time is shared so that one second less would cost the same everywhere; this price of time changes only
-    where a window binds. With "stops" only the departure (at 0) and the last arrival are timed.
+    Every window is kept: no stop is left early, none is reached late, and passing points are passed in time. If no
+    window binds, the time is divided so that one second less would cost the same everywhere; this price of time changes
+    only at a window that binds. With "stops" only the departure (at 0) and the last arrival are timed.
 
-    For comparison the command prints the energy of the same windows with the same buffer in per cent everywhere, and
-    that of driving as fast as possible and waiting. Windows that cannot be kept are an error, which names them and the
-    missing seconds.
+    For comparison the command prints the energy with the same buffer in per cent everywhere, and with driving as fast
+    as possible and waiting, both within the same windows. Windows that cannot be kept are an error, which names them
+    and the missing seconds.
     """
     posed = TrainOnLine(where=where, driven=driven, world=world)
     files.check(journey, *posed.inputs())

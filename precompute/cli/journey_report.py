@@ -31,7 +31,8 @@ SPARE_LEGEND = {
 FAST_MPS = 100.0
 """Fastest mean speed (m/s) of a train between two stops."""
 NEAR_M, AT_M = 1000.0, 20.0
-"""Distances (m) from a route's stop of the same name within which a point is meant to be at the stop, or is at it."""
+"""Distances (m) from a route's stop of the same name within which a point is probably meant to be at the stop, and
+within which it is at the stop."""
 
 
 def table(journey: Journey) -> Table:
@@ -192,7 +193,7 @@ def _draw_course(axes: Any, journey: Journey) -> None:
 
 
 def _stand(call: Call) -> tuple[float, float]:
-    """The span of time (s) of the stand at a stop, as far as its windows state it; else NaN."""
+    """Begin and end (s) of the stand at a stop, as far as its windows state them; else NaN."""
     arrives_s, departs_s = call.arrival.latest_s, call.departure.earliest_s
     if math.isfinite(arrives_s) and math.isfinite(departs_s):
         return min(arrives_s, departs_s), departs_s

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from das.drawing.picture import Picture
 
 OFF_LINE_M: Final = 500.0
-"""Distance (m) from the line at its position beyond which a stop's coordinates lie elsewhere."""
+"""Distance (m) between a stop's coordinates and its position on the line above which there is a warning."""
 SHORT_LIMIT_M: Final = 20.0
 """Length (m) below which a limit is probably a mistake."""
 KINK_RATIO: Final = 0.03
@@ -108,7 +108,7 @@ def _stops(route: Route) -> Iterator[str]:
             found_m, away_m = nearest_on_line(line, stop.latitude_deg, stop.longitude_deg)
             off_m = max(away_m, abs(found_m - stop.position_m))
             if off_m > OFF_LINE_M:
-                where = f"{away_m:.0f} m beside km {found_m / KM:.3f}"
+                where = f"{away_m:.0f} m from km {found_m / KM:.3f}"
                 yield f"stops: {stop.name} is at km {stop.position_m / KM:.3f}, its coordinates {where}"
 
 

@@ -95,9 +95,9 @@ def show(
 ) -> None:
     """Show and check a route, vehicle, journey, loss map or tables; without a file, list what is bundled.
 
-    Of a route or vehicle, what is unusual is a warning, what it lacks a note; the exit code is 1 with warnings and 2 if
-    the file cannot be used. With a train, a journey has the time that each section has to spare. A bundled name is a
-    journey if --route is given. Tables are checked as by `verify`, and problems are listed below the others.
+    For a route or vehicle, unusual values are warnings and missing data are notes; the exit code is 1 with warnings and
+    2 if the file cannot be used. With a train, the spare time of each section of a journey is shown. A bundled name is
+    a journey if --route is given. Tables are checked as by `verify`, and problems are listed below the others.
     """
     files.check(source, on.route, of.vehicle)
     if source is None:

@@ -55,8 +55,8 @@ def solve(
     The solver's table takes a decision every 150 m or more often. By default the optimal run is then refined on a finer
     grid, without arriving later.
 
-    The gap is the largest possible excess over the least energy. With a loss map (level l3) the bound leaves 0.1 to 1.3
-    % that no run could save.
+    The gap is the largest possible excess over the least energy. With a loss map (level l3), a gap of 0.1 to 1.3 %
+    remains that no run could close.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
     if strategy is Strategy.FASTEST:
@@ -171,9 +171,9 @@ def front(
     neighbouring buffers, which help each other.
 
     With --exact, the algorithm of the paper checks the solver. It keeps every partial run that could still belong to
-    the front, up to the largest buffer of the list. Its times are those of its grid, which is a little slower than the
-    continuous solver. 6 km with a buffer of 10 % take up to half a minute; time and memory grow fast with length and
-    buffer. The solver's runs are then not refined.
+    the front, up to the largest buffer of the list. Times refer to its grid, on which runs are a little slower than
+    those of the continuous solver. 6 km with a buffer of 10 % take up to half a minute; time and memory grow fast with
+    length and buffer. The solver's runs are then not refined.
     """
     files.check(*pose.inputs())
     with_refinement, usual = is_refined(refine), EXACT_BUFFERS_PERCENT if files.exact else BUFFERS_PERCENT

@@ -30,10 +30,9 @@ LEGEND = """\
 least s: the least running time; refs: finished references for the cab.
 kWh: net energy at the current collector of the first and of the last run of the
   front, which is mostly the one of least energy.
-gap %: by how much at most the energy of a run can lie above the least possible,
-  over the runs for which the build proved it. –: it proved none.
-refined: by how much the refinement lowered the energy of the runs, on average
-  in %. –: they were not refined."""
+gap %: largest excess of the energy of a run over the least possible, of the runs for which the build proved it. –: none
+was proven. refined: by how much the refinement lowered the energy of the runs, on average in %. –: they were not
+refined."""
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]
 
@@ -53,8 +52,8 @@ def build(
     """Solve every section of a plan into a table for the cab.
 
     A table that is already there is kept if it is whole and neither an input nor the method has changed. A build that
-    was stopped continues where it left off. A section that fails is reported and does not stop the rest; the exit code
-    is then 1. DIR/build.json has the outcome of each section.
+    was stopped continues where it ended. A section that fails is reported and does not stop the rest; the exit code is
+    then 1. DIR/build.json has the outcome of each section.
 
     A table holds the guide's finished references for departures, which take most of the time, and the front of time and
     energy. By default the front is refined, which takes 2 to 3 s a section.

@@ -187,7 +187,7 @@ SPEEDS = 400
 GRADIENTS = (0.01, 0.02)
 """Gradients on which the resistance is also drawn."""
 MOST_MODES = 6
-"""Largest number of modes that are drawn besides the train's own."""
+"""Largest number of modes that are drawn in addition to the train's own."""
 MOST_LETTERS = 24
 """Longest name of a mode in the key of the picture."""
 TRACTION, BRAKE, RESISTANCE = SEVERAL[0], SEVERAL[1], INK

@@ -55,7 +55,8 @@ def segment_ns(v0, v1, h):
 
 @kernel
 def spans(u, unit, ratio, h, g, q, lowest, highest, p, first, last, coast):
-    """For every speed u[i]: the coarse speeds first[i] … last[i] (multiples of ratio) and the coasting speed.
+    """The coarse speeds first[i] … last[i] (multiples of ratio) that every speed u[i] can reach, and the coasting
+    speed.
 
     Only speeds from `lowest` to `highest` (in units) count; an empty range has last < first.
     """

@@ -1,4 +1,4 @@
-"""An import from files to a route: the kinds of the files, and the errors about missing data."""
+"""Import of a route from files: the kinds of files, and the errors about missing data."""
 
 from __future__ import annotations
 

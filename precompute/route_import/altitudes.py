@@ -1,4 +1,4 @@
-"""Gradients from altitudes: smoothed, straight through tunnels and over bridges, and capped; remarks say so.
+"""Gradients from altitudes: smoothed, straight through tunnels and over bridges, and capped, as remarks state.
 
 Noise of altitudes becomes gradients, and gradients become energy: docs/explanation/own-lines.md has figures. A few
 points far apart (stations, summits) are joined by straight lines.
@@ -22,7 +22,7 @@ from precompute.route_import.track_map import same_station
 GRID_M: Final = 25.0
 """Distance (m) between the points at which altitudes are averaged."""
 STRETCHES_PER_LENGTH: Final = 4
-"""Gradients for each length of smoothing: more would only make plans slower."""
+"""Number of gradients for each length of smoothing: with more, only planning would take longer."""
 SHORTEST_STRETCH_M: Final = 100.0
 FAR_M: Final = 500.0
 """Distance (m) beyond which an altitude does not belong to the line."""
@@ -33,8 +33,8 @@ SAME_POINT_M: Final = 1.0
 def with_altitudes(line: ImportedLine, table: LineTable, order: ImportOrder) -> ImportedLine:
     """A line with gradients from the altitudes of a table, by positions, coordinates or names of stops.
 
-    The order has the length over which they are averaged, and the steepest gradient that remains. Raises DasError or
-    InputError for altitudes that are not of this line, or fewer than two.
+    The order contains the length over which altitudes are averaged, and the steepest gradient that remains. Raises
+    DasError or InputError for altitudes that are not of this line, or fewer than two.
     """
     at_m, altitude_m = _points(line.route, table)
     inside = np.zeros(len(at_m), dtype=bool)  # in a tunnel or on a bridge

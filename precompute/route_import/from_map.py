@@ -26,7 +26,7 @@ from precompute.route_import.track_map import (
 )
 
 BESIDE_M: Final = 150.0
-"""Distance (m) from the path within which a station is a stop of it."""
+"""Distance (m) from the path within which a station is a stop on the path."""
 STOPS_APART_M: Final = 50.0
 """Distance (m) below which two stops are the same stop."""
 MOST_ODD: Final = 12

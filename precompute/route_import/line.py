@@ -45,7 +45,7 @@ class ImportOrder:
     only_named_stops: Annotated[
         bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")
     ] = False
-    flat: Annotated[bool, typer.Option("--flat", help="Take the line as flat, for want of altitudes.")] = False
+    flat: Annotated[bool, typer.Option("--flat", help="Treat the line as flat, because there are no altitudes.")] = False
     altitudes: Annotated[
         Path | None,
         typer.Option(
@@ -153,7 +153,7 @@ def stretches(start_m: ArrayLike, value: ArrayLike, length_m: float) -> Stretche
 
 
 def zones_where(flags: Sequence[bool], edge_m: Floats) -> tuple[Zone, ...]:
-    """The stretches of a line on which a flag is set; `edge_m` has the ends of the n pieces, shape (n + 1,)."""
+    """The stretches of a line on which a flag is set; `edge_m` holds the ends of the n pieces, shape (n + 1,)."""
     flagged = np.concatenate(([0], np.asarray(flags, dtype=int), [0]))
     begins, ends = np.flatnonzero(np.diff(flagged) == 1), np.flatnonzero(np.diff(flagged) == -1)
     found = zip(edge_m[begins].tolist(), edge_m[ends].tolist(), strict=True)

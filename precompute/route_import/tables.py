@@ -23,7 +23,7 @@ from precompute.route_import.line import DECIMALS, ImportedLine, Words, made_rou
 MOST_ROWS: Final = 200_000
 """Largest number of rows of a table."""
 SHORTEST_M: Final = 1.0
-"""Least length (m) of a line from tables; nothing of a shorter one would be left after rounding."""
+"""Least length (m) of a line from tables; after rounding, nothing would be left of a shorter one."""
 OFF_COURSE_M: Final = 500.0
 """Distance (m) from the course of the line beyond which coordinates do not belong to it."""
 QUANTITIES: Final = {

@@ -1,7 +1,7 @@
 """The tracks of a map as a graph, and the path of a train through it without sharp turns or reversing.
 
-Vertices and pieces are sorted by their places on the map. The order of the tracks in a file, the direction in which a
-track is drawn, and how a line is cut into tracks therefore change nothing.
+Vertices and pieces are sorted by their places on the map. The result therefore does not depend on the order of the
+tracks in a file, on the direction in which a track is drawn, or on how a line is divided into tracks.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SHORT_M: Final = 15.0
 JOINED_M: Final = 3.0
 """Distance (m) within which the end of a track is joined to another one: some exports round coordinates."""
 UNITS_PER_M: Final = 400
-"""10⁻⁷ degrees in a metre, at least, up to a latitude of 76°."""
+"""Least number of units of 10⁻⁷ degrees in a metre, up to a latitude of 76°."""
 AT_VERTEX_M: Final = 0.5
 """Distance (m) from a vertex of a track within which a place next to the track needs no new vertex."""
 PLANE_RATIO: Final = 0.99

@@ -26,7 +26,7 @@ MOST_BYTES_OF_MAP: Final = 100_000_000
 MOST_VERTICES: Final = 2_000_000
 """Largest number of vertices of all tracks of a map. Assumption: the tracks of a large country have fewer."""
 FASTEST_MPS: Final = OF_ROUTES["speed_limit"].possible[1]
-"""Limit (m/s) above which a limit counts as unknown, being a mistake of the mapper."""
+"""Speed (m/s) above which a limit of the map counts as unknown, because it must be a mistake."""
 TRACKS: Final = frozenset({"rail", "narrow_gauge", "light_rail", "subway", "tram", "preserved", "monorail"})
 """Values of `railway=*` that are tracks in use."""
 STATIONS: Final = {

@@ -29,10 +29,9 @@ from das.solver.warm_up import warm_up as compile_solver
 from das.table import Table, facts_of, key_of, section_facts, table_content, table_name
 
 FINE = replace(DEFAULT, line_mps=0.5 * DEFAULT.line_mps, ladder_ratio=1.015, kept_bytes=300_000_000)
-"""Settings with which references are solved: twice the speeds and twice the prices of time of a cab, and more
-memory."""
+"""Settings with which references are solved: twice as many speeds and prices of time as on board, and more memory."""
 EVERY_RATIO = 0.002
-"""Distance of the times for which runs are sought, as a share of the least time."""
+"""Step between the times for which runs are sought, as a share of the least time."""
 LONGEST_RATIO = 1.25
 """Multiple of the least time up to which runs are sought; a train with more time is planned separately."""
 PARTS = 4

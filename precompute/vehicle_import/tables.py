@@ -30,7 +30,7 @@ from precompute.vehicle_import.train import (
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """The figures of a train besides its efforts, as text with their units; None: not given.
+    """The figures of a train other than its efforts, as text with their units; None: not given.
 
     `davis` holds the three coefficients, separated by commas. `units` are those of speed and force, for a table whose
     header states none.
