@@ -494,5 +494,6 @@ PAGE = """<!DOCTYPE html>
 kilometre, even if the train is slower or faster than the line states. If you are later than that, drive as the boards
 allow, and use the sheet again from the next stop. Wait for the time of departure. Times are to the half minute; the
 reserve is the time that driving as fast as the boards allow would gain. A limit rises when the whole train has passed
-its board.</p> <p>{made}</p></footer></main></body></html>
+its board.</p>
+<p>{made}</p></footer></main></body></html>
 """

@@ -115,8 +115,8 @@ def _print(section: Section, result: dict[str, Any]) -> None:
     print_table(table, LEGEND)
     memory = f", {result['peak_memory_gb']:.2f} GB" if result["peak_memory_gb"] is not None else ""
     paragraph(
-        f"{result['front_points']} non-dominated runs on a grid of {result['step_m']:g} m × {result['speed_kmh']:g} km/h "
-        f"(coasting {result['coast_kmh']:g} km/h), {result['labels']} partial runs, "
+        f"{result['front_points']} non-dominated runs on a grid of {result['step_m']:g} m × {result['speed_kmh']:g} "
+        f"km/h (coasting {result['coast_kmh']:g} km/h), {result['labels']} partial runs, "
         f"{result['solve_s']:.1f} s{memory}"
     )
     paragraph(

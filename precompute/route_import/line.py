@@ -45,7 +45,9 @@ class ImportOrder:
     only_named_stops: Annotated[
         bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")
     ] = False
-    flat: Annotated[bool, typer.Option("--flat", help="Treat the line as flat, because there are no altitudes.")] = False
+    flat: Annotated[bool, typer.Option("--flat", help="Treat the line as flat, because there are no altitudes.")] = (
+        False
+    )
     altitudes: Annotated[
         Path | None,
         typer.Option(
