@@ -1,7 +1,7 @@
 """The energy of a drive above its optimum, its certainty, and whether drive and optimum are comparable.
 
 Above the optimum = energy driven − least energy of the same train for the same departures and arrivals, in % of that
-optimum. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all use
+optimum. It is not an achievable saving, because no one drove the optimum. Runs, replays, reports and recordings all use
 this module, and the same words if the energy cannot be stated.
 """
 

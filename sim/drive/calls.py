@@ -214,7 +214,8 @@ def _late_s(time_ns: int, due_ns: int) -> float:
 PASSINGS: Final = "passings"
 """The key of a recording's metadata for the passings of its journey."""
 KEPT_S: Final = 1.0
-"""Time (s) beyond its tolerance by which a passing that is kept may be missed: states are recorded once a second."""
+"""Time (s) beyond the tolerance within which a passing still counts as kept, because states are recorded once a
+second."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,7 +263,7 @@ class KeptPassing:
 
     @property
     def words(self) -> str:
-        """Whether the passing was kept: its tolerance counts."""
+        """Words on whether the passing was kept, within its tolerance."""
         if not self.passed_ns:
             return "not reached"
         if math.isnan(self.late_s):

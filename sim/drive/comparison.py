@@ -77,9 +77,9 @@ def same_brakes(drives: Sequence[Drive]) -> bool:
 class EqualArrival:
     """The extra energy of a drive over the first at equal arrival (J); None if that cannot be stated.
 
-    `times_j` is the value of the time difference: how much more the optimum takes in the times of the drive than in
-    those of the first. `ratio` is relative to the mean of the optima for both times. `hangs_on` are the
-    conditions of the figure.
+    `times_j` is the value of the time difference: the optimum for the times of the drive, less that for the times of
+    the first. `ratio` is relative to the mean of the optima for both times. `hangs_on` are the conditions of the
+    figure.
     """
 
     more_j: float | None
@@ -157,7 +157,7 @@ DRIVER: Final = ("driver", "driver_sha256")
 
 
 def why_not_saved(first: Drive, other: Drive) -> str:
-    """The reason why two drives do not show the saving by advice; empty if they do."""
+    """The reason why the saving by advice cannot be found from two drives; empty if it can."""
     runs = run_of(first), run_of(other)
     if not all(runs):
         return "this needs two simulated runs with the same disturbances, one of them without advice"
@@ -360,7 +360,7 @@ class AlignedDrives(Summary):
 
     `s_m` (rows,) rises in constant steps. A change of the line's limit is two rows at one position, with `limit_mps`
     before and after it. Times and energies count from the first row, at which the clock of each drive shows `start_s`
-    (drives,). `own_energies`: the energies are those that each drive states; otherwise its motors are taken to brake
+    (drives,). `own_energies`: the energies are those that each drive states; otherwise the motors are assumed to brake
     first.
     """
 

@@ -113,7 +113,7 @@ class Filter:
     from_ns: int | None = None
     to_ns: int | None = None
     bookmarks: bool = False
-    """Only bookmarks: those that the program made, and notes."""
+    """Whether only bookmarks pass: those that the program made, and notes."""
 
     def choose(self, events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
         """The events that pass, in their order."""
@@ -318,7 +318,7 @@ def new_plans(table: DriveTable) -> tuple[NewPlan, ...]:
     """The plans after the first of each leg, with their causes.
 
     The node records no cause with a plan. The cause is inferred from the messages that the node received shortly
-    before, or else from how far the train was from the previous plan.
+    before, or else from the deviation of the train from the previous plan.
     """
     news = _news(table)
     moments = [at for at, _ in news]
@@ -535,7 +535,7 @@ def _delays(table: DriveTable) -> Iterator[DriveEvent]:
 LEVER_RATIO: Final = 0.03
 """Share of the effort below which a controller is at neutral."""
 LEAST_STOOD: Final = 5
-"""Seconds shown below which advice need not be followed: drivers take some seconds to react."""
+"""Display time (s) below which advice need not be followed: drivers take some seconds to react."""
 LONGEST_ANSWER_S: Final = 30.0
 """Time (s) after which an act of the driver is no longer an answer to the advice."""
 LATE_ANSWER_S: Final = 10.0

@@ -36,7 +36,7 @@ from sim.recording.course import DriveClock
 from sim.recording.opening import open_recording
 
 MOVING: Final = ("truth", "position")
-"""Topics that state where the train is; the first one recorded has the rows of the table by time."""
+"""Topics that state the position of the train; the table by time has the rows of the first one that was recorded."""
 JOINED: Final = ("truth", "position", "advice", "cab", "effort", "delay", "estimate", "status")
 """Topics whose columns are in the table by time."""
 LASTING: Final = ("delay", "estimate")
@@ -45,7 +45,8 @@ KINDS: Final = ("float", "int", "bool", "choice")
 
 
 def by_time(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | None:
-    """A row for each message that states where the train is, with the last message of each topic; None without any."""
+    """A table with a row for each message that states the position of the train, with the last message of each topic;
+    None without any."""
     base = next((tables[name] for name in MOVING if name in tables and len(tables[name])), None)
     if base is None:
         return None
@@ -78,7 +79,7 @@ def _at(table: DataTable, at_ns: NDArray[np.int64]) -> list[Column]:
             name=f"{table.name}_{one.name}",
             values=[one.values[row] if there else None for row, there in zip(rows, known, strict=True)],
         )
-        for one in table.columns[3:]  # behind the times
+        for one in table.columns[3:]  # after the columns of times
         if one.kind in KINDS
     ]
 
@@ -265,7 +266,7 @@ KEPT: Final[Mapping[str, str]] = {
     "log": "level",
     "recorder": "tick messages advice_tick node_state",
 }
-"""Columns of each table that an anonymous export keeps besides the times of a row; all others are left out.
+"""Columns of each table that an anonymous export keeps in addition to the times of a row; all others are left out.
 
 A new field is therefore left out until it is added here. A position on the route is added to `POSITIONS` as well.
 Texts are not kept, since reasons and remarks may name stops.

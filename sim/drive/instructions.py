@@ -1,6 +1,6 @@
 """Adherence of the guide's instructions to their grammar, second by second, in a run or in a recording.
 
-`docs/explanation/guide.md` states the grammar.
+`docs/explanation/guide.md` explains the instructions.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ _Task = tuple[InstructionKind, int]
 
 
 class _Told(NamedTuple):
-    """An instruction as shown from a moment on: when (s), where (m), at which speed, and when it was due (s).
+    """An instruction with the time (s), place (m) and speed at which it was first shown, and the time (s) at which it
+    was due.
 
     `by_eye`: it is a brake that shows no effort.
     """
@@ -130,7 +131,8 @@ class InstructionFigures:
 
 
 class _ByEye(NamedTuple):
-    """A brake by eye as it began: where (m), at which speed and limit (m/s), and where the train is to stand (m)."""
+    """A brake by eye at its beginning: place (m), speed and limit (m/s), and the place (m) where the train is to
+    stand."""
 
     s_m: float
     speed_mps: float
@@ -219,7 +221,7 @@ class InstructionWatch:
         self._ending: tuple[_Told, _Told, int] | None = None
         """Coasting that another instruction is about to end, and how long the train has coasted (s)."""
         self._led_mps = math.nan
-        """The speed shown last: to coast is one instruction though its speed changes."""
+        """The speed shown last: coasting counts as one instruction even if its speed changes."""
         self._reliance = _RelianceWatch()
 
     @property

@@ -255,7 +255,7 @@ class Handling:
             self._braking = True
         elif needed < HANDLING.released_ratio * human.braking_mps2:
             rolls_mps2 = -outlook.resisting_n(s, v) / outlook.train.inertial_mass_kg
-            # Where the train would immediately speed up downhill, the driver eases the brake but does not release it.
+            # If the train would immediately speed up downhill, the driver eases the brake but does not release it.
             steep = rolls_mps2 * HANDLING.regained_s > human.dead_band_mps
             settled_mps = -human.dead_band_mps if steep else HANDLING.settled_mps
             self._braking = self._braking and v > max(outlook.allowed_mps(s) + settled_mps, TRACKING.stopping_mps)

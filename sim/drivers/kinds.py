@@ -84,7 +84,7 @@ class Presentation(StrEnum):
     GUIDE = "guide"
     """The manner of driving now, its speed and effort, and the next two changes."""
     SHEET = "sheet"
-    """On paper: instructions by kilometre, which never change."""
+    """Instructions by kilometre on paper, which never change."""
     for one in installed(PRESENTATIONS):
         if (member := one.upper().replace("-", "_")) not in vars():  # The bundled ones keep their names.
             vars()[member] = one

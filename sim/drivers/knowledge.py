@@ -21,7 +21,7 @@ from sim.plant.kernels import TrainNumbers, brake_effort, running_resistance, tr
 from sim.plant.plant import train_numbers
 
 PLANNED_RATIO, PLANNED_AT_MPS = 0.8, 5.0
-"""Share of the train's braking at a speed (m/s) on the level that a driver plans to use at most: the rest compensates
+"""Largest share of the train's braking at a speed (m/s) on the level that a driver plans to use: the rest compensates
 for errors and for the time until the brakes act."""
 CELL_M = 5.0
 """Length (m) of the cells in which the line is remembered, counted back from the halt."""
@@ -88,7 +88,8 @@ def run_time(step, top, cap, line_n, tunnel, supply, start, w0, p):  # type: ign
 
 
 @kernel
-def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_mps, slowest_mps, halvings, p):  # type: ignore[no-untyped-def]
+# type: ignore[no-untyped-def]
+def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_mps, slowest_mps, halvings, p):
     """The top speed (m/s) with which the trip from node `start` takes the wanted time (s), by bisection."""
     low = slowest_mps
     high = fastest_mps
@@ -122,7 +123,7 @@ class LineKnowledge:
     line_limits_mps: Stretches = field(init=False)
     """The limit of the line over the whole train, by the position of its head."""
     limits_mps: Stretches = field(init=False)
-    """The limit that a driver keeps: the lower of the limit of the line and the train's own top speed."""
+    """The limit that a driver keeps: the limit of the line or the train's own top speed, whichever is lower."""
     supply: Stretches = field(init=False)
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""A user's own driver: a class named `package.module:Class`; how it is found, created and checked."""
+"""A user's own driver, a class named `package.module:Class`: finding, creating and checking it."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ _VALUES: Final = {
     LEVER: ("the lever's ratio", -1.0, 1.0, ""),
     SPEED: ("the speed to hold", 0.0, 200.0, "m/s"),
 }
-"""For each law of a command: name, range and unit of its value."""
+"""Name, range and unit of the value of each law of a command."""
 
 
 def checked(answer: Any, who: str, time_s: float) -> Command:

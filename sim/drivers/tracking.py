@@ -42,7 +42,8 @@ class TrackingSettings:
     stopping_mps: float = 10.0
     """Speed (m/s) below which a train brakes for its halt with the deceleration that the distance left needs."""
     stopping_ratio: float = 0.85
-    """Share of the planned deceleration, needed by the distance left, at which such braking begins."""
+    """Share of the planned deceleration at which such braking begins: it begins when the remaining distance needs this
+    much."""
     last_m: float = 0.05
     """Distance from the halt (m) below which, and beyond the halt, the planned deceleration is used."""
     last_mps: float = 0.02
@@ -57,7 +58,8 @@ class FollowingSettings:
     stopping_s: float = 10.0
     """Time (s) within which advice must end in a standstill for the driver to brake for the mark without advice."""
     minded_mps: float = 1.0
-    """Distance (m/s) from the speed that a restriction or a signal allows at which advice is no longer followed."""
+    """Difference (m/s) from the speed that a restriction or a signal allows below which advice is no longer
+    followed."""
     least_braking_mps2: float = 0.05
     """Deceleration (m/s²) below which a halt is still far away: the driver continues without advice."""
     creeping_mps: float = 0.3
@@ -70,7 +72,7 @@ class FollowingSettings:
     """Multiple of the force of the motors up to which the friction brake stays off: it releases slowly, and at a lower
     speed the motors give more."""
     release_s: float = 0.4
-    """Time (s) before it is due to end at which an effort is released: half the time that it takes to fall."""
+    """Time (s) before its end at which an effort is released: half the time that it takes to decay."""
 
 
 RULE: Final = RuleSettings()

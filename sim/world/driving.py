@@ -60,7 +60,7 @@ class OverBus:
         return self._lockstep.ask(tick.now_ns, tick.number)
 
     def newest(self) -> Any | None:
-        """At a pace, the newest advice that has come since the last call; otherwise None."""
+        """The newest advice that has come since the last call, if the run keeps a pace; otherwise None."""
         return self._lockstep.newest() if self._paced else None
 
     def _locate(self, now_ns: int, s_m: float) -> None:
@@ -69,7 +69,7 @@ class OverBus:
             self._lockstep.send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Send what is only recorded."""
+        """Send the messages that are only recorded."""
         for topic, message in only_recorded(self._day, now_ns, told, shows_cab=self._shows_cab):
             self._lockstep.send(topic, message)
 

@@ -50,7 +50,7 @@ class DeadMan:
     """The dead-man brake: applied after a silence of the driver.
 
     It is released when the driver answers again, the train stands, and the controller asks for no traction; never in
-    the middle of braking, and never into a pull.
+    the middle of braking, and never while traction is requested.
     """
 
     def __init__(self, silent_s: float = Patience.silent_s) -> None:

@@ -182,7 +182,7 @@ def location(time_ns: int, latitude_deg: float, longitude_deg: float) -> Locatio
 
 
 def happened(time_ns: int, text: str, level: Any = Log.INFO) -> Log:
-    """The log message for people, in `text`, on an event."""
+    """The log message that reports an event to people, with its `text`."""
     log = Log(level=level, message=text, name="das-sim")
     log.timestamp.FromNanoseconds(time_ns)
     return log
@@ -205,7 +205,7 @@ class Answers:
         self.reason = ""
         """The node's reason for that state."""
         self.written = Written()
-        """Record of what the recorder has written so far."""
+        """The messages that the recorder has written so far."""
         self.advice: Any | None = None
         """The last advice (the bus's message); None before the first."""
         self.controls: Any | None = None
@@ -275,7 +275,7 @@ class Counts:
 
 @dataclass(kw_only=True)
 class Traffic:
-    """Counts of a run over the bus: messages sent and recorded, by topic, and ticks by what the advice was."""
+    """Counts of a run over the bus: messages sent and recorded, by topic, and ticks with and without advice."""
 
     counts: Counts = Counts()
     start_s: float = 0.0

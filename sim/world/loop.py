@@ -194,7 +194,7 @@ class World:
         return tuple(kept[told:])
 
     def _advise(self, tick: int, now_ns: int, state: PlantState) -> bool:
-        """Ask for advice and show it, unless the node is down or cut off; returns whether there was some at once."""
+        """Ask for advice and show it, unless the node is down or cut off; returns whether it came immediately."""
         around = self._around
         measured = around.measure(state)
         if around.news.restart_due(state.time_s):

@@ -93,7 +93,7 @@ def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
 EARLY_S: Final = 0.5
 """Earliness (s) above which a departure is called early."""
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
-"""The ways in which energy is dissipated, comfort systems included, as in the paper's figure.
+"""The parts of the dissipated energy, comfort systems included, as in the paper's figure.
 
 `unreturned` is braking energy that the line did not take.
 """

@@ -1,7 +1,7 @@
 """Displays that show only a part of the advice (one top speed, or four modes), and a sheet made before the day.
 
 The top speed is the reduced maximum speed, with which a train that brakes gently keeps the timetable. A display shows
-it in whole steps, which go down where braking for a lower speed begins.
+it in whole steps, which decrease where braking for a lower speed begins.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ SLOWEST_MPS: Final = 20.0 * KMH
 """Lowest speed shown (m/s), except under a lower limit and in the last metres before a stop, where it is halved, if
 need be several times."""
 HALVINGS: Final = 12
-"""Halvings of an interval that find the reduced maximum speed."""
+"""Number of halvings of the interval in the search for the reduced maximum speed."""
 BELOW_RATIO: Final = 0.999
 """Divisor of the allowed speed from which the computation starts for a train faster than comfortable braking allows."""
 
 Floats = NDArray[np.float64]
 LEVEL_MPS = 1e-6
-"""Fall over an interval (m/s) below which a curve counts as level."""
+"""Decrease of speed over an interval (m/s) below which a curve counts as level."""
 
 
 class Staircase:
@@ -226,7 +226,7 @@ full one, with which the driver would brake too early."""
 
 
 class SimplerDisplay:
-    """The content of a display of one top speed or of four modes on one section, second by second."""
+    """The content of a display with one top speed or with four modes on one section, second by second."""
 
     def __init__(self, section: Section) -> None:
         self.section, self._planner = section, Planner(PlanBasis(section=section))
@@ -399,7 +399,8 @@ def brakes_late(planner: Planner, state: TrainState, v_mps: float, within_s: flo
 
 
 VALID_S = 3600.0
-"""The driver's view of advice has an end of validity; a sheet, which does not expire, is re-read long before (s)."""
+"""Validity (s) of an instruction of the sheet in the driver's view: a sheet does not expire, and is read again long
+before."""
 LEFT_LATE_S = 60.0
 """Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet instructs."""
 HELD_UP_MPS = 5.0

@@ -41,7 +41,7 @@ from sim.world.disturbances import (
 from sim.world.service import Day
 
 PASSED_M: Final = 2000.0
-"""Distance (m) behind a stop above which a train has missed it."""
+"""Distance (m) beyond a stop above which a train has missed it."""
 
 
 class Calls:
@@ -68,7 +68,7 @@ class Calls:
 
     @property
     def missed_m(self) -> float:
-        """Beyond this position (m) the train has missed its next stop: far behind it, or at the stop after it."""
+        """The position (m) beyond which the train has missed its next stop: far behind it, or at the stop after it."""
         after = self._service.stops[self.section + 2 :][:1]
         return min([self.stop_m + PASSED_M, *(stop.position_m - AT_STOP_M for stop in after)])
 

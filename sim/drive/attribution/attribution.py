@@ -37,8 +37,8 @@ PLACE_M = 100.0
 class Places:
     """Stretches of a leg, arrays of shape (stretches,): ends (m), times (s) and energies (J), driven and optimum.
 
-    `driven_j` and `optimum_j` are drawn at the current collector there (fed back: negative). `lost_more_j` is how much
-    more energy the drive lost there than the optimum.
+    `driven_j` and `optimum_j` are drawn at the current collector there (fed back: negative). `lost_more_j` is the
+    energy that the drive lost there, less the energy that the optimum lost.
     """
 
     start_m: Floats
@@ -338,7 +338,8 @@ DENSE_CAUSE = 3.0
 LEAST_PART = 0.2
 """Share of the loss on a cause's worst stretch below which its other stretches are left out."""
 IDLE_RATIO, HELD_MPS2 = 0.02, 0.05
-"""Share of its largest force below which a run coasts; else, acceleration (m/s²) below which it holds its speed."""
+"""Share of the largest force below which a run coasts, and acceleration (m/s²) below which a run that does not coast
+holds its speed."""
 BRIEF_S = 5.0
 """Time (s) below which an act of a run counts as part of the act around it."""
 ACTIONS = (InstructionKind.HOLD, InstructionKind.COAST, InstructionKind.TRACTION, InstructionKind.BRAKE)

@@ -1,4 +1,4 @@
-"""The causes of the energy above the optimum: what was shown, what the driver did, and which cause a moment has."""
+"""The causes of the energy above the optimum: the advice shown, the driver's actions, and the cause of each moment."""
 
 from __future__ import annotations
 
@@ -72,18 +72,18 @@ LABELS = {
 }
 
 MEANINGS = {
-    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best, for time lost elsewhere.",
+    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; the effort exceeded the best run's, to recover lost time.",
     EnergyCause.LATE_COASTING: "The train should have coasted, but had traction, or held its speed by braking.",
-    EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; less effort than in the best run, made up by more later.",
+    EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; the effort was below the best run's, and higher later.",
     EnergyCause.AGAINST_ADVICE: "Advice was shown, but speed or effort differed from it.",
     EnergyCause.AS_ADVISED: "The advice was followed, or its speed was reached. Correcting speeds costs energy.",
-    EnergyCause.LATENESS: "Driven, with advice or without, for an arrival that was missed by more than 10 s.",
+    EnergyCause.LATENESS: "The train hurried, with or without advice, for an arrival that it missed by more than 10 s.",
     EnergyCause.FRICTION: "The friction brake dissipated energy that the motors could have fed back.",
     EnergyCause.SIGNAL: "A signal at danger was in sight.",
-    EnergyCause.RESTRICTION: "The cost from the place of its announcement; no driver could have avoided it.",
+    EnergyCause.RESTRICTION: "The cost of a restriction from its announcement on; no driver could have avoided it.",
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; this includes errors of sampling once a second.",
     EnergyCause.REST: "The driving was nearly the best, or the cause is not known.",
-    EnergyCause.RECOVERED: "The train left late; arriving by the timetable takes at least this much more.",
+    EnergyCause.RECOVERED: "The train left late; arriving by the timetable takes at least this much more energy.",
     EnergyCause.ARRIVAL: "Arriving before the timetable's time costs energy, arriving after it saves some.",
 }
 

@@ -1,8 +1,8 @@
 """The energy committed at each moment of a drive, the causes of its rise, and the restrictions known then.
 
 W(t) = energy driven so far + least energy from here to the end of the leg for the arrival as driven. W begins with the
-optimum for the same times and ends with the energy as driven. Its rise between two moments is the energy that driving
-on as well as possible can no longer save.
+optimum for the same times and ends with the energy as driven. Its rise between two moments is the energy that even the
+best driving from then on can no longer save.
 """
 
 from __future__ import annotations
@@ -116,7 +116,8 @@ class Knowledge:
 
 
 MOST_CUTS = 4000
-"""Most moments of a drive from which the optimum is sought: one a second for about an hour, sparser if longer."""
+"""Largest number of moments of a drive from which the optimum is sought: one a second for about an hour, fewer in
+longer drives."""
 
 
 MISSED_S = 10.0

@@ -44,7 +44,7 @@ from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
 from sim.trips.trip import recorded_trip
 
 EQUAL_MPS: Final = 0.5
-"""Largest distance (m/s) of two equal speeds from the same speed."""
+"""Largest difference (m/s) of two speeds that count as equal from a common speed."""
 LEAST_PART_M: Final = 1000.0
 """Least length (m) of a part between equal speeds for an assessment of the drive."""
 LEAST_WAY_M = 100.0
@@ -353,7 +353,7 @@ MOST_LEGS: Final = 3
 """Largest number of legs for which the likely range is computed: each is solved twice for every unknown."""
 
 Smoothed = Callable[[float], Sequence[DrivenLeg]]
-"""Returns the legs of a drive when its record is smoothed with another density of the jerk (m²/s⁵)."""
+"""A function that returns the legs of a drive if its record is smoothed with another density of the jerk (m²/s⁵)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -385,7 +385,8 @@ class ComparedLeg:
 
     @property
     def motors_first(self) -> SectionEnergy:
-        """The same for this motion of the planned train with motors that brake first, whatever was measured."""
+        """The energies of the leg and of its optimum if the planned train drives this motion and its motors brake
+        first, whatever was measured."""
         return self._beside_optimum(float(self.energies.motors_j[-1]))
 
     def _beside_optimum(self, driven_j: float) -> SectionEnergy:
@@ -397,7 +398,7 @@ class ComparedLeg:
 def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
     """The likely band of an energy: its unknowns are independent of each other, so that deviations add as squares.
 
-    How the train braked is no such deviation; only the range with every unknown at its worst includes it.
+    The kind of braking is no such deviation; only the range with every unknown at its worst includes it.
     """
     spread = [one for one in unknowns if one.name != BRAKING]
     low_j = math.hypot(*(min(one.low_j - middle_j, 0.0) for one in spread))
@@ -420,7 +421,7 @@ class LikelyRange:
     """The likely range (J) of the energy above the optimum, and its range for each unknown on its own.
 
     Mass, resistance, wind and the smoothing of the positions are independent of each other, so their deviations add as
-    squares. How the train braked is no deviation: `by_friction_j` is the energy above the optimum if the friction brake
+    squares. The kind of braking is no deviation: `by_friction_j` is the energy above the optimum if the friction brake
     did all braking, in the drive and in its optimum; NaN if such a train could not have driven so, or if forces were
     measured.
     """
@@ -468,7 +469,7 @@ def _above_in_cases(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> C
         driven = [one.leg for one in legs] if again is None or jerk == as_assumed else again(jerk)
         total_j = 0.0
         for one, leg, best_run in zip(legs, driven, best_runs, strict=True):
-            # If the braking was measured, it is not unknown how the train braked.
+            # If the braking was measured, the kind of braking is known.
             best = best_run(case if leg.motion.friction_j is None else replace(case, all_friction=False))
             if best is None:
                 return None
