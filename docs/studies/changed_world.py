@@ -133,7 +133,7 @@ LEAST_ENERGY_J = 1.0
 """Energy (J) below which a plan is too small as the base of ratios."""
 
 World = Callable[[Conditions], Section]
-"""The section under given conditions; raises DasError if there is none."""
+"""A function that returns the section under given conditions; raises DasError if there is none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

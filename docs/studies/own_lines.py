@@ -159,7 +159,7 @@ def noisy_lines(section: KnownSection) -> Iterator[tuple[Route, Route]]:
 
 def main() -> None:
     """Import the lines, compute the energies, and write tables and pictures."""
-    parser = argparse.ArgumentParser(description="Real lines imported, and what altitudes mean for energies.")
+    parser = argparse.ArgumentParser(description="Import of real lines, and the effect of altitudes on energies.")
     parser.add_argument("data", nargs="?", type=Path, default=SHARED)
     data = parser.parse_args().data
     lines = [line_of(data, source) for source in REAL_LINES]

@@ -2,7 +2,7 @@
 
 `python -m docs.studies.pictures what-if` compares a run of the example files with the same run without its restriction
 (what-if.txt, what-if.png). `readme` writes what README has: the words of the first minute (first-minute.txt), and its
-two drives beside each other (first-minute.png).
+two drives side by side (first-minute.png).
 `report` draws report.png, and needs Chromium and pdftoppm (poppler): its picture is one of release 0.2, in
 docs/results/0.2/screens.
 """
@@ -31,7 +31,7 @@ def what_if(folder: Path) -> None:
 
 
 def readme(folder: Path) -> None:
-    """What the first minute prints, and its two drives beside each other."""
+    """The output of the first minute, and its two drives side by side."""
     said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
     (folder / "first-minute.txt").write_text("".join(f"{line}\n" for line in said), encoding="utf-8")
     (made,) = (folder / "recordings").glob("*-guide.mcap")
@@ -39,7 +39,7 @@ def readme(folder: Path) -> None:
 
 
 def draw_first_minute(recorded: Path, guided: Path, picture: Path) -> None:
-    """Draw the drives of the first minute beside each other, by the names that the picture of README has."""
+    """Draw the drives of the first minute side by side, by the names that the picture of README has."""
     with tempfile.TemporaryDirectory() as folder:
         drives = [Path(folder) / f"{name}.mcap" for name in ("as recorded", "with the guide")]
         for path, made in zip(drives, (recorded, guided), strict=True):

@@ -48,9 +48,9 @@ NARROWEST_WIDTH: Final = 0.0001
 ENOUGH_GAP_RATIO: Final = 1e-3
 """Gap, as a share of the energy, at which the search ends."""
 SLOW_RATIO: Final = 0.9
-"""Share of the gap above which a pass leaves too much, and the search ends."""
+"""Share of the gap that a pass may leave; if it leaves more, the search ends."""
 GROWTH: Final = 1.3
-"""Factor on the time per cell that a pass is expected to take at most, against the one before."""
+"""Largest expected ratio of the time per cell of a pass to that of the pass before."""
 
 Floats = NDArray[np.float64]
 
@@ -138,7 +138,7 @@ def _load_kernels(cells: Cells, line: CellLine, rows: EvenRows) -> None:
 
 
 def close(cells: Cells, most_j: float) -> None:
-    """Close the cells through which no run goes whose energy + price·time is at most `most_j`."""
+    """Close the cells through which no run passes whose energy + price·time is at most `most_j`."""
     inside = np.isfinite(cells.ahead) & np.isfinite(cells.value)
     total = np.where(inside, cells.ahead, np.inf) + np.where(inside, cells.value, 0.0)
     cells.open[:] &= total <= most_j
