@@ -62,7 +62,7 @@ class DeskLooks:
         typer.Option("--notches", metavar="N", min=0, max=MOST_NOTCHES, help="Steps of the lever each way; 0: none."),
     ] = 10
     punctuality: Annotated[
-        bool, typer.Option("--punctuality/--no-punctuality", help="Say on the page how late the train is.")
+        bool, typer.Option("--punctuality/--no-punctuality", help="Show on the page how late the train is.")
     ] = True
 
 

@@ -100,7 +100,7 @@ def run(
 ) -> None:
     """Simulate all trials of a design, or every scenario with every driver, presentation and seed.
 
-    A stopped experiment continues where it left off and tries failed trials again. The folder holds trials.csv with one
+    A stopped experiment continues where it ended and repeats failed trials. The folder holds trials.csv with one
     row a trial, the design, a README, and recordings if requested. A design is checked and frozen there first, unless
     that has been done. Without a design, means over the seeds and the savings by advice are printed.
     """

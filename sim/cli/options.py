@@ -59,8 +59,8 @@ FrictionOption = Annotated[
     FrictionPolicy,
     typer.Option(
         "--friction",
-        help="How a human driver brakes where the motors could: with a share of friction (as-measured), with the "
-        "motors (electric-first), or as measured unless he follows advice on effort (by-advice).",
+        help="How a human driver brakes if the motors could brake: with a share of friction (as-measured), with the "
+        "motors (electric-first), or as measured unless the driver follows advice on effort (by-advice).",
     ),
 ]
 DriverAtOption = Annotated[
@@ -93,7 +93,7 @@ JourneyOption = Annotated[
     ),
 ]
 InProcessOption = Annotated[
-    bool, typer.Option("--in-process", help="Run without bus and recording: the same brain in this process.")
+    bool, typer.Option("--in-process", help="Run without bus and recording: the same on-board system in this process.")
 ]
 CardsOption = Annotated[
     bool, typer.Option("--cards", help="Also print what the driver saw, a card for each change, and the node's log.")
@@ -142,7 +142,7 @@ def removed_if_unused(reserved: Path | None) -> Iterator[None]:
 
 @contextmanager
 def naming_recorded(*files: Path | None) -> Iterator[None]:
-    """If the block is interrupted, print which of these recordings already have content."""
+    """Print, if the block is interrupted, which of these recordings already have content."""
     try:
         yield
     except KeyboardInterrupt:

@@ -147,7 +147,7 @@ GONE: Final = {
     "make-trip": "das-sim run SCENARIO --advice none, whose recording is a recorded trip for replay and trip",
     "recover": "das-sim check RECORDING --save NEW.mcap",
     "--beside": "das-sim report RECORDING OTHER -o page.html compares drives",
-    "--strict": "what was cleaned is in the table, and under cleaning with --json",
+    "--strict": "cleaning is reported in the table, and under cleaning with --json",
     "--plot": "das-sim report RECORDING -o report.html draws a drive; replay a trip first",
     "note": "das-sim report RECORDING --note TEXT --at TIME",
     "--only-driver": EXTERNAL,

@@ -47,7 +47,7 @@ WAYS = {
 """Recorded and recomputed parts of each kind of what-if."""
 FROM_A_DRIVE = (
     "the day was made from received messages: timetable, late departures, restrictions; what held the train up between "
-    "stops, wind and rail are not in it. Two days driven anew tell what advice saved: with it, and with --advice none"
+    "stops, wind and rail are not in it. Simulate it with advice and with --advice none to find what advice saved"
 )
 """Data that a day driven again from a real drive lacks."""
 
@@ -58,7 +58,7 @@ def check(
     save: Annotated[
         Path | None,
         typer.Option(
-            "--save", metavar="FILE", help="New recording (.mcap) to write, of all that is sound in this one."
+            "--save", metavar="FILE", help="New recording (.mcap) to write, with the intact parts of this one."
         ),
     ] = None,
     overwrite: OverwriteOption = False,

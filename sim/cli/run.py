@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class DayAsked:
-    """Options on the day to simulate, besides its scenario."""
+    """Options on the day to simulate, apart from its scenario."""
 
     journey: JourneyOption = None
     advice: AdviceOption = Presentation.GUIDE

@@ -17,7 +17,7 @@ from das.domain.route import NEUTRAL
 from das.domain.units import STANDARD_GRAVITY_MPS2
 
 NO_LIMIT_N = 1e30
-"""A force no train reaches (finite, so that products stay defined)."""
+"""A force that no train reaches (finite, so that products stay defined)."""
 FORCE, LEVER, SPEED = 0, 1, 2
 """Values of `Command.law`: what the command's `value` means."""
 
@@ -258,8 +258,8 @@ def efforts(v, rail, p):
 
 @kernel
 def running_resistance(v, wind, tunnel, p):
-    """c0 + c1·v + c2·(v + w)·|v + w| + q·v²: a tail wind faster than the train pushes it; the tunnels' term ignores the
-    wind.
+    """Resistance (N), c0 + c1·v + c2·(v + w)·|v + w| + q·v². A tail wind faster than the train
+    pushes it; the tunnels' term ignores the wind.
     """
     air = v + wind
     return p.c0_n + p.c1_n_per_mps * v + p.c2_n_per_mps2 * air * abs(air) + tunnel * v * v
@@ -284,7 +284,7 @@ def loss_power(f, v, c):
 
 @kernel
 def demanded(u, into, v, p):
-    """Wheel force (N) a command asks for, `into` s after it was given, at a speed."""
+    """Wheel force (N) that a command requests, `into` s after it was given, at a speed."""
     if u.law == LEVER:
         effort = traction_effort(v, 1.0, p) if u.value >= 0.0 else brake_effort(v, 1.0, p)
         force = u.value * effort
@@ -309,7 +309,7 @@ def _built_up(before, target, waited, dead, rise, fall, dt):
 def _shared(asked, friction_ratio, v, rail, supply, p):
     """Magnitudes (N) of traction, electric brake and friction brake that share a force.
 
-    The electric brake comes first, up to its share, and beyond it where the friction brake cannot give the rest.
+    The electric brake comes first, up to its share, and beyond it if the friction brake cannot supply the rest.
     """
     pulls = min(max(asked, 0.0), 0.0 if supply == NEUTRAL else traction_effort(v, rail, p))
     brakes = min(max(-asked, 0.0), brake_effort(v, rail, p))
@@ -324,7 +324,7 @@ def step(x, u, began, into, dt, line, p, a, c):
 
     Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over the
     train and the step's distance. Supply and weather are those at the start of the step; a neutral section counts from
-    the step that reaches it. Braking energy is counted where it goes, to close the energy balance.
+    the step that reaches it. Braking energy is attributed to its destination, to close the energy balance.
     """
     v0 = x.speed_mps
     rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)

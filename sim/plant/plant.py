@@ -27,7 +27,7 @@ from sim.plant.kernels import NO_LIMIT_N, Actuators, Command, LineNumbers, LossN
 __all__ = ["COAST", "Command", "Dynamics", "Patch", "Plant", "PlantState", "force", "lever", "speed", "train_numbers"]
 
 NO_LIMIT_MPS2 = 1e6
-"""An acceleration no train reaches (finite, so that products stay defined)."""
+"""An acceleration that no train reaches (finite, so that products stay defined)."""
 DRAWN_AT_MPS = 1.0
 """Speed (m/s) at which the power without effort, less losses of the traction chain, is that of the auxiliaries."""
 
@@ -84,7 +84,7 @@ class Dynamics:
     jerk_mps3: float = 0.8
     """Largest jerk (m/s³) that each force alone may cause, for the sake of standing passengers; assumption."""
     step_s: float = 0.05
-    """Step (s) of the integration: 20 Hz, well below every time above; 0.02 to 0.1 s give the same."""
+    """Step (s) of the integration: 20 Hz, well below every time above; steps of 0.02 to 0.1 s give the same results."""
 
     def actuators(self, train: TrainNumbers) -> Actuators:
         """Dead times and rates of the forces of a train."""
@@ -259,7 +259,8 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
         drawn_w,
         vehicle.comfort_power_w,
     )
-    return TrainNumbers(*map(float, numbers), _points(vehicle.traction), _points(electric))  # type: ignore[call-arg, arg-type]
+    # type: ignore[call-arg, arg-type]
+    return TrainNumbers(*map(float, numbers), _points(vehicle.traction), _points(electric))
 
 
 def _points(effort: EffortEnvelope) -> Floats:

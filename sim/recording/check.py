@@ -57,7 +57,7 @@ SLOW_AFTER_S = 1.0
 LONGEST_GAP_S = STALE_AFTER_S
 """Gap (s) of the positions above which the node withdraws its advice and the display goes dark."""
 GAP_INTERVALS = 2.5
-"""Usual intervals without a message from which a topic slower than once a second has a gap."""
+"""Number of usual intervals without a message from which a topic slower than once a second has a gap."""
 CYCLIC = (topics.POSITION, topics.CONTROL, topics.ADVICE, topics.STATUS, topics.TRUTH, topics.CAB)
 """The topics on which messages come regularly."""
 OF_A_SESSION = (topics.JOURNEY, topics.RESTRICTION, topics.POSITION, topics.ADVICE, topics.STATUS)

@@ -103,7 +103,7 @@ class DriveClock:
 
     zero_ns: int
     zero_is: str = "the timetable's departure"
-    """The event at zero, in words for pages."""
+    """The event at which the clock shows 0, in words for pages."""
     zone: tzinfo = UTC
 
     @classmethod
@@ -256,7 +256,8 @@ def stands(trip: DrivenCourse) -> tuple[StandingTime, ...]:
 def stood_ns(
     s_m: float, near_m: float, trip: DrivenCourse, measured: DrivenCourse | None = None
 ) -> tuple[StandingTime | None, int, int]:
-    """The stand that is nearest to a position (None: none within `near_m`), and when the train came to it and left.
+    """The stand that is nearest to a position (None: none within `near_m`), and the times at which the train came to it
+    and left it.
 
     Times are in ns since 1970, 0 if they are not in the record. `trip` shows where the train stood. If the course of a
     receiver (`measured`) has the same stand, it gives the times.

@@ -32,7 +32,7 @@ NAMES_AT_POINTS: Final = (17.0, 29.0)
 into the second; a name without room there is left out."""
 
 Along = Callable[[Times], Floats]
-"""Returns the places of times (ns) on an axis."""
+"""A function that returns the places of times (ns) on an axis."""
 
 
 def curve(axis: Any, name: str, x: Floats, values: Floats) -> None:

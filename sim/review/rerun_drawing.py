@@ -230,7 +230,7 @@ class Row(NamedTuple):
 
 DRIVING: Final = (WAY, "advised", "shown", "signal", COST)
 NODE: Final = ("advised", "node", "no advice")
-"""`DRIVING` and `NODE` name the lanes about the driving and the lanes about the node."""
+"""Names of the lanes about the driving (`DRIVING`) and about the node (`NODE`)."""
 LANES: Final = "/"
 """The origin of a view of lanes: their names are those of entities at the root."""
 TABS: Final = {

@@ -176,7 +176,7 @@ def by_bus_clock(options: NodeOptions) -> bool:
 STATES = (JOURNEY, RESTRICTION, TARGET)
 """The topics whose last message the bus keeps for a node that restarts."""
 HeardAgain = Callable[[float, float], None]
-"""Called with the number of messages received so far and the number of all messages."""
+"""A function that is called with the number of messages received so far and the number of all messages."""
 
 
 class Said(NamedTuple):
@@ -271,7 +271,7 @@ def _wanted(control: Any) -> dict[str, int]:
 
 
 def _announced(messages: Sequence[RecordedMessage]) -> dict[str, list[RecordedMessage]]:
-    """By topic, the restrictions and targets that a Control message names, in the order of their times.
+    """The restrictions and targets that a Control message names, by topic, in the order of their times.
 
     States reach the recorder on paths of their own, so it may have written them some ticks too early or too late. The
     Control messages show when the node received them.

@@ -39,14 +39,14 @@ CHANGE_MPS2: Final = 1.0
 STEPS_AROUND: Final = 5
 """Steps on either side whose median is the speed of the positions around a point."""
 FROZEN_RATIO: Final = 0.5
-"""Share of the distance by the reported speeds that the next position must be further on if a repeated position was
+"""Least distance to the next position, as a share of the distance by the reported speeds, if a repeated position was
 wrong."""
 LATE_S: Final = 5.0
 """Delay (s) that reported speeds may have, which makes their integral uncertain."""
 SCALE_RATIO: Final = 0.02
 """Relative error that the integral of reported speeds may have."""
 POINTS_BACK: Final = 120
-"""Longest row of wrong positions that is found: points further apart are not compared."""
+"""Largest number of consecutive wrong positions that are found: points further apart are not compared."""
 LONGEST_JUMP_S: Final = 120.0
 """Longest time (s) of wrong positions that is found: points further apart are not compared."""
 TOP_SPEED_PERCENTILE: Final = 99.0
@@ -244,9 +244,9 @@ def find_jumps(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
     """Points outside the longest chain of positions that one train can have had.
 
     Two points fit if their distance is the integral of the reported speeds between them, within 50 m, 5 s times the
-    change of speed, and 2 %. Where speeds are not reported, or contradict the positions around, the speeds of the
-    positions count instead, give or take the distance that an acceleration of 1 m/s² makes. The distance must also be
-    within the train's top speed, and not lead back. The search is repeated until it drops nothing.
+    change of speed, and 2 %. If speeds are not reported, or contradict the positions around them, the speeds of the
+    positions count instead, within the distance that an acceleration of 1 m/s² covers. The distance must also be within
+    the train's top speed, and not lead back. The search is repeated until it drops nothing.
     """
     kept = np.arange(len(time_s))
     while len(kept) > 1:

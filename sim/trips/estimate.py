@@ -32,7 +32,7 @@ ESTIMATE_RESISTANCE_RATIO: Final = 0.10
 ESTIMATE_WIND_MPS: Final = 5.0
 """Speed (m/s) of a possible wind along the line, in either direction."""
 ESTIMATE_HELD_S: Final = 8
-"""Time (s) for which the strongest force must be held; the smoothing hides shorter ones."""
+"""Time (s) for which the strongest force must be held; smoothing hides shorter peaks."""
 ESTIMATE_FOREIGN_RATIO: Final = 0.005
 """Share of the time with more force than the vehicle has above which another vehicle drove the trip."""
 CHOICE_OVERSPEED_RATIO: Final = 1.05
@@ -260,7 +260,7 @@ class DrivenPart(NamedTuple):
 
 
 SmoothedParts = Callable[[float], Sequence[DrivenPart]]
-"""Returns the parts of a trip if its record is smoothed with another density of the jerk (m²/s⁵)."""
+"""A function that returns the parts of a trip if its record is smoothed with another density of the jerk (m²/s⁵)."""
 
 
 def energy_range(section: Section, parts: SmoothedParts, doubt_ratio: float = 0.0) -> EnergyRange:

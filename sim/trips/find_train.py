@@ -1,9 +1,9 @@
 """Finding the train of a recorded trip among several trains, with its mass and running resistance.
 
 A record shows the motion, not the forces. Three things still distinguish trains. A train cannot exceed its effort. Its
-driver often uses the full effort, or none: there the force is known for each train, so that the motion gives mass and
-resistance. And the speeds may or may not come near the top speed. The windows of motion are those of the calibration on
-board, with the full effort of the train instead of a measured force (docs/explanation/find-train.md).
+driver often uses the full effort, or none: the force is then known for each train, so that the motion gives mass and
+resistance. Finally, the speeds may or may not come near the top speed. The windows of motion are those of the
+calibration on board, with the full effort of the train instead of a measured force (docs/explanation/find-train.md).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ WINDOW_SAMPLES: Final = 12
 WINDOW_WEIGHT: Final = 0.5
 """Weight of a window, because each overlaps half of the previous one."""
 WINDOW_LEAST: Final = 8
-"""A trip with fewer windows is too short to find its train."""
+"""Least number of windows of a trip from which its train can be found."""
 WINDOW_UNMEASURED_SPEED_SD_MPS: Final = 0.3
 """Noise (m/s) of the speeds of a record that reports none."""
 WINDOW_LINE_SD_RATIO: Final = 5e-4
@@ -59,7 +59,7 @@ RATIO_MASS_BOUNDS: Final = (0.7, 1.4)
 RATIO_RESISTANCE_BOUNDS: Final = (0.5, 2.0)
 """Bounds of the resistance: a long tail wind, and a storm from ahead."""
 RATIO_STEPS: Final = 36
-"""Values of either ratio that are tried."""
+"""Number of values of either ratio that are tried."""
 RATIO_MASS_SD: Final = 0.1
 """Prior standard deviation of the mass ratio."""
 RATIO_RESISTANCE_LOG_SD: Final = 0.15
@@ -69,8 +69,8 @@ RATIO_MODEL_SD: Final = 0.015
 RATIO_KNOWN_SD_RATIO: Final = 0.6
 """Largest posterior standard deviation of a mass that the record shows, as a share of the prior one."""
 RATIO_EVIDENCE_WEIGHT: Final = 0.5
-"""Weight of the evidence between trains, because windows of one driver are alike: the likeliest train is right
-about as often as its probability says on simulated drives."""
+"""Weight of the evidence between trains, because windows of one driver are similar: on simulated drives, the likeliest
+train is then right about as often as its probability states."""
 CHOICE_CERTAIN_SDS: Final = 2.0
 """Number of standard deviations of noise above which a window needs more effort than the train has."""
 CHOICE_BEYOND_RATIO: Final = 0.02
@@ -78,7 +78,7 @@ CHOICE_BEYOND_RATIO: Final = 0.02
 CHOICE_BEYOND_WINDOWS: Final = 3
 """Least number of windows with too much effort in a trip that a train cannot have driven."""
 CHOICE_HIGH_PERCENTILE: Final = 90.0
-"""Percentile over the distance that is the high speed of a trip; that of the allowed speed likewise."""
+"""Percentile over the distance that counts as the high speed of a trip, and likewise of the allowed speed."""
 CHOICE_SLOWER_RATIO: Final = 0.1
 """Share (the mean of an exponential distribution) by which drivers stay below what line and train allow."""
 CHOICE_PLACES: Final = 500
@@ -89,7 +89,7 @@ CHOICE_PLACES: Final = 500
 class FoundTrain:
     """A train that was tried on a trip: whether it can have driven the trip, with its mass and resistance.
 
-    `names` are trains that move alike, as named by the user. The ratios are those of
+    `names` are trains with the same motion, as named by the user. The ratios are those of
     `das.domain.conditions.Conditions`, each with one standard deviation. `beyond_ratio` is the share of the time that
     stays unexplained, because the trip needs more effort than this train has. `why_not` is empty for a possible train.
     `evidence` is the logarithm of the probability density of the motion with this train.
@@ -176,7 +176,7 @@ def shares(found: Iterable[FoundTrain]) -> dict[str, float]:
 
 
 def _alike(vehicles: Sequence[tuple[str, Vehicle]]) -> list[tuple[tuple[str, ...], Vehicle]]:
-    """The vehicles; those that move alike are one, with joined names."""
+    """The vehicles; vehicles with the same motion are joined, with all their names."""
     groups: dict[Any, list[tuple[str, Vehicle]]] = {}
     for name, vehicle in vehicles:
         groups.setdefault(_motion_key(vehicle), []).append((name, vehicle))

@@ -109,7 +109,7 @@ class Line:
 
         The chainage runs evenly along each segment; beyond the ends it continues along the first and the last segment.
         Plane coordinates are equirectangular around the line's centre: east-west lengths at Δφ from it are wrong by
-        tan(φ)·Δφ (10 km north of the centre at 60°: 0.3 %). Points and line are distorted alike. The chainage is
+        tan(φ)·Δφ (10 km north of the centre at 60°: 0.3 %). Points and line are distorted equally. The chainage is
         therefore wrong only through the angle of the projection, and the distance by the same fraction of itself.
         """
         x, y = self._plane_m(self.latitude_deg, self.longitude_deg)

@@ -53,9 +53,9 @@ SIGNAL_PASSED: Final = "signal-passed"
 class FoundPlace(NamedTuple):
     """Place and time of a finding: its ends (m) and their times (ns since 1970).
 
-    `energy_j` is what the cause took there above the optimum (J); None for a finding about safety, for which no energy
-    is counted. For a cause about speed or brakes, `mean_mps` is the mean speed there, as driven and of the optimum
-    (m/s), and `best` the optimum's act there.
+    `energy_j` is the energy above the optimum that the cause took there (J); None for a finding about safety, for which
+    no energy is counted. For a cause about speed or brakes, `mean_mps` is the mean speed there, as driven and of the
+    optimum (m/s), and `best` the optimum's act there.
     """
 
     start_m: float
@@ -212,14 +212,14 @@ def _given_away(drive: Drive, attribution: Attribution) -> str:
     place, way_m = f"km\u00a0{slow.start_m / KM:.1f} to {slow.end_m / KM:.1f}", slow.end_m - slow.start_m
     forbidden = best_forbidden(drive, slow.start_m, slow.end_m, slow.start_ns, slow.end_ns)
     best = "" if forbidden else best_words(slow.best, (way_m / slow.driven_s, way_m / slow.optimum_s))
-    return f" Most time was given away from {place}: {slow.driven_s - slow.optimum_s:.0f} s{best}."
+    return f" Most time was lost from {place}: {slow.driven_s - slow.optimum_s:.0f} s{best}."
 
 
 def _friction_words(drive: Drive) -> str:
     chosen = friction_chosen_by(drive)
     if not chosen:
         return "Whether the driver or the brake control chose it was not recorded."
-    return f"It goes back to {chosen}."
+    return f"It is due to {chosen}."
 
 
 def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:

@@ -93,7 +93,7 @@ def _vehicle(origin: Origin, prefix: str, name: str) -> str:
 
 def _attached(origin: Origin, kind: str) -> Path:
     if not origin.files.has(kind):
-        raise DasError(f"{origin.path}: does not bring its {kind.replace('_', ' ')} along")
+        raise DasError(f"{origin.path}: does not contain its {kind.replace('_', ' ')}")
     return origin.files.place(kind)
 
 

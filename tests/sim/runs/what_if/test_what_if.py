@@ -274,7 +274,7 @@ def test_a_file_that_an_attached_scenario_names_is_not_opened(key: str, tmp_path
         source, tmp_path / "day.mcap", ("clear-day.toml", changed_text), without=True,
         scenario_sha256=hashlib.sha256(changed_text).hexdigest(),
     )  # fmt: skip
-    with pytest.raises(DasError, match=f"day.mcap: does not bring its {key} along"):
+    with pytest.raises(DasError, match=f"day.mcap: does not contain its {key}"):
         attached_scenario(origin_of(path))
 
 
