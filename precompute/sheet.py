@@ -135,8 +135,7 @@ HALF_MINUTE_S = 30.0
 HELD_MPS, HELD_S = 1.0, 10.0
 """Difference (m/s) below which a speed equals the one reached before, and least time (s) of a held speed."""
 NEAR_M, AT_M = 1500.0, 60.0
-"""Distances (m) from a board or tunnel: within `NEAR_M` a place is named by it; within `AT_M` the place is said to be
-at it."""
+"""Distances (m) from a board or tunnel: within `NEAR_M` a place is named by it; within `AT_M` it is "at" it."""
 STRIP, LABEL = (600.0, 84.0), 15.0
 """Width and height of a section's picture, and the width of a number in it, in the picture's units."""
 SYMBOLS = {

@@ -42,8 +42,7 @@ AT_MARK_M = 10.0
 ALIKE = 0.9
 """Share of the largest needed effort above which the places that need it count as equally demanding."""
 RIVALS = 0.8
-"""Share of the largest needed deceleration above which the effort for a place is computed; only the distance with a
-working brake counts."""
+"""Share of the largest deceleration needed, with the brake built up, above which an effort is computed."""
 
 
 def braking_mode(effort: float) -> Regime:
@@ -110,8 +109,7 @@ class BrakingAhead:
         return len(self.section.node_m) - 1 - _interval(self.section, s_m)
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
-        """The place (m) where a train meets a braking curve, or the end; its speeds are reduced by their excess over
-        the curve here."""
+        """The place (m) where a train meets a braking curve, or the end; its speeds are reduced by the excess here."""
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)

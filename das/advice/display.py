@@ -212,8 +212,7 @@ class Display:
         return mode
 
     def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, Instruction]:
-        """The mode to show and the next change: those of the guide once its instruction is due, else those of the
-        plan."""
+        """The mode to show and the next change: those of the guide if its instruction is due, else of the plan."""
         guide = scene.guide
         if guide is not None and guide.now.mode is not Regime.DEPART and guide.now.in_s <= 0.0:
             return self._as_guided(guide, plan, scene, place, too_fast=too_fast)
@@ -342,8 +341,8 @@ def kept_behind(
 ) -> Floats:
     """The horizon speeds of a train that is too fast, lowered to what is allowed on the way to the planned positions.
 
-    The plan brakes from the train's speed, so it may already be beyond a lower limit while a driver who follows the
-    horizon is still within it.
+    The plan brakes from the train's speed, so it may already be beyond a lower limit that a driver who follows the
+    horizon still keeps.
     """
     kept, at_m, before = speeds_mps.copy(), state.s_m, advised_mps
     for i, to_m in enumerate(planned_m.tolist()):

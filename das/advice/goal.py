@@ -23,8 +23,7 @@ OVERSPEED_ENDS_MPS: Final = 0.15
 COASTS_IN_S: Final = 5.0
 """Time (s) within which coasting down to a limit is advised; otherwise the limit is held, or the train brakes."""
 UNHURRIED_S: Final = 0.5
-"""Planned lateness (s) of an arrival: recovering the time lost by the build-up of effort would cost 0.4 % of the energy
-on 6 km."""
+"""Planned lateness (s) of an arrival: recovering the time of effort build-up would cost 0.4 % of energy on 6 km."""
 DEVIATION_NAMED_S: Final = 5.0
 """Earliness or lateness (s) from which the reason of the advice states it."""
 

@@ -239,8 +239,7 @@ class _Judgement:
     def _excess_of(self, guide: Guidance) -> Excess | None:
         """The excess of a driver who follows the guide, with the force shown or with the reference's, if any.
 
-        If a brake is shown without an effort, the driver brakes by eye and stops at the mark, but may exceed a limit
-        before it.
+        If a brake is shown without an effort, the driver brakes by eye and stops at the mark, but may exceed a limit.
         """
         now = guide.now
         if not _finite(guide.force_n, guide.reference_force_n, now.speed_mps, now.way_m, now.in_s, guide.target_m):
@@ -288,8 +287,7 @@ class _Judgement:
         return next(safe, None) or self._braked_guide(guide)
 
     def _braked_guide(self, guide: Guidance) -> Guidance:
-        """The guide's advice to brake as strongly as needed; announced instructions that come after this braking are
-        kept."""
+        """The guide's advice to brake as strongly as needed; instructions announced for after this braking are kept."""
         force_n, needed = self._braking()
         way_m, scale_n = max(needed.at_m - self._s_m, 0.0), self._brake_n(1.0)
         now = Instruction(

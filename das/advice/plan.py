@@ -83,8 +83,7 @@ class Plan:
     """The force shown with the mode (N); where a short mode was replaced, at most the force of the mode before."""
     modes: NDArray[np.int64]
     next_change: NDArray[np.int64]
-    """The index of the next interval with another mode, for each interval (the number of intervals if there is
-    none)."""
+    """The index of the next interval with another mode, for each interval (number of intervals if there is none)."""
     energy_j: Floats
     energy_after_j: Floats
     """The energy of all later intervals (J), for each interval."""

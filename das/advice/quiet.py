@@ -19,8 +19,7 @@ BRAKES_MPS2: Final = 0.2
 BRAKES_S: Final = 3.0
 """Time (s) for which that deceleration, the mean since the brake began, must last."""
 STEADY_RATIO: Final = 0.5
-"""Share of `BRAKES_MPS2` by which the train must slow down in every second; a jump of the speed lasts only one
-second."""
+"""Share of `BRAKES_MPS2` by which the train must slow down in every second; a jump of speed lasts only one."""
 HOLDS_MPS: Final = 5.0 * KMH
 """Loss of speed (m/s) above which braking contradicts an instruction to hold a speed; less is a correction."""
 RELEASED_MPS2: Final = 0.1

@@ -34,8 +34,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link, umask
 
 FLUSH_EVERY_S = 0.5
-"""Interval (s) between writes to the disk, at most 0.1 s late: a killed recorder loses at most 1.0 s, even during a
-slow write."""
+"""Interval (s) between writes to the disk, at most 0.1 s late: a killed recorder loses at most 1.0 s."""
 CHUNK_BYTES = 1 << 18
 """Most bytes of a chunk, unpacked, before it is written; damage to one chunk loses no more."""
 LIBRARY = f"driver-advisory-system {__version__}"

@@ -26,7 +26,7 @@ STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP"
 CLEAR_LINE_AND_SHOW_CURSOR = b"\r\x1b[2K\x1b[?25h"
 """Escape codes that remove a spinner, which would otherwise remain after the process has ended."""
 BYTECODE = Path(__file__).parents[1] / "__pycache__" / "das-bytecode"
-"""Folder for bytecode that Python may not write next to its sources; compiled kernels are kept next to this folder."""
+"""Folder for bytecode that Python may not write next to its sources. Compiled kernels are kept next to the folder."""
 
 
 def start(module: str) -> None:

@@ -143,9 +143,7 @@ def check_route(route: Route, accepted: Collection[str] = (), *, insist: str) ->
 
 
 def warnings_of(thing: Vehicle | Route) -> tuple[str, ...]:
-    """The unusual values of a train or line, and for a line the possible error of energies unless its altitudes are
-    well known.
-    """
+    """The unusual values of a train or line and, if altitudes are uncertain, the possible error of energies."""
     if isinstance(thing, Vehicle) or thing.altitudes is Altitudes.SMOOTHED or not (energy := energy_range(thing)):
         return unusual_in(thing)
     return (*unusual_in(thing), f"{thing.source}: {energy}")

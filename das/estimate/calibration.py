@@ -30,11 +30,10 @@ SPEED_SD_MPS: Final = 0.05
 FORCE_SD_RATIO: Final = 0.02
 """The noise of each measured force, as a share of it (one standard deviation)."""
 FRICTION_SD_RATIO: Final = 0.1
-"""Systematic error of the friction brake force, which is known only from cylinder pressures, as a share of it (one
-standard deviation)."""
+"""Systematic error (standard deviation, as a share) of the friction brake force, known only from cylinder pressures."""
 POSITION_M: Final = 40.0
 """Error (m) that a position may have. A window is left out if its positions and speeds disagree by more about the
-distance run, or if it may have come within this distance of a neutral section."""
+distance run, or if it may have come as near a neutral section."""
 LINE_GRID_M: Final = 10.0
 """The step (m) with which the line is integrated along the track."""
 NORMAL_MAD = 0.6745
@@ -145,8 +144,7 @@ SAMPLE_EVERY_NS: Final = round(0.9 / NS)
 LONGEST_GAP_NS: Final = round(2.5 / NS)
 """Longest gap (ns) between samples, and between the efforts around them, within a window."""
 SLOWEST_MPS: Final = 5.0
-"""Lowest speed (m/s) of a sample that counts: at lower speeds, brakes are being released, and the resistance does not
-follow Davis."""
+"""Lowest speed (m/s) of a sample that counts: below it, brakes are released and Davis' formula does not hold."""
 ADHESION_RATIO: Final = 0.9
 """Share of the adhesion limit of a dry rail above which force samples do not count, because wheels may slip."""
 STANDS_FOR_S: Final = 20.0
@@ -156,8 +154,7 @@ REPLAN_EVERY_S: Final = 120.0
 CERTAIN_SDS: Final = 3.0
 """Standard deviations above which a difference is significant."""
 IN_A_ROW: Final = 3
-"""Number of consecutive windows that count as evidence: surprising windows show another resistance, coasting windows
-wrong forces."""
+"""Consecutive windows that count as evidence: of another resistance if surprising, of wrong forces if coasting."""
 LINE_SD_RATIO: Final = 2e-4
 """Uncertainty of gradients and curves under the train, as a share of its weight (one standard deviation)."""
 PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
@@ -165,8 +162,7 @@ PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
 CHANGE_SD: Final = MassAndResistance(0.05, 0.01)
 """Standard deviations of changes: of the mass at a stop (500 people in 440 t are 9 %), of the resistance by wind."""
 MODEL_SD: Final = MassAndResistance(0.005, 0.015)
-"""Uncertainty that measuring does not reduce (one standard deviation), of the forces between samples and of the
-resistance model."""
+"""Standard deviation, which measuring does not reduce, of forces between samples and of the resistance model."""
 USABLE_SD: Final = MassAndResistance(0.02, 0.08)
 """Largest standard deviations with which the estimates are usable."""
 STEP: Final = MassAndResistance(0.03, 0.05)

@@ -74,14 +74,12 @@ class ClockDifference:
     def doubt_s(self) -> float:
         """The possible error (s) of the age of the newest measurement.
 
-        It is the larger of the median difference and the difference of the newest measurement, which is the first to
-        show a step.
+        It is the larger of the median difference and that of the newest measurement, which is the first to show a step.
         """
         return max(abs(self.seconds), abs(self._newest_s))
 
     def set(self, step_s: float) -> None:
-        """Take note that our clock was set by a time (s); ages are uncertain by that time until the next
-        measurement."""
+        """Note that our clock was set by a time (s); ages are uncertain by it until the next measurement."""
         self._waiting.clear()
         self._received.clear()
         self._newest_s = step_s

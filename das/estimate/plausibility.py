@@ -22,8 +22,7 @@ LARGEST_M: Final = 1e7
 LARGEST_STATED_SD_M: Final = 200.0
 """Largest stated standard deviation (m) of a usable fix: a less certain one could lie anywhere and hide any jump."""
 GATE_SDS: Final = 5.0
-"""Standard deviations above which a fix is rejected: noise alone deviates that far less than once in a million
-fixes."""
+"""Standard deviations above which a fix is rejected: noise exceeds them less than once in a million fixes."""
 GATE_LEAST_M: Final = 10.0
 """Deviation (m) up to which a position is never rejected, however exact the sensors claim to be."""
 GATE_LEAST_MPS: Final = 1.0

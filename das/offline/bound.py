@@ -65,8 +65,7 @@ class Task:
     speeds_mps: Floats
     allowed_s: float
     price_w: Floats | None = None
-    """A price of time (W) of each interval that counts as energy, in addition to the price that the bound finds; None:
-    0."""
+    """A price of time (W) of each interval that counts as energy, besides the price that the bound finds; None: 0."""
 
     @cached_property
     def high_w(self) -> Floats:

@@ -520,8 +520,7 @@ class Chains:
         return Ahead(speed_mps=_grid_mps(first.section, 0), value_j=cost_j, least_mps=self._least_speed(span, parts))
 
     def _dual_j(self, span: TightSpan, parts: Parts, first_j: Floats) -> Floats:
-        """The least total cost of a span less λ·its time (J), for each λ, if its first stretch costs `first_j` (…,
-        L)."""
+        """The least cost of a span less λ·its time (J), for each λ, if its first stretch costs `first_j` (…, L)."""
         tables = [self.fronts.table(stretch, parts.get(stretch), 0.0) for stretch in span.stretches[1:]]
         fixed_j = self.fronts.ladder_w * (span.least_wait_s - span.time_s)
         total_j = first_j + sum((table.total_j for table in tables), fixed_j)

@@ -1,8 +1,7 @@
 """Plan of a journey: the times at all points, and a trajectory for every section, with the least total energy.
 
 The energy of a stretch is (nearly) a convex function of its time. So between two tight times one price of time λ holds
-(equal marginal energy), and λ changes only at tight times (theory and proof:
-docs/explanation/journeys.md).
+(equal marginal energy), and λ changes only at tight times (proof: docs/explanation/journeys.md).
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 The table has a decision every 150 m or more often, among about two hundred speeds. Its trajectories are near the
 optimum of the section, but not optimal. `refined` places a few lines on each side of the trajectory, finds the best
 trajectory between them by a dynamic program on the section's own integration grid (`das.offline.tube_kernels`), places
-narrower lines around that, and so on. The price of time is chosen again in every pass, so that the arrival stays the
-same.
+narrower lines around that, and so on. The price of time is chosen in every pass so that the arrival stays the same.
 """
 
 from __future__ import annotations
@@ -28,8 +27,7 @@ from das.solver.warm_up import warm_up
 LINES: Final = 3
 """Lines on each side of the trajectory. Seven lines in total find what thirteen do, in a third of the time."""
 REFERENCE_SPEED_MPS: Final = 20.0
-"""Speed (m/s) at which widths in m/s are meant. Lines are evenly spaced in v², because a constant shift in v² leaves
-the force unchanged."""
+"""Speed (m/s) at which widths hold. Lines are even in v², because a constant shift in v² leaves the force unchanged."""
 CLOSED_RATIO: Final = 2e-4
 """Saving of a round, as a share of the energy, below which no further round follows."""
 MOST_TRIALS: Final = 8
@@ -260,8 +258,7 @@ def _knots(node_m: Floats, apart_m: float) -> NDArray[np.int64]:
 
 
 def _shares(node_m: Floats, knot: NDArray[np.int64]) -> Floats:
-    """The distance of each node from the previous knot, as a share of the distance between its two knots; 1 at a
-    knot."""
+    """The distance of each node from the knot before, as a share of the distance between its knots; 1 at a knot."""
     behind = np.searchsorted(knot, np.arange(len(node_m)))
     before_m, behind_m = node_m[knot[np.maximum(behind - 1, 0)]], node_m[knot[behind]]
     return np.where(behind_m > before_m, (node_m - before_m) / np.maximum(behind_m - before_m, 1e-9), 1.0)

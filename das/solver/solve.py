@@ -22,8 +22,7 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 BLOCK_NODES = 32
-"""Number of decision nodes whose transitions are in memory at a time: they take a few MB, and threads rarely wait for
-each other."""
+"""Number of decision nodes with transitions in memory: they take a few MB, and threads rarely wait for each other."""
 
 BEHIND_M = 1_000.0
 """Distance (m) behind a moving train at which its front begins: more than any correction of its position."""

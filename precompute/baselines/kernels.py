@@ -31,8 +31,7 @@ _NO_FRICTION = 1.0 - 1e-9
 
 @kernel
 def electric_envelope(line, envelope, p):
-    """Fastest speed at each node from which the motors alone can brake to the envelope; friction helps where they
-    cannot."""
+    """Fastest speed at each node from which the motors alone can brake to the envelope; otherwise friction helps."""
     step, g, q, u = line
     n = step.size
     v = np.empty(n + 1)
@@ -59,8 +58,7 @@ def cruise_run(cruise, line, bounds, p, v):
     """The run from v[0] that holds one cruising speed; fills v, returns the trip time (s), or -1 after a stall.
 
     The train uses full effort up to min(envelope, cruise), and then holds that speed with traction or brakes. It uses
-    full traction if it falls below that speed, or if the floor is above the cruising speed. Braking follows the
-    envelope.
+    full traction below that speed, or if the floor is above it. Braking follows the envelope.
     """
     floor, envelope = bounds
     for i in range(line.step_m.size):

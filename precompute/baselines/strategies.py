@@ -43,8 +43,7 @@ TRIED_SPEEDS, ENOUGH_RATIO = 20, 2e-3
 the energy of a run ends the search earlier."""
 MAX_PRICES = 60
 HIGHEST_PRICE_RATIO = 1e3
-"""Highest price of time tried for coasting, as a multiple of the traction power: at this price, no loss of time
-pays."""
+"""Highest price of time tried for coasting, as a multiple of the traction power: no loss of time pays at it."""
 SPARE_RATIO, SPARE_S = 1.2, 5.0
 """Multiple of the spare time, and additional time (s): an arc that loses more than their sum is given up."""
 NEAR_S = 0.7
@@ -222,8 +221,7 @@ class _Arcs:
     def near_time(self) -> list[_Path]:
         """Sets of arcs near the spare time, the best at the price of time first.
 
-        The time of the best arcs jumps with the price. To approach it, single arcs of both sides of the jump are added,
-        left out or exchanged.
+        The time of the best arcs jumps with the price. Towards it, arcs of both sides are added, left out or exchanged.
         """
         slow, quick, price_w = self.around()
         if slow is quick:

@@ -145,7 +145,7 @@ def import_journey(
     500 m of the route; stops beyond its ends are left out. Without a route, positions are distances along the feed's
     shape.
 
-    Public timetables are rounded and seldom state how long a train stands. Assumptions are printed, and written in the
+    Public timetables are rounded and seldom state dwell times. Assumptions are printed and written in the
     file.
     """
     written.check(feed, on.route)

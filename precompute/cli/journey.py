@@ -120,8 +120,8 @@ def journey(
     only at a window that binds. With "stops" only the departure (at 0) and the last arrival are timed.
 
     For comparison the command prints the energy with the same buffer in per cent everywhere, and with driving as fast
-    as possible and waiting, both within the same windows. Windows that cannot be kept are an error, which names them
-    and the missing seconds.
+    as possible and waiting, both within the same windows. An error names windows that cannot be kept and the missing
+    seconds.
     """
     posed = TrainOnLine(where=where, driven=driven, world=world)
     files.check(journey, *posed.inputs())

@@ -39,15 +39,13 @@ FIRST_LADDER = 40
 FIRST_RATIOS = (0.01, 30.0)
 """Multiples of the train's power between which the first multipliers lie."""
 STEEPER = tuple(2.0**i for i in range(1, 11))
-"""Multiples of the refined ladder's largest multiplier that are added to the ladder, because the front is very steep
-near the least time."""
+"""Multiples of the refined ladder's largest multiplier, added to it because the front is steep near the least time."""
 ROUNDING_J = 1.0
 """Slack of every comparison with a bound: far above the rounding of its sums, far below any saving."""
 ROUNDING_RATIO = 1e-12
 BYTES_PER_LABEL = 4
 BYTES_PER_OPEN_LABEL = 72
-"""Bytes of a label: those kept to the end (its parent), and those held only while its layer is merged (times, energies,
-parents, sorting)."""
+"""Bytes of a label: those kept to the end (its parent), and those held while its layer is merged (all its values)."""
 KNOWN_STEPS = 1 << 18
 """Number of time steps in the table of the known runs' energies: steps of 80 µs if runs may take 21 s longer."""
 
@@ -78,8 +76,7 @@ class Known:
 class Duals:
     """Least energy + λ·time (J) from every state to the end of the section, per node an array (states, multipliers).
 
-    With `onward=False` it is the least value from the start of the section to every state. `layer_done` is called after
-    each interval.
+    With `onward=False` it is the least value from the start to every state. `layer_done` is called after each interval.
     """
 
     def __init__(
@@ -196,8 +193,7 @@ class Labels:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bounds:
-    """The multipliers (W) that give the best bound on some stretch of the front, and the largest energy + λ·time (J) of
-    each."""
+    """The multipliers (W) that give the best bound on a stretch of the front, and the largest energy + λ·time (J)."""
 
     lambda_w: Floats
     allowed_j: Floats

@@ -32,8 +32,8 @@ from precompute.vehicle_import.train import (
 class Figures:
     """The figures of a train other than its efforts, as text with their units; None: not given.
 
-    `davis` holds the three coefficients, separated by commas. `units` are those of speed and force, for a table whose
-    header states none.
+    `davis` holds the three coefficients, separated by commas. `units` are those of speed and force if the table has
+    none.
     """
 
     name: Annotated[str | None, typer.Option(help="Name of the train [default: that of the file].")] = None

@@ -186,8 +186,7 @@ def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
     """The stops as served, for programs; None stands for missing values.
 
     Times (s) count from the timetable's first departure, or without a timetable from the first departure. `due_s` is
-    the due arrival, at the first stop the due departure; `stopping_error_m` is how far beyond the stop the
-    train stood.
+    the due arrival, at the first stop the due departure; `stopping_error_m` is the distance beyond the stop.
     """
     zero_ns = (made[0].due_departure_ns or made[0].departed_ns) if made else 0
 
@@ -214,8 +213,7 @@ def _late_s(time_ns: int, due_ns: int) -> float:
 PASSINGS: Final = "passings"
 """The key of a recording's metadata for the passings of its journey."""
 KEPT_S: Final = 1.0
-"""Time (s) beyond the tolerance within which a passing still counts as kept, because states are recorded once a
-second."""
+"""Time (s) beyond the tolerance within which a passing counts as kept, because states are recorded once a second."""
 
 
 @dataclass(frozen=True, kw_only=True)

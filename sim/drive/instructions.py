@@ -131,8 +131,7 @@ class InstructionFigures:
 
 
 class _ByEye(NamedTuple):
-    """A brake by eye at its beginning: place (m), speed and limit (m/s), and the place (m) where the train is to
-    stand."""
+    """A brake by eye at its beginning: place (m), speed and limit (m/s), and place (m) where the train is to stand."""
 
     s_m: float
     speed_mps: float

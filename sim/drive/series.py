@@ -125,8 +125,7 @@ SAME_STOP_M = 1.0
 
 
 def first_plans(table: DriveTable) -> DrivenCourse | None:
-    """The first plans for all stops, joined: the optimum from the place where the advice began; None if none was
-    recorded."""
+    """The first plans for all stops, joined: the optimum from where the advice began; None if none was recorded."""
     firsts: list[PlanMade] = []
     for plan in table.said.plans:
         if len(plan.s_m) and (not firsts or plan.s_m[-1] > firsts[-1].s_m[-1] + SAME_STOP_M):

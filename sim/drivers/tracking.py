@@ -42,8 +42,7 @@ class TrackingSettings:
     stopping_mps: float = 10.0
     """Speed (m/s) below which a train brakes for its halt with the deceleration that the distance left needs."""
     stopping_ratio: float = 0.85
-    """Share of the planned deceleration at which such braking begins: it begins when the remaining distance needs this
-    much."""
+    """Share of the planned deceleration that the remaining distance needs when such braking begins."""
     last_m: float = 0.05
     """Distance from the halt (m) below which, and beyond the halt, the planned deceleration is used."""
     last_mps: float = 0.02
@@ -58,8 +57,7 @@ class FollowingSettings:
     stopping_s: float = 10.0
     """Time (s) within which advice must end in a standstill for the driver to brake for the mark without advice."""
     minded_mps: float = 1.0
-    """Difference (m/s) from the speed that a restriction or a signal allows below which advice is no longer
-    followed."""
+    """Speed (m/s) below that allowed by a restriction or a signal from which advice is no longer followed."""
     least_braking_mps2: float = 0.05
     """Deceleration (m/s²) below which a halt is still far away: the driver continues without advice."""
     creeping_mps: float = 0.3

@@ -39,8 +39,7 @@ CHANGE_MPS2: Final = 1.0
 STEPS_AROUND: Final = 5
 """Steps on either side whose median is the speed of the positions around a point."""
 FROZEN_RATIO: Final = 0.5
-"""Least distance to the next position, as a share of the distance by the reported speeds, if a repeated position was
-wrong."""
+"""Least distance to the next position if a repeated one was wrong, as a share of that by the reported speeds."""
 LATE_S: Final = 5.0
 """Delay (s) that reported speeds may have, which makes their integral uncertain."""
 SCALE_RATIO: Final = 0.02

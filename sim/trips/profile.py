@@ -44,8 +44,7 @@ class DrivenRun:
 
     s is the trapezoidal integral of the speed, and the acceleration is the slope of the speed. `dropout` marks times
     whose reported speed dropped out, `inferred` those in a gap, bridged by inertia alone. `position_rms_m` is the RMS
-    distance of s from the matched positions,
-    `speed_lag_s` the lag of the reported speed.
+    distance of s from the matched positions, `speed_lag_s` the lag of reported speeds.
     """
 
     time_s: Floats

@@ -399,8 +399,7 @@ def brakes_late(planner: Planner, state: TrainState, v_mps: float, within_s: flo
 
 
 VALID_S = 3600.0
-"""Validity (s) of an instruction of the sheet in the driver's view: a sheet does not expire, and is read again long
-before."""
+"""Validity (s) of an instruction of the sheet in the driver's view: a sheet does not expire."""
 LEFT_LATE_S = 60.0
 """Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet instructs."""
 HELD_UP_MPS = 5.0

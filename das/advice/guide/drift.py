@@ -32,8 +32,7 @@ LAST_S: Final = 150.0
 VARIANCE_S: Final = 4.0
 """The variance of a loss (s²), divided by the loss (s)."""
 KNOWN_AFTER_S: Final = 8.0
-"""The usual loss (s) after which a driver's measured loss has the same weight as the usual one; it is reached before
-the first stop."""
+"""Usual loss (s) after which a driver's measured loss has its weight; it is reached before the first stop."""
 ON_CURVE_MPS = 0.05
 """The distance from the braking curve (m/s) within which the fastest run counts as braking while its speed falls."""
 
@@ -71,8 +70,7 @@ class Drift:
 
     @property
     def ratio(self) -> float:
-        """The loss of this driver, as a share of the usual one; at most 1, because larger losses are recovered on the
-        way."""
+        """The loss of this driver as a share of the usual one, at most 1: larger losses are recovered on the way."""
         return min(max(self._lost_s, 0.0) / self._usual_s, 1.0)
 
     def see(self, now_ns: int, late_s: float, usual_s: float, *, anew: bool) -> None:

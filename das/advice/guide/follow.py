@@ -42,8 +42,8 @@ ROLLS_SOON_S = 10.0
 """The time (s) to roll up to a speed below which the instruction is to hold it: coasting would be over immediately."""
 BRIEF_S, GAINS_S = 30.0, 2.5
 """The time (s) before a brake within which an acceleration must gain `GAINS_S` (s), because a driver gains less than
-forecast. A brake for the stop is not released for less than `BRIEF_S` either, unless even the least effort shown would
-be too much."""
+forecast. A brake for the stop is not released for less than `BRIEF_S` either, unless even the least effort is too
+much."""
 EARLY_RATIO = 0.5
 """The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
 CREEP_MPS = 10.0 * KMH
@@ -190,8 +190,7 @@ class _Leads(NamedTuple):
 
 
 def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
-    """The proposal to coast to the speed that coasting leads to, or to hold it if that is as good or the train reaches
-    it soon."""
+    """The proposal to coast to the end speed of coasting, or to hold it if that is as good or it is reached soon."""
     step, after = scene.steps[number], scene.after(number)
     from_m = max(scene.state.s_m, step.from_m)
     v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
@@ -268,8 +267,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
 
 
 def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instruction | None:
-    """The instruction for a driver who has braked early or hard; None if the train is too near to do anything but
-    brake."""
+    """The instruction for a driver who has braked early or hard; None if the train is so near that it must brake."""
     state, v_mps, to_mps = scene.state, scene.state.v_mps, step.speed_mps
     left_m = _by_m(scene, step) - state.s_m
     if to_mps > SAME_MPS:

@@ -43,8 +43,7 @@ GROWN_RATIO = 1.6
 LACKS_RATIO = 0.05
 """Missing share of effort up to which the effort for a stop is kept: the last metres are driven by eye."""
 LESS_RATIO = 0.6
-"""The ratio of needed to shown effort below which a smaller effort is shown; above it, drivers ease the brake
-themselves."""
+"""Ratio of needed to shown effort below which a smaller effort is shown; above it, drivers ease the brake."""
 SAME_EFFORT = 1e-3
 Floats = NDArray[np.float64]
 

@@ -29,8 +29,7 @@ LATE_GAIN_S: Final = 2.0
 LEAST_GAIN_POWER_S: Final = 0.08
 """The time (s) of full traction power whose energy a new reference must save: 0.14 kWh for 6 MW."""
 ASTRAY_MPS: Final = 1.5
-"""The difference between the speeds of train and reference (m/s) above which a new reference that saves energy is
-tried."""
+"""Difference between the speeds of train and reference (m/s) above which a reference that saves energy is tried."""
 ASKED_EVERY_S: Final = 30.0
 """The least time (s) between two trials of a new reference that might be better."""
 LEAST_AGE_S: Final = 20.0
@@ -182,8 +181,7 @@ class Keeper:
         return self._answered(asked, kept, state, goal)
 
     def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
-        """The likely lateness (s; early < 0) of the arrival; a forecast that is early by at most the reserve counts as
-        on time."""
+        """The likely lateness (s; early < 0) of the arrival; one early by at most the reserve counts as on time."""
         late_s = kept.forecast.time_s - goal.left_s(state.now_ns)
         return late_s + min(self._loss_s(state, goal), max(-late_s, 0.0))
 
@@ -243,8 +241,7 @@ class Keeper:
         return self._taken(found, replan, state, goal)
 
     def _why_at_once(self, state: TrainState, goal: Goal) -> tuple[ReplanCause, Prospect | None]:
-        """The reason why a new reference is necessary now (NONE: it is not), and the forecast of the present one, if
-        any."""
+        """The reason for a new reference now (NONE: there is none), and the forecast of the present one, if any."""
         reference = self.reference
         if reference is None:
             return ReplanCause.START, None

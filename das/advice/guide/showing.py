@@ -85,8 +85,7 @@ class Showing:
         self._memory = replace(self._memory, shown=Instruction(), mode=Lead.SILENT, back=None)
 
     def has_shown(self, now: Instruction, now_ns: int) -> None:
-        """Take note of a brake shown at a time (ns) that was not chosen here; other instructions chosen elsewhere are
-        not kept."""
+        """Note a brake that was shown at a time (ns) but not chosen here; other such instructions are not kept."""
         if now.mode in BRAKES and self._memory.shown.mode not in BRAKES:
             self._memory = replace(self._memory, shown=now, since_ns=now_ns, due_ns=now_ns)
 
@@ -454,8 +453,7 @@ def _guarded(scene: Sight, memory: Memory, now: Instruction, found: list[Instruc
 
 
 def _after_brake(scene: Sight, now: Instruction, found: list[Instruction]) -> list[Instruction]:
-    """The changes after a brake: the first is due when the brake has reached its speed; further brakes lead to lower
-    speeds."""
+    """The changes after a brake: the first when it has reached its speed; further brakes lead to lower speeds."""
     while found and found[0].mode in BRAKES and found[0].speed_mps > now.speed_mps - SAME_MPS:
         found = found[1:]
     if not found or found[0].mode in BRAKES:

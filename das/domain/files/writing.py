@@ -1,5 +1,4 @@
-"""Atomic writing of files and folders under a temporary name, which is then changed; readers never see a partial
-one."""
+"""Atomic writing of files and folders under a temporary name, then renamed; readers never see a partial one."""
 
 from __future__ import annotations
 

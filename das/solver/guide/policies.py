@@ -43,8 +43,7 @@ STEP_MPS: Final = 5.0 * KMH
 LEAST_MPS: Final = 10.0 * KMH
 """The lowest advised speed (m/s), unless a limit is lower."""
 CHANGE_TIME_S: Final = 0.3
-"""The time (s) whose cost, at the price of time, a change must save in addition: a late train makes no change that
-gains little."""
+"""Time (s) whose cost, at the price of time, a change must save too: a late train makes no change of little gain."""
 BRAKE_CHANGES: Final = 1.0
 """The additional price, in changes, of a brake that no limit requires."""
 LOW_RATIO: Final = 0.001

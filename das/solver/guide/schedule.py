@@ -154,8 +154,7 @@ class Schedule:
         return float(self.section.node_m[self.phases[number].begin])
 
     def reached_m(self, number: int, s_m: float) -> float:
-        """The place (m) where a brake phase reaches its target speed; if the train is past it, the place where the
-        phase ends."""
+        """The place (m) where a brake phase reaches its target speed; if the train is past it, the end of the phase."""
         at_m = float(self.section.node_m[self._reached(number)])
         return at_m if s_m < at_m else self.begin_m(number + 1)
 

@@ -116,8 +116,7 @@ class Knowledge:
 
 
 MOST_CUTS = 4000
-"""Largest number of moments of a drive from which the optimum is sought: one a second for about an hour, fewer in
-longer drives."""
+"""Largest number of moments of a drive from which the optimum is sought: one a second for about an hour."""
 
 
 MISSED_S = 10.0
