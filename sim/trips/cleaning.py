@@ -58,15 +58,15 @@ EDGE_MPS: Final = 1.0
 """Difference (m/s) from which a speed next to a wrong one is wrong as well if it jumps (`EDGE_MPS2`) or repeats
 (`SAME_MPS`)."""
 EDGE_MPS2: Final = 1.5
-"""Change (m/s²) above which a speed jumps."""
+"""Change of speed (m/s²) that counts as a jump."""
 SAME_MPS: Final = 0.05
 """Difference (m/s) from the previous speed below which a speed repeats."""
 GAP_S: Final = 5.0
-"""Time without points (s) above which, and above `GAP_STEPS` usual steps, it is a gap."""
+"""Least duration (s) of a gap, if it is also longer than `GAP_STEPS` usual intervals."""
 GAP_STEPS: Final = 3.0
-"""Usual steps between points above which a time without points is a gap."""
+"""Number of usual intervals between points above which a time without points is a gap."""
 SPARSE_S: Final = 30.0
-"""Time without points (s) that is a gap in any record, however sparse."""
+"""Time without points (s) that is a gap in any record, even a sparse one."""
 
 _Strays = Callable[[Ints, Any], Floats]
 """Misfit of later points j (one, or one for each i) with earlier points i; two points fit if it is at most 1."""
@@ -88,8 +88,8 @@ class FindingKind(StrEnum):
 
     NO_TIME = "no_time", "no time", "dropped"
     NEWEST_FIRST = "newest_first", "newest point first", "reversed"
-    OTHER_WAY = "other_way", "trip runs the other way", "replayed the other way"
-    DUPLICATE_TIME = "duplicate_time", "time given twice", "dropped"
+    OTHER_WAY = "other_way", "trip in the other direction", "replayed in that direction"
+    DUPLICATE_TIME = "duplicate_time", "duplicate time", "dropped"
     TIME_BACK = "time_back", "time running back", "dropped"
     NO_POSITION = "no_position", "no position", "dropped"
     OFF_LINE = "off_line", "off the line before or after", "cut"
