@@ -1,4 +1,4 @@
-"""`python -m precompute.late_kernels`: compile kernels that a solved section needs, on a tiny one.
+"""Compilation of kernels that a solved section needs, on a tiny one (`python -m precompute.late_kernels`).
 
 A command that compiles the solver starts this module in a second process. It compiles the kernels in the order in which
 the command needs them, except those that share most of their code with the command's own kernels: the sweep, and the

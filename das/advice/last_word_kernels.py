@@ -100,7 +100,8 @@ def fill_curve(nodes, places, forces, mass, most, row):
 
 @kernel
 def _deceleration(places, forces, mass, most, i, w):
-    """The deceleration (m/s²) of full braking at v² = w: at most `most`, unless the hill alone slows the train more."""
+    """The deceleration (m/s²) of full braking at v² = w: at most `most`, unless the gradient alone slows the train
+    more."""
     x = min(math.sqrt(max(w, 0.0)) * STEPS_PER_MPS, forces.shape[1] - 1.001)
     k = int(x)
     row = BRAKE if places[MOTORS, i] > 0.0 else BRAKE_WITHOUT_MOTORS
@@ -118,7 +119,7 @@ def asked(forces, doing, v):
 
 @kernel
 def after_step(nodes, places, forces, mass, doing, s, v):
-    """The speed (m/s) one time step later if the driver does `doing`, one row of what `first_excess` describes."""
+    """The speed (m/s) one time step later if the driver follows `doing`, a row of the `doings` of `first_excess`."""
     force, goal, holds = asked(forces, doing, v), doing[2], doing[3] > 0.0
     faster = v >= goal
     if holds:
@@ -136,16 +137,16 @@ def after_step(nodes, places, forces, mass, doing, s, v):
 
 @kernel
 def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, tuned):
-    """The first speed above its bound (m/s) that the train reaches if the driver does `doings`, and that bound.
+    """The first speed above its bound (m/s) that the train reaches if the driver follows `doings`, and that bound.
 
     Returns -1, -1 if there is none between the times `since` and `lasts` (s). A row of `doings` holds the time until
     which it applies (s), a wheel force (N), the speed to reach with it (m/s), whether to hold that speed (1 or 0), and
     the electric brake at its beginning (N); if the last is above 0, a braking force grows as the electric brake does.
 
-    A train that is already too fast is no excess if the instruction corrects that: by the share `full_ratio` of full
+    A train that is already too fast is not counted if the instruction corrects that: by the share `full_ratio` of full
     braking; by holding a permitted speed, if the train exceeds what is allowed by at most `held_above` (m/s); or, if
     only the limit here is exceeded, by braking back under it in the time `back_in` (s). A train slower than `stopped`
-    (m/s) is no excess either. `tuned` holds `full_ratio`, `held_above`, `stopped`, `back_in`.
+    (m/s) is not counted either. `tuned` holds `full_ratio`, `held_above`, `stopped`, `back_in`.
     """
     k, (full_ratio, held_above, stopped, back_in) = 0, tuned
     for step in range(math.ceil(lasts / STEP_S) + 1):

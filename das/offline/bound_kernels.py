@@ -1,4 +1,4 @@
-"""The convex relaxation of a section: its variables and constraints, and the bound that multipliers prove.
+"""The convex relaxation of a section: its variables and constraints, and the bound that its multipliers prove.
 
 The local variables of an interval are w0, w1 (v²/2 at its two nodes, m²/s²), the slowness τ (s/m), the wheel force f of
 the motors and the energy e per metre (both in units of the program's force scale). Every constraint is written as
@@ -101,8 +101,8 @@ def plane_constant(a_b_d, least_n, rows, ends_tau, enough):
     """The largest c for which a·f + b·τ + d/(2τ²) + c, d <= 0, is nowhere above ψ (N).
 
     `least_n[i]` is the least ψ − a·f of row i. Between two rows, and beyond the slowest one, where ψ rises by at least
-    `standing_w` with τ, the least is taken in closed form. Only slownesses between `ends_tau` count. A c of at most
-    `enough` is useless, and the search then ends.
+    `standing_w` with τ, the least is taken in closed form. Only slownesses between `ends_tau` count. The search ends at
+    a c of at most `enough`, which is useless.
     """
     _, b, d = a_b_d
     low_tau, high_tau = ends_tau
@@ -292,7 +292,7 @@ def constraints(k, z, free0, free1, program: Program, c, slope):
 
 @kernel
 def _effort_limits(k, tau, f, efforts: RelaxedEfforts, c, slope):
-    """Fill the constraints 2 to 6: what the motors can give and take."""
+    """Fill the constraints 2 to 6: the limits of the motors' traction and braking."""
     c[2] = f - efforts.traction_power[k] * tau - efforts.traction_offset[k]
     slope[2, 2] = -efforts.traction_power[k]
     slope[2, 3] = 1.0
@@ -395,7 +395,7 @@ _LEAST_SLACK = 0.01
 _CENTRE = 0.1
 """Product of slack and multiplier of a constraint at the first point, per metre of the interval."""
 _PATIENCE = 5
-"""Steps in a row without a higher bound after which the search ends, once it has a useful one."""
+"""Consecutive steps without a higher bound after which the search ends, once it has a useful one."""
 _USEFUL = 2e-4
 """Ratio below the energy of the point within which a bound is useful."""
 _FEASIBLE = 1e-5
@@ -412,7 +412,7 @@ class Iterate(NamedTuple):
 
 
 class Direction(NamedTuple):
-    """Changes of all that an `Iterate` holds."""
+    """Changes of all arrays of an `Iterate`."""
 
     w: Floats
     local: Floats
@@ -493,7 +493,7 @@ def _complementarity(now):
 
 @kernel
 def _find_direction(now, program, newton, column, change):
-    """Find the step: the predictor aims at slack · multiplier = 0; how far it can go sets the corrector's target."""
+    """Find the step: the predictor aims at slack · multiplier = 0; its possible length sets the corrector's target."""
     n, m = now.slack.shape
     theta = np.empty((n, m))
     for k in range(n):
@@ -609,7 +609,8 @@ def _advance(now, program, change):
 
 @kernel
 def _quality(now, program, newton):
-    """Energy of the point, the sum of its magnitudes over the intervals, and the largest violation of a constraint."""
+    """The point's energy, the sum of its absolute values over the intervals, and the largest violation of a
+    constraint."""
     energy, size, worst = 0.0, 0.0, 0.0
     for k in range(now.slack.shape[0]):
         energy += program.motion.step_m[k] * now.run.local[k, 2]

@@ -137,7 +137,7 @@ def _journey_section(
 
 
 def _bounded(section: Section, node: int, passing: Passing) -> Section:
-    """The section with a passing's speeds enforced at an integration node: envelope and floor before the node change.
+    """The section with a passing's speeds enforced at an integration node, by other envelope and floor before the node.
 
     At the node, the floor is below the envelope by at least the ratio `PASSING_BAND_RATIO`, so that the speed grid
     there has several speeds.
@@ -302,7 +302,7 @@ class TimedStretch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenStretch(TimedStretch):
-    """A stretch with its trajectory: the speeds at its nodes, and the price of time there (W).
+    """A stretch with its trajectory: the speeds at its nodes, and its price of time (W).
 
     `feasible`: the trajectory is within limits and forces, and on time.
     """
@@ -439,10 +439,10 @@ Parts = dict[Stretch, Front]
 
 
 class Split(StrEnum):
-    """The way in which the time between two tight times is divided."""
+    """The rule by which the time between two tight times is divided."""
 
     EQUAL_MARGINAL = "equal-marginal"
-    """One second less would cost the same everywhere: the optimum."""
+    """One second less would cost the same energy everywhere, as in the optimum."""
     PROPORTIONAL = "proportional"
     """The same buffer, in per cent, everywhere."""
 
@@ -559,7 +559,7 @@ class Chains:
     def _share(
         self, span: TightSpan, tables: Sequence[MultiplierTable], split: Split
     ) -> tuple[list[float], float, float]:
-        """Times of a span's stretches (s), its price of time (W), and how long the train waits beyond the least (s)."""
+        """Times of a span's stretches (s), its price of time (W), and its waiting time beyond the least (s)."""
         by_column = [table.time_s for table in tables]
         ladder_w, lowest = self.fronts.ladder_w, self.lowest(span)
         total_s = sum(by_column, np.full(len(ladder_w) + 1, span.least_wait_s))
@@ -605,7 +605,7 @@ def _grid_mps(section: Section, node: int) -> Floats:
 
 
 def _proportional(span: TightSpan, times_s: Sequence[tuple[float, float]]) -> list[float]:
-    """Least time × one factor for every stretch, but none slower than its slowest; `times_s`: (least, slowest)."""
+    """Least time × one factor for every stretch, but at most its slowest time; `times_s`: (least, slowest)."""
     factors = np.array(sorted({1.0, *(slowest / least for least, slowest in times_s)}))
     totals = span.least_wait_s + sum(np.minimum(factors * least, slowest) for least, slowest in times_s)
     factor = float(np.interp(span.time_s, totals, factors))

@@ -2,8 +2,8 @@
 
 The lines of a knot are speeds squared: the trajectory's v² plus whole multiples of a spacing, cut to the bounds.
 Between two knots a move leads to a *line*, its shift in v² against the trajectory changing linearly with distance, or
-it follows a *special*: full traction, coasting, full electric brake, or the brake at which the current collector takes
-and gives nothing. A special lands between the lines, where values are interpolated linearly in v². Every move is
+it follows a *special*: full traction, coasting, full electric brake, or the brake at which no power flows through the
+current collector. A special lands between the lines, where values are interpolated linearly in v². Every move is
 integrated in the section's own steps, so that its cost is exact.
 """
 
@@ -42,7 +42,7 @@ _ANY_SQUARED = 1.0
 """v² (m²/s²) used for a barred pair, to avoid a division by 0."""
 _FORCE_STEPS = 6
 _SETTLED_RATIO = 1e-12
-"""Ratio of change below which a speed is settled."""
+"""Relative change below which a speed counts as converged."""
 
 
 class Tube(NamedTuple):
@@ -219,7 +219,7 @@ def _between_lines(tube, k, w):
 
 @kernel
 def _between(values, j, share):
-    """A value between two lines; a line with no share is not read, because it may be out of reach."""
+    """A value between two lines; a line with a share of 0 is not read, because it may be unreachable."""
     below = values[j] if share < 1.0 else 0.0
     above = values[j + 1] if share > 0.0 else 0.0
     return (1.0 - share) * below + share * above
@@ -244,7 +244,7 @@ def fill_moves(tube, line, p, c, moves):
 
 @kernel
 def _pair_up(k, tube, line, p, c, pairs):
-    """Fill in the costs of all pairs, and bar those that begin or end off the trajectory's own ends, or do not move."""
+    """Fill in the costs of all pairs; pairs off the trajectory's own ends, or at a standstill, are barred."""
     size, last = 2 * tube.lines + 1, tube.knot.size - 2
     start, landing = pairs.start, pairs.landing
     for n in range(start.size):

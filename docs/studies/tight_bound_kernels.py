@@ -1,8 +1,8 @@
-"""Least costs between cells of speeds: a shortest path that no run of a section can undercut.
+"""Least costs between cells of speeds, and a shortest path that costs no more than any run of a section.
 
 The speeds at every node are divided into cells. The value of a cell is a line in w = v²/2, and a *link* is the least
-that an interval can cost between two cells, the lines of both taken into account. `docs/explanation/bounds.md` proves
-that the shortest path over the links is a lower bound of the energy and the priced time of every run.
+cost of an interval between two cells, plus the second cell's line, minus the first's. `docs/explanation/bounds.md`
+proves that the shortest path over the links is a lower bound of the energy and the priced time of every run.
 """
 
 from __future__ import annotations
@@ -56,11 +56,9 @@ class CellTrain(NamedTuple):
 
 
 class CellEfforts(NamedTuple):
-    """Limits of forces (N), of all intervals or of one.
-
-    The motors give between −electric_n and traction_n, and at most their powers at the faster end; all brakes together
-    give at most `brake_n`. The friction brake acts only if the electric brake gives all that it can: at least
-    `least_electric_n`, unless its power or adhesion allows less.
+    """Limits of forces (N), of all intervals or of one. The motors' force is between −electric_n and traction_n, and at
+    most their powers at the faster end; the force of all brakes is at most `brake_n`. The friction brake acts only if
+    the electric brake is at its limit: at least `least_electric_n`, unless its power or adhesion allows less.
     """
 
     traction_n: Floats

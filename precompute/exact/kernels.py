@@ -313,7 +313,7 @@ def merge_labels(
     ahead. A neighbour i has the labels offset[i] … offset[i + 1] − 1 (time rising, energy falling) and node_cost[i, l],
     the least energy + lam·time among them. A label is kept if, for some l, its energy + lam·time + beyond[d, l] does
     not exceed allowed[l], and if its time does not exceed latest[d]. `lam` rises. `bucket_ns` > 0 keeps at most one
-    label per bucket of time (a heuristic that makes upper bounds quickly); 0 keeps all.
+    label per bucket of time (a heuristic that finds upper bounds quickly); 0 keeps all.
 
     Returns times, energies, parents (label index) and the number of labels of each state.
     """
@@ -438,7 +438,7 @@ def least_costs(begin, stop, offset, time, energy, lam, result):
 
 @kernel
 def join_labels(begin, stop, a_offset, a_time, a_energy, b_offset, b_time, b_energy, latest, known, origin, width):
-    """Runs made of a label from the start and one from the end that meet in one of the states begin … stop − 1.
+    """Runs that consist of a label from the start and one from the end that meet in a state begin … stop − 1.
 
     known[x] is the least energy of a known run that takes at most origin + x·width. A run is left out if a known run
     takes less energy and no more time, or if it takes longer than `latest`.

@@ -1,4 +1,4 @@
-"""Compiles the kernels that a simulated day needs last, on a tiny line.
+"""Compilation of the kernels that a simulated run needs last, on a tiny line.
 
 A command that compiles the solver runs this in parallel: the train model, the guide's plans and the last word are
 needed once sections have been solved.

@@ -1,7 +1,7 @@
 """Copying and adding arrays in kernels.
 
-Numba also compiles `into[:] = values` and `into += share * values`. But both check the shapes, and numba then compiles
-about 30 functions that format the error message, again for every kernel called from Python.
+Numba also compiles `into[:] = values` and `into += share * values`. But both check the shapes; for this, numba compiles
+about 30 functions for error messages in every kernel called from Python.
 """
 
 from __future__ import annotations
