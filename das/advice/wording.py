@@ -31,7 +31,7 @@ UNSTAMPED: Final = (
 
 
 def withdrawal(why: Withdrawal) -> str:
-    """The text on why there is no advice."""
+    """The text that explains why there is no advice."""
     if why.problem is not None:
         return problem(why.problem)
     texts = {
@@ -62,7 +62,7 @@ _UNITS: Final = {
 
 
 def problem(what: Problem) -> str:
-    """The text on what is wrong with a position."""
+    """The text that names the fault of a position."""
     kind, value = what
     texts = {
         ProblemKind.NO_POSITION: "no position yet",

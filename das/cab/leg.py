@@ -176,7 +176,8 @@ class Leg:
             raise NoPlanError(str(error)) from error
 
     def _state(self, here: Estimate) -> TrainState:
-        """The state to advise for, and by how much the train may be further ahead than the plan already allows for."""
+        """The state to advise for, and the distance by which the train may be further ahead than the plan allows
+        for."""
         section = self.section
         s_m = max(here.s_m, section.start_m)
         planned_m = 0.0 if section.braking is None else section.braking.deviation_m

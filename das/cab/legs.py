@@ -146,7 +146,7 @@ class Legs:
         self.legs, self._index = (), None
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
-        """Take over all restrictions known; plans observe each of them as soon as it counts."""
+        """Take over all restrictions known; plans observe each of them as soon as it applies."""
         self.situation = replace(self.situation, restrictions=tuple(restrictions))
         self._note_change()
 

@@ -195,14 +195,14 @@ class TimelineEvent:
 
 @dataclass(frozen=True)
 class WaitLink:
-    """The train stands between two events, for at least this time (s)."""
+    """A link in which the train stands between two events, for at least this time (s)."""
 
     least_s: float
 
 
 @dataclass(frozen=True)
 class DriveLink:
-    """The train runs between two events, from a place of a section to the next place."""
+    """A link in which the train runs between two events, from a place of a section to the next place."""
 
     section: int
     place: int

@@ -54,7 +54,7 @@ def localisation_table(
 
 
 def filtered_errors(states: Sequence[PlantState], noise: Noise, seed: int) -> Floats:
-    """Each second while moving: errors of position and speed as measured and as filtered, and the stated deviation."""
+    """Errors of position and speed, measured and filtered, and the stated deviation, for each second while moving."""
     localisation, random = Localisation(load_vehicle("re460-ic")), np.random.default_rng(seed)
     keep, wander_m, found = math.exp(-1.0 / WANDER_S), noise.position_m * random.standard_normal(), []
     for state in states:

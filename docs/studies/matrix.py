@@ -27,7 +27,7 @@ PAGE: Final = DOCS / "results" / "0.2" / "matrix.md"
 
 
 def driven(cell: Cell) -> Judged:
-    """The judgement of one cell."""
+    """The assessment of one cell."""
     with tempfile.TemporaryDirectory() as folder:
         return judged(cell, Path(folder))
 

@@ -1,4 +1,4 @@
-"""The paper's grid over a section, and the states of it that lie on a run that is fast enough."""
+"""The paper's grid over a section, and its states that lie on a sufficiently fast run."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Graph:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layer:
-    """The states of a node that lie on some run that is fast enough, and the reach of each.
+    """The states of a node that lie on a sufficiently fast run, and the reach of each.
 
     Per state: `speed` (grid units, rising), earliest arrival and least time to go (ns), the coarse speeds `first` …
     `last` it can reach at the next node (in coarse steps) and the speed it coasts to (-1: none). `row[speed − lowest]`

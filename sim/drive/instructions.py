@@ -39,7 +39,7 @@ OBEYED_S, OBEYED_RATIO = 5.0, 0.8
 """Time (s) and share of the effort that define an obedient driver: speeds kept for that time, brakes with that
 share."""
 BRIEF_S, GAINS_S = 30.0, 1.0
-"""An acceleration followed by a brake within `BRIEF_S` is in vain if it gains less than `GAINS_S` over holding."""
+"""Time (s) to a brake, and gain (s) over holding, below both of which an acceleration counts as useless."""
 MOVING_MPS: Final = 0.3
 """Speed (m/s) below which a train stands."""
 REMEMBERED: Final = 60
@@ -356,9 +356,9 @@ def _misses(coast: _Told, told: _Told, coasted_s: int, ends_mps: float) -> bool:
         return False
     replaced = told.reference_ns * NS > coast.time_s
     if told.kind is InstructionKind.BRAKE:
-        interrupted = told.to_mps > coast.to_mps  # By a limit on the way.
+        interrupted = told.to_mps > coast.to_mps  # A limit on the way requires it.
         return not (interrupted or replaced) and ends_mps > coast.to_mps + COAST_MISSES_MPS
-    passed = coast.speed_mps < coast.to_mps < ends_mps  # It rolled down a hill.
+    passed = coast.speed_mps < coast.to_mps < ends_mps  # The train accelerated on a descent.
     return not (passed or replaced) and abs(ends_mps - coast.to_mps) > COAST_MISSES_MPS
 
 

@@ -86,7 +86,7 @@ LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
 """Longest run, as a multiple of the time of its timetable, and the time (s) beyond it."""
 
 Progress = Callable[[float, float], None]
-"""Called at every tick with the distance driven so far and the whole distance (m)."""
+"""A function called at every tick with the distance driven so far and the whole distance (m)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
