@@ -126,7 +126,7 @@ SAVINGS: Final = (
 )
 """Savings stated in the text (section 4.3 on fig. 6, section 4.4 on fig. 8).
 
-"Very large buffers" of the deceleration is interpreted as 15 % and more."""
+The text's "very large buffers" are taken as 15 % and more."""
 
 NOT_PRINTED: Final = float("nan")
 TABLE2_LEVELS: Final = tuple(variant.name for variant in ALL_VARIANTS)

@@ -1,4 +1,4 @@
-"""Making a table: the front of a section is solved and refined, and references for departures are finished."""
+"""Production of a table: solution and refinement of a section's front, and references for departures."""
 
 from __future__ import annotations
 

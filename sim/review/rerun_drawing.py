@@ -156,7 +156,8 @@ def _series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: Times
 
 
 def _lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
-    """Send a lane of states, with one row for each change. A state too short for its words has its figure, or none."""
+    """Send a lane of states, with one row for each change. A state too short for its text shows only its figure, or
+    nothing."""
     entity = lane_entity(lane.name)
     time_ns = np.array([change.time_ns for change in lane.changes])
     ends_ns = np.maximum(np.append(time_ns, lines.trip.time_ns[-1]), lines.opening_ns)

@@ -49,7 +49,7 @@ AT_THE_DESK: Final = Patience(given_up_s=600.0, awaited_s=math.inf, driver=DESK)
 class DeadMan:
     """The dead-man brake: applied after a silence of the driver.
 
-    It is released when the driver answers again, the train stands, and the controller asks for no traction; never in
+    It is released when the driver answers again, the train stands, and the controller requests no traction; never in
     the middle of braking, and never while traction is requested.
     """
 

@@ -120,7 +120,7 @@ MOST_CUTS = 4000
 
 
 MISSED_S = 10.0
-"""Lateness (s) against the timetable above which a train has hurried for the arrival in vain."""
+"""Lateness (s) against the timetable above which a train counts as having hurried without success."""
 HURRYING = (EnergyCause.AS_ADVISED, EnergyCause.TOO_MUCH_EFFORT)
 """Causes that become lateness if the driver hurried for an arrival that the train then missed."""
 
