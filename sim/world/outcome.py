@@ -49,12 +49,11 @@ def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]
 def above_optimum(day: Day, run: Run) -> AboveOptimum:
     """The energy above the optimum of the true train, by section."""
     sections = zip(pairwise(day.service.stops), run.legs, optimum_as_driven(true_fronts(day), run), strict=True)
-    return AboveOptimum.measured_on(
-        [
-            SectionEnergy.of(start.name, end.name, day.plant.balance(departed, arrived).input, best)
-            for (start, end), (departed, arrived), best in sections
-        ]
+    each = (
+        SectionEnergy.of(start.name, end.name, day.plant.balance(departed, arrived).input, best)
+        for (start, end), (departed, arrived), best in sections
     )
+    return AboveOptimum.of(each, measured=True)
 
 
 def true_fronts(day: Day) -> tuple[Front, ...]:

@@ -186,7 +186,7 @@ def test_the_recording_holds_what_was_taken_above_the_optimum(recording: Recordi
     assert said.measured
     assert kwh(said.driven_j) == pytest.approx(found["energy_kwh"], rel=1e-9)
     assert kwh(said.optimum_j) == pytest.approx(found["energy_optimum_kwh"], rel=1e-9)
-    assert said.likely_low_j == said.worst_high_j == pytest.approx(said.driven_j - said.optimum_j)
+    assert said.likely_low_j == said.likely_high_j == pytest.approx(said.driven_j - said.optimum_j)
     assert sum(one.driven_j for one in said.sections) == pytest.approx(said.driven_j)
     assert sum(one.optimum_j for one in said.sections) == pytest.approx(said.optimum_j)
 

@@ -45,7 +45,8 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     if attribution is not None:
         rows += _energy_rows(attribution)
-    for one in () if drive.energy.likely is None else drive.energy.likely.unknowns:
+    unknowns = () if drive.energy.likely is None else drive.energy.likely.unknowns
+    for one in (one for one in unknowns if one.high_j > one.low_j):
         spread = f"{kwh_figure(one.low_j, signed=True)} to {kwh_words(one.high_j, signed=True)}"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
     told = restrictions_told(drive)

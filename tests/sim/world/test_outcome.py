@@ -94,7 +94,7 @@ def test_violations_and_a_drive_without_an_optimum_are_told(plain: tuple[Day, Ru
     found = outcome(*plain)
     bad = Violations(signals_passed=2, beyond_signal_m=30.0, over_limit_s=4.0, over_limit_mps=10 * KMH)
     (section,) = found.energies.above.sections
-    fast = AboveOptimum.measured_on([dataclasses.replace(section, late_s=2.5)])
+    fast = AboveOptimum.of([dataclasses.replace(section, late_s=2.5)], measured=True)
     figures = dataclasses.replace(
         found,
         figures=dataclasses.replace(found.figures, violations=bad),
