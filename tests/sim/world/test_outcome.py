@@ -72,7 +72,7 @@ def test_names_and_values_of_the_figures(plain: tuple[Day, Run]) -> None:
     assert (figures["scenario"], figures["seed"], figures["level"]) == ("flat", 1, "l3")
     assert [stop["name"] for stop in figures["stops"]] == [stop.name for stop in day.service.stops]
     assert (figures["stops"][0]["arrived_s"], figures["stops"][-1]["departed_s"]) == (None, None)
-    assert figures["late_s"] == found.late_s == figures["stops"][-1]["late_s"]
+    assert figures["late_s"] == found.late_s == figures["stops"][-1]["arrived_late_s"]
     assert figures["simulated_s"] == len(run.states) - 1 > figures["running_time_s"] > 100
     # Between one departure and one arrival nothing is drawn at stops, and the states say the same energy.
     (departed, arrived) = run.legs[0]
