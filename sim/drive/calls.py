@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from das.cab.heard import OrderedStop
-from das.domain.journey import Passing
+from das.domain.journey import OrderedStop, Passing
 from das.domain.route import Stop
 from das.domain.units import NS
 from sim.drive.table import DriveTable

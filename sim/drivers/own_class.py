@@ -5,22 +5,22 @@ from __future__ import annotations
 import hashlib
 import importlib
 import inspect
-import math
 import os
 import sys
 import sysconfig
 import traceback
 from collections.abc import Sequence
-from numbers import Real
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any
 
 from das.domain.errors import DasError
-from sim.drivers.cab import CabView, DriverEvent, kept_by
+from sim.drivers.cab import CabView, DriverEvent, checked, kept_by
 from sim.drivers.kinds import DriverName, OwnClass
-from sim.drivers.knowledge import LineKnowledge
-from sim.plant.kernels import FORCE, LEVER, NO_LIMIT_N, SPEED, Command
+from sim.plant.kernels import Command
+
+if TYPE_CHECKING:
+    from sim.drivers.knowledge import LineKnowledge
 
 EXPECTED = "expected a class with a method command(self, cab) that returns a Command"
 
@@ -144,52 +144,3 @@ def _of_others(file: Path) -> bool:
     ours = [Path(__file__).parents[2] / package for package in ("das", "precompute", "sim")]
     installed = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
     return any(file.is_relative_to(folder) for folder in (*ours, *installed))
-
-
-_VALUES: Final = {
-    FORCE: ("the wheel force", -NO_LIMIT_N, NO_LIMIT_N, "N"),
-    LEVER: ("the lever's ratio", -1.0, 1.0, ""),
-    SPEED: ("the speed to hold", 0.0, 200.0, "m/s"),
-}
-"""For each law of a command: name, range and unit of its value."""
-
-
-def checked(answer: Any, who: str, time_s: float) -> Command:
-    """The answer of a driver at a time (s on the cab's clock), with its numbers as plain floats.
-
-    Raises DasError for anything but a Command, and for numbers that are NaN or out of range; `who` begins the message.
-    """
-    where = f"{who}: at {time_s:.1f} s it answered"
-    if not isinstance(answer, Command):
-        raise DasError(
-            f"{where} {_short(answer)}: expected a Command, made by lever, force or speed of sim.plant.plant"
-        )
-    if answer.law not in _VALUES:
-        raise DasError(f"{where} a Command of law {_short(answer.law)}: expected one made by lever, force or speed")
-    name, low, high, unit = _VALUES[answer.law]
-    return Command(
-        answer.law,
-        _within(answer.value, where, name, (low, high, unit)),
-        _within(answer.rate_mps2, where, "rate_mps2", (-10.0, 10.0, "m/s²")),
-        _within(answer.force_n, where, "force_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
-        _within(answer.gain_per_s, where, "gain_per_s", (0.0, 100.0, "1/s")),
-        _within(answer.low_n, where, "low_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
-        _within(answer.high_n, where, "high_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
-        _within(answer.friction_ratio, where, "friction_ratio", (0.0, 1.0, "")),
-    )
-
-
-def _within(value: Any, where: str, name: str, limits: tuple[float, float, str]) -> float:
-    low, high, unit = limits
-    known = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    if not known or not low <= value <= high:
-        raise DasError(f"{where} {name} = {_short(value)}: expected {low:g} to {high:g}{f' {unit}' if unit else ''}")
-    return float(value)
-
-
-def _short(value: Any) -> str:
-    try:
-        text = repr(value)
-    except Exception:
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= 60 else f"{text[:57]}…"

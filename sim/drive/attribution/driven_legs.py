@@ -39,7 +39,6 @@ from sim.trips.estimate import (
     one_by_one,
 )
 from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
-from sim.trips.trip import recorded_trip
 
 EQUAL_MPS: Final = 0.5
 """Largest distance (m/s) of two equal speeds from the same speed."""
@@ -132,6 +131,8 @@ def smoothed_motions(table: DriveTable) -> Callable[[float], DrivenMotion]:
     The motion has the energy of the friction brake if the recording has brake forces. DasError for positions that
     cannot be used.
     """
+    from sim.trips.trip import recorded_trip  # cleaning and matching, which a simulated drive does not need
+
     trip = recorded_trip(table.recording, table.inputs.route)
 
     def smoothed(jerk_psd_m2ps5: float) -> DrivenMotion:
