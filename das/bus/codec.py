@@ -18,6 +18,7 @@ from das.bus.topics import Received, Topic
 from das.cab import heard
 from das.cab.heard import Heard, Kind
 from das.cab.outputs import Estimated, Event, Output, Status
+from das.domain.journey import OrderedStop
 from das.estimate.estimate import Effort, PositionFix, Quality
 
 INPUT_TOPICS: Mapping[Kind, Topic] = {Kind(one.name): one for one in topics.TOPICS if one.name in list(Kind)}
@@ -126,7 +127,7 @@ _DECODERS: Mapping[Kind, Callable[[Any, dict[str, Any]], Heard]] = {
         effort=Effort(**_values(message, Effort.__dataclass_fields__)), **common
     ),
     Kind.JOURNEY: lambda message, common: heard.JourneyHeard(
-        stops=tuple(heard.OrderedStop(**_values(one, heard.OrderedStop._fields)) for one in message.stops),
+        stops=tuple(OrderedStop(**_values(one, OrderedStop._fields)) for one in message.stops),
         **_values(message, JOURNEY_FIELDS),
         **common,
     ),

@@ -1871,8 +1871,6 @@ class Saving(_message.Message):
     OPTIMUM_J_FIELD_NUMBER: _builtins.int
     LIKELY_LOW_J_FIELD_NUMBER: _builtins.int
     LIKELY_HIGH_J_FIELD_NUMBER: _builtins.int
-    WORST_LOW_J_FIELD_NUMBER: _builtins.int
-    WORST_HIGH_J_FIELD_NUMBER: _builtins.int
     SECTIONS_FIELD_NUMBER: _builtins.int
     NOT_COMPARABLE_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
@@ -1889,10 +1887,6 @@ class Saving(_message.Message):
     """[J] the energy above the optimum if mass, resistance, wind and smoothing deviate as they likely do, added as squares; measured: that energy itself"""
     likely_high_j: _builtins.float
     """[J] the upper end of the same"""
-    worst_low_j: _builtins.float
-    """[J] the same with all unknowns at their worst together, and with all braking by friction; measured: as likely"""
-    worst_high_j: _builtins.float
-    """[J] the upper end of the same"""
     not_comparable: _builtins.str
     """why drive and optimum cannot be compared, in English; empty if they can"""
     @_builtins.property
@@ -1907,14 +1901,12 @@ class Saving(_message.Message):
         optimum_j: _builtins.float = ...,
         likely_low_j: _builtins.float = ...,
         likely_high_j: _builtins.float = ...,
-        worst_low_j: _builtins.float = ...,
-        worst_high_j: _builtins.float = ...,
         sections: _abc.Iterable[Global___Saving.Section] | None = ...,
         not_comparable: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["comparable", b"comparable", "driven_j", b"driven_j", "likely_high_j", b"likely_high_j", "likely_low_j", b"likely_low_j", "measured", b"measured", "not_comparable", b"not_comparable", "optimum_j", b"optimum_j", "sections", b"sections", "time_ns", b"time_ns", "worst_high_j", b"worst_high_j", "worst_low_j", b"worst_low_j"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["comparable", b"comparable", "driven_j", b"driven_j", "likely_high_j", b"likely_high_j", "likely_low_j", b"likely_low_j", "measured", b"measured", "not_comparable", b"not_comparable", "optimum_j", b"optimum_j", "sections", b"sections", "time_ns", b"time_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

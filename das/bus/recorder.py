@@ -28,7 +28,7 @@ from das import __version__
 from das.bus import das_pb2
 from das.bus.sealing import CHANNELS, NUMBERED, RECORDING, sealed
 from das.bus.session import Bus
-from das.bus.topics import ADVICE, CONTROL, RECORDER, STATUS, Received, Topic
+from das.bus.topics import ADVICE, CONTROL, RECORDER, STATUS, Received, Topic, message_time_ns
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link, umask
@@ -148,15 +148,6 @@ def _begin(path: Path) -> tuple[IO[bytes], Path | None]:
         return os.fdopen(handle, "wb"), Path(name)
     except OSError as error:
         raise DasError(f"{path}: cannot be written ({error.strerror})") from error
-
-
-def message_time_ns(message: Any) -> int:
-    """The time that a message states (ns since 1970); 0 if it has none."""
-    if hasattr(message, "time_ns"):
-        return int(message.time_ns)
-    if hasattr(message, "timestamp"):
-        return int(message.timestamp.seconds * 1_000_000_000 + message.timestamp.nanos)
-    return 0
 
 
 class Recorder:

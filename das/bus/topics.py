@@ -104,3 +104,10 @@ def decoded(topic: Topic, key: str, payload: bytes, source: str = "") -> Receive
     except DecodeError:
         message = None
     return Received(topic, key, message, source, len(payload))
+
+
+def message_time_ns(message: Any) -> int:
+    """The time that a message states (ns since 1970); 0 if it has none."""
+    if hasattr(message, "time_ns"):
+        return int(message.time_ns)
+    return int(message.timestamp.ToNanoseconds()) if hasattr(message, "timestamp") else 0

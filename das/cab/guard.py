@@ -29,7 +29,7 @@ from das.cab.heard import (
 from das.domain.errors import DasError
 from das.domain.restriction import LONGEST_TEXT, Restriction
 from das.domain.units import NS
-from das.estimate.localisation import STALE_AFTER_S
+from das.estimate.estimate import STALE_AFTER_S
 
 MOST_RIVALS = 20
 """Largest numbers of waiting sessions (the newest) and of other nodes of the train (the first) remembered."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar, Final, NamedTuple
 
+from das.domain.journey import OrderedStop
 from das.domain.restriction import Restriction
 from das.estimate.estimate import Effort, PositionFix
 
@@ -29,15 +30,6 @@ class Kind(StrEnum):
 
 STATES = (Kind.JOURNEY, Kind.RESTRICTION, Kind.TARGET)
 """Kinds whose message applies until the next one; older ones never replace newer ones, and one publisher counts."""
-
-
-class OrderedStop(NamedTuple):
-    """A stop of a journey as ordered: its name, its position (m), and its times (ns since 1970; 0: none)."""
-
-    name: str
-    s_m: float
-    arrival_ns: int = 0
-    departure_ns: int = 0
 
 
 class ToldRestriction(Restriction):

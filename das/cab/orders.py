@@ -8,9 +8,10 @@ from datetime import UTC, datetime
 from itertools import pairwise
 
 from das.advice.advice import Timetable
-from das.cab.heard import JourneyHeard, OrderedStop
+from das.cab.heard import JourneyHeard
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_vehicle
+from das.domain.journey import OrderedStop
 from das.domain.levels import Level
 from das.domain.route import Route, Stop
 from das.domain.units import NS

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
-from typing import Self
+from typing import NamedTuple, Self
 
 from das.domain.errors import MISSING, InputError
 from das.domain.route import POSITION_TOLERANCE_M, Route, Stop
@@ -16,6 +16,15 @@ from das.domain.units import KMH
 
 LEAST_SPACING_M = 1.0
 """Least distance between two points of a journey."""
+
+
+class OrderedStop(NamedTuple):
+    """A stop of a journey as ordered: its name, its position (m), and its times (ns since 1970; 0: none)."""
+
+    name: str
+    s_m: float
+    arrival_ns: int = 0
+    departure_ns: int = 0
 
 
 class Held(StrEnum):

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import Final, NamedTuple
 
+STALE_AFTER_S: Final = 3.0
+"""Largest age (s) of the last fix, and largest lead over the clock, with which an estimate is used."""
 LEAST_SD_M: Final = 0.5
 """Least standard deviation (m) of a position, whatever the sender states."""
 LEAST_SD_MPS: Final = 0.02

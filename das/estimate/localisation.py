@@ -12,7 +12,15 @@ from typing import Final
 
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.estimate import NO_POSITION_YET, Estimate, PositionFix, Problem, ProblemKind, deviations
+from das.estimate.estimate import (
+    NO_POSITION_YET,
+    STALE_AFTER_S,
+    Estimate,
+    PositionFix,
+    Problem,
+    ProblemKind,
+    deviations,
+)
 from das.estimate.plausibility import (
     EXPECTED_SLOW_MPS,
     SILENCE_S,
@@ -26,8 +34,6 @@ from das.estimate.plausibility import (
 )
 from das.estimate.track_filter import Track, TrainMotion
 
-STALE_AFTER_S: Final = 3.0
-"""Largest age (s) of the last fix, and largest lead over the clock, with which an estimate is used."""
 LARGEST_POSITION_SD_M: Final = 50.0
 """Largest standard deviation (m) of the position with which an estimate is used."""
 LARGEST_SPEED_SD_MPS: Final = 2.0

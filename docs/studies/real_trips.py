@@ -101,7 +101,6 @@ def trip_attributions(data: Path) -> list[TripAttribution]:
                 drive = Drive(recording=recording, given=inputs)
                 attribution = drive.energy.any_attribution
                 likely = likely_range(attribution.legs, drive.energy.smoothed)
-                assert likely is not None  # a trip is an estimate and has one section
                 entry_j = above_slow_entry_j(attribution)
                 found.append(
                     TripAttribution(trip=trip, train=train, attribution=attribution, likely=likely, entry_j=entry_j)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -101,19 +101,20 @@ class AboveOptimum:
 
     `measured`: the energy was measured; otherwise it is estimated from positions. `why_not` is the reason why drive and
     optimum cannot be compared; it is empty if they can. If the energy is estimated, `likely` is the band in which the
-    energy above the optimum probably lies, and `worst` the band with all unknowns at their worst.
+    energy above the optimum probably lies.
     """
 
     sections: tuple[SectionEnergy, ...]
     measured: bool
     why_not: str = ""
     likely: EnergyBand | None = None
-    worst: EnergyBand | None = None
 
     @classmethod
-    def measured_on(cls, sections: Sequence[SectionEnergy]) -> AboveOptimum:
-        """The energy above the optimum of the true train, for a drive whose energy was measured."""
-        return cls(sections=tuple(sections), measured=True, why_not=why_not_comparable(sections))
+    def of(cls, sections: Iterable[SectionEnergy], *, measured: bool, direction_known: bool = True) -> AboveOptimum:
+        """The energies of these sections, with the reason why they cannot be compared, if there is one."""
+        sections = tuple(sections)
+        why_not = why_not_comparable(sections, direction_known=direction_known)
+        return cls(sections=sections, measured=measured, why_not=why_not)
 
     @classmethod
     def recorded(cls, recording: Recording) -> AboveOptimum | None:
@@ -131,7 +132,6 @@ class AboveOptimum:
                 measured=found.measured,
                 why_not="" if found.comparable else found.not_comparable or SAID_BY_THE_RECORDING,
                 likely=_band(found.likely_low_j, found.likely_high_j),
-                worst=_band(found.worst_low_j, found.worst_high_j),
             )
         return None
 
@@ -192,7 +192,7 @@ class AboveOptimum:
         }
 
     def rows(self) -> list[tuple[str, str]]:
-        """Names and texts for a table: the energy above the optimum, its bands, and this energy for each section."""
+        """Names and texts for a table: the energy above the optimum, its band, and this energy for each section."""
         name = "above the optimum" if self.measured else "above the optimum (estimated)"
         if self.why_not:
             return [(name, f"{NOT_COMPARABLE}: {self.why_not}")]
@@ -200,20 +200,16 @@ class AboveOptimum:
         if self.part:
             rows.append((f"{name}, compared part", self.part))
         if not self.measured:
-            rows += [
-                (f"{name}, {which}", "not known" if band is None else band.words)
-                for which, band in (("likely", self.likely), ("every unknown at its worst", self.worst))
-            ]
+            rows.append((f"{name}, likely", "not known" if self.likely is None else self.likely.words))
         for one in self.sections if len(self.sections) > 1 else ():
             words = f"{kwh_figure(one.driven_j - one.optimum_j, signed=True)} of {kwh_words(one.driven_j)}"
             rows.append((f"{name}, {one.start} – {one.end}", words))
         return rows
 
     def message(self, time_ns: int) -> das_pb2.Saving:
-        """The message that is recorded at the end of a drive; the bands of a measured drive have no width."""
-        nothing = EnergyBand(math.nan, math.nan)
-        point = EnergyBand(self.difference_j, self.difference_j) if self.measured else nothing
-        likely, worst = self.likely or point, self.worst or point
+        """The message that is recorded at the end of a drive; the band of a measured drive has no width."""
+        point_j = self.difference_j if self.measured else math.nan
+        likely = self.likely or EnergyBand(point_j, point_j)
         return das_pb2.Saving(
             time_ns=time_ns,
             measured=self.measured,
@@ -223,8 +219,6 @@ class AboveOptimum:
             optimum_j=self.optimum_j,
             likely_low_j=likely.low_j,
             likely_high_j=likely.high_j,
-            worst_low_j=worst.low_j,
-            worst_high_j=worst.high_j,
             sections=[
                 das_pb2.Saving.Section(
                     **{name: getattr(one, name) for name in RECORDED}, faster_than_possible=one.too_fast

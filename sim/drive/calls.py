@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from das.cab.heard import OrderedStop
-from das.domain.journey import Passing
+from das.domain.journey import OrderedStop, Passing
 from das.domain.route import Stop
 from das.domain.units import NS
 from sim.drive.table import DriveTable
@@ -182,28 +181,36 @@ def _at(call: KeptCall, trip: DrivenCourse) -> AtStop:
     return AtStop(call.name, call.arrived_ns or first_ns, call.departed_ns or last_ns)
 
 
-def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
-    """The stops as served, for programs; None stands for missing values.
+def as_rows(made: Sequence[KeptCall], zero_ns: int) -> list[dict[str, Any]]:
+    """Punctuality at every stop, for programs; times (s) count from `zero_ns`; None: not known.
 
+<<<<<<< HEAD
     Times (s) count from the timetable's first departure, or without a timetable from the first departure. `due_s` is
     the due arrival, at the first stop the due departure; `stopping_error_m` is the distance beyond the stop.
+=======
+    `stopping_error_m` is how far beyond the stop the train stood.
+>>>>>>> s59f
     """
-    zero_ns = (made[0].due_departure_ns or made[0].departed_ns) if made else 0
-
-    def since_s(time_ns: int) -> float | None:
-        return (time_ns - zero_ns) * NS if time_ns else None
-
     return [
         {
             "name": one.name,
-            "due_s": since_s(one.due_arrival_ns or one.due_departure_ns),
-            "arrived_s": since_s(one.arrived_ns),
-            "departed_s": since_s(one.departed_ns),
-            "late_s": known(one.late_s),
+            "s_m": one.s_m,
+            "due_arrival_s": _since_s(one.due_arrival_ns, zero_ns),
+            "arrived_s": _since_s(one.arrived_ns, zero_ns),
+            "arrived_late_s": known(one.arrived_late_s),
+            "due_departure_s": _since_s(one.due_departure_ns, zero_ns),
+            "departed_s": _since_s(one.departed_ns, zero_ns),
+            "departed_late_s": known(one.departed_late_s),
             "stopping_error_m": known(one.stopping_error_m),
+            "reached": one.reached,
+            "served": one.served,
         }
         for one in made
     ]
+
+
+def _since_s(time_ns: int, zero_ns: int) -> float | None:
+    return (time_ns - zero_ns) * NS if time_ns else None
 
 
 def _late_s(time_ns: int, due_ns: int) -> float:
@@ -283,17 +290,13 @@ def keep(due: Sequence[DuePassing], time_ns: NDArray[np.int64], s_m: NDArray[np.
 
 def passings_as_rows(kept: Sequence[KeptPassing], zero_ns: int) -> list[dict[str, Any]]:
     """The passings and their deviations, for programs; times (s) count from `zero_ns`; None: there is none."""
-
-    def since_s(time_ns: int) -> float | None:
-        return (time_ns - zero_ns) * NS if time_ns else None
-
     return [
         {
             "name": one.due.name,
             "s_m": one.due.s_m,
-            "earliest_s": since_s(one.due.earliest_ns),
-            "latest_s": since_s(one.due.latest_ns),
-            "passed_s": since_s(one.passed_ns),
+            "earliest_s": _since_s(one.due.earliest_ns, zero_ns),
+            "latest_s": _since_s(one.due.latest_ns, zero_ns),
+            "passed_s": _since_s(one.passed_ns, zero_ns),
             "late_s": known(one.late_s),
             "wish": one.due.wish,
             "tolerance_s": one.due.tolerance_s,

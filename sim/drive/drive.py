@@ -16,7 +16,6 @@ import numpy as np
 
 from das.bus.recording import Recording
 from das.domain.errors import DasError
-from das.domain.plotted import PlottedRun
 from das.domain.summary import Summary
 from das.domain.units import KM, NS, kwh_words
 from sim.drive.calls import KeptCall, Travelled, calls, travelled
@@ -38,6 +37,7 @@ from sim.recording.inputs import DriveInputs
 from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:
+    from das.domain.plotted import PlottedRun
     from sim.drive.energy import DriveEnergy
 
 
@@ -154,6 +154,7 @@ class Drive(Summary):
 
         Wheel forces are known of simulated drives alone; the energy of others is the estimate.
         """
+        from das.domain.plotted import PlottedRun
         from sim.drive.attribution.driven_legs import since_departure_j
 
         way, course, energy = self.travelled, self.table.course, self.energy

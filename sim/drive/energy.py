@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from das.domain.errors import DasError
 from das.solver.solve import solve_front
@@ -35,6 +35,9 @@ from sim.drive.attribution.driven_legs import (
 )
 from sim.drive.calls import KeptCall
 from sim.drive.table import DriveTable
+
+MOST_LEGS: Final = 3
+"""Largest number of legs for which a report computes the likely range: each is solved twice for every unknown."""
 
 _Found = TypeVar("_Found")
 
@@ -132,12 +135,11 @@ class DriveEnergy:
 
     def _beside_planned(self, sections: list[SectionEnergy]) -> AboveOptimum:
         """The energy above the planned train's optimum; a replay adds its certainty and facts about the trip."""
-        why_not, said = why_not_comparable(sections), self.table.said.saving
-        above = AboveOptimum(sections=tuple(sections), measured=self.measured, why_not=why_not)
+        above, said = AboveOptimum.of(sections, measured=self.measured), self.table.said.saving
         if said is None or said.measured:
             return above
-        known = said.why_not if said.why_not != SAID_BY_THE_RECORDING else why_not or said.why_not
-        return replace(above, why_not=known or why_not, likely=said.likely, worst=said.worst)
+        known = said.why_not if said.why_not != SAID_BY_THE_RECORDING else above.why_not or said.why_not
+        return replace(above, why_not=known or above.why_not, likely=said.likely)
 
     @property
     def above(self) -> AboveOptimum | None:
@@ -161,7 +163,7 @@ class DriveEnergy:
 
         This energy makes drives with different brakes comparable. Raises DasError as `of_legs` does.
         """
-        return replace(self._beside_planned([one.motors_first for one in self.compared]), likely=None, worst=None)
+        return replace(self._beside_planned([one.motors_first for one in self.compared]), likely=None)
 
     @cached_property
     def shown(self) -> ShownAdvice:
@@ -214,16 +216,13 @@ class DriveEnergy:
 
     @cached_property
     def likely(self) -> LikelyRange | None:
-        """The likely range of an estimated energy above the optimum; None if the energy is measured or not known.
+        """The likely range of an estimated energy above the optimum.
 
-        The bounds that a replay recorded are kept.
+        None if the energy is measured or not known, and for more than `MOST_LEGS` legs.
         """
-        if self.above is None or self.above.measured or self.not_comparable:
+        if self.above is None or self.above.measured or self.not_comparable or len(self.compared) > MOST_LEGS:
             return None
-        found = likely_range(self.compared, self.smoothed)
-        if found is None or self.above.likely is None:
-            return found
-        return replace(found, low_j=self.above.likely.low_j, high_j=self.above.likely.high_j)
+        return likely_range(self.compared, self.smoothed)
 
 
 def energy(table: DriveTable, made: tuple[KeptCall, ...]) -> DriveEnergy:

@@ -261,7 +261,7 @@ KEPT: Final[Mapping[str, str]] = {
     "mark": "kind look browser_ns server_ns bus_ns",
     "decision": "kind value",
     "measures": "shown_s advice_changes_per_min reversals shortest_mode_s",
-    "saving": "measured comparable driven_j optimum_j likely_low_j likely_high_j worst_low_j worst_high_j",
+    "saving": "measured comparable driven_j optimum_j likely_low_j likely_high_j",
     "saving_sections": "number trip_s driven_j optimum_j faster_than_possible",
     "log": "level",
     "recorder": "tick messages advice_tick node_state",

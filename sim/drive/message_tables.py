@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from das.bus.recorder import comments, message_time_ns
+from das.bus.recorder import comments
 from das.bus.recording import Stamped
+from das.bus.topics import message_time_ns
 from das.domain.errors import DasError
 
 UNITS: Final = {

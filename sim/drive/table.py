@@ -21,8 +21,8 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.bus.restrictions import valid_restrictions
 from das.bus.topics import Topic
-from das.cab.heard import OrderedStop
 from das.domain.errors import DasError
+from das.domain.journey import OrderedStop
 from das.domain.restriction import Restriction
 from das.domain.units import NS
 from sim.drive.above_optimum import AboveOptimum

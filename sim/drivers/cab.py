@@ -6,14 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Final, NamedTuple, Protocol
+from numbers import Real
+from typing import Any, Final, NamedTuple, Protocol
 
 from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import KIND_OF, InstructionKind, Regime
+from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
-from sim.plant.kernels import Command, TrainNumbers
+from sim.plant.kernels import FORCE, LEVER, NO_LIMIT_N, SPEED, Command, TrainNumbers
 
 AT_STOP_M = 10.0
 """Distance from its stop (m) within which a standing train has arrived, with its doors at the platform."""
@@ -241,3 +243,52 @@ def asked(mode: int, to_mps: float, effort_ratio: float, speed_mps: float, *, re
             return Asked.BRAKE_BY_EYE
         return Asked.KEEP_BELOW if reached or speed_mps <= to_mps else Asked.BRAKE
     return None
+
+
+_VALUES: Final = {
+    FORCE: ("the wheel force", -NO_LIMIT_N, NO_LIMIT_N, "N"),
+    LEVER: ("the lever's ratio", -1.0, 1.0, ""),
+    SPEED: ("the speed to hold", 0.0, 200.0, "m/s"),
+}
+"""For each law of a command: name, range and unit of its value."""
+
+
+def checked(answer: Any, who: str, time_s: float) -> Command:
+    """The answer of a driver at a time (s on the cab's clock), with its numbers as plain floats.
+
+    Raises DasError for anything but a Command, and for numbers that are NaN or out of range; `who` begins the message.
+    """
+    where = f"{who}: at {time_s:.1f} s it answered"
+    if not isinstance(answer, Command):
+        raise DasError(
+            f"{where} {_short(answer)}: expected a Command, made by lever, force or speed of sim.plant.plant"
+        )
+    if answer.law not in _VALUES:
+        raise DasError(f"{where} a Command of law {_short(answer.law)}: expected one made by lever, force or speed")
+    name, low, high, unit = _VALUES[answer.law]
+    return Command(
+        answer.law,
+        _within(answer.value, where, name, (low, high, unit)),
+        _within(answer.rate_mps2, where, "rate_mps2", (-10.0, 10.0, "m/s²")),
+        _within(answer.force_n, where, "force_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
+        _within(answer.gain_per_s, where, "gain_per_s", (0.0, 100.0, "1/s")),
+        _within(answer.low_n, where, "low_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
+        _within(answer.high_n, where, "high_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
+        _within(answer.friction_ratio, where, "friction_ratio", (0.0, 1.0, "")),
+    )
+
+
+def _within(value: Any, where: str, name: str, limits: tuple[float, float, str]) -> float:
+    low, high, unit = limits
+    known = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    if not known or not low <= value <= high:
+        raise DasError(f"{where} {name} = {_short(value)}: expected {low:g} to {high:g}{f' {unit}' if unit else ''}")
+    return float(value)
+
+
+def _short(value: Any) -> str:
+    try:
+        text = repr(value)
+    except Exception:
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 60 else f"{text[:57]}…"

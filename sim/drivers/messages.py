@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from google.protobuf.message import Message
 
@@ -12,12 +12,13 @@ from das.advice.reason import Reason
 from das.bus import das_pb2
 from das.bus.restrictions import encode_restriction
 from das.domain.errors import DasError
-from sim.drivers.cab import AdviceView, CabView, lever_ratio
-from sim.drivers.knowledge import LineKnowledge
-from sim.drivers.own_class import checked
+from sim.drivers.cab import AdviceView, CabView, checked, lever_ratio
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation
 from sim.plant.kernels import Command, demanded
 from sim.plant.plant import force, lever, speed
+
+if TYPE_CHECKING:
+    from sim.drivers.knowledge import LineKnowledge
 
 _SAME: Final = (
     *("valid_until_s", "display_speed_mps", "due_s", "target_way_m", "deviation_s"),

@@ -5,22 +5,22 @@ from __future__ import annotations
 import hashlib
 import importlib
 import inspect
-import math
 import os
 import sys
 import sysconfig
 import traceback
 from collections.abc import Sequence
-from numbers import Real
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any
 
 from das.domain.errors import DasError
-from sim.drivers.cab import CabView, DriverEvent, kept_by
+from sim.drivers.cab import CabView, DriverEvent, checked, kept_by
 from sim.drivers.kinds import DriverName, OwnClass
-from sim.drivers.knowledge import LineKnowledge
-from sim.plant.kernels import FORCE, LEVER, NO_LIMIT_N, SPEED, Command
+from sim.plant.kernels import Command
+
+if TYPE_CHECKING:
+    from sim.drivers.knowledge import LineKnowledge
 
 EXPECTED = "expected a class with a method command(self, cab) that returns a Command"
 
@@ -144,6 +144,7 @@ def _of_others(file: Path) -> bool:
     ours = [Path(__file__).parents[2] / package for package in ("das", "precompute", "sim")]
     installed = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
     return any(file.is_relative_to(folder) for folder in (*ours, *installed))
+<<<<<<< HEAD
 
 
 _VALUES: Final = {
@@ -193,3 +194,5 @@ def _short(value: Any) -> str:
     except Exception:
         text = f"a {type(value).__name__}"
     return text if len(text) <= 60 else f"{text[:57]}…"
+=======
+>>>>>>> s59f

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from das.domain.units import KMH
 from sim.drivers.cab import AT_STOP_M, CabView
-from sim.drivers.knowledge import Outlook
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, force, speed
+
+if TYPE_CHECKING:
+    from sim.drivers.knowledge import Outlook
 
 
 @dataclass(frozen=True, kw_only=True)

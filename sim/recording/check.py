@@ -17,9 +17,8 @@ from das.advice.regimes import Regime
 from das.bus import topics
 from das.bus.recording import Contents, Recording, Stamped, read_contents, recording_of
 from das.bus.topics import TOPICS, Topic
-from das.cab.outputs import NodeState
 from das.domain.units import NS
-from das.estimate.localisation import STALE_AFTER_S
+from das.estimate.estimate import STALE_AFTER_S
 from sim.recording.course import DriveClock, Floats, Times, times_of, utc
 from sim.recording.inputs import missing_files
 from sim.recording.opening import is_session, versions
@@ -370,7 +369,7 @@ def restarts_of(statuses: Sequence[Stamped]) -> list[int]:
     """Indices of the first status after each restart of the node, which then counts its advice from 0 again."""
     found, most = [], 0
     for i, one in enumerate(statuses):
-        if one.message.state == NodeState.STOPPING:  # sent by the process, which counts no advice
+        if one.message.state == one.message.STATE_STOPPING:  # sent by the process, which counts no advice
             continue
         if one.message.advices < most:
             found.append(i)

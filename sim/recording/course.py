@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from das.bus import topics
 from das.bus.recording import Recording, Stamped
-from das.bus.topics import Topic
+from das.bus.topics import Topic, message_time_ns
 from das.domain.errors import DasError
 from das.domain.units import NS
 
@@ -188,8 +188,6 @@ def utc(time_ns: int) -> str:
 
 def stated_ns(entry: Stamped) -> int:
     """The time (ns since 1970) that a message states; the recorder's time for a message that states none."""
-    from das.bus.recorder import message_time_ns  # imports the bus, and every command's help imports this module
-
     return message_time_ns(entry.message) or entry.log_time_ns
 
 

@@ -1,25 +1,16 @@
-"""The opening and writing of recordings for all commands, and the metadata on their origin.
+"""The opening of recordings for all commands, and the metadata on their origin.
 
-Damaged parts are left out with a warning. If a recording holds several trains, the user must name one. A new file
-appears at its path only when it is complete.
+Damaged parts are left out with a warning. If a recording holds several trains, the user must name one.
 """
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 from das.bus import topics
-from das.bus.recorder import RecordingFile
 from das.bus.recording import Contents, Recording, read_contents, recording_of
 from das.command_line.printing import warn
-from das.domain.clocks import Clocks
-from das.domain.errors import DasError
-from das.domain.files.writing import refuse_link
 
 NODE_ARGUMENTS: Final = "node_arguments"
 """Key of the arguments with which the node was started (JSON list)."""
@@ -51,26 +42,6 @@ def open_contents(path: Path) -> Contents:
             _warned.add(line)
             warn(line)
     return contents
-
-
-@contextmanager
-def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
-    """A recording to write; it appears at `out` at the end of the block, and not at all if the block fails.
-
-    `now_ns` is the time stamp of attached files (ns since 1970). Raises DasError if the recording cannot be written.
-    """
-    refuse_link(out)
-    try:
-        with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
-            beside = Path(folder) / out.name
-            file = RecordingFile(beside, Clocks(now_ns=lambda: now_ns))
-            try:
-                yield file
-            finally:
-                file.close()
-            os.replace(beside, out)
-    except OSError as error:
-        raise DasError(f"{out}: cannot be written ({error.strerror})") from error
 
 
 def is_session(recording: Recording) -> bool:

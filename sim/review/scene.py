@@ -32,7 +32,7 @@ from sim.drive.series import (
 )
 from sim.drivers.cab import AdviceView
 from sim.drivers.kinds import Presentation
-from sim.drivers.presentations.presenter import presenter_of, shown_presentation, whole
+from sim.drivers.presentations.presenter import LaneState, presenter_of, shown_presentation, whole
 from sim.meanings import Meaning, Theme
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 
@@ -120,12 +120,13 @@ def lanes(drive: Drive) -> tuple[Lane, ...]:
     table, trip, silent = drive.table, drive.table.course, drive.silences
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in drive.signals]
     modes = _states(_mode, *table.of_topic("advice", "mode"))
-    shown = _states(_shown, *table.of_topic("cab", "presentation", "mode"))
+    shown_ns, displays, shown_modes = table.of_topic("cab", "presentation", "mode")
+    shown = _states(_shown, shown_ns, displays, shown_modes)
     states = _states(_state, *table.of_topic("status", "state"))
     found = (
         lane_of_stops(at_stops(drive.calls, trip)),
         Lane("advised", _changes(trip, modes, silent), MODES),
-        Lane("shown", _changes(trip, shown, ()), {**MODES, **_without_mode()}),
+        Lane("shown", _changes(trip, shown, ()), {**MODES, **_without_mode(set(displays.tolist()))}),
         Lane("node", _changes(trip, states, silent), STATES),
         Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), Meaning.NO_ADVICE)),
         Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), Meaning.DANGER)),
@@ -212,14 +213,18 @@ def _state(number: int) -> str:
 def _shown(presentation: int, mode: int) -> str:
     if presentation == das_pb2.Cab.PRESENTATION_NONE:
         return ""
-    lane = presenter_of(shown_presentation(presentation) or Presentation.NONE).lane
+    lane = _lane_of(presentation)
     if lane is not None and (lane.standing or mode not in STANDING):
         return lane.text
     return _name(das_pb2.Mode, mode)
 
 
-def _without_mode() -> dict[str, str]:
-    found = (presenter_of(presentation).lane for presentation in Presentation)
+def _lane_of(presentation: int) -> LaneState | None:
+    return presenter_of(shown_presentation(presentation) or Presentation.NONE).lane
+
+
+def _without_mode(displays: Iterable[int]) -> dict[str, str]:
+    found = map(_lane_of, displays)
     return {lane.text: lane.color for lane in found if lane is not None}
 
 

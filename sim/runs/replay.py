@@ -23,10 +23,10 @@ from das.bus.codec import Outgoing
 from das.bus.config import bus_folder
 from das.bus.topics import LOCATION, LOG, SAVING, TRUTH, check_train_name
 from das.cab.cab import warm_up
-from das.cab.heard import DelayHeard, JourneyHeard, OrderedStop, PositionHeard, RestrictionsHeard
+from das.cab.heard import DelayHeard, JourneyHeard, PositionHeard, RestrictionsHeard
 from das.domain.errors import DasError
 from das.domain.files.load import load_journey, locate_journey
-from das.domain.journey import Call, Journey
+from das.domain.journey import Call, Journey, OrderedStop
 from das.domain.units import NS
 from das.estimate.estimate import PositionFix, Quality
 from das.solver.front import Front

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,21 +16,8 @@ from das.domain.units import NS, in_kwh, kwh
 from das.solver.section import Section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import (
-    NOT_COMPARABLE,
-    AboveOptimum,
-    EnergyBand,
-    percent_of_optimum,
-    why_not_comparable,
-)
-from sim.drive.attribution.driven_legs import (
-    ComparedLeg,
-    Smoothed,
-    leg_energies,
-    likely_band,
-    range_above,
-    section_of_leg,
-)
+from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, EnergyBand, percent_of_optimum
+from sim.drive.attribution.driven_legs import ComparedLeg, LikelyRange, Smoothed, likely_range, section_of_leg
 from sim.recording.inputs import DriveInputs
 from sim.runs.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
 from sim.trips.cleaning import FindingKind
@@ -52,14 +40,14 @@ TIMETABLE_FIGURES = (
 class TripEnergies:
     """The energies of a replayed trip and of the optimum with the same arrivals, leg by leg.
 
-    `energy` is the range of the energy as driven. `above_range` is the range of the energy above the optimum, for all
-    unknowns and for each alone; it is None if trip and optimum cannot be compared.
+    `energy` is the range of the energy as driven, `likely` that of the energy above the optimum; it is None if trip and
+    optimum cannot be compared.
     """
 
     legs: tuple[ComparedLeg, ...]
     above: AboveOptimum
     energy: EnergyRange
-    above_range: EnergyRange | None
+    likely: LikelyRange | None
 
 
 def trip_energies(job: ReplayJob) -> TripEnergies:
@@ -70,18 +58,14 @@ def trip_energies(job: ReplayJob) -> TripEnergies:
         legs, above = beside_optimum(trip, section, smoothed)
     except DasError as error:  # no part of an open trip can be compared with this train
         smoothed = smoothed_legs(trip)
-        legs = tuple(ComparedLeg.of(leg, job.front, leg_energies(section, leg)) for leg in job.legs)
+        legs = tuple(ComparedLeg.of(leg, job.front) for leg in job.legs)
         why_not = str(error).removeprefix(f"{trip.path}: {NOT_COMPARABLE}: ")
         above = AboveOptimum(sections=tuple(one.section_energy for one in legs), measured=False, why_not=why_not)
-    doubt_ratio = doubt(job.driven.beyond_ratio, job.driven.lacking_ratio)
-    found = None if above.why_not else range_above(legs, smoothed, doubt_ratio)
-    above = replace(
-        above,
-        likely=None if found is None else likely_band(found.estimate_j, found.unknowns),
-        worst=None if found is None else EnergyBand(found.low_j, found.high_j),
-    )
-    energy = energy_range(section, parts_of(smoothed), doubt_ratio)
-    return TripEnergies(legs=legs, above=above, energy=energy, above_range=found)
+    likely = None if above.why_not else likely_range(legs, smoothed)
+    if likely is not None:
+        above = replace(above, likely=EnergyBand(likely.low_j, likely.high_j))
+    energy = energy_range(section, parts_of(smoothed), doubt(job.driven.beyond_ratio, job.driven.lacking_ratio))
+    return TripEnergies(legs=legs, above=above, energy=energy, likely=likely)
 
 
 def beside_optimum(trip: Trip, section: Section, smoothed: Smoothed) -> tuple[tuple[ComparedLeg, ...], AboveOptimum]:
@@ -92,21 +76,17 @@ def beside_optimum(trip: Trip, section: Section, smoothed: Smoothed) -> tuple[tu
     vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
     inputs = DriveInputs(route=trip.route, vehicle=vehicle, level=section.level, source=str(trip.path))
     driven = smoothed(SMOOTHING_JERK_PSD_M2PS5)
-    fronts = [solve_front(section_of_leg(inputs, leg)) for leg in driven]
-    legs = tuple(
-        ComparedLeg.of(leg, front, leg_energies(front.section, leg)) for leg, front in zip(driven, fronts, strict=True)
-    )
-    each = tuple(one.section_energy for one in legs)
-    why_not = why_not_comparable(each, direction_known=trip.direction_known)
-    return legs, AboveOptimum(sections=each, measured=False, why_not=why_not)
+    legs = tuple(ComparedLeg.of(leg, solve_front(section_of_leg(inputs, leg))) for leg in driven)
+    sections = [one.section_energy for one in legs]
+    return legs, AboveOptimum.of(sections, measured=False, direction_known=trip.direction_known)
 
 
 def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> dict[str, Any]:
     """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
 
     `energy_optimum_kwh` is the least energy for the same arrival as driven (that of the fastest trajectory if the train
-    cannot arrive so early). `above_optimum_*` are None if trip and optimum cannot be compared; `above_optimum_certain`
-    states whether the trip surely took more. `timetable_*` are for the arrival by the timetable.
+    cannot arrive so early). `above_optimum_*` are None if trip and optimum cannot be compared; `likely_above_optimum`
+    states whether all of the likely range is above the optimum. `timetable_*` are for the arrival by the timetable.
     """
     trip, traffic = job.trip, outcome.traffic
     return {
@@ -132,24 +112,22 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
 
 
 def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
-    energy, above, spread = found.energy, found.above, found.above_range
-    likely = above.likely
+    energy, above, likely = found.energy, found.above, found.likely
+    friction_j = None if likely is None or math.isnan(likely.by_friction_j) else likely.by_friction_j
     return {
         "min_time_s": sum(one.optimum.least_time_s for one in found.legs),
         "energy_low_kwh": kwh(energy.low_j),
         "energy_high_kwh": kwh(energy.high_j),
-        "energy_unknowns": unknowns(energy),
+        "energy_unknowns": unknowns(energy.unknowns),
         "optimum_time_s": sum(one.optimum.time_s for one in found.legs),
         "driving_time_s": sum(one.leg.trip_s for one in found.legs),
         "optimum_fit": str(Fit.LATE if above.too_fast else found.legs[0].optimum.fit),
         **above.as_dict(),
         "above_optimum_likely_low_kwh": None if likely is None else kwh(likely.low_j),
         "above_optimum_likely_high_kwh": None if likely is None else kwh(likely.high_j),
-        "above_optimum_low_kwh": None if spread is None else kwh(spread.low_j),
-        "above_optimum_high_kwh": None if spread is None else kwh(spread.high_j),
-        "above_optimum_certain": spread is not None and certainly_above(spread, above.optimum_j),
-        "above_optimum_unknowns": [] if spread is None else unknowns(spread),
-        "above_optimum_cases_left_out": 0 if spread is None else spread.left_out,
+        "above_optimum_by_friction_kwh": None if friction_j is None else kwh(friction_j),
+        "likely_above_optimum": likely is not None and likely_above(likely, above.optimum_j),
+        "above_optimum_unknowns": [] if likely is None else unknowns(likely.unknowns),
         "sections": _sections(found),
         "beyond_vehicle_ratio": job.driven.beyond_ratio,
     }
@@ -213,9 +191,9 @@ def _matching(trip: Trip) -> dict[str, Any]:
     }
 
 
-def certainly_above(above: EnergyRange, optimum_j: float) -> bool:
-    """Whether the trip took more than the optimum whatever the unknowns are."""
-    return above.low_j > LEAST_CERTAIN_RATIO * optimum_j
+def likely_above(likely: LikelyRange, optimum_j: float) -> bool:
+    """Whether the trip took more than the optimum at the lower end of its likely range, or if friction alone braked."""
+    return float(np.fmin(likely.low_j, likely.by_friction_j)) > LEAST_CERTAIN_RATIO * optimum_j
 
 
 def print_result(found: dict[str, Any]) -> None:
@@ -279,7 +257,7 @@ def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """The rows about the energy above the optimum, with a figure only if it is above 0 whatever the unknowns are."""
+    """The rows about the energy above the optimum, with a figure only if all of its likely range is above 0."""
     doubted = found["beyond_vehicle_ratio"] > ESTIMATE_FOREIGN_RATIO
     what = "above the optimum, if it was this train" if doubted else "above the optimum"
     if found["above_optimum_kwh"] is None:
@@ -288,15 +266,13 @@ def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     share = "" if ratio is None else f" ({percent_of_optimum(ratio)})"
     certain = (
         f"{in_kwh(found['above_optimum_kwh'], signed=True)} kWh{share}"
-        if found["above_optimum_certain"]
+        if found["likely_above_optimum"]
         else "perhaps nothing"
     )
-
-    def ends(which: str) -> str:
-        low, high = (found[f"above_optimum_{which}{end}_kwh"] for end in ("low", "high"))
-        return f"{in_kwh(low, finer=-1)} to {in_kwh(high, finer=-1)} kWh"
-
-    return [(what, certain), ("  likely", ends("likely_")), ("  every unknown at its worst", ends(""))]
+    low, high = (in_kwh(found[f"above_optimum_likely_{end}_kwh"], finer=-1) for end in ("low", "high"))
+    rows = [(what, certain), ("  likely", f"{low} to {high} kWh")]
+    friction = found["above_optimum_by_friction_kwh"]
+    return rows if friction is None else [*rows, ("  if friction alone braked", f"{in_kwh(friction, finer=-1)} kWh")]
 
 
 def notes(found: dict[str, Any]) -> list[str]:
@@ -325,12 +301,10 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
             "trains (--vehicles all)"
         )
         notes.append(doubt_words(found["energy_unknowns"]))
-    if found["above_optimum_kwh"] is not None and not found["above_optimum_certain"]:
-        notes.append("with the unknowns at their worst it took no more than the optimum, or only slightly more")
+    if found["above_optimum_kwh"] is not None and not found["likely_above_optimum"]:
+        notes.append("at the lower end of the likely range it took no more than the optimum, or only slightly more")
     if found["direction_note"]:
         notes.append(found["direction_note"])
-    if found["above_optimum_cases_left_out"]:
-        notes.append("a heavier train, or one with more resistance, could not have driven so: the range excludes it")
     if found["advices_above_limit"]:
         notes.append(f"{found['advices_above_limit']} advice messages were above the limit: please report this")
     return notes

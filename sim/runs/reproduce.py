@@ -22,7 +22,7 @@ from typer.exceptions import TyperException
 
 from das.advice.advice import Source
 from das.bus import codec
-from das.bus.recorder import LAST_NS, message_time_ns
+from das.bus.recorder import LAST_NS
 from das.bus.recording import Contents, RecordedMessage, Stamped, recording_of
 from das.bus.topics import (
     ADVICE,
@@ -38,6 +38,7 @@ from das.bus.topics import (
     TOPICS,
     Received,
     Topic,
+    message_time_ns,
 )
 from das.cab.cab import Cab, no_stopwatch
 from das.cab.outputs import NodeState, Output

@@ -60,16 +60,12 @@ class Unknown:
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyRange:
-    """The estimated energy (J), its range for each unknown alone, and for all of them at their worst.
-
-    `left_out` counts the cases that are impossible.
-    """
+    """The estimated energy (J), its range for each unknown alone, and for all of them at their worst."""
 
     estimate_j: float
     unknowns: tuple[Unknown, ...]
     low_j: float
     high_j: float
-    left_out: int = 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -266,29 +262,19 @@ SmoothedParts = Callable[[float], Sequence[DrivenPart]]
 def energy_range(section: Section, parts: SmoothedParts, doubt_ratio: float = 0.0) -> EnergyRange:
     """The uncertainty of the energy of a driven trip: inverse dynamics is repeated for every case.
 
-    Mass and resistance may be wrong by `doubt_ratio` more than those of a known train (see `doubt`).
+    Each unknown deviates alone, and all together to the ends with the least and the most energy: the extreme range, not
+    the likeliest. Mass and resistance may be wrong by `doubt_ratio` more than those of a known train (see `doubt`).
     """
-    return over_unknowns(driven_energy(section, parts), doubt_ratio)
+    smoothed = cache(parts)
 
+    @cache
+    def driven_j(case: DrivenCase) -> float:
+        other = replace(section, vehicle=case.train(section.vehicle), brakes=case.brakes(section))
+        return sum(estimate_run(other, *part).balance.input for part in smoothed(case.jerk_psd_m2ps5))
 
-def over_unknowns(energy_j: Callable[[DrivenCase], float | None], doubt_ratio: float = 0.0) -> EnergyRange:
-    """The range of an energy (J): for each unknown alone, and for all together at the ends with the least and the most.
-    All together give the extreme range, not the likeliest. `energy_j` returns None for an impossible case, which is
-    left out.
-    """
-    known: dict[DrivenCase, float | None] = {}
-
-    def at(case: DrivenCase) -> float | None:
-        if case not in known:
-            known[case] = _energy_at(case, energy_j, doubt_ratio)
-        return known[case]
-
-    unknowns = one_by_one(at, doubt_ratio)
-    estimate_j = at(DrivenCase())
-    assert estimate_j is not None
-    low_j, high_j = (_outermost(at, sign, _all_unknowns(doubt_ratio)) for sign in (-1.0, 1.0))
-    left_out = sum(e is None for e in known.values())
-    return EnergyRange(estimate_j=estimate_j, unknowns=unknowns, low_j=low_j, high_j=high_j, left_out=left_out)
+    unknowns = one_by_one(driven_j, doubt_ratio)
+    low_j, high_j = (_outermost(driven_j, sign, _all_unknowns(doubt_ratio)) for sign in (-1.0, 1.0))
+    return EnergyRange(estimate_j=driven_j(DrivenCase()), unknowns=unknowns, low_j=low_j, high_j=high_j)
 
 
 def _energy_at(case: DrivenCase, energy_j: Callable[[DrivenCase], float | None], doubt_ratio: float) -> float | None:
@@ -322,7 +308,7 @@ def one_by_one(energy_j: Callable[[DrivenCase], float | None], doubt_ratio: floa
     return tuple(unknowns)
 
 
-def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float, unknowns: Sequence[_UnknownEnds]) -> float:
+def _outermost(energy_j: Callable[[DrivenCase], float], sign: float, unknowns: Sequence[_UnknownEnds]) -> float:
     """The least (sign < 0) or the most energy (J) with every unknown at one of its ends.
 
     First, each unknown is set to the end with the largest effect on its own. One unknown may reverse the effect of
@@ -331,8 +317,7 @@ def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float, unkn
     """
 
     def reach(case: DrivenCase) -> float:
-        energy = energy_j(case)
-        return -np.inf if energy is None else sign * energy
+        return sign * energy_j(case)
 
     furthest = [max(({}, *ends), key=lambda end: reach(DrivenCase(**end))) for _, _, ends in unknowns]
     together = DrivenCase(**{name: value for end in furthest for name, value in end.items()})
@@ -344,17 +329,6 @@ def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float, unkn
                 case = max(case, replace(case, **end), key=reach)
         if case == before:
             return sign * reach(case)
-
-
-def driven_energy(section: Section, parts: SmoothedParts) -> Callable[[DrivenCase], float]:
-    """A function that returns the energy at the collector (J) of a driven trip in a case, the sum of its parts."""
-    smoothed = cache(parts)
-
-    def driven_j(case: DrivenCase) -> float:
-        other = replace(section, vehicle=case.train(section.vehicle), brakes=case.brakes(section))
-        return sum(estimate_run(other, *part).balance.input for part in smoothed(case.jerk_psd_m2ps5))
-
-    return driven_j
 
 
 def _moving_points(s_m: Floats) -> NDArray[np.intp]:

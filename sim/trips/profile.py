@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -11,8 +11,10 @@ from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import NS
 from sim.recording.course import DrivenCourse
-from sim.trips.matching import MatchedTrip
-from sim.trips.record import Bools
+
+if TYPE_CHECKING:
+    from sim.trips.matching import MatchedTrip
+    from sim.trips.record import Bools
 
 SMOOTHING_JERK_PSD_M2PS5: Final = 0.03
 """Density of the white jerk (m²/s⁵). With the speed's weight, smoothing is like a local fit over about 8 s, with the

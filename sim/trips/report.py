@@ -22,8 +22,8 @@ from sim.trips.estimate import (
     ESTIMATE_HELD_S,
     MASS,
     RESISTANCE,
-    EnergyRange,
     SmoothedParts,
+    Unknown,
     doubt,
     energy_range,
     estimate_run,
@@ -114,19 +114,16 @@ def _energy(trip: Trip, section: Section, parts: SmoothedParts) -> dict[str, Any
         **{f"{'energy' if name == 'input' else name}_kwh": sum(one[name] for one in terms) for name in terms[0]},
         "energy_low_kwh": kwh(spread.low_j),
         "energy_high_kwh": kwh(spread.high_j),
-        "unknowns": unknowns(spread),
+        "unknowns": unknowns(spread.unknowns),
         "strongest_traction_kn": traction_n / KN,
         "strongest_braking_kn": braking_n / KN,
         "beyond_vehicle_ratio": driven.beyond_ratio,
     }
 
 
-def unknowns(spread: EnergyRange) -> list[dict[str, Any]]:
+def unknowns(found: Sequence[Unknown]) -> list[dict[str, Any]]:
     """Each unknown with the energies at its ends, for JSON."""
-    return [
-        {"name": u.name, "assumed": u.assumed, "low_kwh": kwh(u.low_j), "high_kwh": kwh(u.high_j)}
-        for u in spread.unknowns
-    ]
+    return [{"name": u.name, "assumed": u.assumed, "low_kwh": kwh(u.low_j), "high_kwh": kwh(u.high_j)} for u in found]
 
 
 def doubt_words(assumed: Sequence[Mapping[str, Any]]) -> str:

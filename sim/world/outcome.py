@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -49,12 +50,11 @@ def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]
 def above_optimum(day: Day, run: Run) -> AboveOptimum:
     """The energy above the optimum of the true train, by section."""
     sections = zip(pairwise(day.service.stops), run.legs, optimum_as_driven(true_fronts(day), run), strict=True)
-    return AboveOptimum.measured_on(
-        [
-            SectionEnergy.of(start.name, end.name, day.plant.balance(departed, arrived).input, best)
-            for (start, end), (departed, arrived), best in sections
-        ]
+    each = (
+        SectionEnergy.of(start.name, end.name, day.plant.balance(departed, arrived).input, best)
+        for (start, end), (departed, arrived), best in sections
     )
+    return AboveOptimum.of(each, measured=True)
 
 
 def true_fronts(day: Day) -> tuple[Front, ...]:
@@ -176,13 +176,14 @@ class DayOutcome:
 
     def as_dict(self) -> dict[str, Any]:
         """The figures for JSON and tables: times in s on the run's clock, energies in kWh, speeds in km/h."""
+        zero_ns = self.calls[0].due_departure_ns
         return {
             "scenario": self.scenario,
             "seed": self.seed,
             "level": self.level,
             "late_s": self.late_s,
-            "stops": as_rows(self.calls),
-            "passings": passings_as_rows(self.passings, self.calls[0].due_departure_ns),
+            "stops": as_rows(self.calls, zero_ns),
+            "passings": passings_as_rows(self.passings, zero_ns),
             "running_time_s": self.running_time_s,
             **self.energies.as_dict(),
             **_parts(self.balance),
@@ -313,8 +314,6 @@ STOP_LEGEND: Final = {
     "stopping error": "distance of the train beyond the stop (before it: negative)",
 }
 """The legend below the table of stops."""
-TIMES: Final = ("due", "arrived", "departed")
-"""Columns of times in the table of stops."""
 UNCHANGED: Final = asdict(Conditions())
 """The conditions of a train and line that are as planned."""
 
@@ -340,17 +339,18 @@ def print_result(result: DayResult) -> None:
 
 
 def _stops(result: DayResult) -> Table:
-    found = result.outcome
+    found, zero_ns = result.outcome, result.outcome.calls[0].due_departure_ns
     title = f"{found.scenario}, seed {found.seed}, driver {result.driver}, advice {result.advice}"
     table = Table(title=title, title_justify="left")
     table.add_column("stop")
-    for name in (*TIMES, "late", "stopping error"):
+    for name in ("due", "arrived", "departed", "late", "stopping error"):
         table.add_column(name, justify="right")
-    for call in as_rows(found.calls):
-        times = ("" if time_s is None else minutes(time_s) for time_s in (call[f"{one}_s"] for one in TIMES))
-        late = "" if call["late_s"] is None else f"{call['late_s']:+.0f} s"
-        error = "" if call["arrived_s"] is None else f"{call['stopping_error_m']:+.1f} m"
-        table.add_row(call["name"], *times, late, error)
+    for call in found.calls:
+        times_ns = (call.due_arrival_ns or call.due_departure_ns, call.arrived_ns, call.departed_ns)
+        times = (minutes((time_ns - zero_ns) * NS) if time_ns else "" for time_ns in times_ns)
+        late = "" if math.isnan(call.late_s) else f"{call.late_s:+.0f} s"
+        error = f"{call.stopping_error_m:+.1f} m" if call.arrived_ns else ""
+        table.add_row(call.name, *times, late, error)
     return table
 
 

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from das.advice.advice import Timetable
-from das.cab.heard import JourneyHeard, OrderedStop
+from das.cab.heard import JourneyHeard
 from das.cab.preparation import Fronts
 from das.domain.braking import USUAL, ServiceBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_journey, load_route, load_vehicle, locate_journey
 from das.domain.files.vehicles import read_loss_map
-from das.domain.journey import Journey
+from das.domain.journey import Journey, OrderedStop
 from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from das.bus import codec
 from das.bus.codec import Outgoing
-from das.bus.recorder import RecordingFile, message_time_ns
-from das.bus.topics import SAVING
+from das.bus.recorder import RecordingFile
+from das.bus.topics import SAVING, message_time_ns
 from das.domain.units import KM, KMH, kwh
 from sim.cli.trips import bundled_recording
 from sim.drive.comparison import AlignedDrives, drives_on_track

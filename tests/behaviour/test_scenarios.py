@@ -20,7 +20,7 @@ from das.domain.conditions import Conditions
 from das.domain.restriction import Restriction
 from das.domain.trajectory import PART_WORDS
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2, kwh
-from das.estimate.localisation import STALE_AFTER_S
+from das.estimate.estimate import STALE_AFTER_S
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import adhesion_coefficient

@@ -19,7 +19,6 @@ from das.cab.heard import (
     Heard,
     JourneyHeard,
     Kind,
-    OrderedStop,
     PositionHeard,
     PublisherSeen,
     RestrictionsHeard,
@@ -30,6 +29,7 @@ from das.cab.outputs import Estimated, Event
 from das.cab.preparation import Fronts
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
+from das.domain.journey import OrderedStop
 from das.domain.restriction import Restriction
 from das.estimate.estimate import Effort, PositionFix
 from sim.drivers.cab import CabView

@@ -16,9 +16,10 @@ import numpy as np
 from das.bus import codec
 from das.bus.recorder import RecordingFile
 from das.bus.topics import LOCATION
-from das.cab.heard import DelayHeard, Heard, JourneyHeard, OrderedStop, PositionHeard
+from das.cab.heard import DelayHeard, Heard, JourneyHeard, PositionHeard
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
+from das.domain.journey import OrderedStop
 from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import NS

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from das.bus.codec import INPUT_TOPICS
-from das.bus.recorder import RecordingFile, message_time_ns
+from das.bus.recorder import RecordingFile
 from das.bus.recording import RecordedMessage, read_contents
-from das.bus.topics import CONTROL, STATUS
+from das.bus.topics import CONTROL, STATUS, message_time_ns
 from das.cab.cab import warm_up
 from das.domain.clocks import Clocks
 from das.domain.units import NS

@@ -24,7 +24,7 @@ from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section, rebuilt
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy, passing_name
+from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, NOT_WHOLE, SectionEnergy, passing_name
 from sim.drive.calls import KeptCall, calls_on_the_way
 from sim.drive.table import DriveTable
 from sim.recording.course import STANDING_MPS, DrivenCourse, Floats, Times
@@ -33,15 +33,12 @@ from sim.trips.estimate import (
     BRAKING,
     CHOICE_OVERSPEED_RATIO,
     DrivenCase,
-    EnergyRange,
     Unknown,
     doubt,
     estimate_run,
     one_by_one,
-    over_unknowns,
 )
 from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
-from sim.trips.trip import recorded_trip
 
 EQUAL_MPS: Final = 0.5
 """Largest difference (m/s) of two speeds that count as equal from a common speed."""
@@ -134,6 +131,8 @@ def smoothed_motions(table: DriveTable) -> Callable[[float], DrivenMotion]:
     The motion has the energy of the friction brake if the recording has brake forces. DasError for positions that
     cannot be used.
     """
+    from sim.trips.trip import recorded_trip  # cleaning and matching, which a simulated drive does not need
+
     trip = recorded_trip(table.recording, table.inputs.route)
 
     def smoothed(jerk_psd_m2ps5: float) -> DrivenMotion:
@@ -349,9 +348,6 @@ def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> F
     return np.where(gross_j > 0, gross_j, np.clip(run.supply, 0.0, 1.0) * gross_j)
 
 
-MOST_LEGS: Final = 3
-"""Largest number of legs for which the likely range is computed: each is solved twice for every unknown."""
-
 Smoothed = Callable[[float], Sequence[DrivenLeg]]
 """A function that returns the legs of a drive if its record is smoothed with another density of the jerk (m²/s⁵)."""
 
@@ -369,8 +365,9 @@ class ComparedLeg:
     energies: LegEnergies
 
     @classmethod
-    def of(cls, leg: DrivenLeg, front: Front, energies: LegEnergies) -> ComparedLeg:
-        """A driven leg with its energies and the front of its section."""
+    def of(cls, leg: DrivenLeg, front: Front, energies: LegEnergies | None = None) -> ComparedLeg:
+        """A driven leg with the front of its section, and its energies if they are known already."""
+        energies = energies or leg_energies(front.section, leg)
         return cls(leg=leg, front=front, optimum=front.trajectory(leg.trip_s), energies=energies)
 
     @property
@@ -395,6 +392,7 @@ class ComparedLeg:
         return replace(found, beyond_s=0.0 if self.energies.measured else self.energies.beyond_s)
 
 
+<<<<<<< HEAD
 def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
     """The likely band of an energy: its unknowns are independent of each other, so that deviations add as squares.
 
@@ -416,6 +414,8 @@ def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed, doubt_ratio: fl
     return over_unknowns(_above_in_cases(legs, smoothed), doubt_ratio)
 
 
+=======
+>>>>>>> s59f
 @dataclass(frozen=True, kw_only=True)
 class LikelyRange:
     """The likely range (J) of the energy above the optimum, and its range for each unknown on its own.
@@ -432,24 +432,24 @@ class LikelyRange:
     unknowns: tuple[Unknown, ...]
 
 
-def likely_range(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> LikelyRange | None:
-    """The likely range of an estimated energy above the optimum; None for a drive of more than `MOST_LEGS` legs.
+def likely_range(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> LikelyRange:
+    """The likely range of an estimated energy above the optimum.
 
-    Train, wind and brakes are the same for the drive and its optimum in every case. Without `smoothed`, the motion is
-    taken to be known.
+    Train, wind and brakes are the same for the drive and its optimum in every case, and in all legs. A case in which
+    the train could not have driven a leg in its trip time is left out; the assumed case must be possible. Without
+    `smoothed`, the motion is taken to be known.
     """
-    if len(legs) > MOST_LEGS:
-        return None
     above_j = _above_in_cases(legs, smoothed)
     beyond_ratio = sum(one.energies.beyond_s for one in legs) / sum(one.leg.trip_s for one in legs)
     doubt_ratio = doubt(beyond_ratio, max(one.energies.lacking_ratio for one in legs))
-    unknowns = tuple(one for one in one_by_one(above_j, doubt_ratio) if one.high_j > one.low_j)
-    likely = likely_band(sum(one.driven_j for one in legs) - sum(one.optimum.balance.input for one in legs), unknowns)
+    unknowns = one_by_one(above_j, doubt_ratio)
+    middle_j = sum(one.driven_j for one in legs) - sum(one.optimum.balance.input for one in legs)
+    spread = [one for one in unknowns if one.name != BRAKING]
     known = any(leg.leg.motion.friction_j is not None for leg in legs)
     friction_j = None if known else above_j(DrivenCase(all_friction=True))
     return LikelyRange(
-        low_j=likely.low_j,
-        high_j=likely.high_j,
+        low_j=middle_j - math.hypot(*(min(one.low_j - middle_j, 0.0) for one in spread)),
+        high_j=middle_j + math.hypot(*(max(one.high_j - middle_j, 0.0) for one in spread)),
         by_friction_j=math.nan if friction_j is None else friction_j,
         unknowns=unknowns,
     )

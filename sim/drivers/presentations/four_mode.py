@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from das.advice.regimes import Regime
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView
-from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import (
     FOUR_MODES,
     Hands,
@@ -20,6 +19,9 @@ from sim.drivers.presentations.presenter import (
     known_mode,
     whole,
 )
+
+if TYPE_CHECKING:
+    from sim.drivers.knowledge import Outlook
 
 
 class FourModePresenter(Presenter):

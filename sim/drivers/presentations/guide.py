@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from das.advice import wording
 from das.advice.advice import Instruction
@@ -13,11 +13,13 @@ from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.advice.wording import Language
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, Asked, CabView, Efforts, asked
-from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
 from sim.drivers.tracking import FOLLOWING, RULE, hold
 from sim.plant.kernels import Command, electric_effort
 from sim.plant.plant import COAST, force
+
+if TYPE_CHECKING:
+    from sim.drivers.knowledge import Outlook
 
 
 class GuidePresenter(Presenter):

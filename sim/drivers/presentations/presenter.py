@@ -11,19 +11,22 @@ from abc import ABC, abstractmethod
 from enum import Enum
 from functools import cache
 from importlib import import_module
-from typing import Any, ClassVar, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, Protocol
 
 from das.advice import wording
 from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import Regime
 from das.advice.wording import Language
+from das.bus.topics import CAB
 from das.domain.units import KMH, NS, kmh
 from sim.doors import PRESENTATIONS, installed
 from sim.drivers.cab import AdviceView, CabView
-from sim.drivers.handling import Handling
 from sim.drivers.kinds import Presentation
-from sim.drivers.knowledge import Outlook
-from sim.plant.kernels import Command
+
+if TYPE_CHECKING:
+    from sim.drivers.handling import Handling
+    from sim.drivers.knowledge import Outlook
+    from sim.plant.kernels import Command
 
 EFFORT_STEP_RATIO: Final = 0.2
 """Step of the displayed effort, as a share of the controller's scale; finer steps are neither read nor set."""
@@ -214,10 +217,14 @@ def presenter_of(presentation: Presentation) -> Presenter:
     return presenter
 
 
+@cache
 def shown_presentation(number: int) -> Presentation | None:
     """The presentation with a number of the message Cab; None for no advice and for an unknown number."""
-    known = (one for one in Presentation if one is not Presentation.NONE)
-    return next((one for one in known if presenter_of(one).number == number), None)
+    named: Any = CAB.message  # for the numbers that it names, no other presentation needs to be imported
+    known = {value: Presentation[name.removeprefix("PRESENTATION_")] for name, value in named.Presentation.items()}
+    if number in known:
+        return known[number] if number else None
+    return next((one for one in Presentation if presenter_of(one).number == number), None)
 
 
 def present(

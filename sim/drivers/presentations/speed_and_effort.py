@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from das.advice.regimes import Regime
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.handling import HAND
-from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import Hands, Presenter
 from sim.drivers.tracking import FOLLOWING, RULE, TRACKING, hold, needed_braking_mps2
 from sim.plant.kernels import Command, electric_effort
 from sim.plant.plant import force, speed
+
+if TYPE_CHECKING:
+    from sim.drivers.knowledge import Outlook
 
 
 class SpeedAndEffortPresenter(Presenter):

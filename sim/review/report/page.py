@@ -14,6 +14,8 @@ from das.bus.recording import recording_of
 from das.domain.errors import DasError
 from das.domain.units import kwh, kwh_figure
 from sim.drive.attribution.attribution import as_dict as energy_dict
+from sim.drive.calls import as_rows as stops_as_rows
+from sim.drive.calls import passings_as_rows
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
@@ -142,17 +144,17 @@ def as_dict(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, no
 
 
 def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
-    drive = subject.drive
+    drive, zero_ns = subject.drive, subject.drive.table.clock.zero_ns
     return {
         "recording": str(drive.recording.path),
         "complete": drive.recording.complete,
         "in_words": " ".join(in_lines(drive)),
-        "zero_ns": drive.table.clock.zero_ns,
+        "zero_ns": zero_ns,
         "first_page": first_page_dict(drive),
         "within_shown_speed_ratio": tables.compliance(drive),
         "figures": drive.figures.as_dict(),
-        "stops": tables.stop_dicts(drive),
-        "passings": tables.passing_dicts(drive),
+        "stops": stops_as_rows(drive.calls, zero_ns),
+        "passings": passings_as_rows(tables.passings(drive), zero_ns),
         "above_optimum_likely_low_kwh": None if drive.energy.likely is None else kwh(drive.energy.likely.low_j),
         "above_optimum_likely_high_kwh": None if drive.energy.likely is None else kwh(drive.energy.likely.high_j),
         "energy": None if drive.energy.attribution is None else energy_dict(drive.energy.attribution),

@@ -15,11 +15,11 @@ from das.domain.plausibility import energy_range
 from das.domain.units import NS, kmh, kwh, kwh_figure, kwh_words
 from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
 from sim.drive.attribution.causes import APART_MPS, EnergyCause
-from sim.drive.calls import PASSINGS, KeptPassing, keep, passings_as_rows, recorded_passings
+from sim.drive.calls import PASSINGS, KeptPassing, keep, recorded_passings
 from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_text, times_text
 from sim.drive.table import HOLDS_S
-from sim.recording.course import known, minutes, spell
+from sim.recording.course import minutes, spell
 from sim.review.report.findings import friction_chosen_by, told_causes
 
 TOLD: Final = tuple(
@@ -45,7 +45,8 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     if attribution is not None:
         rows += _energy_rows(attribution)
-    for one in () if drive.energy.likely is None else drive.energy.likely.unknowns:
+    unknowns = () if drive.energy.likely is None else drive.energy.likely.unknowns
+    for one in (one for one in unknowns if one.high_j > one.low_j):
         spread = f"{kwh_figure(one.low_j, signed=True)} to {kwh_words(one.high_j, signed=True)}"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
     told = restrictions_told(drive)
@@ -129,32 +130,8 @@ def stop_rows(drive: Drive) -> list[Row]:
     ]
 
 
-def stop_dicts(drive: Drive) -> list[Row]:
-    """Punctuality at every stop, for programs: m, and s on the drive's clock; None: not known."""
-    clock = drive.table.clock
-
-    def at_s(time_ns: int) -> float | None:
-        return clock.since_s(time_ns) if time_ns else None
-
-    return [
-        {
-            "name": call.name,
-            "s_m": call.s_m,
-            "due_arrival_s": at_s(call.due_arrival_ns),
-            "arrived_s": at_s(call.arrived_ns),
-            "arrived_late_s": known(call.arrived_late_s),
-            "due_departure_s": at_s(call.due_departure_ns),
-            "departed_s": at_s(call.departed_ns),
-            "departed_late_s": known(call.departed_late_s),
-            "stopping_error_m": known(call.stopping_error_m),
-            "reached": call.reached,
-            "served": call.served,
-        }
-        for call in drive.calls
-    ]
-
-
-def _passings(drive: Drive) -> tuple[KeptPassing, ...]:
+def passings(drive: Drive) -> tuple[KeptPassing, ...]:
+    """The passings of the journey, with the time of the train at each."""
     due = recorded_passings(drive.table.run)
     return keep(due, drive.table.course.time_ns, drive.table.course.s_m)
 
@@ -172,13 +149,8 @@ def passing_rows(drive: Drive) -> list[Row]:
             "late": "" if math.isnan(one.late_s) else f"{one.late_s:+.0f} s",
             "remark": one.words,
         }
-        for one in _passings(drive)
+        for one in passings(drive)
     ]
-
-
-def passing_dicts(drive: Drive) -> list[Row]:
-    """The passings for programs; times (s) are those of the drive's clock."""
-    return passings_as_rows(_passings(drive), drive.table.clock.zero_ns)
 
 
 def cause_rows(attribution: Attribution) -> list[Row]:

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import json
+import os
+import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from das import __version__
 from das.advice.regimes import Regime
 from das.bus import codec
-from das.bus.recorder import RecordingFile, message_time_ns
+from das.bus.recorder import RecordingFile
 from das.bus.recording import RecordedMessage, recording_of
 from das.bus.restrictions import encode_restriction
 from das.bus.scanning import UNCHECKED
-from das.bus.topics import JOURNEY, RESTRICTION, STATUS
+from das.bus.topics import JOURNEY, RESTRICTION, STATUS, message_time_ns
 from das.cab.cab import warm_up
 from das.cab.heard import RestrictionsHeard
+from das.domain.clocks import Clocks
 from das.domain.errors import DasError
+from das.domain.files.writing import refuse_link
 from das.node.process import CabPlan, plan_cab
 from sim.drive.comparison import SAME_ADVICE_MPS
 from sim.drive.events import place_text
 from sim.drive.table import DriveTable
 from sim.options import NodeSaid, WhatIfKind
 from sim.recording.inputs import sha256, vehicle_files
-from sim.recording.opening import NODE_ARGUMENTS, open_contents, whole_recording
+from sim.recording.opening import NODE_ARGUMENTS, open_contents
 from sim.runs.reproduce import (
     BY_THE_WALL,
     COMPARED,
@@ -197,3 +202,23 @@ def _advice(table: DriveTable) -> dict[int, tuple[float, tuple[int, int], tuple[
         now = (int(Regime.NONE), 0.0) if guide is None else (guide.now.mode, guide.now.speed_mps)
         found[time_ns] = s_m, (mode, now[0]), (0.0 if mode == Regime.NONE else speed_mps, now[1])
     return found
+
+
+@contextmanager
+def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
+    """A recording to write; it appears at `out` at the end of the block, and not at all if the block fails.
+
+    `now_ns` is the time stamp of attached files (ns since 1970). Raises DasError if the recording cannot be written.
+    """
+    refuse_link(out)
+    try:
+        with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
+            beside = Path(folder) / out.name
+            file = RecordingFile(beside, Clocks(now_ns=lambda: now_ns))
+            try:
+                yield file
+            finally:
+                file.close()
+            os.replace(beside, out)
+    except OSError as error:
+        raise DasError(f"{out}: cannot be written ({error.strerror})") from error

@@ -23,7 +23,6 @@ from das.cab.heard import (
     Heard,
     JourneyHeard,
     Kind,
-    OrderedStop,
     PositionHeard,
     RestrictionsHeard,
     Target,
@@ -32,6 +31,7 @@ from das.cab.heard import (
     Unreadable,
 )
 from das.cab.outputs import Estimated, Event, NodeState, Severity, Status
+from das.domain.journey import OrderedStop
 from das.estimate.estimate import Effort, PositionFix, Quality
 
 NOW_NS = 1_800_000_000_000_000_000

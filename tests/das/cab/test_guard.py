@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from das.cab.guard import MOST_RESTRICTIONS, MOST_STOPS, Guard, Publishers, described
-from das.cab.heard import JourneyHeard, OrderedStop, RestrictionsHeard, Target, TargetsHeard, ToldRestriction
+from das.cab.heard import JourneyHeard, RestrictionsHeard, Target, TargetsHeard, ToldRestriction
 from das.cab.outputs import MOST_A_SECOND, Moderation
+from das.domain.journey import OrderedStop
 from das.domain.restriction import LONGEST_TEXT
 
 S = 10**9

@@ -10,8 +10,9 @@ import pytest
 from das.advice.advice import Cause
 from das.bus import das_pb2
 from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION
-from das.cab.heard import JourneyHeard, OrderedStop
+from das.cab.heard import JourneyHeard
 from das.cab.orders import DAY_NS, is_of_another_day
+from das.domain.journey import OrderedStop
 from tests.support.driven_node import START_NS, DrivenNode, S, journey
 
 HOUR = 3600.0

@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from das.advice import wording
 from das.domain.files.load import load_vehicle
 from das.domain.units import NS
-from das.estimate.estimate import OVERSPEED_RATIO, Estimate, PositionFix, Problem, Quality, deviations
+from das.estimate.estimate import OVERSPEED_RATIO, STALE_AFTER_S, Estimate, PositionFix, Problem, Quality, deviations
 from das.estimate.localisation import (
     LARGEST_POSITION_SD_M,
     LARGEST_SPEED_SD_MPS,
-    STALE_AFTER_S,
     Localisation,
 )
 from das.estimate.plausibility import AGREEING_FIXES, SILENCE_S, SLOW_SDS, STANDS_AFTER_S

@@ -15,7 +15,7 @@ def test_a_trip_that_needs_more_force_than_its_train_has_gets_no_figure(beyond_s
     ]
     why_not = "" if comparable else "in 26 % of the time the trip needs more force than this train has"
     assert why_not_comparable(each) == why_not
-    above = AboveOptimum(sections=tuple(each), measured=False, why_not=why_not)
+    above = AboveOptimum.of(each, measured=False)
     assert (above.above_j is not None) is comparable
     assert (above.as_dict()["above_optimum_kwh"] is not None) is comparable
 

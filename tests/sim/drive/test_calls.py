@@ -33,7 +33,7 @@ def test_when_the_train_was_at_its_stops() -> None:
 
 def test_a_stop_that_was_passed_has_no_figures_for_programs() -> None:
     recording = drive(stops=STOPS)
-    passed = as_rows(calls(DriveTable.of(recording)))[1]
+    passed = as_rows(calls(DriveTable.of(recording)), 0)[1]
     assert (passed["name"], passed["stopping_error_m"]) == ("Brugg", None)
     assert not any(isinstance(value, float) and math.isnan(value) for value in passed.values())
 

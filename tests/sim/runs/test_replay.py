@@ -134,25 +134,25 @@ def test_who_drove_both_sections_as_well_as_possible_is_not_above_the_optimum(dr
         ("M", job.trip.end.name),
     ]
     assert [one.trip_s for one in job.legs] == pytest.approx([FIRST_S, SECOND_S], abs=2.0)
-    above, likely = found.above_range, found.above.likely
-    assert above is not None
+    above_j, likely = found.above.above_j, found.likely
+    assert above_j is not None
     assert likely is not None
-    assert abs(above.estimate_j) < 0.015 * sum(energies)
-    assert above.low_j <= likely.low_j <= above.estimate_j <= likely.high_j <= above.high_j
+    assert abs(above_j) < 0.015 * sum(energies)
+    assert likely.low_j <= above_j <= likely.high_j <= likely.by_friction_j
     through = job.front.trajectory(float(job.trip.run.time_s[-1])).balance.input
     assert through < 0.9 * sum(energies)  # the optimum that does not stop would have claimed a saving that nobody had
 
 
 def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(driven: Driven) -> None:
-    above, spread = driven[1].above, driven[1].above_range
-    assert spread is not None
+    above, likely = driven[1].above, driven[1].likely
+    assert likely is not None
     message = das_pb2.Saving.FromString(above.message(7).SerializeToString())
     assert (message.time_ns, message.measured, message.comparable) == (7, False, True)
     assert message.driven_j == pytest.approx(math.fsum(one.driven_j for one in message.sections))
     assert message.optimum_j == pytest.approx(math.fsum(one.optimum_j for one in message.sections))
-    assert message.driven_j - message.optimum_j == pytest.approx(spread.estimate_j, abs=1.0)
-    assert message.worst_low_j <= message.likely_low_j <= message.likely_high_j <= message.worst_high_j
-    untold = replace(above, why_not="why", likely=None, worst=None).message(7)
+    assert (message.likely_low_j, message.likely_high_j) == (likely.low_j, likely.high_j)
+    assert likely.low_j < message.driven_j - message.optimum_j < likely.high_j
+    untold = replace(above, why_not="why", likely=None).message(7)
     assert not untold.comparable
     assert math.isnan(untold.likely_low_j)
 
@@ -358,8 +358,8 @@ def test_an_open_trip_is_compared_over_its_longest_part_between_equal_speeds(dri
     assert last.optimum.trajectory.v_mps[-1] == pytest.approx(last.leg.motion.speed_mps[-1])
     assert len(found.legs) == 2  # it stood at M
     assert 0.0 < found.above.above_j < 0.02 * found.above.driven_j  # type: ignore[operator]
-    assert found.above_range is not None
-    assert found.above_range.low_j < found.above.above_j < found.above_range.high_j  # type: ignore[operator]
+    assert found.likely is not None
+    assert found.likely.low_j < found.above.above_j < found.likely.high_j  # type: ignore[operator]
     assert found.energy.low_j < found.above.driven_j < found.energy.high_j
 
 

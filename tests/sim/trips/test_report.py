@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.cli import trips as trip_command
-from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, leg_energies, likely_band, range_above
+from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, LikelyRange, likely_range
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import ReplayOptions, TripOptions
 from sim.runs import replay_figures as replay_report
@@ -242,10 +242,13 @@ def hand_made(mass: float, resistance: float, wind_mps: float) -> Vehicle:
     return replace(make_train(resistance=(c0 + c2 * wind_mps**2, 2 * c2 * wind_mps, c2)), mass_kg=mass * 1e5)
 
 
-def above_in_all_cases(
-    trip: Trip, front: Front, shortest_s: float | None = None, doubt_ratio: float = 0.0
-) -> EnergyRange:
-    """The range above the optimum of a trip on one section; of one that took a shorter time where that is given (s)."""
+def likely_above(
+    trip: Trip, front: Front, shortest_s: float | None = None, lacking_ratio: float = 0.0
+) -> tuple[float, LikelyRange]:
+    """The energy above the optimum (J) of a trip on one section, and its range.
+
+    Of a trip that took a shorter time where that is given (s), and of a train that lacks this share of a force.
+    """
 
     def legs(jerk_psd_m2ps5: float) -> list[DrivenLeg]:
         (leg,) = driven_legs(trip, to_profile(trip.matched, jerk_psd_m2ps5=jerk_psd_m2ps5))
@@ -255,46 +258,57 @@ def above_in_all_cases(
         faster_ns = time_ns[0] + np.rint(ratio * (time_ns - time_ns[0])).astype(np.int64)
         return [replace(leg, motion=replace(leg.motion, time_ns=faster_ns))]
 
-    as_assumed = legs(SMOOTHING_JERK_PSD_M2PS5)
-    compared = [ComparedLeg.of(one, front, leg_energies(front.section, one)) for one in as_assumed]
-    return range_above(compared, legs, doubt_ratio)
+    (found,) = [ComparedLeg.of(one, front) for one in legs(SMOOTHING_JERK_PSD_M2PS5)]
+    lacks = replace(found.energies, beyond_s=lacking_ratio * found.leg.trip_s, lacking_ratio=lacking_ratio)
+    above_j = found.driven_j - found.optimum.balance.input
+    return above_j, likely_range([replace(found, energies=lacks)], legs)
 
 
 @pytest.mark.slow
 def test_the_range_above_the_optimum_is_that_of_all_trains_it_may_have_been(
     driven: tuple[Trip, Section, EnergyRange],
 ) -> None:
-    """By brute force: every corner solved again, and the part above 0 of ∫(m·a + R)ds where friction alone brakes."""
+    """By brute force: every train solved again, and the part above 0 of ∫(m·a + R)ds where friction alone brakes."""
     trip, section, _ = driven
-    run, ends = trip.run, {}
+    run = trip.run
     trip_s = float(run.time_s[-1])
     v, a = 0.5 * (run.speed_mps[1:] + run.speed_mps[:-1]), np.diff(run.speed_mps) / np.diff(run.time_s)
-    for mass, more, wind, brakes in product((0.95, 1.05), (0.9, 1.1), (-5.0, 5.0), (ELECTRIC, FRICTION)):
+
+    def above_j(mass: float = 1.0, more: float = 1.0, wind: float = 0.0, brakes: BrakePolicy = ELECTRIC) -> float:
         train = hand_made(mass, more, wind)
-        optimum = solve_front(build_section(section.route, train, options=SectionOptions(brakes=brakes))).trajectory(
-            trip_s
-        )
+        front = solve_front(build_section(section.route, train, options=SectionOptions(brakes=brakes)))
         force = train.mass_kg * a + mass * more * C0_N + more * C2 * (v + wind) ** 2
         taken = np.maximum(force, 0.0) if brakes is FRICTION else force
-        ends[mass, more, wind, brakes] = float((taken * np.diff(run.s_m)).sum()) - optimum.balance.input
-    found = above_in_all_cases(trip, solve_front(section))
-    smoothing = next(u for u in found.unknowns if u.name.startswith("smoothing"))
-    unsure_j = smoothing.high_j - smoothing.low_j
-    scale_j = 0.01 * max(ends.values())
-    assert found.low_j == pytest.approx(min(ends.values()), abs=unsure_j + scale_j)
-    assert found.high_j == pytest.approx(max(ends.values()), abs=2 * unsure_j + scale_j)
-    assert 0 < found.low_j < found.estimate_j < found.high_j
-    assert found.left_out == 0
-    likely = likely_band(found.estimate_j, found.unknowns)
-    assert found.low_j < likely.low_j < found.estimate_j < likely.high_j < found.high_j
+        return float((taken * np.diff(run.s_m)).sum()) - front.trajectory(trip_s).balance.input
+
+    estimate_j, found = likely_above(trip, solve_front(section))
+    assert estimate_j == pytest.approx(above_j(), rel=0.06)
+    assert found.by_friction_j == pytest.approx(above_j(brakes=FRICTION), rel=0.01)
+    unknown = {one.name: one for one in found.unknowns}
+    smoothing = unknown["smoothing of the record"]
+    off = [(smoothing.low_j - estimate_j, smoothing.high_j - estimate_j)]
+    for name, ends in (
+        (MASS, ({"mass": 0.95}, {"mass": 1.05})),
+        (RESISTANCE, ({"more": 0.9}, {"more": 1.1})),
+        ("wind along the line", ({"wind": -5.0}, {"wind": 5.0})),
+    ):
+        low_j, high_j = sorted(above_j(**end) - above_j() for end in ends)
+        off.append((min(low_j, 0.0), max(high_j, 0.0)))
+        told = unknown[name].low_j - estimate_j, unknown[name].high_j - estimate_j
+        assert told == pytest.approx(off[-1], abs=0.1 * (high_j - low_j)), name
+    assert estimate_j - found.low_j == pytest.approx(np.hypot.reduce([low_j for low_j, _ in off]), rel=0.1)
+    assert found.high_j - estimate_j == pytest.approx(np.hypot.reduce([high_j for _, high_j in off]), rel=0.1)
 
 
 def test_trains_that_could_not_have_arrived_are_left_out(driven: tuple[Trip, Section, EnergyRange]) -> None:
+    """One that is heavier could not: the range of its mass ends at the assumed one."""
     trip, section, _ = driven
     front = solve_front(section)
-    found = above_in_all_cases(trip, front, shortest_s=front.fastest().time_s + 0.2)
-    assert found.left_out > 0
-    assert found.low_j <= found.estimate_j <= found.high_j
+    estimate_j, found = likely_above(trip, front, shortest_s=front.fastest().time_s + 0.2)
+    mass = next(one for one in found.unknowns if one.name == MASS)
+    assert estimate_j in (mass.low_j, mass.high_j)
+    assert mass.low_j < mass.high_j
+    assert found.low_j <= estimate_j <= found.high_j
 
 
 def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> None:
@@ -306,24 +320,20 @@ def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> Non
     s, v = np.interp(t, best.t_s, best.s_m), np.interp(t, best.t_s, best.v_mps)
     points = [Point(float(a), float(b), float(c)) for a, b, c in zip(t, s, v, strict=True)]
     trip = on_route(tmp_path, points, section.route, positions=True)
-    found = above_in_all_cases(trip, front)
+    estimate_j, found = likely_above(trip, front)
     least_j = best.balance(section.vehicle, section.loss).input
-    assert abs(found.estimate_j) < 0.01 * least_j
-    assert not replay_report.certainly_above(found, least_j)
-    figures: dict[str, Any] = {"above_optimum_kwh": 1.0, "above_optimum_ratio": 0.01, "direction_known": True}
+    assert abs(estimate_j) < 0.01 * least_j
+    assert not replay_report.likely_above(found, least_j)
+    assert replay_report.likely_above(replace(found, low_j=0.1 * least_j, by_friction_j=math.nan), least_j)
+    assert not replay_report.likely_above(replace(found, low_j=0.1 * least_j, by_friction_j=0.0), least_j)
+    figures: dict[str, Any] = {"above_optimum_kwh": 1.0, "above_optimum_ratio": 0.01, "beyond_vehicle_ratio": 0.0}
     figures |= {"above_optimum_likely_low_kwh": 0.7, "above_optimum_likely_high_kwh": 1.2}
-    told = replay_report.above_rows(
-        {"beyond_vehicle_ratio": 0.0}
-        | {**figures, "above_optimum_certain": False, "above_optimum_low_kwh": -0.8, "above_optimum_high_kwh": 2.0}
-    )
-    assert told[0] == ("above the optimum", "perhaps nothing")
-    assert told[1:] == [("  likely", "1 to 1 kWh"), ("  every unknown at its worst", "-1 to 2 kWh")]
-    told = replay_report.above_rows(
-        {"beyond_vehicle_ratio": 0.0}
-        | {**figures, "above_optimum_certain": True, "above_optimum_low_kwh": 0.6, "above_optimum_high_kwh": 2.0}
-    )
-    assert told[0] == ("above the optimum", "+1.0 kWh (1.0 % of the optimum)")
-    assert told[1:] == [("  likely", "1 to 1 kWh"), ("  every unknown at its worst", "1 to 2 kWh")]
+    figures |= {"above_optimum_by_friction_kwh": 2.0, "likely_above_optimum": False}
+    likely = [("  likely", "1 to 1 kWh"), ("  if friction alone braked", "2 kWh")]
+    assert replay_report.above_rows(figures) == [("above the optimum", "perhaps nothing"), *likely]
+    figures |= {"above_optimum_by_friction_kwh": None, "likely_above_optimum": True}
+    told = replay_report.above_rows(figures)
+    assert told == [("above the optimum", "+1.0 kWh (1.0 % of the optimum)"), likely[0]]
 
 
 def weaker(section: Section, force_n: float) -> Section:
@@ -375,12 +385,10 @@ def test_a_heavier_train_is_not_left_out_for_efforts_that_are_doubted(
     trip, section, _ = driven
     front = solve_front(section)
     shortest_s = front.fastest().time_s + 0.2
-    known, doubted = (above_in_all_cases(trip, front, shortest_s, one) for one in (0.0, 0.1))
+    (_, known), (estimate_j, doubted) = (likely_above(trip, front, shortest_s, one) for one in (0.0, 0.1))
     mass = next(one for one in doubted.unknowns if one.name == MASS)
-    assert mass.high_j - doubted.estimate_j == pytest.approx(doubted.estimate_j - mass.low_j)
-    bands = [likely_band(one.estimate_j, one.unknowns) for one in (known, doubted)]
-    assert bands[1].low_j < bands[0].low_j < bands[0].high_j < bands[1].high_j
-    assert doubted.low_j < bands[1].low_j < bands[1].high_j < doubted.high_j
+    assert mass.high_j - estimate_j == pytest.approx(estimate_j - mass.low_j)
+    assert doubted.low_j < known.low_j < known.high_j < doubted.high_j
 
 
 @pytest.mark.parametrize("reverse", [None, False])
@@ -396,7 +404,8 @@ def test_nothing_is_compared_before_the_direction_is_known(tmp_path: Path, rever
     told = [note for note in replay_report.notes(found) if "the direction of the trip:" in note]
     assert len(told) == (reverse is None)
     if reverse is not None:
-        assert found["above_optimum_low_kwh"] < found["above_optimum_kwh"] < found["above_optimum_high_kwh"]
+        assert found["above_optimum_likely_low_kwh"] < found["above_optimum_kwh"]
+        assert found["above_optimum_kwh"] < found["above_optimum_likely_high_kwh"]
     elif told:
         assert told[0].endswith("give --no-reverse if it is so, --reverse if not")
         assert "not comparable: the direction of the trip is not known" in replay_report.notes(found)

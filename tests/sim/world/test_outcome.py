@@ -72,7 +72,7 @@ def test_names_and_values_of_the_figures(plain: tuple[Day, Run]) -> None:
     assert (figures["scenario"], figures["seed"], figures["level"]) == ("flat", 1, "l3")
     assert [stop["name"] for stop in figures["stops"]] == [stop.name for stop in day.service.stops]
     assert (figures["stops"][0]["arrived_s"], figures["stops"][-1]["departed_s"]) == (None, None)
-    assert figures["late_s"] == found.late_s == figures["stops"][-1]["late_s"]
+    assert figures["late_s"] == found.late_s == figures["stops"][-1]["arrived_late_s"]
     assert figures["simulated_s"] == len(run.states) - 1 > figures["running_time_s"] > 100
     # Between one departure and one arrival nothing is drawn at stops, and the states say the same energy.
     (departed, arrived) = run.legs[0]
@@ -94,7 +94,7 @@ def test_violations_and_a_drive_without_an_optimum_are_told(plain: tuple[Day, Ru
     found = outcome(*plain)
     bad = Violations(signals_passed=2, beyond_signal_m=30.0, over_limit_s=4.0, over_limit_mps=10 * KMH)
     (section,) = found.energies.above.sections
-    fast = AboveOptimum.measured_on([dataclasses.replace(section, late_s=2.5)])
+    fast = AboveOptimum.of([dataclasses.replace(section, late_s=2.5)], measured=True)
     figures = dataclasses.replace(
         found,
         figures=dataclasses.replace(found.figures, violations=bad),

@@ -19,7 +19,7 @@ from das.bus.recorder import RecordingFile
 from das.domain.errors import DasError
 from das.domain.files import writing
 from das.domain.files.writing import LOCK, FolderTakenError, folder_held, toml_string
-from sim.recording.opening import whole_recording
+from sim.runs.what_if.open_loop import whole_recording
 from tests.support.making import REPOSITORY, das_precompute
 
 

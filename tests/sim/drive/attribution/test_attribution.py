@@ -135,7 +135,7 @@ def test_a_simulated_drive_is_compared_with_the_optimum_of_its_true_train() -> N
     recording, plain = heavier().recording, heavier().energy.known_attribution
     (leg,) = plain.above.sections
     true_j = leg.optimum_j + 3.6e6
-    said = AboveOptimum.measured_on([replace(leg, optimum_j=true_j)]).message(0)
+    said = AboveOptimum.of([replace(leg, optimum_j=true_j)], measured=True).message(0)
     known = Drive(
         recording=replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}),
         given=inputs_of_day(flat_day("[truth]\nmass_ratio = 1.2\n")),

@@ -324,7 +324,8 @@ LONG = DriveFinding(
 )  # fmt: skip
 
 
-LONG_NAME = "stated in the recording: above the optimum (estimated), every unknown at its worst"
+LONG_NAME = "stated in the recording: above the optimum (estimated), compared part"
+PART = "km 12.3 at 98 km/h to km 45.6 at 98 km/h"
 
 
 @pytest.fixture(scope="module")
@@ -332,7 +333,10 @@ def crowded() -> str:
     """The page with findings and names as long as they get."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("sim.review.report.first_page.findings", lambda drive: (LONG,) * 3)
-        patched.setattr("sim.review.report.tables.input_rows", lambda drive: [(LONG_NAME, "29 to 97 kWh " * 3)] * 20)
+        patched.setattr(
+            "sim.review.report.tables.input_rows",
+            lambda drive: [(LONG_NAME, "km 12.3 at 98 km/h to km 45.6 at 98 km/h")] * 20,
+        )
         picture = as_image(first_figure(ReviewScene.of(fast().drive), findings(fast().drive)))
         return page_of_words(fast(), first=picture)
 
