@@ -184,12 +184,7 @@ def _at(call: KeptCall, trip: DrivenCourse) -> AtStop:
 def as_rows(made: Sequence[KeptCall], zero_ns: int) -> list[dict[str, Any]]:
     """Punctuality at every stop, for programs; times (s) count from `zero_ns`; None: not known.
 
-<<<<<<< HEAD
-    Times (s) count from the timetable's first departure, or without a timetable from the first departure. `due_s` is
-    the due arrival, at the first stop the due departure; `stopping_error_m` is the distance beyond the stop.
-=======
     `stopping_error_m` is how far beyond the stop the train stood.
->>>>>>> s59f
     """
     return [
         {

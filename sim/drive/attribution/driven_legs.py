@@ -392,30 +392,6 @@ class ComparedLeg:
         return replace(found, beyond_s=0.0 if self.energies.measured else self.energies.beyond_s)
 
 
-<<<<<<< HEAD
-def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
-    """The likely band of an energy: its unknowns are independent of each other, so that deviations add as squares.
-
-    The kind of braking is no such deviation; only the range with every unknown at its worst includes it.
-    """
-    spread = [one for one in unknowns if one.name != BRAKING]
-    low_j = math.hypot(*(min(one.low_j - middle_j, 0.0) for one in spread))
-    high_j = math.hypot(*(max(one.high_j - middle_j, 0.0) for one in spread))
-    return EnergyBand(middle_j - low_j, middle_j + high_j)
-
-
-def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed, doubt_ratio: float = 0.0) -> EnergyRange:
-    """Energy of a trip as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
-
-    Train, wind and brakes are the same on both sides and in all legs; the smoothing concerns the record alone. A case
-    in which the train could not have driven a leg in its trip time is left out; the assumed case must be possible. The
-    `doubt_ratio` is that of `doubt`.
-    """
-    return over_unknowns(_above_in_cases(legs, smoothed), doubt_ratio)
-
-
-=======
->>>>>>> s59f
 @dataclass(frozen=True, kw_only=True)
 class LikelyRange:
     """The likely range (J) of the energy above the optimum, and its range for each unknown on its own.
