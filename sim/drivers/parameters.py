@@ -62,9 +62,7 @@ class HumanParameters:
     glance_least_s: float = _parameter(1.0, "s", 0.0, 10.0, "least time between glances")
     notches: int = _parameter(0, "notches", 0, 32, "controller notches each for power and brake; 0: percent controller")
     notch_s: float = _parameter(0.7, "s", 0.0, 5.0, "time to move the controller by one notch")
-    lever_rate_per_s: float = _parameter(
-        0.4, "1/s", 0.01, 10.0, "speed of moving a percent controller (1 = full scale)"
-    )
+    lever_rate_per_s: float = _parameter(0.4, "1/s", 0.01, 10.0, "speed of a percent controller (1: full scale)")
     lever_least_ratio: float = _parameter(0.03, "–", 0.0, 0.5, "smallest change made with a percent controller")
     speed_error_mps: float = _parameter(
         1.5 * KMH, "m/s", 0.0, 5.0, "standard deviation of the driven speed from the intended one"
@@ -105,9 +103,7 @@ class HumanParameters:
     haste_ratio: float = _parameter(
         0.5, "–", 0.0, 1.0, "without advice: 0 = at the highest speed that keeps time, 1 = as fast as allowed"
     )
-    learning_trips: float = _parameter(
-        20.0, "trips", 0.1, 1000.0, "trips after which 1/e of the learning is still to come"
-    )
+    learning_trips: float = _parameter(20.0, "trips", 0.1, 1000.0, "trips after which 1/e of the learning is to come")
     learned_ratio: float = _parameter(
         0.6, "–", 0.0, 1.0, "remaining share of reaction, errors, margins and refusals after long practice"
     )
