@@ -14,7 +14,7 @@ class ReasonCode(IntEnum):
     NONE = 0
     """The advice needs no reason."""
     TEXT = 1
-    """A text: why there is no advice, or an error message."""
+    """`text` states why there is no advice, or is an error message."""
     TOO_FAST = 2
     """The train is faster by `speed_mps` than limits and the stop allow."""
     LIMIT = 3
@@ -24,9 +24,9 @@ class ReasonCode(IntEnum):
     STOP = 5
     """The train stops at `stop`."""
     POINT_EARLIEST = 6
-    """The point at `at_m` may not be passed before `time_ns`; `text` is why."""
+    """The point at `at_m` may not be passed before `time_ns`; `text` states why."""
     POINT_MISSED = 7
-    """The point at `at_m` is passed after `time_ns`, the end of its window; `text` is why it has a window."""
+    """The point at `at_m` is passed after `time_ns`, the end of its window; `text` states why it has one."""
     ARRIVAL = 8
     """The train arrives late or early, by `late_s`."""
     ARRIVED = 9
@@ -36,15 +36,15 @@ class ReasonCode(IntEnum):
     NO_PLAN = 11
     """The train is too fast for any plan; `text` is the planner's error message."""
     FASTEST_SAFE = 12
-    """No optimum is known yet: the fastest safe run."""
+    """No optimum is known yet: the advice is the fastest safe run."""
     AS_BEFORE = 13
-    """No optimum is known yet: the last plan, no faster than is allowed now."""
+    """No optimum is known yet: the advice is the last plan, reduced to what is allowed now."""
     FASTEST = 14
-    """The train is as fast as it can be, and arrives `late_s` late."""
+    """The train runs as fast as possible, and arrives `late_s` late."""
     LEAST_ENERGY = 15
-    """The train needs the least energy, and arrives `late_s` late."""
+    """The advice is the run of least energy; the train arrives `late_s` late."""
     WAITS_AT_STOP = 16
-    """The train needs the least energy, arrives early by `-late_s`, and waits at `stop`."""
+    """The advice is the run of least energy; the train arrives early by `-late_s`, and waits at `stop`."""
     ON_TIME = 17
     """The train arrives on time with the least energy."""
     ON_TIME_TOLD_LATE = 18

@@ -181,7 +181,7 @@ def population(people: Population) -> str:
     return (
         _table(head, "|---|---|---:|---:|---:|---|---|", spreads)
         + "\n"
-        + _table(("parameter", "goes with", "correlation", "source"), "|---|---|---:|---|", pairs)
+        + _table(("parameter", "correlated with", "correlation", "source"), "|---|---|---:|---|", pairs)
     )
 
 

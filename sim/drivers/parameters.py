@@ -30,7 +30,7 @@ ROAD = "assumption, longer than the 0.75 to 1.5 s of road drivers' braking (Gree
 
 REASON = (
     "assumption: a reason has no effect. Road drivers adhere more to justified advice (123 people, Thill et al. "
-    "2018, Transp. Res. F 56, 420-435, no rate), while SBB dropped the reason eco because it changed nothing"
+    "2018, Transp. Res. F 56, 420-435, no rate), while SBB dropped the reason 'eco' because it had no effect"
 )
 
 
@@ -45,31 +45,31 @@ class HumanParameters:
     """The parameters of a human driver in SI; `parameter_table` gives meaning, range and source of each."""
 
     reaction_median_s: float = _parameter(
-        2.0, "s", 0.2, 20.0, "reaction to new advice once seen, and to the order to depart: median of a lognormal", ROAD
+        2.0, "s", 0.2, 20.0, "median reaction time (lognormal) to advice once seen, and to permission to depart", ROAD
     )
-    reaction_log_sd: float = _parameter(0.4, "–", 0.0, 1.5, "standard deviation of the reaction's logarithm")
+    reaction_log_sd: float = _parameter(0.4, "–", 0.0, 1.5, "standard deviation of the logarithm of the reaction time")
     expected_ratio: float = _parameter(
         0.6,
         "–",
         0.1,
         1.0,
-        "reaction to an announced change, as a share of that to an unannounced one",
+        "reaction time to an announced change, as a share of that to an unannounced one",
         "road drivers brake for expected events after 0.7 to 0.75 s, for unexpected ones after 1.25 s (Green 2000)",
     )
     glance_mean_s: float = _parameter(
-        5.0, "s", 0.2, 60.0, "mean time between glances at the display (exponential beyond the least)"
+        5.0, "s", 0.2, 60.0, "mean time between glances at the display (excess over `glance_least_s`: exponential)"
     )
     glance_least_s: float = _parameter(1.0, "s", 0.0, 10.0, "least time between glances")
-    notches: int = _parameter(0, "notches", 0, 32, "notches of the controller each way; 0: a percent controller")
+    notches: int = _parameter(0, "notches", 0, 32, "controller notches each for power and brake; 0: percent controller")
     notch_s: float = _parameter(0.7, "s", 0.0, 5.0, "time to move the controller by one notch")
-    lever_rate_per_s: float = _parameter(0.4, "1/s", 0.01, 10.0, "speed of a percent controller (1 = full scale)")
+    lever_rate_per_s: float = _parameter(0.4, "1/s", 0.01, 10.0, "speed of a percent controller (1: full scale)")
     lever_least_ratio: float = _parameter(0.03, "–", 0.0, 0.5, "smallest change made with a percent controller")
     speed_error_mps: float = _parameter(
-        1.5 * KMH, "m/s", 0.0, 5.0, "standard deviation of the driven speed around the wanted one"
+        1.5 * KMH, "m/s", 0.0, 5.0, "standard deviation of the driven speed from the intended one"
     )
-    speed_error_s: float = _parameter(30.0, "s", 0.5, 600.0, "correlation time of that deviation")
-    force_error_ratio: float = _parameter(0.08, "–", 0.0, 0.5, "relative error of an effort as set: standard deviation")
-    force_error_s: float = _parameter(8.0, "s", 0.5, 600.0, "correlation time of that error")
+    speed_error_s: float = _parameter(30.0, "s", 0.5, 600.0, "correlation time of the speed error")
+    force_error_ratio: float = _parameter(0.08, "–", 0.0, 0.5, "standard deviation of an effort's relative error")
+    force_error_s: float = _parameter(8.0, "s", 0.5, 600.0, "correlation time of the effort error")
     dead_band_mps: float = _parameter(2.0 * KMH, "m/s", 0.0, 5.0, "speed errors below this are not corrected")
     comply_traction_ratio: float = _parameter(0.95, "–", 0.0, 1.0, "share of advice to accelerate that is followed")
     comply_hold_ratio: float = _parameter(0.9, "–", 0.0, 1.0, "share of advice to hold a speed that is followed")
@@ -85,7 +85,7 @@ class HumanParameters:
     )
     lapses_per_h: float = _parameter(1.0, "1/h", 0.0, 60.0, "lapses of attention (Poisson process)")
     lapse_mean_s: float = _parameter(
-        12.0, "s", 0.1, 120.0, "mean duration of a lapse (exponential), ended early by the speed warning"
+        12.0, "s", 0.1, 120.0, "mean duration of a lapse (exponential); the speed warning ends a lapse early"
     )
     braking_mps2: float = _parameter(0.5, "m/s²", 0.1, 1.5, "deceleration planned for limits and stops")
     early_braking_s: float = _parameter(2.0, "s", 0.0, 20.0, "time by which braking begins earlier than needed")
@@ -96,15 +96,14 @@ class HumanParameters:
         "–",
         0.0,
         1.0,
-        "share of the braking effort asked of the friction brake though the motors could give it "
-        "(policy `as-measured`)",
-        "so that friction takes about the 15.1 % of the energy measured by Nold & Corman (2024): "
+        "share of the braking effort by the friction brake although the motors could supply it (policy `as-measured`)",
+        "chosen so that the friction brakes take about the 15.1 % of the energy that Nold & Corman (2024) measured: "
         "docs/reference/drivers.md",
     )
     haste_ratio: float = _parameter(
         0.5, "–", 0.0, 1.0, "without advice: 0 = at the highest speed that keeps time, 1 = as fast as allowed"
     )
-    learning_trips: float = _parameter(20.0, "trips", 0.1, 1000.0, "trips after which 1/e of the learning remains")
+    learning_trips: float = _parameter(20.0, "trips", 0.1, 1000.0, "trips after which 1/e of the learning is to come")
     learned_ratio: float = _parameter(
         0.6, "–", 0.0, 1.0, "remaining share of reaction, errors, margins and refusals after long practice"
     )

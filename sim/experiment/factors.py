@@ -217,11 +217,11 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="reason", title="Reason shown", unit="", read=_reason,
-            meaning="whether the display shows the reason of the advice", expected="true, false",
+            meaning="whether the display shows the reason for the advice", expected="true, false",
         ),
         KnownFactor(
             name="friction", title="Friction policy", unit="", read=_choice(FrictionPolicy),
-            meaning="brake of a human driver if the motors could brake", expected=", ".join(FrictionPolicy),
+            meaning="brake that a human driver uses where the motors could brake", expected=", ".join(FrictionPolicy),
         ),
         KnownFactor(
             name="scenario", title="Scenario", unit="", read=_scenario,
@@ -230,7 +230,7 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="train", title="Train", unit="", read=_train,
-            meaning="the train, instead of the scenario's", expected="a bundled vehicle or a file of one",
+            meaning="train used instead of the scenario's", expected="a bundled vehicle or a file of one",
         ),
         KnownFactor(
             name="driver", title="Driver", unit="", read=_driver,
