@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,6 +173,8 @@ def _drive_at_desk(
     """Simulate a day that a person drives in the browser; the page opens before line and train are prepared."""
     recorded.check()
     _check_packages()
+    if os.name != "posix":
+        raise DasError("desk: a run passes an open socket to its server: expected Linux or macOS, or --watch")
     from das.bus.access import Role
     from das.bus.session import endpoint, free_ports
     from sim.desk.host import DeskHost, listening, new_token
