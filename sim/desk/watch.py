@@ -35,7 +35,7 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from sim.desk.line import hello_of
 from sim.desk.messages import PageSettings
 from sim.desk.server import Outbox, cab_of, page_routes, server_of
-from sim.drivers.cab import AdviceView, CabView
+from sim.drivers.cab import CabView
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.messages import CabLook, cab_message
@@ -114,6 +114,12 @@ class WatchedTrain:
         look = CabLook(now_ns, self._view(journey, now_ns, *place), COAST, self._advices + 1, wall_ns=wall_ns)
         return cab_message(look, self.line)
 
+    @property
+    def _advises(self) -> bool:
+        """Whether there is advice that has been renewed in time."""
+        advice = self._newest.get(ADVICE.name)
+        return advice is not None and advice.mode != Regime.NONE and self._age_s(ADVICE.name) <= VALID_FOR_S
+
     def _age_s(self, topic: str) -> float:
         """Time (s) since the last message of a topic, or of all topics (""); infinite if there was none."""
         return self._clocks.seconds() - self._heard_s.get(topic, -math.inf)
@@ -128,21 +134,22 @@ class WatchedTrain:
     def _place(self, now_ns: int) -> tuple[float, float, bool] | None:
         """Position (m) and speed (m/s) now, and whether the advice is for this place; None if neither is known.
 
-        The later of position and advice counts, but a position that contradicts the advice always does.
+        The node's estimate, sent with its advice, is smoother than the measured position, unless the two contradict.
         """
         advice, position = self._newest.get(ADVICE.name), self._newest.get(POSITION.name)
-        if advice is not None and (advice.mode == Regime.NONE or not math.isfinite(advice.s_m)):
+        if advice is None or not self._advises or not math.isfinite(advice.s_m):
             advice = None
-        elif advice is not None and self._age_s(POSITION.name) > STALE_AFTER_S:
+        elif self._age_s(POSITION.name) > STALE_AFTER_S:
             position = None
-        known = sorted((one for one in (position, advice) if one is not None), key=lambda one: -one.time_ns)
+        known = [one for one in (advice, position) if one is not None]
         if not known:
             return None
-        speed_mps = next((max(one.speed_mps, 0.0) for one in known if math.isfinite(one.speed_mps)), 0.0)
+        later = sorted(known, key=lambda one: -one.time_ns)
+        speed_mps = next((max(one.speed_mps, 0.0) for one in later if math.isfinite(one.speed_mps)), 0.0)
         places_m = [one.s_m + speed_mps * min(max((now_ns - one.time_ns) * NS, 0.0), STALE_AFTER_S) for one in known]
         sds_m = (getattr(one, "position_sd_m", 0.0) + getattr(one, "uncertainty_m", 0.0) for one in known)
         agrees = abs(places_m[0] - places_m[-1]) <= AWAY_M + AWAY_SDS * sum(sds_m)
-        return places_m[0 if agrees or position is None else known.index(position)], speed_mps, agrees
+        return places_m[0 if agrees else -1], speed_mps, agrees
 
     def _view(self, journey: Any, now_ns: int, s_m: float, speed_mps: float, agrees: bool) -> CabView:
         """The driver's view. A standing train may not depart before its time; signals and doors are not on the bus."""
@@ -150,7 +157,9 @@ class WatchedTrain:
         self._leg = leg_of([stop.s_m for stop in stops[1:-1]], self._leg, (s_m, stands))
         start, end, zero_ns = stops[self._leg], stops[self._leg + 1], stops[0].departure_ns
         slow, rear_m = valid_restrictions(told.restrictions if told else ()), s_m - self._vehicle.train_length_m
-        advice, cause = self._advice(zero_ns) if agrees else (None, int(Cause.POSITION_REJECTED))
+        advice = self._newest.get(ADVICE.name)
+        cause = Cause.NONE if advice is None else advice.cause if agrees else Cause.POSITION_REJECTED
+        shown = present(advice, self._presentation, clock_zero_ns=zero_ns) if agrees and self._advises else None
         return CabView(
             time_s=(now_ns - zero_ns) * NS,
             s_m=s_m,
@@ -161,18 +170,11 @@ class WatchedTrain:
             arrival_s=(end.arrival_ns - zero_ns) * NS,
             may_depart=not stands or now_ns >= start.departure_ns,
             restrictions=tuple(one for one in slow if one.counts_at(now_ns) and rear_m <= one.end_m),
-            advice=advice,
-            cause=cause,
+            advice=shown,
+            cause=int(cause),
             late_s=self._newest[DELAY.name].delay_s if self._age_s(DELAY.name) < DELAY_COUNTS_S else math.nan,
             gradient_ratio=float(self.line.route.gradients_ratio.at(s_m)),
         )
-
-    def _advice(self, zero_ns: int) -> tuple[AdviceView | None, int]:
-        """The advice on the display; None with the number of its `Cause` if there is none."""
-        advice = self._newest.get(ADVICE.name)
-        if advice is None or self._age_s(ADVICE.name) > VALID_FOR_S:
-            return None, int(Cause.NONE)
-        return present(advice, self._presentation, clock_zero_ns=zero_ns), int(advice.cause)
 
 
 def _is_usable(position: Any) -> bool:

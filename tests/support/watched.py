@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 from das.bus.session import Bus
 from das.domain.files.load import load_route, load_vehicle
@@ -85,8 +84,3 @@ class StandIn:
                     self.shown.append((self.clock_s, self.s_m))
                     frame = [self.clock_s, self.s_m, self.speed_mps, stations]
                 out.sendto(json.dumps(frame).encode(), ("127.0.0.1", self._port))
-
-
-def advises(message: dict[str, Any]) -> bool:
-    """Whether a message to the page is a cab that shows advice."""
-    return message["t"] == "cab" and bool(message["cab"]["presentation"])
