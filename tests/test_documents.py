@@ -33,7 +33,7 @@ BUDGETS = {"how-to": 900, "tutorials": 900, "explanation": 1500, "reference": 25
 WORDS_IN_ALL = 45_000
 """Words of all pages together, as `wc -w` counts them."""
 GROUPS = {"Plan", "Review", "Experiment", "Operate"}
-MOST_IN_A_GROUP = 6
+MOST_IN_A_GROUP = 7
 
 
 def words(page: Path) -> int:

@@ -21,7 +21,7 @@ import zenoh
 from google.protobuf.message import Message
 
 from das.bus.config import BusFile, locked_down, one_line
-from das.bus.topics import CONTROL, TOPICS, Received, Topic, check_train_name, decoded, topic_of
+from das.bus.topics import CONTROL, STATUS, TOPICS, Received, Topic, check_train_name, decoded, topic_of
 from das.cab.heard import UNSTAMPED
 from das.domain.errors import DasError
 
@@ -293,6 +293,11 @@ class Bus:
     def presences(self) -> list[Presence]:
         """The publishers of watched topics that came or went since the last call, except this session itself."""
         return [one for one in self._presences.take() if one.source != self._own]
+
+    def trains(self) -> list[str]:
+        """The names of the trains that nodes on this bus advise now; takes up to a second."""
+        tokens = self._session.liveliness().get(f"{STATUS.root}/*/{STATUS.name}{TOKENS}**", timeout=1.0)
+        return sorted({str(reply.ok.key_expr).split("/")[1] for reply in tokens if reply.ok is not None})
 
     @property
     def dropped(self) -> int:

@@ -185,7 +185,7 @@ class Legs:
     def place(self, moment: Moment) -> None:
         """Take over the position of the train; it decides which leg the train is on."""
         if moment is not None and self.legs:
-            self._index = _leg_of(self.legs, self._index, moment)
+            self._index = leg_of([leg.section.end_m for leg in self.legs[:-1]], self._index, moment)
 
     def prepare(self, now_ns: int) -> None:
         """Bring the legs that are near up to date with the situation at a moment (ns since 1970)."""
@@ -212,14 +212,14 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
         leg.set_timetable(timetable, counts=leg is legs[-1])
 
 
-def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool]) -> int:
-    """The index of the leg by position. At a stop it is the leg that ends there until the train stands, then the next.
+def leg_of(ends_m: Sequence[float], before: int | None, moment: tuple[float, bool]) -> int:
+    """The index of the leg by position; `ends_m` are the ends (m) of all legs but the last one.
 
-    A train that runs through its stop stays on the leg it has not ended, until it stands or is far away. Scatter of the
-    position does not return a train that has begun a leg to the previous leg.
+    At a stop it is the leg that ends there until the train stands, then the next. A train that runs through its stop
+    stays on the leg it has not ended, until it stands or is far away. Scatter of the position does not return a train
+    that has begun a leg to the previous leg.
     """
-    s_m, stands = moment
-    index, ends_m = 0, [leg.section.end_m for leg in legs[:-1]]
+    index, (s_m, stands) = 0, moment
     while index < len(ends_m) and s_m >= ends_m[index] - (AT_STOP_M if stands else 0.0):
         index += 1
     if before is None:

@@ -1,7 +1,8 @@
-"""The command desk: drive a simulated train in the browser, or view a recorded drive as its driver saw it."""
+"""The command desk: drive a simulated train in the browser, watch one on the bus, or view a recorded drive."""
 
 from __future__ import annotations
 
+import os
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,12 @@ import typer
 
 from das.advice.wording import Language
 from das.command_line.application import refuse_given
-from das.command_line.options import JsonOption
+from das.command_line.options import NODE_ENDPOINT, ConnectOption, JsonOption
 from das.command_line.printing import busy, loading_solver, say
 from das.domain.errors import DasError
 from sim.cli.options import check_packages, new_recording, removed_if_unused
 from sim.cli.run import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
-from sim.drivers.kinds import DESK
+from sim.drivers.kinds import DESK, Presentation
 from sim.options import MOST_NOTCHES, OfTrainOption, PaceOption, pace_factor, typed_command
 
 if TYPE_CHECKING:
@@ -25,11 +26,13 @@ if TYPE_CHECKING:
     from sim.world.scenario import Scenario
 
 USUAL_SCENARIO: Final = "clear-day"
-OF_A_DRIVE: Final = (
-    *("--journey", "--advice", "--seed", "--level", "--train", "--pace", "--notches", "--punctuality"),
-    *("--out", "--overwrite", "--bus", "--insecure-bus", "--json"),
-)
-"""The options of a drive at the desk, which a replayed recording does not use."""
+PUBLISHER_ENDPOINT: Final = "tcp/127.0.0.1:7448"
+"""Endpoint at which the examples' publishers of journey and position listen."""
+OF_A_DRIVE: Final = ("--journey", "--seed", "--level", "--pace", "--notches", "--lsl", "--out", "--overwrite", "--json")
+"""The options of a drive at the desk, which neither a recording nor a train on the bus uses."""
+OF_THE_BUS: Final = ("--advice", "--train", "--punctuality", "--bus", "--insecure-bus")
+"""The options of a drive that a watched train uses as well."""
+OF_A_WATCH: Final = ("--route", "--vehicle", "--connect")
 
 WhatArgument = Annotated[
     str,
@@ -45,8 +48,20 @@ AtOption = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
+class WatchAsked:
+    """Options on a train that is watched."""
+
+    watch: Annotated[bool, typer.Option("--watch", help="Show a train on the bus; nothing is driven.")] = False
+    route: Annotated[str | None, typer.Option("--route", metavar="ROUTE", help="--watch: the node's route.")] = None
+    vehicle: Annotated[
+        str | None, typer.Option("--vehicle", metavar="VEHICLE", help="--watch: the node's vehicle.")
+    ] = None
+    connect: ConnectOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class DeskLooks:
-    """Options on the appearance of the desk, and on its address."""
+    """Options on the appearance of the desk, on its address, and on its streams."""
 
     language: Annotated[
         Language, typer.Option("--language", help="The language of the page at first; a key changes it.")
@@ -64,6 +79,9 @@ class DeskLooks:
     punctuality: Annotated[
         bool, typer.Option("--punctuality/--no-punctuality", help="Show on the page how late the train is.")
     ] = True
+    lsl: Annotated[
+        bool, typer.Option("--lsl", help="Also stream lever, marks and cab over LSL, to all of the local network.")
+    ] = False
 
 
 def desk(
@@ -75,21 +93,61 @@ def desk(
     recorded: RecordingAsked,
     at: AtOption = None,
     of_train: OfTrainOption = None,
+    watched: WatchAsked,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive a simulated train yourself in the browser, or replay a drive as its driver saw it.
+    """Drive a simulated train yourself in the browser, replay a drive as its driver saw it, or watch a train.
 
     The advice node runs as well, and everything is recorded. A recording plays on the same page, at any pace.
     """
+    if watched.watch:
+        refuse_given("--watch shows a train on the bus; nothing is driven", *OF_A_DRIVE, "--at", "--of-train")
+        if what != USUAL_SCENARIO:
+            raise DasError(f"{what}: --watch shows a train on the bus: expected neither a scenario nor a recording")
+        _watch(watched, asked, recorded, looks)
+        return
+    refuse_given("only --watch uses it", *OF_A_WATCH)
     if Path(what).suffix == ".mcap":
-        refuse_given(f"{what} is a recording to look at; nothing is driven, nothing is recorded", *OF_A_DRIVE)
+        why = f"{what} is a recording to look at; nothing is driven, nothing is recorded"
+        refuse_given(why, *OF_A_DRIVE, *OF_THE_BUS)
         _look_at(Path(what), of_train, at, looks)
         return
     refuse_given(f"{what} is a scenario; expected a recording (.mcap)", "--at", "--of-train")
     factor = pace_factor(pace)
     if factor is None:
         raise DasError(f"--pace {pace}: a person needs a pace; expected real or a number of times real time")
+    if looks.lsl:
+        from sim.desk.lsl import lsl_library
+
+        lsl_library()
     _drive_at_desk(what, asked, recorded, factor, looks, as_json=as_json)
+
+
+def _watch(watched: WatchAsked, asked: DayAsked, recorded: RecordingAsked, looks: DeskLooks) -> None:
+    if watched.route is None or watched.vehicle is None:
+        raise DasError("--watch: needs --route and --vehicle, as the node has them")
+    if asked.advice not in (Presentation.GUIDE, Presentation.SPEED_AND_EFFORT):
+        raise DasError(f"--advice {asked.advice}: a node sends guide and speed-and-effort: expected one of them")
+    _check_packages()
+    from das.bus.access import Role
+    from das.bus.config import BusFolder, bus_options
+
+    with loading_solver():
+        from das.bus.session import Bus
+        from das.command_line.files import load_route, load_vehicle
+        from sim.desk.host import address_of, listening, new_token
+        from sim.desk.messages import PageSettings
+        from sim.desk.watch import HEARD, WatchedTrain, watch
+
+        train = WatchedTrain(load_route(watched.route), load_vehicle(watched.vehicle), asked.advice)
+    folder = None if recorded.bus is None else BusFolder(recorded.bus).file(Role.CAB).path
+    file = bus_options(folder, recorded.insecure_bus, None, watched.connect)
+    connect = watched.connect or [NODE_ENDPOINT, PUBLISHER_ENDPOINT]
+    bus, token = Bus(asked.train, connect=connect, hear=HEARD, file=file), new_token()
+    with listening(looks.port) as door:
+        _show(address_of(door, token), looks)
+        say(f"the page shows {asked.train} until Ctrl-C")
+        watch(train, bus, (str(looks.language), PageSettings(punctuality=looks.punctuality)), door, token)
 
 
 def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) -> None:
@@ -115,6 +173,8 @@ def _drive_at_desk(
     """Simulate a day that a person drives in the browser; the page opens before line and train are prepared."""
     recorded.check()
     _check_packages()
+    if os.name != "posix":
+        raise DasError("desk: a run passes an open socket to its server: expected Linux or macOS, or --watch")
     from das.bus.access import Role
     from das.bus.session import endpoint, free_ports
     from sim.desk.host import DeskHost, listening, new_token
@@ -134,7 +194,7 @@ def _drive_at_desk(
     given = DeskGiven(
         door=-1, token=new_token(), scenario=str(read.source), journey=asked.journey, train=asked.train,
         language=str(looks.language), page=page, connect=() if files else tuple(places),
-        bus=None if own is None else str(own.path), insecure_bus=recorded.insecure_bus,
+        bus=None if own is None else str(own.path), insecure_bus=recorded.insecure_bus, lsl=looks.lsl,
     )  # fmt: skip
     how = How(
         driver=DESK, advice=asked.advice, train=asked.train, command=typed_command(), bus=files,

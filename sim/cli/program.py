@@ -67,8 +67,13 @@ ENTRIES: Final = (
     Entry(
         name="desk",
         where="sim.cli.desk:desk",
-        summary="Drive a simulated train yourself in the browser, or replay a drive as its driver saw it.",
-        examples=("das-sim desk", "das-sim desk signal-stop --advice four-mode", "das-sim desk recordings/desk.mcap"),
+        summary="Drive a simulated train in the browser, replay a drive as its driver saw it, or watch any train.",
+        examples=(
+            "das-sim desk",
+            "das-sim desk signal-stop --advice four-mode",
+            "das-sim desk recordings/desk.mcap",
+            "das-sim desk --watch --route flat-6km --vehicle re460-ic --train IC1",
+        ),
     ),
     Entry(
         name="experiment",

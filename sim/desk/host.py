@@ -6,6 +6,7 @@ and remains valid when a killed server is replaced.
 
 from __future__ import annotations
 
+import os
 import secrets
 import socket
 import threading
@@ -30,7 +31,8 @@ MOST_FAILURES: Final = 3
 def listening(port: int) -> socket.socket:
     """A socket that listens on 127.0.0.1 at a port (0: any free one); DasError if the port is taken."""
     door = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if os.name == "posix":  # on Windows, the option would let two programs listen at one port
+        door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         door.bind(("127.0.0.1", port))
         door.listen()

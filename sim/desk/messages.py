@@ -104,7 +104,8 @@ def recorded_settings(recording: Recording) -> PageSettings:
 class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
     """The settings passed to the server of a run: door (a listening socket), token, scenario, and page settings.
 
-    `connect` are the endpoints of simulator and recorder, unless `bus` names the desk's bus file.
+    `connect` are the endpoints of simulator and recorder, unless `bus` names the desk's bus file. `lsl`: the drive is
+    also streamed over LSL.
     """
 
     door: int
@@ -116,6 +117,7 @@ class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
     connect: tuple[str, ...] = ()
     bus: str | None = None
     insecure_bus: bool = False
+    lsl: bool = False
     page: PageSettings = PageSettings()
 
 

@@ -18,6 +18,7 @@ from das.bus.config import bus_options
 from das.bus.session import Bus
 from das.bus.topics import ACTION, CAB, CONTROL, CONTROLS, MARK
 from das.domain.clocks import WALL, Clocks
+from sim.desk.lsl import StreamedBus
 from sim.desk.messages import DeskGiven, Lever, Marked
 
 CALLED_EVERY_S: Final = 0.1
@@ -168,7 +169,8 @@ class Peer:
         """Receive from the bus until the run is over, or until this session is closed."""
         given = self._given
         file = None if given.bus is None else bus_options(Path(given.bus), given.insecure_bus, None, None)
-        with Bus(given.train, connect=given.connect, hear=(CAB, CONTROL), file=file) as bus:
+        joins = StreamedBus if given.lsl else Bus
+        with joins(given.train, connect=given.connect, hear=(CAB, CONTROL), file=file) as bus:
             with self._lock:
                 self._bus = bus
             while not self._over.is_set():

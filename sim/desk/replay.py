@@ -9,7 +9,7 @@ from typing import Any
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from das.bus import topics
 from das.domain.errors import DasError
@@ -59,16 +59,9 @@ class Replay:
         return [WebSocketRoute("/desk", self._connect), Route("/drive.json", drive), *page_routes()]
 
     async def _connect(self, socket: WebSocket) -> None:
-        await socket.accept()
         box = Outbox(socket)
         box.put(self.hello)
-        sending = asyncio.create_task(box.send())
-        try:
-            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-                async for _ in socket.iter_text():
-                    pass  # the page reports its frames; a replay ignores these reports
-        finally:
-            sending.cancel()
+        await box.show()
 
 
 def _bookmarks(drive: Drive, first_ns: int) -> list[dict[str, Any]]:

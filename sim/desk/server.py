@@ -89,6 +89,17 @@ class Outbox:
                 await self._socket.send_text(encoded(message))
         await self._socket.close(self._last)
 
+    async def show(self) -> None:
+        """Accept the socket of a page that only displays, and send messages until it closes; it reports its frames."""
+        await self._socket.accept()
+        sending = asyncio.create_task(self.send())
+        try:
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+                async for _ in self._socket.iter_text():
+                    pass
+        finally:
+            sending.cancel()
+
 
 class Allowance:
     """The number of messages that a page may still send; it increases with time (s)."""

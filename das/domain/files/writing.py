@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import io
 import json
 import os
@@ -15,6 +14,11 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from das.domain.errors import DasError
+
+try:
+    import fcntl
+except ImportError:  # not on Windows, where no folder can be locked
+    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from das.domain.trajectory import Trajectory
@@ -207,6 +211,8 @@ def folder_held(folder: Path, taken: str) -> Iterator[None]:
     DasError if the folder is not writable. A `.lock` that is a link, a pipe or another file is rejected and not
     changed.
     """
+    if fcntl is None:
+        raise DasError(f"{folder}: cannot be locked on this system: expected Linux or macOS")
     make_folder(folder)
     handle = _opened(folder / LOCK)
     try:

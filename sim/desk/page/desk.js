@@ -15,6 +15,7 @@ const CHANGED = [660, 880], BRAKED = [440, 330]; // tones (Hz)
 const body = document.body;
 const wall = (stamp) => performance.timeOrigin + stamp;
 const link = () => body.dataset.link;
+const live = () => phase === "driving" || phase === "watching";
 
 let lang = LANGUAGES.find((one) => one === localStorage.getItem("desk-language"));
 let words = WORDS[lang ?? "en"];
@@ -22,7 +23,7 @@ let ahead = Number(localStorage.getItem("desk-ahead")) || AHEAD_M.usual;
 let sound = false, tone = null;
 
 let socket = null, tries = 0, heard = -Infinity;
-let phase = "connecting", hello = null, show = null, replay = null, ready = false;
+let phase = "connecting", news = null, hello = null, show = null, replay = null, ready = false;
 let cab = null, before = null, why = {}, got = 0; // the last Cab, the one before it, its reasons, and its time
 let card = null, wasBraked = false, seq = 0;
 let frameAt = 0, drawn = -1, said = 0, named = 0;
@@ -81,13 +82,20 @@ function veiled(state) {
     over: () => [words.over, arrived()],
     broken: () => [words.broken, words.broken_why],
     taken: () => [words.taken, words.taken_why],
-    lost: () => [words.lost, words.lost_why],
+    lost: () => [words.lost, hello.watched ? words.connecting : words.lost_why],
     connecting: () => [words.connecting, ""],
+    waiting: () => [`${words.train} ${hello.watched}`, missing()],
   }[state]?.();
 }
 
+// What is missing for a cab of the train that is watched.
+function missing() {
+  const others = news.others ? `\n${words.others} ${news.others}` : "";
+  return words[`no_${news.missing}`] + others;
+}
+
 function veil() {
-  const lost = link() === "down" && ["driving", "preparing", "welcome"].includes(phase);
+  const lost = link() === "down" && ["driving", "preparing", "welcome", "watching", "waiting"].includes(phase);
   const found = veiled(lost ? "lost" : phase), welcome = phase === "welcome" && !lost;
   if (!found) return;
   fill($("title"), found[0]);
@@ -139,7 +147,7 @@ function connect() {
   mine.onclose = (e) => {
     if (mine !== socket) return;
     linked("down");
-    if (e.code === RESTARTS && !["over", "replay"].includes(phase)) enter("broken");
+    if (e.code === RESTARTS && !["over", "replay", "watching", "waiting"].includes(phase)) enter("broken");
     if (["over", "broken", "taken", "replay"].includes(phase)) return;
     setTimeout(connect, Math.min(200 * 2 ** tries++, 2000));
   };
@@ -158,6 +166,7 @@ function enter(to) {
   phase = body.dataset.phase = to;
   lever.active = to === "driving";
   veil();
+  if (to === "watching" && cab) write();
   if (to !== "driving") return;
   $("leverbox").focus({ focusVisible: false });
   mark(performance.now(), `way ahead ${ahead} m`);
@@ -177,17 +186,21 @@ const take = {
     const again = m.phase === "welcome" && ready; // a new server has replaced a killed one
     if (again) send({ t: "ready" });
     show.speak(WORDS[lang], lang);
+    news = m;
     enter(again ? "preparing" : m.phase);
     linked("up");
     speak();
     if (m.phase === "replay" && !replay) fetchDrive();
   },
-  phase: (m) => enter(m.phase),
+  phase(m) {
+    news = m;
+    enter(m.phase);
+  },
   cab(m) {
     before = cab;
     receive(m);
     linked("up");
-    if (phase !== "driving") enter("driving");
+    if (!live()) enter("driving");
     if (cab.interlock !== SILENCE) return;
     wasBraked = true;
     if (m.seq >= seq && lever.ratio > 0 && cab.speed_mps > 0) lever.set(0, performance.now(), "desk");
@@ -252,7 +265,7 @@ function frame(now) {
   frameAt = now;
   replay?.tick(passed);
   lever.pad(now);
-  if (phase === "driving" && performance.now() - heard > STALE_MS) linked("down");
+  if (live() && performance.now() - heard > STALE_MS) linked("down");
   if (cab) paint();
   if (phase !== "replay") tellDrawn(now);
 }
@@ -275,7 +288,7 @@ function tellDrawn(now) {
 function moved() {
   const gap = before && before !== cab ? cab.clock_s - before.clock_s : 0, steady = gap > 0 && gap < 2;
   const since = (performance.now() - got) / 1000 * (replay?.pace ?? 1);
-  const age = phase === "driving" || replay?.playing ? Math.min(since, steady ? gap + 0.1 : 0.3) : 0;
+  const age = live() || replay?.playing ? Math.min(since, steady ? gap + 0.1 : 0.3) : 0;
   const rate = steady ? draw.clamp((cab.speed_mps - before.speed_mps) / gap, -2, 2) : 0;
   const v = cab.speed_mps < 0.01 ? 0 : Math.max(cab.speed_mps + rate * age, 0);
   return { v, rolled: cab.speed_mps * age };
@@ -312,7 +325,7 @@ function paint() {
     left: left < 300 && left > -200 ? left : null,
     missed: left < -hello.at_stop_m,
   });
-  draw.lever($("lever"), {
+  if (phase !== "watching") draw.lever($("lever"), {
     words,
     ratio: lever.ratio,
     advised: advice?.effort,

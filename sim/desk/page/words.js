@@ -99,6 +99,28 @@ const ROWS = {
     "Neuer Versuch … Der Zug wird bis zum Stillstand gebremst. Dann dürfen Sie mit dem Hebel auf 0 weiterfahren.",
     "Nouvel essai … Le train est freiné jusqu’à l’arrêt. Ensuite, manipulateur à 0, vous pourrez repartir.",
   ],
+  train: ["Train", "Zug", "Train"],
+  no_silent: [
+    "Nothing has been received from this train for 10 s.",
+    "Von diesem Zug wurde seit 10 s nichts empfangen.",
+    "Rien n’a été reçu de ce train depuis 10 s.",
+  ],
+  no_journey: [
+    "No journey has been received for this train yet.",
+    "Für diesen Zug wurde noch keine Fahrt empfangen.",
+    "Aucun trajet de ce train n’a encore été reçu.",
+  ],
+  no_line: [
+    "Its journey is for another line or train than this page was started with.",
+    "Seine Fahrt gilt für eine andere Strecke oder einen anderen Zug, als für diese Seite angegeben sind.",
+    "Son trajet concerne une autre ligne ou un autre train que ceux indiqués pour cette page.",
+  ],
+  no_position: [
+    "No position has been received from this train yet.",
+    "Von diesem Zug wurde noch keine Position empfangen.",
+    "Aucune position de ce train n’a encore été reçue.",
+  ],
+  others: ["Trains with advice:", "Züge mit Empfehlungen:", "Trains avec conseils :"],
   connecting: ["Connecting …", "Verbindung wird aufgebaut …", "Connexion …"],
   taken: [
     "The desk is open in another window",
