@@ -5,6 +5,7 @@ All are JSON. A message that does not match these types is rejected (`heard`).
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Final
 
 import msgspec
@@ -49,6 +50,7 @@ class Marked(msgspec.Struct, tag_field="t", tag="mark", frozen=True):
 
 
 Said = Lever | FrameDrawn | Ready | Marked
+_QUOTED: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _decoder: Final = msgspec.json.Decoder(Said)
 _encoder: Final = msgspec.json.Encoder()
 
@@ -58,7 +60,8 @@ def heard(text: str, decoder: msgspec.json.Decoder[Any] = _decoder) -> Any | Non
 
     Valid messages are not nested. A deeply nested text must not reach the decoder, which would recurse.
     """
-    if text.count("{") != 1 or "[" in text:
+    bare = _QUOTED.sub("", text)  # a person's answer may contain brackets
+    if bare.count("{") != 1 or "[" in bare:
         return None
     try:
         return decoder.decode(text)
