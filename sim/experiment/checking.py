@@ -13,7 +13,7 @@ from das.command_line.files import warn_once, warn_unusual
 from das.command_line.printing import busy, new_table, paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.writing import make_folder
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DESK, DriverKind, External, Presentation
 from sim.drivers.parameters import HumanParameters, load_population
 from sim.experiment.design import (
     DESIGN_JSON,
@@ -49,8 +49,10 @@ def idle_factors(design: Design) -> Iterator[str]:
             if name in names:
                 yield f"factor {name}: the display is blank (presentation none), so the factor has no effect"
     people = [one for one in settings if one.driver is DriverKind.HUMAN]
-    if "friction" in names and not people and all(isinstance(one.driver, DriverKind) for one in settings):
+    if "friction" in names and not people and all(isinstance(one.driver, DriverKind | External) for one in settings):
         yield "factor friction: only the human driver has a choice of brakes"
+    if "punctuality" in names and design.desk is None and all(one.driver is not DESK for one in settings):
+        yield "factor punctuality: only people at the desk see it, and the design has no table [desk]"
     if "reason" in names and people and not any(_minds_reasons(design, one) for one in people):
         yield (
             "factor reason: human drivers ignore reasons unless reason_refusal_ratio is below 1, in the population or "

@@ -161,7 +161,10 @@ def column_meanings(design: Design) -> dict[str, str]:
         found[factor.name] = f"{known.meaning}{unit}; levels {', '.join(factor.texts)}; {within} participants"
     found["seed"] = "seed of the day; trials with one seed meet the same day"
     for name in design.measures:
-        measure = MEASURES[name]
+        measure = MEASURES.get(name)
+        if measure is None:
+            found[name] = "score of a questionnaire after the trial, of people at the desk"
+            continue
         found[name] = f"{measure.title} ({measure.unit}): {measure.formula} ({measure.source})"
     return found
 

@@ -1,0 +1,129 @@
+"""The table [desk] of a design: the procedure of an experiment with people at the desk, besides its trials."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Final
+
+from das.domain.files.load import bundled_files
+from das.domain.files.reading import Fields, number
+from das.domain.units import KMH
+from sim.options import MOST_NOTCHES
+from sim.recording.inputs import sha256
+
+TEXTS: Final = ("consent", "instructions", "debriefing")
+"""The keys of the Markdown texts, in their order."""
+FORMS: Final = ("before", "after_trial", "after")
+"""The keys of the lists of questionnaires, in their order."""
+TASKS: Final = ("pedal", "detection")
+MOST_FORMS, MOST_PROBES, MOST_PRACTICE = 20, 10, 20
+LONGEST_HOLD_S: Final = 3600.0
+FASTEST_PACE: Final = 100.0
+
+
+class Interrupted(StrEnum):
+    """What follows an interrupted trial."""
+
+    REPEAT = "repeat"
+    """The participant drives it again."""
+    SKIP = "skip"
+    """The participant goes on to the next trial."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeoplePlan:
+    """The procedure with people: texts, questionnaires, practice, interruptions, and the desk's settings.
+
+    `consent`, `instructions` and `debriefing` are Markdown files, empty for none; `before`, `after_trial` and `after`
+    are bundled questionnaires or TOML files. Paths are relative to `folder`, that of the design's file. The last
+    practice trial is repeated, at most `practice_most` drives in all, until the speed stayed within
+    ±`practice_criterion_mps` of the advised one (without advice: the limit) for `practice_hold_s`; 0: no criterion.
+    """
+
+    consent: str = ""
+    instructions: str = ""
+    debriefing: str = ""
+    before: tuple[str, ...] = ()
+    after_trial: tuple[str, ...] = ()
+    after: tuple[str, ...] = ()
+    practice_criterion_mps: float = 3.0 * KMH
+    practice_hold_s: float = 60.0
+    practice_most: int = 3
+    interrupted: Interrupted = Interrupted.REPEAT
+    notches: int = 10
+    pace: float = 1.0
+    tasks: tuple[str, ...] = ()
+    probes: int = 0
+    folder: Path = Path()
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """The table with every default written out, as in a frozen design, which holds no path of this machine."""
+        found = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "folder"}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in found.items()}
+
+    def files(self) -> Iterator[tuple[str, str]]:
+        """The name and the hash of each text and questionnaire; raises DasError for a missing file."""
+        bundled = bundled_forms()
+        for name in filter(None, (getattr(self, key) for key in TEXTS)):
+            yield f"desk: {name}", sha256(self.folder / name)
+        for name in dict.fromkeys(name for key in FORMS for name in getattr(self, key)):
+            yield f"desk: {name}", sha256(bundled.get(name, self.folder / name))
+
+
+def bundled_forms() -> Mapping[str, Path]:
+    """The files of the bundled questionnaires, by name."""
+    return bundled_files("sim.experiment.people", "forms")
+
+
+def read_plan(table: Fields, *, frozen: bool) -> PeoplePlan:
+    """The procedure in the table [desk] of a design; InputError for anything unusable in it.
+
+    The files of a `frozen` design are not looked for.
+    """
+    plain = [*TEXTS, *FORMS, "practice_most", "interrupted", "notches", "pace", "tasks", "probes"]
+    table.check_keys([*plain, *table.quantity_keys({"practice_criterion": "speed", "practice_hold": "time"})])
+    texts = {key: _text_file(table, key, frozen=frozen) for key in TEXTS}
+    forms = {key: _forms(table, key, frozen=frozen) for key in FORMS}
+    pace = number(table.source, f"{table.prefix}pace", table.data.get("pace", PeoplePlan.pace))
+    if not 0.1 <= pace <= FASTEST_PACE:
+        raise table.error("pace", pace, f"a number from 0.1 to {FASTEST_PACE:g}, times real time")
+    return PeoplePlan(
+        **texts,
+        **forms,
+        practice_criterion_mps=table.within("practice_criterion", "speed", PeoplePlan.practice_criterion_mps, (0.0, 50.0 * KMH)),
+        practice_hold_s=table.within("practice_hold", "time", PeoplePlan.practice_hold_s, (1.0, LONGEST_HOLD_S)),
+        practice_most=table.whole("practice_most", (1, MOST_PRACTICE), PeoplePlan.practice_most),
+        interrupted=table.choice("interrupted", Interrupted, PeoplePlan.interrupted),
+        notches=table.whole("notches", (0, MOST_NOTCHES), PeoplePlan.notches),
+        pace=pace,
+        tasks=tuple(table.names("tasks", TASKS)),
+        probes=table.whole("probes", (0, MOST_PROBES), PeoplePlan.probes),
+        folder=table.source.parent,
+    )
+
+
+def _text_file(table: Fields, key: str, *, frozen: bool) -> str:
+    name = table.text(key, "")
+    if table.has(key) and not frozen and not _is_beside(table, name, ".md"):
+        raise table.error(key, name, "a Markdown file (.md) beside the design file")
+    return name
+
+
+def _forms(table: Fields, key: str, *, frozen: bool) -> tuple[str, ...]:
+    names = table.rows(key, "a list of questionnaires", MOST_FORMS) if table.data.get(key) else []
+    for name in names:
+        known = isinstance(name, str) and (frozen or name in bundled_forms() or _is_beside(table, name, ".toml"))
+        if not known or names.count(name) > 1:
+            expected = f"each once, of {', '.join(bundled_forms())}, or a TOML file beside the design file"
+            raise table.error(key, name, expected)
+    return tuple(names)
+
+
+def _is_beside(table: Fields, name: str, suffix: str) -> bool:
+    """Whether a relative path names a file with a suffix in the folder of the design's file."""
+    path = Path(name)
+    return path.suffix == suffix and not path.is_absolute() and (table.source.parent / path).is_file()
