@@ -281,9 +281,9 @@ function moved() {
   return { v, rolled: cab.speed_mps * age };
 }
 
-// The speeds that the presentation speed-and-effort shows ahead and their places: [m, m/s], a second apart.
+// The advised speeds ahead and their places, where they are shown: [m, m/s], a second apart.
 function horizon(advice) {
-  if (!advice || show.presentation(cab).name !== "speed-and-effort") return [];
+  if (!advice || !show.presentation(cab).path) return [];
   const path = [[cab.s_m, cab.speed_mps]];
   for (const next of cab.horizon_speed_mps) {
     const [s, v] = path.at(-1);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import signal
 import time
 import urllib.request
@@ -25,6 +26,7 @@ from das.domain.errors import DasError
 from sim.desk.host import listening
 from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskGiven, encoded, heard
 from sim.desk.server import BAD, FILES, FLOOD, MOST_AT_ONCE, TAKEN, Allowance, Outbox
+from sim.drivers.kinds import Presentation
 from sim.world.lockstep import Process
 from tests.support.desk_page import FLAT_DAY, desk_command
 from tests.support.desk_server import TOKEN, MadeUpBus, Visitor, desk_server, next_of, say, until
@@ -174,9 +176,13 @@ def test_no_file_of_the_page_makes_markup_of_a_string() -> None:
 
 
 def test_the_page_does_not_hear_what_will_happen(fresh: Served) -> None:
-    """A scenario's title, such as "Unplanned stop at a signal", would tell the participant the manipulation."""
+    """A scenario's title ("Unplanned stop at a signal") or a presentation's name would tell the manipulation."""
     with fresh[0].open() as socket:
-        assert "title" not in next_of(socket, "hello")
+        hello = next_of(socket, "hello")
+    assert "title" not in hello
+    told = json.dumps(hello) + "".join(path.read_text(encoding="utf-8", errors="replace") for path in FILES.values())
+    named = {name: re.search(rf"[\"'`]{name}[\"'`]", told) for name in Presentation if name is not Presentation.NONE}
+    assert [name for name, found in named.items() if found] == []
 
 
 def test_the_run_begins_when_the_person_is_ready(fresh: Served) -> None:
