@@ -11,7 +11,7 @@ from typing import Final
 
 from das.command_line.files import warn_once, warn_unusual
 from das.command_line.printing import busy, new_table, paragraph, print_table, tell, typed
-from das.domain.errors import DasError
+from das.domain.errors import DasError, InputError, one_of
 from das.domain.files.writing import make_folder
 from sim.drivers.kinds import DESK, DriverKind, External, Presentation
 from sim.drivers.parameters import HumanParameters, load_population
@@ -28,6 +28,10 @@ from sim.experiment.design import (
 )
 from sim.experiment.driving import StudyTrial, service_of
 from sim.experiment.factors import Setting
+from sim.experiment.measures import MEASURES
+from sim.experiment.people.forms import load_form
+from sim.experiment.people.steps import described
+from sim.experiment.people_plan import FORMS, PeoplePlan
 from sim.experiment.study_files import TRIALS_TABLE
 from sim.experiment.trials import StudyRun, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
@@ -72,7 +76,8 @@ class DesignCheck:
     """The result of the check of a design; the fields are the keys of `--json`.
 
     The longest participant is the busiest one, breaks included. `notes` are sentences about balance and order;
-    `refused` is the reason for rejecting the design, if any.
+    `refused` is the reason for rejecting the design, if any. `desk` are the steps of a participant at the desk; empty
+    for a design without any.
     """
 
     hash: str
@@ -84,6 +89,7 @@ class DesignCheck:
     all_participants_s: float
     notes: tuple[str, ...]
     refused: tuple[str, ...]
+    desk: str = ""
 
 
 def check_design(design: Design) -> DesignCheck:
@@ -92,6 +98,7 @@ def check_design(design: Design) -> DesignCheck:
     Raises DasError for files that cannot be used, and for days that cannot be driven.
     """
     trials = trials_of(design)
+    _check_forms(design)
     with busy("solving the lines …"):
         spans_s = _spans_s(design, trials, _lengths_s(design, trials))
     return DesignCheck(
@@ -104,7 +111,24 @@ def check_design(design: Design) -> DesignCheck:
         all_participants_s=sum(spans_s),
         notes=(*imbalances(design, trials), *_order_notes(design), *group_notes(design), *pair_notes(design)),
         refused=tuple(idle_factors(design)),
+        desk=described(design) if design.desk is not None or design.driven_by_people else "",
     )
+
+
+def _check_forms(design: Design) -> None:
+    """Check the questionnaires of a design, and that each of its measures is known or a score of one of them.
+
+    Raises DasError or InputError for a questionnaire that cannot be used, and for an unknown measure.
+    """
+    scores: list[str] = []
+    desk = design.desk or PeoplePlan()
+    for when in FORMS:
+        forms = [load_form(name, desk.folder) for name in getattr(desk, when)]
+        scores += [rule.name for form in forms for rule in form.score_rules if when == "after_trial"]
+    for name in design.measures:
+        if name not in MEASURES and name not in scores:
+            expected = one_of([*MEASURES, *scores], name)
+            raise InputError(design.source, "analysis.measures", name, expected)
 
 
 def _lengths_s(design: Design, trials: Sequence[StudyTrial]) -> dict[Setting, float]:
@@ -180,7 +204,10 @@ def pair_notes(design: Design) -> list[str]:
 
 
 def checked_in(design: Design, folder: Path) -> None:
-    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is rejected."""
+    """Check a design and freeze it in its folder, unless that was done before.
+
+    Raises DasError if the design is rejected.
+    """
     if (folder / DESIGN_JSON).exists():
         check_frozen(design, folder, resolved(design)["hash"])
         return
@@ -222,6 +249,8 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
         f"duration: {found.longest_participant_s / MINUTE_S:.0f} min for a participant with breaks, "
         f"{found.all_participants_s / HOUR_S:.1f} h for all"
     )
+    if found.desk:
+        paragraph(f"a participant at the desk: {found.desk}", hanging="  ")
     planned = len(design.comparisons)
     planned_words = f"{planned}, alpha {design.alpha:g}, correction {design.correction}" if planned else "none"
     paragraph(f"measures: {len(design.measures)}; planned comparisons: {planned_words}")

@@ -20,6 +20,7 @@ FORMS: Final = ("before", "after_trial", "after")
 """The keys of the lists of questionnaires, in their order."""
 TASKS: Final = ("pedal", "detection")
 MOST_FORMS, MOST_PROBES, MOST_PRACTICE = 20, 10, 20
+CRITERION_MPS: Final = 3.0 * KMH
 LONGEST_HOLD_S: Final = 3600.0
 FASTEST_PACE: Final = 100.0
 
@@ -49,7 +50,7 @@ class PeoplePlan:
     before: tuple[str, ...] = ()
     after_trial: tuple[str, ...] = ()
     after: tuple[str, ...] = ()
-    practice_criterion_mps: float = 3.0 * KMH
+    practice_criterion_mps: float = CRITERION_MPS
     practice_hold_s: float = 60.0
     practice_most: int = 3
     interrupted: Interrupted = Interrupted.REPEAT
@@ -86,15 +87,14 @@ def read_plan(table: Fields, *, frozen: bool) -> PeoplePlan:
     """
     plain = [*TEXTS, *FORMS, "practice_most", "interrupted", "notches", "pace", "tasks", "probes"]
     table.check_keys([*plain, *table.quantity_keys({"practice_criterion": "speed", "practice_hold": "time"})])
-    texts = {key: _text_file(table, key, frozen=frozen) for key in TEXTS}
-    forms = {key: _forms(table, key, frozen=frozen) for key in FORMS}
+    files: dict[str, Any] = {key: _text_file(table, key, frozen=frozen) for key in TEXTS}
+    files |= {key: _forms(table, key, frozen=frozen) for key in FORMS}
     pace = number(table.source, f"{table.prefix}pace", table.data.get("pace", PeoplePlan.pace))
     if not 0.1 <= pace <= FASTEST_PACE:
         raise table.error("pace", pace, f"a number from 0.1 to {FASTEST_PACE:g}, times real time")
     return PeoplePlan(
-        **texts,
-        **forms,
-        practice_criterion_mps=table.within("practice_criterion", "speed", PeoplePlan.practice_criterion_mps, (0.0, 50.0 * KMH)),
+        **files,
+        practice_criterion_mps=table.within("practice_criterion", "speed", CRITERION_MPS, (0.0, 50.0 * KMH)),
         practice_hold_s=table.within("practice_hold", "time", PeoplePlan.practice_hold_s, (1.0, LONGEST_HOLD_S)),
         practice_most=table.whole("practice_most", (1, MOST_PRACTICE), PeoplePlan.practice_most),
         interrupted=table.choice("interrupted", Interrupted, PeoplePlan.interrupted),

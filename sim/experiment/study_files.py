@@ -40,6 +40,8 @@ README: Final = "README"
 """Contents of the study, meaning of its columns, and program and time that made it."""
 RECORDINGS: Final = "recordings"
 """The folder of the recordings, if they are kept."""
+PEOPLE: Final = "people"
+"""The folder of the participants, if people drive the trials."""
 TRIAL_COLUMNS: Final = {
     "trial": "number of the trial in the study, from 1",
     "participant": "who drove",

@@ -127,8 +127,7 @@ def drive_day(
         begin = beginning_of(driver)
         if begin is not None:
             begin(lockstep)
-        link = OverBus(day, lockstep, shows_cab=begin is None)
-        run = World(day, driver, how.advice, link, how.screen).run(progress)
+        run = World(day, driver, how.advice, OverBus(day, lockstep, shows_cab=begin is None), how.screen).run(progress)
         for topic, message in _last_messages(day, run):
             lockstep.send(topic, message)
         lockstep.finish(day.service.moment_ns(run.states[-1].time_s))

@@ -12,6 +12,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from das.domain.errors import DasError
+from das.domain.units import KMH
 from sim.drivers.kinds import DESK, DriverKind
 from sim.experiment.design import Design
 from sim.experiment.driving import StudyTrial
@@ -118,9 +119,10 @@ def _around(design: Design, plan: PeoplePlan, trials: Sequence[StudyTrial], i: i
 
 @dataclass(frozen=True, kw_only=True)
 class Standing:
-    """The state of a session: the present step, the number of steps `done` `of` all, and the entries of this step.
+    """The state of a session: the present step and its entries, and the number of trials `done` `of` all.
 
-    `running`: its trial has begun, and has neither been driven to the end nor interrupted.
+    Practice trials are not counted. `running`: the step's trial has begun, and has neither been driven to the end nor
+    interrupted.
     """
 
     step: Step
@@ -152,10 +154,17 @@ def standing(steps: Sequence[Step], entries: Sequence[Entry], plan: PeoplePlan) 
         left = [step for step in left if step.about in ("consent", "end")]
     done = [_is_done(step, of_step[step.id], plan) for step in left]
     at = done.index(False)
-    mine = of_step[left[at].id]
-    states = [one["what"] for one in mine if one["what"] in ("left", "driven", "interrupted")]
-    running = left[at].kind is Kind.READY and states[-1:] == ["left"]
-    return Standing(step=left[at], done=at, of=len(left), running=running, entries=tuple(mine))
+    mine, counted = of_step[left[at].id], [step.about == "trial" for step in left]
+    running = left[at].kind is Kind.READY and is_running(mine)
+    return Standing(
+        step=left[at], done=sum(counted[:at]), of=sum(counted), running=running, entries=tuple(mine)
+    )  # fmt: skip
+
+
+def is_running(entries: Sequence[Entry]) -> bool:
+    """Whether the entries of a trial say that it has begun, and not that it has ended."""
+    states = [one["what"] for one in entries if one["what"] in ("left", "driven", "interrupted")]
+    return states[-1:] == ["left"]
 
 
 def _refused(entries: Sequence[Entry]) -> bool:
@@ -181,3 +190,23 @@ def _is_done(step: Step, entries: Sequence[Entry], plan: PeoplePlan) -> bool:
     if not driven or not step.to_criterion:
         return bool(driven)
     return driven[-1]["held_s"] >= plan.practice_hold_s or len(driven) >= plan.practice_most
+
+
+def described(design: Design) -> str:
+    """The steps of a participant, counted, in one line."""
+    plan, steps = plan_of(design), steps_of(design, 1)
+    practice, trials = (sum(step.about == about for step in steps) for about in ("practice", "trial"))
+    breaks = sum(step.kind is Kind.BREAK for step in steps)
+    band, hold = f"±{plan.practice_criterion_mps / KMH:g} km/h", f"{plan.practice_hold_s:g} s"
+    until = f" (until {band} for {hold}, at most {plan.practice_most} drives)" if plan.practice_criterion_mps else ""
+    said = [
+        plan.consent and "consent",
+        plan.instructions and "instructions",
+        ", ".join(plan.before),
+        practice and f"practice{until}" + f" after {practice - 1} other practice trials" * (practice > 1),
+        f"{trials} trials" + (f", each with {', '.join(plan.after_trial)}" if plan.after_trial else ""),
+        breaks and f"{breaks} {'break' if breaks == 1 else 'breaks'} of {design.procedure.break_s:g} s",
+        ", ".join(plan.after),
+        plan.debriefing and "debriefing",
+    ]
+    return "; ".join(str(one) for one in said if one)
