@@ -80,7 +80,7 @@ _decoder: Final = msgspec.json.Decoder(Said)
 _encoder: Final = msgspec.json.Encoder()
 
 
-def heard(text: str) -> Said | None:
+def heard(text: str, decoder: msgspec.json.Decoder[Any] = _decoder) -> Any | None:
     """The decoded message of a page; None if it is invalid: no JSON, a wrong type, a number out of range.
 
     Valid messages are not nested. A deeply nested text must not reach the decoder, which would recurse.
@@ -89,10 +89,9 @@ def heard(text: str) -> Said | None:
     if bare.count("{") != 1 or "[" in bare:
         return None
     try:
-        said: Said = _decoder.decode(text)
+        return decoder.decode(text)
     except (msgspec.MsgspecError, UnicodeError):
         return None
-    return said
 
 
 def encoded(message: Any) -> str:

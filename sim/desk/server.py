@@ -16,7 +16,7 @@ import secrets
 import socket
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -54,7 +54,15 @@ from sim.world.service import lay_out
 
 PAGE: Final = Path(__file__).parent / "page"
 FILES: Final = {path.name: path for path in sorted(PAGE.iterdir()) if path.is_file()}
-"""The files of the page by name; the server delivers no others."""
+"""The files of the pages by name; the server delivers no others."""
+WATCH: Final = "/watch"
+"""The address of the experimenter's page."""
+OF_WATCH: Final = frozenset({WATCH, "/watching", "/watch.html", "/watch.js"})
+"""The paths that only the experimenter's page opens."""
+SHARED: Final = frozenset({"/desk.css", "/icon.svg", "/draw.js", "/show.js", "/words.js"}) | {
+    f"/{name}" for name in FILES if name.endswith(".woff2")
+}
+"""The files that both pages open."""
 BEAT_S: Final = 0.5
 """Longest time (s) between two messages to the page."""
 MOST_PER_S, MOST_AT_ONCE = 200.0, 400.0
@@ -270,14 +278,16 @@ def page_routes() -> list[BaseRoute]:
 
 
 class Doorkeeper:
-    """The access check: accepts only requests with this host's name, from the desk's own page, and with the token.
+    """The access check: accepts only requests with this host's name, from the server's own page, and with its token.
 
-    `?token=…` in a typed or clicked address sets the cookie and redirects to the page. All answers have `HEADERS`.
+    `tokens` are those of the participant's page ("/") and of the experimenter's (`WATCH`), by path. Neither token opens
+    what belongs to the other page. `?token=…` in a typed or clicked address sets the cookie and redirects to the page.
+    All answers have `HEADERS`.
     """
 
-    def __init__(self, app: ASGIApp, port: int, token: str) -> None:
-        self._app, self._host, self._token = app, f"127.0.0.1:{port}", token
-        self._cookie = f"desk-{port}"
+    def __init__(self, app: ASGIApp, port: int, tokens: Mapping[str, str]) -> None:
+        self._app, self._host, self._tokens = app, f"127.0.0.1:{port}", tokens
+        self._cookies = {path: f"{path[1:] or 'desk'}-{port}" for path in tokens}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer or reject a request."""
@@ -295,10 +305,11 @@ class Doorkeeper:
             return self._app
         request = HTTPConnection(scope)
         if self._comes_from_here(request):
-            tokens = request.query_params.getlist("token")
-            if scope["type"] == "http" and scope["path"] == "/" and len(tokens) == 1 and self._is_token(tokens[0]):
-                return self._way_in()
-            if self._is_token(request.cookies.get(self._cookie, "")):
+            tokens, path = request.query_params.getlist("token"), scope["path"]
+            if scope["type"] == "http" and path in self._tokens and len(tokens) == 1 and self._fits(path, tokens[0]):
+                return self._way_in(path)
+            pages = (WATCH,) if path in OF_WATCH else ("/", WATCH) if path in SHARED else ("/",)
+            if any(self._fits(page, request.cookies.get(self._cookies.get(page, ""), "")) for page in pages):
                 return self._app
         return WebSocketClose() if scope["type"] == "websocket" else Response(status_code=403)
 
@@ -311,19 +322,24 @@ class Doorkeeper:
             return origins == own
         return origins in ([], own) and request.scope["method"] in ("GET", "HEAD")
 
-    def _is_token(self, text: str) -> bool:
-        return secrets.compare_digest(text.encode(), self._token.encode())
+    def _fits(self, page: str, text: str) -> bool:
+        """Whether a text is the token of a page."""
+        return page in self._tokens and secrets.compare_digest(text.encode(), self._tokens[page].encode())
 
-    def _way_in(self) -> Response:
-        answer = RedirectResponse("/", status_code=303)
-        answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
+    def _way_in(self, page: str) -> Response:
+        answer = RedirectResponse(page, status_code=303)
+        answer.set_cookie(self._cookies[page], self._tokens[page], httponly=True, samesite="strict", path="/")
         return answer
 
 
-def server_of(routes: Sequence[BaseRoute], port: int, token: str) -> uvicorn.Server:
-    """The server of some routes; its `serve(sockets=[…])` answers until the process is asked to stop."""
+def server_of(routes: Sequence[BaseRoute], port: int, token: str, watch_token: str | None = None) -> uvicorn.Server:
+    """The server of some routes; its `serve(sockets=[…])` answers until the process is asked to stop.
+
+    `token` opens the participant's page, `watch_token` the experimenter's (None: there is none).
+    """
+    tokens = {"/": token} | ({} if watch_token is None else {WATCH: watch_token})
     config = uvicorn.Config(
-        Doorkeeper(Starlette(routes=routes), port, token),
+        Doorkeeper(Starlette(routes=routes), port, tokens),
         log_level="warning", access_log=False, server_header=False, lifespan="off", timeout_graceful_shutdown=1,
         ws="websockets-sansio", ws_max_size=LARGEST_BYTES, ws_ping_interval=5, ws_ping_timeout=10,
         ws_per_message_deflate=False,
