@@ -14,7 +14,7 @@ import typer
 
 from das.command_line.application import refuse_given
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption
-from das.command_line.printing import busy, loading_solver, paragraph
+from das.command_line.printing import busy, loading_solver, paragraph, say
 from das.domain.errors import DasError
 from precompute.workers import Workers
 from sim.cli.desk import SessionLooks, show_page
@@ -91,7 +91,12 @@ def desk(
         raise DasError(f"{out}: holds trials of simulated drivers, expected another folder for people")
     checked_in(asked, out)
     sitting = Sitting(design=asked, folder=out, who=who, language=str(looks.language), command=typed_command())
-    serve(sitting, looks.port, lambda address: show_page(address, opens=looks.opens))
+
+    def tell(page: str, watch: str) -> None:
+        show_page(page, opens=looks.opens)
+        say(f"the experimenter's page: {watch}")
+
+    serve(sitting, looks.port, tell)
 
 
 OneOfTwo = Annotated[

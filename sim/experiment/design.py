@@ -323,7 +323,7 @@ def _factors(fields: Fields, *, frozen: bool) -> tuple[Factor, ...]:
         if name in found:
             raise table.error("name", name, "each factor once")
         if name == "driver" and DESK in table.data.get("levels", []):
-            raise table.error("levels", DESK, "simulated drivers; for people fixed.driver = 'desk'")
+            raise table.error("levels", str(DESK), "simulated drivers; for people fixed.driver = 'desk'")
         values = table.rows("levels", "a list of at least 2 levels")
         levels = tuple(_level(name, table, "levels", value, frozen=frozen) for value in values)
         if len(levels) < (1 if frozen else 2) or len({level.text for level in levels}) < len(levels):

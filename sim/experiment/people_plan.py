@@ -8,6 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
+from das.domain.errors import DasError
 from das.domain.files.load import bundled_files
 from das.domain.files.reading import Fields, number
 from das.domain.units import KMH
@@ -70,9 +71,16 @@ class PeoplePlan:
         """The name and the hash of each text and questionnaire; raises DasError for a missing file."""
         bundled = bundled_forms()
         for name in filter(None, (getattr(self, key) for key in TEXTS)):
-            yield f"desk: {name}", sha256(self.folder / name)
+            yield f"desk: {name}", _digest(self.folder / name)
         for name in dict.fromkeys(name for key in FORMS for name in getattr(self, key)):
-            yield f"desk: {name}", sha256(bundled.get(name, self.folder / name))
+            yield f"desk: {name}", _digest(bundled.get(name, self.folder / name))
+
+
+def _digest(path: Path) -> str:
+    try:
+        return sha256(path)
+    except OSError as error:
+        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def bundled_forms() -> Mapping[str, Path]:

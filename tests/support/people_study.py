@@ -175,15 +175,15 @@ def wanted_ratio(cab: Message) -> float:
 
 
 @contextmanager
-def session_of(design: Path, folder: Path, who: int = 1) -> Iterator[str]:
-    """The session of a participant in a thread of this process, which ends with its last step; yields the address."""
+def session_of(design: Path, folder: Path, who: int = 1) -> Iterator[tuple[str, str]]:
+    """The session of a participant in a thread of this process, until its last step; yields the two addresses."""
     read = load_design(str(design))
     freeze(read, folder)
     sitting = Sitting(design=read, folder=folder, who=who, language="en", command="a test")
     address, came, failed = list[str](), threading.Event(), list[BaseException]()
 
-    def tell(text: str) -> None:
-        address.append(text)
+    def tell(page: str, watch: str) -> None:
+        address.extend((page, watch))
         came.set()
 
     def run() -> None:
@@ -198,7 +198,7 @@ def session_of(design: Path, folder: Path, who: int = 1) -> Iterator[str]:
     assert came.wait(60)
     if failed:
         raise failed[0]
-    yield address[0]
+    yield address[0], address[1]
     thread.join(60)
     assert not thread.is_alive()
     if failed:

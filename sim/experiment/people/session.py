@@ -11,8 +11,9 @@ import json
 import os
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,11 +26,12 @@ from das.command_line.printing import warn
 from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.reading import read_text
+from das.domain.units import NS
 from sim.desk.host import address_of, listening, new_token
 from sim.desk.line import hello_of
 from sim.desk.messages import Answered, DeskGiven, Marked, PageSettings, Ready, Said, Stopped, WentOn, encoded
 from sim.desk.peer import MARKED
-from sim.desk.server import Desk, PageLink, server_of
+from sim.desk.server import WATCH, Desk, PageLink, server_of
 from sim.experiment.design import Design
 from sim.experiment.driving import StudyTrial
 from sim.experiment.people.forms import Form, load_form
@@ -48,6 +50,7 @@ from sim.experiment.people.steps import (
     steps_of,
 )
 from sim.experiment.people.trial import GIVEN, TrialGiven
+from sim.experiment.people.watching import Watchers
 from sim.experiment.study_files import PEOPLE, recording_file
 from sim.world.lockstep import Process
 from sim.world.service import lay_out
@@ -72,6 +75,8 @@ _WORDS: Final = {
 _GOODBYE: Final = (
     "You can close this page.", "Sie können diese Seite schliessen.", "Vous pouvez fermer cette page.",
 )  # fmt: skip
+_EVENTS: Final = ("mark", "note", "left", "driven", "interrupted", "stopped")
+"""The entries of the journal that the experimenter's page shows."""
 _markdown: Final = MarkdownIt("commonmark", {"html": False})
 
 
@@ -152,10 +157,11 @@ class Session:
     def __init__(self, sitting: Sitting, journal: PersonJournal) -> None:
         self.sitting, self._journal = sitting, journal
         self.plan = plan_of(sitting.design)
-        self._steps = steps_of(sitting.design, sitting.who)
+        self._steps_of = cache(partial(steps_of, sitting.design))
+        self._steps = self._steps_of(sitting.who)
         self._forms = {one.form: load_form(one.form, self.plan.folder) for one in self._steps if one.form}
         self._texts = {one.id: _text(self.plan.folder / one.file) for one in self._steps if one.file}
-        self.link, self.over = PageLink(self), asyncio.Event()
+        self.link, self.watchers, self.over = PageLink(self), Watchers(self), asyncio.Event()
         self.trial: RunningTrial | None = None
         """The trial under way."""
         self._tasks: set[asyncio.Task[None]] = set()
@@ -212,14 +218,13 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """The state of this session, and of the others, for the experimenter's page."""
-        now, sitting = self.standing, self.sitting
-        trial, running = now.step.trial, self.trial
-        cab = None if running is None else running.desk.cab
+        now, trial = self.standing, self.standing.step.trial
+        cab = None if self.trial is None else self.trial.desk.cab
         return {
-            "t": "state", "participant": sitting.name, "step": now.step.id, "trial": now.done, "of": now.of,
-            "condition": "" if trial is None else trial.condition,
-            "driven_s": 0.0 if cab is None else cab["clock_s"], "cab": cab,
-            "events": [], "others": list(self._others()),
+            "participant": self.sitting.name, "step": now.step.id, "of": now.of,
+            "trial": now.done + (now.step.about == "trial"), "condition": "" if trial is None else trial.condition,
+            "driven_s": None if self.trial is None else 0.0 if cab is None else cab["clock_s"], "cab": cab,
+            "events": list(self._events()), "others": list(self._others()),
         }  # fmt: skip
 
     def close(self) -> None:
@@ -227,15 +232,25 @@ class Session:
         if self.trial is not None:
             self.trial.close()
 
-    def _others(self) -> Any:
+    def _events(self) -> Iterator[dict[str, Any]]:
+        entries = self._journal.entries
+        for one in entries:
+            if one["what"] in _EVENTS:
+                said = one.get("text", one.get("why", ""))
+                at_s = (one["wall_ns"] - entries[0]["wall_ns"]) * NS
+                yield {"at_s": at_s, "text": f"{one['step']}: {one['what']} {said}".strip()}
+
+    def _others(self) -> Iterator[dict[str, Any]]:
+        """The other participants who have begun, and what each has done."""
         for who, entries in journals(self.sitting.folder).items():
-            if 1 <= who <= self.sitting.design.people.count and who != self.sitting.who:
-                now = standing(steps_of(self.sitting.design, who), entries, self.plan)
+            if who != self.sitting.who:
+                now = standing(self._steps_of(who), entries, self.plan)
                 yield {"participant": pseudonym(who), "done": now.done, "of": now.of, "state": now.step.id}
 
     def _add(self, step: Step, what: str, **more: Any) -> None:
         trial = {} if step.trial is None else {"trial": step.trial.number}
         self._journal.add(step.id, what, **trial, **more)
+        self.watchers.changed()
 
     def _accepts(self, step: Step, said: Answered) -> bool:
         if step.kind is Kind.CONSENT:
@@ -258,13 +273,13 @@ class Session:
             return
         form = self._forms.get(step.form)
         self._add(step, "left", **({} if form is None else {"scores": form.scores(now.given)}))
-        if form is not None:
-            self._write_tables()
+        self._write_tables()
         self._show()
 
     def _stop(self, step: Step) -> None:
         self._add(step, "stopped")
         if self.trial is None:
+            self._write_tables()
             self._show()
         else:
             self._run(self.trial.stop("the participant stopped"))
@@ -343,9 +358,9 @@ class Session:
         except DasError as error:  # nothing is lost: the tables are made from the journals
             warn(f"{error}; the tables are written after the next trial")
 
-    def _run(self, work: Any) -> None:
+    def _run(self, work: Coroutine[Any, Any, None]) -> None:
         """Run a task; its failure ends the session."""
-        task: asyncio.Task[None] = asyncio.get_running_loop().create_task(work)
+        task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._ended)
 
@@ -356,20 +371,22 @@ class Session:
             self.over.set()
 
 
-def serve(sitting: Sitting, port: int, tell: Callable[[str], None]) -> None:
+def serve(sitting: Sitting, port: int, tell: Callable[[str, str], None]) -> None:
     """Serve the session of a participant until its last step has shown, or until Ctrl-C or SIGTERM.
 
-    `tell` is called with the address of the page. `port` 0 is that of the participant's last session if it did not end,
-    else any free one. Raises DasError for files that cannot be used, and while another command has the participant.
+    `tell` is called with the addresses of the participant's and the experimenter's page. `port` 0 is that of the
+    participant's last session if it did not end, else any free one. Raises DasError for files that cannot be used, and
+    while another command has the participant.
     """
     with PersonJournal(sitting.own) as journal, interrupted_by_termination():
         session, path = Session(sitting, journal), sitting.own / DOOR
-        kept: dict[str, Any] = {"port": 0, "token": new_token()}
+        kept: dict[str, Any] = {"port": 0, "token": new_token(), "watch_token": new_token()}
         kept |= json.loads(path.read_bytes()) if path.exists() else {}
         with listening(port or kept["port"]) as door:
             _write_privately(path, kept | {"port": door.getsockname()[1]})
-            tell(address_of(door, kept["token"]))
-            asyncio.run(_serve(session, door, kept["token"]))
+            page = address_of(door, kept["token"])
+            tell(page, address_of(door, kept["watch_token"]).replace("/?", f"{WATCH}?"))
+            asyncio.run(_serve(session, door, kept))
         path.unlink()
 
 
@@ -380,8 +397,9 @@ def _write_privately(path: Path, content: dict[str, Any]) -> None:
         json.dump(content, file)
 
 
-async def _serve(session: Session, door: socket.socket, token: str) -> None:
-    server = server_of(session.link.routes(), door.getsockname()[1], token)
+async def _serve(session: Session, door: socket.socket, kept: dict[str, Any]) -> None:
+    routes = [*session.watchers.routes(), *session.link.routes()]
+    server = server_of(routes, door.getsockname()[1], kept["token"], kept["watch_token"])
     ending = asyncio.create_task(_end(session, server))
     try:
         await server.serve(sockets=[door])
