@@ -74,7 +74,16 @@ class Stopped(msgspec.Struct, tag_field="t", tag="stop", frozen=True):
     at: WallMs
 
 
-Said = Lever | FrameDrawn | Ready | Marked | Answered | WentOn | Stopped
+class Acted(msgspec.Struct, tag_field="t", tag="act", frozen=True):
+    """The answer to a request (number, from 1) of a task beside driving; 0: there was none."""
+
+    what: Annotated[str, msgspec.Meta(max_length=16)]
+    at: WallMs
+    look: Count = 0
+    number: Count = 0
+
+
+Said = Lever | FrameDrawn | Ready | Marked | Answered | WentOn | Stopped | Acted
 _QUOTED: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _decoder: Final = msgspec.json.Decoder(Said)
 _encoder: Final = msgspec.json.Encoder()

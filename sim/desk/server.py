@@ -210,6 +210,8 @@ class Desk:
         """The present phase."""
         self.cab: dict[str, Any] | None = None
         """The fields of the last cab."""
+        self.looks: Callable[[dict[str, Any]], None] = lambda _cab: None
+        """The function that is called with the fields of each cab."""
         self._link = link or PageLink(self)
         self.peer = Peer(given, lambda cab: self._link.soon(self._take, cab))
         self.peer.begin()
@@ -256,6 +258,7 @@ class Desk:
         said = cab_of(cab, self._route)
         self.cab = said["cab"]
         self._link.put(said | {"seq": self.peer.state[1]})
+        self.looks(said["cab"])
 
     def _flush(self) -> None:
         if not self.peer.flush():

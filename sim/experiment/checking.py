@@ -31,7 +31,8 @@ from sim.experiment.factors import Setting
 from sim.experiment.measures import MEASURES
 from sim.experiment.people.forms import load_form
 from sim.experiment.people.steps import described
-from sim.experiment.people_plan import FORMS, PeoplePlan
+from sim.experiment.people.tasks import TASK_MEASURES
+from sim.experiment.people_plan import PeoplePlan
 from sim.experiment.study_files import TRIALS_TABLE
 from sim.experiment.trials import StudyRun, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
@@ -120,11 +121,10 @@ def _check_forms(design: Design) -> None:
 
     Raises DasError or InputError for a questionnaire that cannot be used, and for an unknown measure.
     """
-    scores: list[str] = []
     desk = design.desk or PeoplePlan()
-    for when in FORMS:
-        forms = [load_form(name, desk.folder) for name in getattr(desk, when)]
-        scores += [rule.name for form in forms for rule in form.score_rules if when == "after_trial"]
+    forms = {name: load_form(name, desk.folder) for name in desk.forms}
+    scores = [rule.name for name in desk.of_a_trial for rule in forms[name].score_rules]
+    scores += [name for name in TASK_MEASURES if name.startswith(desk.tasks)]
     for name in design.measures:
         if name not in MEASURES and name not in scores:
             expected = one_of([*MEASURES, *scores], name)

@@ -351,7 +351,7 @@ def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
 
 def _measures(table: Fields, desk: PeoplePlan | None, *, frozen: bool) -> tuple[str, ...]:
     """The measures of a design. The check of the design knows the scores of questionnaires, which may be among them."""
-    frozen = frozen or (desk is not None and bool(desk.after_trial))
+    frozen = frozen or (desk is not None and bool(desk.of_a_trial or desk.tasks))
     names = table.rows("measures", "a list of measures") if table.has("measures") else list(BUNDLED)
     for name in names:
         if not isinstance(name, str) or names.count(name) > 1 or (not frozen and name not in MEASURES):

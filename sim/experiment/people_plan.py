@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
-from das.domain.errors import DasError
+from das.domain.errors import MISSING, DasError
 from das.domain.files.load import bundled_files
 from das.domain.files.reading import Fields, number
 from das.domain.units import KMH
@@ -40,7 +40,8 @@ class PeoplePlan:
     """The procedure with people: texts, questionnaires, practice, interruptions, and the desk's settings.
 
     `consent`, `instructions` and `debriefing` are Markdown files, empty for none; `before`, `after_trial` and `after`
-    are bundled questionnaires or TOML files. Paths are relative to `folder`, that of the design's file. The last
+    are bundled questionnaires or TOML files. `tasks` are those beside driving; `probes` is the number of times that a
+    trial stops for the questionnaire `probe`. Paths are relative to `folder`, that of the design's file. The last
     practice trial is repeated, at most `practice_most` drives in all, until the speed stayed within
     ±`practice_criterion_mps` of the advised one (without advice: the limit) for `practice_hold_s`; 0: no criterion.
     """
@@ -59,6 +60,7 @@ class PeoplePlan:
     pace: float = 1.0
     tasks: tuple[str, ...] = ()
     probes: int = 0
+    probe: str = ""
     folder: Path = Path()
 
     @property
@@ -67,12 +69,23 @@ class PeoplePlan:
         found = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "folder"}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in found.items()}
 
+    @property
+    def forms(self) -> tuple[str, ...]:
+        """All questionnaires, each once."""
+        every = [*(name for key in FORMS for name in getattr(self, key)), self.probe]
+        return tuple(dict.fromkeys(filter(None, every)))
+
+    @property
+    def of_a_trial(self) -> tuple[str, ...]:
+        """The questionnaires of a trial, whose scores are its measures."""
+        return (*self.after_trial, *filter(None, [self.probe]))
+
     def files(self) -> Iterator[tuple[str, str]]:
         """The name and the hash of each text and questionnaire; raises DasError for a missing file."""
         bundled = bundled_forms()
         for name in filter(None, (getattr(self, key) for key in TEXTS)):
             yield f"desk: {name}", _digest(self.folder / name)
-        for name in dict.fromkeys(name for key in FORMS for name in getattr(self, key)):
+        for name in self.forms:
             yield f"desk: {name}", _digest(bundled.get(name, self.folder / name))
 
 
@@ -93,10 +106,14 @@ def read_plan(table: Fields, *, frozen: bool) -> PeoplePlan:
 
     The files of a `frozen` design are not looked for.
     """
-    plain = [*TEXTS, *FORMS, "practice_most", "interrupted", "notches", "pace", "tasks", "probes"]
+    plain = [*TEXTS, *FORMS, "practice_most", "interrupted", "notches", "pace", "tasks", "probes", "probe"]
     table.check_keys([*plain, *table.quantity_keys({"practice_criterion": "speed", "practice_hold": "time"})])
     files: dict[str, Any] = {key: _text_file(table, key, frozen=frozen) for key in TEXTS}
     files |= {key: _forms(table, key, frozen=frozen) for key in FORMS}
+    probe = table.text("probe", "")
+    probes = table.whole("probes", (0, MOST_PROBES), 1 if probe else 0)
+    if (probes > 0) != bool(probe) or (probe and not _is_form(table, probe, frozen=frozen)):
+        raise table.error("probe", table.data.get("probe", MISSING), f"{_form_words()}, for a number of probes")
     pace = number(table.source, f"{table.prefix}pace", table.data.get("pace", PeoplePlan.pace))
     if not 0.1 <= pace <= FASTEST_PACE:
         raise table.error("pace", pace, f"a number from 0.1 to {FASTEST_PACE:g}, times real time")
@@ -109,7 +126,8 @@ def read_plan(table: Fields, *, frozen: bool) -> PeoplePlan:
         notches=table.whole("notches", (0, MOST_NOTCHES), PeoplePlan.notches),
         pace=pace,
         tasks=tuple(table.names("tasks", TASKS)),
-        probes=table.whole("probes", (0, MOST_PROBES), PeoplePlan.probes),
+        probes=probes,
+        probe=probe,
         folder=table.source.parent,
     )
 
@@ -124,11 +142,17 @@ def _text_file(table: Fields, key: str, *, frozen: bool) -> str:
 def _forms(table: Fields, key: str, *, frozen: bool) -> tuple[str, ...]:
     names = table.rows(key, "a list of questionnaires", MOST_FORMS) if table.data.get(key) else []
     for name in names:
-        known = isinstance(name, str) and (frozen or name in bundled_forms() or _is_beside(table, name, ".toml"))
-        if not known or names.count(name) > 1:
-            expected = f"each once, of {', '.join(bundled_forms())}, or a TOML file beside the design file"
-            raise table.error(key, name, expected)
+        if not isinstance(name, str) or not _is_form(table, name, frozen=frozen) or names.count(name) > 1:
+            raise table.error(key, name, f"each once, {_form_words()}")
     return tuple(names)
+
+
+def _is_form(table: Fields, name: str, *, frozen: bool) -> bool:
+    return frozen or name in bundled_forms() or _is_beside(table, name, ".toml")
+
+
+def _form_words() -> str:
+    return f"of {', '.join(bundled_forms())}, or a TOML file beside the design file"
 
 
 def _is_beside(table: Fields, name: str, suffix: str) -> bool:

@@ -40,8 +40,8 @@ README: Final = "README"
 """Contents of the study, meaning of its columns, and program and time that made it."""
 RECORDINGS: Final = "recordings"
 """The folder of the recordings, if they are kept."""
-PEOPLE: Final = "people"
-"""The folder of the participants, if people drive the trials."""
+PEOPLE_FOLDER: Final = "people"
+"""The folder with a folder for each person, in a study that people drove at the desk."""
 TRIAL_COLUMNS: Final = {
     "trial": "number of the trial in the study, from 1",
     "participant": "who drove",
@@ -165,7 +165,7 @@ def column_meanings(design: Design) -> dict[str, str]:
     for name in design.measures:
         measure = MEASURES.get(name)
         if measure is None:
-            found[name] = "score of a questionnaire after the trial, of people at the desk"
+            found[name] = "of people at the desk: a score of a questionnaire, or a measure of a task beside driving"
             continue
         found[name] = f"{measure.title} ({measure.unit}): {measure.formula} ({measure.source})"
     return found

@@ -42,9 +42,7 @@ const lever = new Lever($("leverbox"), (ratio, stamp, device) => {
 });
 
 function send(message) {
-  if (socket?.readyState !== WebSocket.OPEN || phase === "taken") return;
-  // The server accepts no nested messages; brackets that somebody wrote in an answer are escaped.
-  socket.send(JSON.stringify(message).replace(/(?<!^)[{[]/g, (one) => `\\u00${one.charCodeAt(0).toString(16)}`));
+  if (socket?.readyState === WebSocket.OPEN && phase !== "taken") socket.send(JSON.stringify(message));
 }
 
 // Highlights a part of the page for a moment.

@@ -131,7 +131,7 @@ export class Session {
     $("keys").replaceChildren(...(step.kind === "ready" ? keys(step.tasks ?? []) : []));
     fill($("go"), { ready: words.ready, consent: words.agree }[step.kind] ?? words.next);
     $("no").hidden = step.kind !== "consent";
-    document.querySelectorAll(".quit").forEach((one) => one.hidden = this.ended);
+    document.querySelectorAll(".quit").forEach((one) => one.hidden = this.ended || this.stopping);
     this.tick();
     $("veil").firstElementChild.scrollTop = 0;
     $("title").focus({ focusVisible: false });

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Final
 
 from das.domain.clocks import WALL, Clocks
@@ -19,7 +20,8 @@ from das.domain.errors import DasError
 from das.domain.files.writing import FolderTakenError, folder_held, write_whole
 from sim.experiment.design import Design
 from sim.experiment.people.steps import Entry
-from sim.experiment.study_files import PEOPLE, TRIALS_TABLE, table_text, trials_table
+from sim.experiment.people.tasks import task_measures
+from sim.experiment.study_files import PEOPLE_FOLDER, TRIALS_TABLE, table_text, trials_table
 from sim.experiment.trials import trials_of
 
 JOURNAL: Final = "session.jsonl"
@@ -95,7 +97,7 @@ def _entry(line: bytes) -> Entry | None:
 def journals(folder: Path) -> dict[int, list[Entry]]:
     """The journals in a study's folder, by the number of the participant."""
     found = {}
-    for path in sorted((folder / PEOPLE).glob(f"P*/{JOURNAL}")):
+    for path in sorted((folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")):
         if path.parent.name[1:].isdigit():
             found[int(path.parent.name[1:])] = read_journal(path)[0]
     return dict(sorted(found.items()))
@@ -133,12 +135,21 @@ def _held(folder: Path) -> Iterator[None]:
 
 
 def _measures(design: Design, entries: Sequence[Entry]) -> dict[int, dict[str, Any]]:
-    """The measures of the driven trials by their numbers, with the scores of the questionnaires after each."""
-    found = {one["trial"]: dict(one["measures"]) for one in entries if one["what"] == "driven"}
-    for one in entries:
-        if one["what"] == "left" and one.get("trial") in found:
-            found[one["trial"]] |= one.get("scores", {})
-    return {number: {name: row.get(name) for name in design.measures} for number, row in found.items()}
+    """The measures of the driven trials by their numbers, with those of questionnaires and tasks.
+
+    The score of a questionnaire that was answered several times in a trial is the mean.
+    """
+    found = {}
+    for number, row in {one["trial"]: one["measures"] for one in entries if one["what"] == "driven"}.items():
+        mine = [one for one in entries if one.get("trial") == number]
+        broken = [i for i, one in enumerate(mine) if one["what"] == "interrupted"]
+        mine = mine[broken[-1] + 1 if broken else 0 :]
+        scores: dict[str, list[float]] = {}
+        for name, value in (pair for one in mine for pair in one.get("scores", {}).items()):
+            scores.setdefault(name, []).append(value)
+        every = {**row, **{name: fmean(values) for name, values in scores.items()}, **task_measures(mine)}
+        found[number] = {name: every.get(name) for name in design.measures}
+    return found
 
 
 def _answers(who: int, entries: Sequence[Entry]) -> Iterator[tuple[Any, ...]]:

@@ -12,11 +12,12 @@ import os
 import socket
 import time
 from collections.abc import Callable, Coroutine, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import uvicorn
 from markdown_it import MarkdownIt
 
@@ -26,10 +27,11 @@ from das.command_line.printing import warn
 from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.reading import read_text
+from das.domain.route import Route
 from das.domain.units import NS
 from sim.desk.host import address_of, listening, new_token
 from sim.desk.line import hello_of
-from sim.desk.messages import Answered, DeskGiven, Marked, PageSettings, Ready, Said, Stopped, WentOn, encoded
+from sim.desk.messages import Acted, Answered, DeskGiven, Marked, PageSettings, Ready, Said, Stopped, WentOn, encoded
 from sim.desk.peer import MARKED
 from sim.desk.server import WATCH, Desk, PageLink, server_of
 from sim.experiment.design import Design
@@ -49,9 +51,10 @@ from sim.experiment.people.steps import (
     standing,
     steps_of,
 )
+from sim.experiment.people.tasks import SideTask, SideTasks, TaskEvent, probe_times
 from sim.experiment.people.trial import GIVEN, TrialGiven
 from sim.experiment.people.watching import Watchers
-from sim.experiment.study_files import PEOPLE, recording_file
+from sim.experiment.study_files import PEOPLE_FOLDER, recording_file
 from sim.world.lockstep import Process
 from sim.world.service import lay_out
 
@@ -98,7 +101,7 @@ class Sitting:
     @property
     def own(self) -> Path:
         """The folder of the participant."""
-        return self.folder / PEOPLE / self.name
+        return self.folder / PEOPLE_FOLDER / self.name
 
 
 class RunningTrial:
@@ -120,6 +123,9 @@ class RunningTrial:
             command=sitting.command,
         )  # fmt: skip
         self.desk = Desk(given, hello, line[0], link)
+        probes_s = probe_times(trial.seed, plan.probes, _least_s(line[0], line[1].max_speed_mps))
+        self.tasks, self.probe = SideTasks([SideTask(one) for one in plan.tasks], trial.seed, probes_s), 0
+        """The tasks beside driving; the number of the probe that stops the run (0: none)."""
         self.stopped_by = ""
         """The reason for which the trial was stopped; empty if it was not."""
         self._child = Process("trial", "sim.experiment.people.trial", (), given={GIVEN: encoded(settings)})
@@ -159,7 +165,7 @@ class Session:
         self.plan = plan_of(sitting.design)
         self._steps_of = cache(partial(steps_of, sitting.design))
         self._steps = self._steps_of(sitting.who)
-        self._forms = {one.form: load_form(one.form, self.plan.folder) for one in self._steps if one.form}
+        self._forms = {name: load_form(name, self.plan.folder) for name in self.plan.forms}
         self._texts = {one.id: _text(self.plan.folder / one.file) for one in self._steps if one.file}
         self.link, self.watchers, self.over = PageLink(self), Watchers(self), asyncio.Event()
         self.trial: RunningTrial | None = None
@@ -174,12 +180,20 @@ class Session:
 
     @property
     def standing(self) -> Standing:
-        """The present state."""
-        return standing(self._steps, self._journal.entries, self.plan)
+        """The present state; a probe is a questionnaire in the middle of a trial."""
+        now = standing(self._steps, self._journal.entries, self.plan)
+        if self.trial is None or not self.trial.probe:
+            return now
+        name = f"{now.step.id}-probe-{self.trial.probe}"
+        probe = Step(id=name, kind=Kind.FORM, about="form", form=self.plan.probe, trial=now.step.trial)
+        began = max(i for i, one in enumerate(self._journal.entries) if one["what"] == "probe")
+        mine = [one for one in self._journal.entries[began:] if one["step"] == name]
+        return replace(now, step=probe, running=False, entries=tuple(mine))
 
     def opened(self) -> Sequence[dict[str, Any]]:
         """The present step, or the trial under way, for a new page."""
-        return [self._step_message()] if self.trial is None else self.trial.desk.opened()
+        driving = self.trial is not None and not self.trial.probe
+        return self.trial.desk.opened() if self.trial is not None and driving else [self._step_message()]
 
     def closed(self) -> None:
         """Record in the trial under way that the page is closed."""
@@ -192,6 +206,9 @@ class Session:
         if isinstance(said, Stopped):
             if now.step.kind is not Kind.END and not any(one["what"] == "stopped" for one in self._journal.entries):
                 self._stop(now.step)
+        elif isinstance(said, Acted):
+            if self.trial is not None and said.what in self.plan.tasks:
+                self._tell(self.trial.tasks.answered(SideTask(said.what), said.number, said.at))
         elif isinstance(said, Answered):
             if said.step == now.step.id and not now.running and self._accepts(now.step, said):
                 self._add(now.step, "answered", item=said.item, value=said.value, browser_ms=said.at)
@@ -273,8 +290,36 @@ class Session:
             return
         form = self._forms.get(step.form)
         self._add(step, "left", **({} if form is None else {"scores": form.scores(now.given)}))
+        if self.trial is not None:  # a probe: the run goes on
+            self.trial.probe = 0
+            self.trial.desk.peer.pause(False)
+            for message in self.trial.desk.opened():
+                self.link.put(message)
+            return
         self._write_tables()
         self._show()
+
+    def _look(self, cab: dict[str, Any]) -> None:
+        """Show and withdraw the requests of the tasks, and stop the run for a probe, at a look of the trial."""
+        trial, step = self.trial, self.standing.step
+        if trial is None or trial.probe:
+            return
+        for event in trial.tasks.look(cab["clock_s"], time.time() * 1000):
+            self._tell(event)
+        if trial.tasks.probe_due(cab["clock_s"]):
+            trial.desk.peer.pause(True)
+            for event in trial.tasks.withdraw(time.time() * 1000):
+                self._tell(event)
+            number = 1 + sum(one["what"] == "probe" and one["step"] == step.id for one in self._journal.entries)
+            self._add(step, "probe")
+            trial.probe = number
+            self._show()
+
+    def _tell(self, event: TaskEvent) -> None:
+        """Write an event of a task to the journal, and show it."""
+        entry = event.entry
+        self._add(self.standing.step, entry.pop("what"), **entry)
+        self.link.put(event.message)
 
     def _stop(self, step: Step) -> None:
         self._add(step, "stopped")
@@ -323,6 +368,7 @@ class Session:
             self._renamed(step, f"practice-{driven}")
         try:
             self.trial = RunningTrial(self.sitting, step.trial, self.link)
+            self.trial.desk.looks = self._look
             self.trial.desk.on_page(Ready())
             for message in self.trial.desk.opened():
                 self.link.put(message)
@@ -417,6 +463,13 @@ async def _end(session: Session, server: uvicorn.Server) -> None:
     await session.over.wait()
     await asyncio.sleep(GOES_S if session.failed is None else 0.0)
     server.should_exit = True
+
+
+def _least_s(route: Route, top_mps: float) -> float:
+    """The time (s) of a line at its limits; every drive takes longer, so that its probes come before its end."""
+    starts_m, limits_mps = route.limits_mps.start_m, route.limits_mps.value
+    ends_m = np.append(starts_m[1:], route.length_m)
+    return float(np.sum((ends_m - starts_m) / np.minimum(limits_mps, top_mps)))
 
 
 def _text(path: Path) -> tuple[str, str]:

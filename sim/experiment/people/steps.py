@@ -205,6 +205,8 @@ def described(design: Design) -> str:
         ", ".join(plan.before),
         practice and f"practice{until}" + f" after {practice - 1} other practice trials" * (practice > 1),
         f"{trials} trials" + (f", each with {', '.join(plan.after_trial)}" if plan.after_trial else ""),
+        ", ".join(plan.tasks),
+        plan.probes and f"{plan.probes} {'probe' if plan.probes == 1 else 'probes'} in each ({plan.probe})",
         breaks and f"{breaks} {'break' if breaks == 1 else 'breaks'} of {design.procedure.break_s:g} s",
         ", ".join(plan.after),
         plan.debriefing and "debriefing",

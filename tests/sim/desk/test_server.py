@@ -239,6 +239,20 @@ def test_a_page_that_draws_nothing_answers_no_look(fresh: Served) -> None:
         until(lambda: look in [one.look for one in bus.of("controls")], "the answer")
 
 
+def test_a_paused_desk_answers_every_look_with_the_pause_although_nothing_is_drawn(fresh: Served) -> None:
+    visitor, bus = fresh
+    with driving(visitor, bus):
+        peer = bus.peer
+        peer.pause(True)
+        until(lambda: bus.of("controls")[-1].paused, "the pause")
+        time.sleep(1.1)
+        look = bus.cab()
+        until(lambda: bus.of("controls")[-1].look == look, "the answer")
+        assert bus.of("controls")[-1].paused
+        peer.pause(False)
+        assert not until(lambda: bus.of("controls")[-1:], "the end of the pause")[0].paused
+
+
 def test_over_a_slow_line_the_person_drives_and_the_times_say_so(fresh: Served) -> None:
     """250 ms from the cab to the page and from the page to the desk: every look is answered, nobody is away."""
     visitor, bus = fresh

@@ -110,7 +110,9 @@ def test_text_of_the_laboratory_is_shown_without_its_html(tmp_path: Path) -> Non
 
 @pytest.mark.nightly
 def test_a_session_from_consent_to_debriefing_with_reloads(tmp_path: Path) -> None:
-    design, out = study(tmp_path / "design"), tmp_path / "out"
+    beside = ("pace = 10", 'pace = 10\ntasks = ["pedal"]\nprobe = "kss"')
+    measures = ('"tlx"]\n[desk]', '"tlx", "kss", "pedal_s", "pedal_missed"]\n[desk]')
+    design, out = study(tmp_path / "design", beside, measures), tmp_path / "out"
     seen: list[str] = []
     with session_of(design, out) as (address, _):
         with Participant(address) as page:
@@ -128,6 +130,13 @@ def test_a_session_from_consent_to_debriefing_with_reloads(tmp_path: Path) -> No
             seen += page.seen
         with Participant(address) as page:  # a reload in a trial
             assert page.hear()["phase"] == "driving"
+            assert page.step("trial-1-probe-1")["kind"] == "form"
+            seen += page.seen
+        with Participant(address) as page:  # a reload in a probe, which stops the run
+            probe = page.step("trial-1-probe-1")
+            page.goes_on(probe)
+            assert page.until(lambda one: one["t"] == "hello")["phase"] == "driving"
+            assert page.until(lambda one: one["t"] == "task") == {"t": "task", "what": "pedal", "number": 1, "on": True}
             trial = page.step("trial-2")
             assert (trial["done"], trial["of"]) == (0, 2)
             page.goes_on(trial)
@@ -140,6 +149,8 @@ def test_a_session_from_consent_to_debriefing_with_reloads(tmp_path: Path) -> No
     assert {row["presentation"] for row in trials} == {"none", "guide"}
     assert all(float(row["running_time_s"]) > 200 and float(row["energy_kwh"]) > 10 for row in trials)
     assert [row["tlx"] for row in trials] == ["", "40.0", "40.0"]
+    assert [(row["kss"], row["pedal_s"], row["pedal_missed"]) for row in trials] == [("1.0", "", "1.0")] * 3
+    assert not any(float(row["stops_missed"]) for row in trials)
     assert sorted(path.name.split("_seed")[0] for path in (out / "recordings").iterdir()) == [
         f"sub-01_run-00{row['position']}_{row['condition']}" for row in trials
     ]

@@ -23,7 +23,8 @@ from sim.experiment.people.steps import (
     standing,
     steps_of,
 )
-from sim.experiment.people_plan import Interrupted, PeoplePlan
+from sim.experiment.people.tasks import SideTask
+from sim.experiment.people_plan import TASKS, Interrupted, PeoplePlan
 from tests.support.people_study import study
 
 ALL = [
@@ -137,6 +138,8 @@ def test_a_participant_is_a_pseudonym_of_the_design(design: Design, text: str) -
         ('before = ["kss"]', 'before = ["mood"]', "desk.before = 'mood': expected each once, of kss, sus, tlx, trust"),
         ('before = ["kss"]', 'before = ["kss", "kss"]', "desk.before = 'kss': expected each once"),
         ("pace = 10", "pace = 0", "desk.pace = 0.0: expected a number from 0.1 to 100"),
+        ("pace = 10", "probes = 2", "desk.probe is missing: expected of kss, sus, tlx, trust, or a TOML file"),
+        ("pace = 10", 'tasks = ["radio"]', "desk.tasks = ['radio']: expected a list of names from pedal, detection"),
         ("pace = 10", 'interrupted = "again"', "desk.interrupted = 'again': expected one of repeat, skip"),
         ("pace = 10", "speed = 10", "desk.speed = 10: expected one of the keys"),
         ('levels = ["none", "guide"]', 'levels = ["none", 3]', "levels = 3"),
@@ -150,6 +153,10 @@ def test_a_table_that_cannot_be_used_is_one_clear_error(tmp_path: Path, old: str
     with pytest.raises(DasError) as raised:
         check_design(read_design(study(tmp_path, *changes)))
     assert expected in str(raised.value)
+
+
+def test_the_tasks_of_a_design_are_those_of_the_desk() -> None:
+    assert list(SideTask) == list(TASKS)
 
 
 def test_simulated_drivers_of_another_kind_are_refused(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("starlette", reason="the extra desk is not installed")
 
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
 
 from sim.desk.server import BAD, OF_WATCH, SHARED
 from sim.experiment.people.watching import LONGEST_NOTE
@@ -91,15 +91,10 @@ def test_the_experimenter_sees_the_state_at_changes_and_may_mark_note_and_abort(
             while next_of(one, "state").get("step") != "tlx-1":
                 pass
         for kind, text in (("mark", "3"), ("note", 'asked {twice} "why"')):
-            send_escaped(socket, kind, text)
+            say(socket, kind, text=text)
         say(socket, "abort")
         until(lambda: len(session.asked) == 3, "the requests")
     assert session.asked == [("mark", "3"), ("note", 'asked {twice} "why"'), ("abort", "")]
-
-
-def send_escaped(socket: ClientConnection, kind: str, text: str) -> None:
-    told = json.dumps({"t": kind, "text": text})
-    socket.send("{" + told[1:].replace("{", "\\u007b").replace("[", "\\u005b"))
 
 
 @pytest.mark.parametrize(
