@@ -114,13 +114,12 @@ class RunningTrial:
         line = lay_out(scenario)
         hello = hello_of(line, scenario.departure_ns, sitting.language, page) | {"session": True}
         given = DeskGiven(door=-1, token="", scenario="", train=TRAIN, language=sitting.language, connect=tuple(places))
-        self.trial, self.recording = trial, sitting.folder / recording_file(trial)
         self._row = sitting.own / "trial.json"
         self._row.unlink(missing_ok=True)
         settings = TrialGiven(
             design=str(sitting.design.source), folder=str(sitting.folder), number=trial.number, page=page,
-            driver_at=places[0], recorder_at=places[1], recording=str(self.recording), row=str(self._row),
-            command=sitting.command,
+            driver_at=places[0], recorder_at=places[1], row=str(self._row), command=sitting.command,
+            recording=str(sitting.folder / recording_file(trial)),
         )  # fmt: skip
         self.desk = Desk(given, hello, line[0], link)
         probes_s = probe_times(trial.seed, plan.probes, _least_s(line[0], line[1].max_speed_mps))
@@ -202,19 +201,19 @@ class Session:
 
     def on_page(self, said: Said) -> None:
         """Do what the page says."""
-        now = self.standing
         if isinstance(said, Stopped):
-            if now.step.kind is not Kind.END and not any(one["what"] == "stopped" for one in self._journal.entries):
-                self._stop(now.step)
-        elif isinstance(said, Acted):
-            if self.trial is not None and said.what in self.plan.tasks:
-                self._tell(self.trial.tasks.answered(SideTask(said.what), said.number, said.at))
-        elif isinstance(said, Answered):
-            if said.step == now.step.id and not now.running and self._accepts(now.step, said):
-                self._add(now.step, "answered", item=said.item, value=said.value, browser_ms=said.at)
-        elif isinstance(said, WentOn):
-            if said.step == now.step.id and not now.running and self._may_leave(now):
+            self._stop()
+        elif isinstance(said, Answered | WentOn):
+            now = self.standing
+            if said.step != now.step.id or now.running:
+                return
+            if isinstance(said, WentOn):
                 self._leave(now)
+            elif self._accepts(now.step, said):
+                self._add(now.step, "answered", item=said.item, value=said.value, browser_ms=said.at)
+        elif self.trial is not None and isinstance(said, Acted):
+            if said.what in self.plan.tasks:
+                self._tell(self.trial.tasks.answered(SideTask(said.what), said.number, said.at))
         elif self.trial is not None:
             self.trial.desk.on_page(said)
 
@@ -284,6 +283,8 @@ class Session:
 
     def _leave(self, now: Standing) -> None:
         step = now.step
+        if not self._may_leave(now):
+            return
         if step.kind is Kind.READY:
             self._add(step, "left")
             self._run(self._drive(step))
@@ -301,7 +302,7 @@ class Session:
 
     def _look(self, cab: dict[str, Any]) -> None:
         """Show and withdraw the requests of the tasks, and stop the run for a probe, at a look of the trial."""
-        trial, step = self.trial, self.standing.step
+        trial = self.trial
         if trial is None or trial.probe:
             return
         for event in trial.tasks.look(cab["clock_s"], time.time() * 1000):
@@ -310,9 +311,9 @@ class Session:
             trial.desk.peer.pause(True)
             for event in trial.tasks.withdraw(time.time() * 1000):
                 self._tell(event)
-            number = 1 + sum(one["what"] == "probe" and one["step"] == step.id for one in self._journal.entries)
+            step = self.standing.step
             self._add(step, "probe")
-            trial.probe = number
+            trial.probe = self._count(step, "probe")
             self._show()
 
     def _tell(self, event: TaskEvent) -> None:
@@ -321,7 +322,10 @@ class Session:
         self._add(self.standing.step, entry.pop("what"), **entry)
         self.link.put(event.message)
 
-    def _stop(self, step: Step) -> None:
+    def _stop(self) -> None:
+        step = self.standing.step
+        if step.kind is Kind.END or any(one["what"] == "stopped" for one in self._journal.entries):
+            return
         self._add(step, "stopped")
         if self.trial is None:
             self._write_tables()
