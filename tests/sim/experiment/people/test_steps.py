@@ -17,7 +17,7 @@ from sim.experiment.design import Design, design_files, freeze, load_design, rea
 from sim.experiment.people.journal import PersonJournal, journals, read_journal, write_tables
 from sim.experiment.people.steps import (
     Standing,
-    Step,
+    SessionStep,
     described,
     participant_number,
     plan_of,
@@ -44,7 +44,7 @@ def entry(step: str, what: str, **more: Any) -> dict[str, Any]:
     return {"wall_ns": 10**18, "step": step, "what": what, **more}
 
 
-def entries_before(steps: Sequence[Step], name: str) -> list[dict[str, Any]]:
+def entries_before(steps: Sequence[SessionStep], name: str) -> list[dict[str, Any]]:
     """The journal of a participant who has done all steps before one."""
     found = []
     for step in steps:
