@@ -216,7 +216,9 @@ class ExternalDriver:
     def _after_pause(self, lockstep: Lockstep, cab: CabView) -> Any | None:
         """The answer that ends a pause; None if none comes in `given_up_s`. The run's clock stands meanwhile."""
         answers, began_s = lockstep.answers, self._clocks.seconds()
-        ended = lockstep.hear(lambda: not answers.controls.paused, self._patience.given_up_s)
+        ended = lockstep.hear(
+            lambda: answers.controls is not None and not answers.controls.paused, self._patience.given_up_s
+        )
         paused_s = self._clocks.seconds() - began_s
         text = f"the driver asked for a pause: the run waited for {paused_s:.1f} s"
         lockstep.send(LOG, happened(self._day.service.moment_ns(cab.time_s), text, Log.INFO))

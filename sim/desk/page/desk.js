@@ -227,6 +227,7 @@ function begin(m) {
   lang = m.language ?? lang;
   $("language").hidden = true;
   cab = before = card = null;
+  delete body.dataset.look;
   wasBraked = false;
 }
 

@@ -139,8 +139,8 @@ const ROWS = {
   optional: ["may be left out", "kann leer bleiben", "facultatif"],
   choose: ["Please choose an answer.", "Bitte wählen Sie eine Antwort.", "Veuillez choisir une réponse."],
   write: ["Please write an answer.", "Bitte schreiben Sie eine Antwort.", "Veuillez écrire une réponse."],
-  trial: ["Drive {n} of {m}", "Fahrt {n} von {m}", "Trajet {n} sur {m}"],
-  trials_done: ["{n} of {m} drives done", "{n} von {m} Fahrten gemacht", "{n} trajets sur {m} effectués"],
+  trial: ["Trip {n} of {m}", "Fahrt {n} von {m}", "Trajet {n} sur {m}"],
+  trials_done: ["{n} of {m} trips done", "{n} von {m} Fahrten gemacht", "{n} trajets sur {m} effectués"],
   break_left: ["You can go on in {m}.", "Sie können in {m} weitermachen.", "Vous pourrez continuer dans {m}."],
   break_over: [
     "The break is over. Go on when you are ready.",

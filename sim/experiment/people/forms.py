@@ -29,7 +29,7 @@ Texts = Mapping[str, str]
 """A text by language."""
 
 
-class Kind(StrEnum):
+class ItemKind(StrEnum):
     """The kinds of items."""
 
     SCALE = "scale"
@@ -51,7 +51,7 @@ class Item:
     """
 
     id: str
-    kind: Kind
+    kind: ItemKind
     text: Texts
     low: Texts
     high: Texts
@@ -64,7 +64,7 @@ class Item:
 
     def expected(self, value: str) -> str | None:
         """What is expected instead of an answer; None for a valid one."""
-        if self.kind is Kind.TEXT:
+        if self.kind is ItemKind.TEXT:
             seen = is_seen(value.replace("\n", " ")) and len(value) <= LONGEST_ANSWER
             if seen and (value.strip() or not self.needed):
                 return None
@@ -175,23 +175,23 @@ def read_form(path: Path) -> Form:
 
 
 def _item(fields: Fields) -> Item:
-    kind = fields.choice("kind", Kind, Kind.SCALE)
+    kind = fields.choice("kind", ItemKind, ItemKind.SCALE)
     allowed = {
-        Kind.SCALE: ["least", "most", "step", "low", "high", "reversed"],
-        Kind.CHOICE: ["options", "reversed"],
-        Kind.TEXT: [],
+        ItemKind.SCALE: ["least", "most", "step", "low", "high", "reversed"],
+        ItemKind.CHOICE: ["options", "reversed"],
+        ItemKind.TEXT: [],
     }
     fields.check_keys(["id", "kind", "text", "needed", *allowed[kind]])
     options: tuple[Texts, ...] = ()
     least, most, step = 0, 0, 1
-    if kind is Kind.CHOICE:
+    if kind is ItemKind.CHOICE:
         rows = fields.rows("options", "a list of at least 2 options", MOST_OPTIONS)
         options = tuple(_texts(Fields(fields.source, f"{fields.prefix}options", {f"[{i}]": row}), f"[{i}]")
                         for i, row in enumerate(rows))  # fmt: skip
         least, most = 1, len(options)
         if most < 2:
             raise fields.error("options", rows, "a list of at least 2 options")
-    elif kind is Kind.SCALE:
+    elif kind is ItemKind.SCALE:
         least = fields.whole("least", SCALE_ENDS)
         most = fields.whole("most", (least + 1, SCALE_ENDS[1]))
         step = fields.whole("step", (1, most - least), 1)
@@ -209,7 +209,7 @@ def _item(fields: Fields) -> Item:
 
 def _score(fields: Fields, items: Sequence[Item]) -> Score:
     fields.check_keys(["name", "items", "low", "high"])
-    counted = {item.id: item for item in items if item.kind is not Kind.TEXT}
+    counted = {item.id: item for item in items if item.kind is not ItemKind.TEXT}
     names = fields.names("items", list(counted)) or list(counted)
     chosen = tuple(counted[name] for name in names)
     ends = {(item.least, item.most) for item in chosen}

@@ -47,6 +47,11 @@ OUTSIDE = """() => [...document.querySelectorAll("#veil > div *, dialog[open] *,
       && getComputedStyle(one).display === "block";
   }).map((one) => `${one.id || one.tagName}: ${one.textContent}`)"""
 """The texts that are wider than their place."""
+HEADER = """() => [...document.querySelectorAll("header, header button, header b, header > div")]
+  .filter((one) => one.offsetParent)
+  .filter((one) => one.getBoundingClientRect().right > innerWidth || one.scrollWidth > one.clientWidth + 1)
+  .map((one) => one.textContent)"""
+"""The texts that do not fit into the header."""
 CONTRASTS = """() => {
   const curve = (x) => (x <= 0.03928 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4);
   const light = (text) => {
@@ -125,9 +130,14 @@ def hello() -> dict[str, Any]:
     return told | {"phase": "driving", "lever": 0.0, "seq": 0, "session": True}
 
 
-def cab(look: int) -> dict[str, Any]:
-    message = das_pb2.Cab(time_ns=look, look=look, stop_m=6000.0, limit_mps=30.0, speed_mps=20.0, may_depart=True)
-    return {"t": "cab", "cab": cab_fields(message) | {"signal_m": None, "late_s": None}, "why": {}, "seq": 0}
+def cab(look: int | str) -> dict[str, Any]:
+    message = das_pb2.Cab(time_ns=1, stop_m=6000.0, limit_mps=30.0, speed_mps=20.0, may_depart=True)
+    return {
+        "t": "cab",
+        "cab": cab_fields(message) | {"look": look, "signal_m": None, "late_s": 95.0},
+        "why": {},
+        "seq": 0,
+    }
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -156,6 +166,11 @@ def test_every_step_fits_can_be_read_and_pressed_in_every_language(browser: Any,
         picture(page, f"{size}-{language}-stop")
         bad[language, "stop"] = [page.page.evaluate(look) for look in (SMALL, OUTSIDE, CONTRASTS)]
         page.page.keyboard.press("Escape")
+        session.put(hello() | {"language": language})
+        session.put(cab(language), greets=False)
+        page.until(lambda state, look=language: state["phase"] == "driving" and state.get("look") == look, "the cab")
+        picture(page, f"{size}-{language}-driving")
+        bad[language, "driving"] = [page.page.evaluate(look) for look in (SMALL, HEADER)]
     assert {key: found for key, found in bad.items() if any(found)} == {}
     assert page.errors == []
 
