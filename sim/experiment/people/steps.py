@@ -101,14 +101,18 @@ def _text(file: str, kind: StepKind, name: str) -> Iterator[SessionStep]:
 
 def _forms(names: Sequence[str], when: str, trial: StudyTrial | None = None) -> Iterator[SessionStep]:
     for name in names:
-        yield SessionStep(id=f"{when}-{name.removesuffix('.toml')}", kind=StepKind.FORM, about="form", form=name, trial=trial)
+        yield SessionStep(
+            id=f"{when}-{name.removesuffix('.toml')}", kind=StepKind.FORM, about="form", form=name, trial=trial
+        )
 
 
 def _around(design: Design, plan: PeoplePlan, trials: Sequence[StudyTrial], i: int) -> Iterator[SessionStep]:
     """The steps of a participant's trial `i`: the break before it, the trial, the questionnaires after it."""
     trial, name = trials[i], f"trial-{trials[i].position}"
     if i and trial.session != trials[i - 1].session:
-        yield SessionStep(id=f"break-{trial.session - 1}", kind=StepKind.BREAK, about="break", wait_s=design.procedure.break_s)
+        yield SessionStep(
+            id=f"break-{trial.session - 1}", kind=StepKind.BREAK, about="break", wait_s=design.procedure.break_s
+        )
     last = trial.practice and not (i + 1 < len(trials) and trials[i + 1].practice)
     about = "practice" if trial.practice else "trial"
     to_criterion = last and plan.practice_criterion_mps > 0

@@ -16,8 +16,8 @@ from sim.experiment.checking import check_design
 from sim.experiment.design import Design, design_files, freeze, load_design, read_design, read_frozen
 from sim.experiment.people.journal import PersonJournal, journals, read_journal, write_tables
 from sim.experiment.people.steps import (
-    Standing,
     SessionStep,
+    Standing,
     described,
     participant_number,
     plan_of,
