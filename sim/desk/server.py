@@ -123,7 +123,7 @@ class Allowance:
         return self._left >= 0
 
 
-class Shown(Protocol):
+class PageUser(Protocol):
     """What a page shows and does, as the page's link to the server uses it."""
 
     def opened(self) -> Sequence[dict[str, Any]]:
@@ -139,8 +139,8 @@ class Shown(Protocol):
 class PageLink:
     """The link to the newest page; an older page is told that another one has taken over."""
 
-    def __init__(self, shown: Shown) -> None:
-        self._shown = shown
+    def __init__(self, user: PageUser) -> None:
+        self._user = user
         self._box: Outbox | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -170,7 +170,7 @@ class PageLink:
         if before is not None:  # the newer page drives: after a reload, the old page may still seem to be connected
             before.put({"t": "phase", "phase": "taken"}, last=TAKEN)
         self._box = box
-        for message in self._shown.opened():
+        for message in self._user.opened():
             box.put(message)
         sender = asyncio.create_task(box.send())
         try:
@@ -181,7 +181,7 @@ class PageLink:
                 await sender
             if self._box is box:
                 self._box = None
-                self._shown.closed()
+                self._user.closed()
 
     async def _listen(self, socket: WebSocket, box: Outbox) -> None:
         """Receive messages until the page disconnects, sends an invalid message, or sends too many."""
@@ -194,7 +194,7 @@ class PageLink:
                     await socket.close(BAD if said is None else FLOOD)
                     return
                 if box is self._box:
-                    self._shown.on_page(said)
+                    self._user.on_page(said)
 
 
 class Desk:

@@ -33,7 +33,7 @@ from sim.experiment.people.forms import load_form
 from sim.experiment.people.steps import described
 from sim.experiment.people.tasks import TASK_MEASURES
 from sim.experiment.people_plan import PeoplePlan
-from sim.experiment.study_files import TRIALS_TABLE
+from sim.experiment.study_files import PEOPLE_FOLDER, TRIALS_TABLE
 from sim.experiment.trials import StudyRun, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
 
@@ -201,6 +201,15 @@ def pair_notes(design: Design) -> list[str]:
         f"with {count} participants no difference can be statistically significant: if all differ to the same "
         f"side, p is {min(least, 1.0):.3g}{corrected}"
     ]
+
+
+def refuse_people(design: Design, folder: Path) -> None:
+    """Raise DasError for a design, or a study's folder, whose trials people drive."""
+    if design.driven_by_people:
+        how = f"das-sim experiment desk {design.source} -o {folder} --participant P1"
+        raise DasError(f"{design.source}: driver = desk: people drive these trials: {how}")
+    if (folder / PEOPLE_FOLDER).exists():
+        raise DasError(f"{folder}: holds trials that people drive, expected another folder for simulated drivers")
 
 
 def checked_in(design: Design, folder: Path) -> None:

@@ -42,9 +42,9 @@ from sim.experiment.people.steps import (
     CONSENT_ITEM,
     NO,
     YES,
-    Kind,
+    SessionStep,
     Standing,
-    Step,
+    StepKind,
     is_running,
     plan_of,
     pseudonym,
@@ -114,13 +114,12 @@ class RunningTrial:
         line = lay_out(scenario)
         hello = hello_of(line, scenario.departure_ns, sitting.language, page) | {"session": True}
         given = DeskGiven(door=-1, token="", scenario="", train=TRAIN, language=sitting.language, connect=tuple(places))
-        self.trial, self.recording = trial, sitting.folder / recording_file(trial)
         self._row = sitting.own / "trial.json"
         self._row.unlink(missing_ok=True)
         settings = TrialGiven(
             design=str(sitting.design.source), folder=str(sitting.folder), number=trial.number, page=page,
-            driver_at=places[0], recorder_at=places[1], recording=str(self.recording), row=str(self._row),
-            command=sitting.command,
+            driver_at=places[0], recorder_at=places[1], row=str(self._row), command=sitting.command,
+            recording=str(sitting.folder / recording_file(trial)),
         )  # fmt: skip
         self.desk = Desk(given, hello, line[0], link)
         probes_s = probe_times(trial.seed, plan.probes, _least_s(line[0], line[1].max_speed_mps))
@@ -175,7 +174,7 @@ class Session:
         """The error that ended the session."""
         for step in self._steps:  # the server was killed during this trial
             entries = [one for one in journal.entries if one["step"] == step.id]
-            if step.kind is Kind.READY and is_running(entries):
+            if step.kind is StepKind.READY and is_running(entries):
                 self._keep_interrupted(step, "the session ended")
 
     @property
@@ -185,7 +184,7 @@ class Session:
         if self.trial is None or not self.trial.probe:
             return now
         name = f"{now.step.id}-probe-{self.trial.probe}"
-        probe = Step(id=name, kind=Kind.FORM, about="form", form=self.plan.probe, trial=now.step.trial)
+        probe = SessionStep(id=name, kind=StepKind.FORM, about="form", form=self.plan.probe, trial=now.step.trial)
         began = max(i for i, one in enumerate(self._journal.entries) if one["what"] == "probe")
         mine = [one for one in self._journal.entries[began:] if one["step"] == name]
         return replace(now, step=probe, running=False, entries=tuple(mine))
@@ -202,19 +201,19 @@ class Session:
 
     def on_page(self, said: Said) -> None:
         """Do what the page says."""
-        now = self.standing
         if isinstance(said, Stopped):
-            if now.step.kind is not Kind.END and not any(one["what"] == "stopped" for one in self._journal.entries):
-                self._stop(now.step)
-        elif isinstance(said, Acted):
-            if self.trial is not None and said.what in self.plan.tasks:
-                self._tell(self.trial.tasks.answered(SideTask(said.what), said.number, said.at))
-        elif isinstance(said, Answered):
-            if said.step == now.step.id and not now.running and self._accepts(now.step, said):
-                self._add(now.step, "answered", item=said.item, value=said.value, browser_ms=said.at)
-        elif isinstance(said, WentOn):
-            if said.step == now.step.id and not now.running and self._may_leave(now):
+            self._stop()
+        elif isinstance(said, Answered | WentOn):
+            now = self.standing
+            if said.step != now.step.id or now.running:
+                return
+            if isinstance(said, WentOn):
                 self._leave(now)
+            elif self._accepts(now.step, said):
+                self._add(now.step, "answered", item=said.item, value=said.value, browser_ms=said.at)
+        elif self.trial is not None and isinstance(said, Acted):
+            if said.what in self.plan.tasks:
+                self._tell(self.trial.tasks.answered(SideTask(said.what), said.number, said.at))
         elif self.trial is not None:
             self.trial.desk.on_page(said)
 
@@ -264,27 +263,29 @@ class Session:
                 now = standing(self._steps_of(who), entries, self.plan)
                 yield {"participant": pseudonym(who), "done": now.done, "of": now.of, "state": now.step.id}
 
-    def _add(self, step: Step, what: str, **more: Any) -> None:
+    def _add(self, step: SessionStep, what: str, **more: Any) -> None:
         trial = {} if step.trial is None else {"trial": step.trial.number}
         self._journal.add(step.id, what, **trial, **more)
         self.watchers.changed()
 
-    def _accepts(self, step: Step, said: Answered) -> bool:
-        if step.kind is Kind.CONSENT:
+    def _accepts(self, step: SessionStep, said: Answered) -> bool:
+        if step.kind is StepKind.CONSENT:
             return said.item == CONSENT_ITEM and said.value in (YES, NO)
-        return step.kind is Kind.FORM and self._forms[step.form].check(said.item, said.value) is None
+        return step.kind is StepKind.FORM and self._forms[step.form].check(said.item, said.value) is None
 
     def _may_leave(self, now: Standing) -> bool:
-        if now.step.kind is Kind.CONSENT:
+        if now.step.kind is StepKind.CONSENT:
             return CONSENT_ITEM in now.given
-        if now.step.kind is Kind.FORM:
+        if now.step.kind is StepKind.FORM:
             form = self._forms[now.step.form]
             return all(form.check(item, now.given.get(item, "")) is None for item in form.needed)
-        return now.step.kind is not Kind.END and now.wait_s(time.time_ns()) <= 0
+        return now.step.kind is not StepKind.END and now.wait_s(time.time_ns()) <= 0
 
     def _leave(self, now: Standing) -> None:
         step = now.step
-        if step.kind is Kind.READY:
+        if not self._may_leave(now):
+            return
+        if step.kind is StepKind.READY:
             self._add(step, "left")
             self._run(self._drive(step))
             return
@@ -301,7 +302,7 @@ class Session:
 
     def _look(self, cab: dict[str, Any]) -> None:
         """Show and withdraw the requests of the tasks, and stop the run for a probe, at a look of the trial."""
-        trial, step = self.trial, self.standing.step
+        trial = self.trial
         if trial is None or trial.probe:
             return
         for event in trial.tasks.look(cab["clock_s"], time.time() * 1000):
@@ -310,9 +311,9 @@ class Session:
             trial.desk.peer.pause(True)
             for event in trial.tasks.withdraw(time.time() * 1000):
                 self._tell(event)
-            number = 1 + sum(one["what"] == "probe" and one["step"] == step.id for one in self._journal.entries)
+            step = self.standing.step
             self._add(step, "probe")
-            trial.probe = number
+            trial.probe = self._count(step, "probe")
             self._show()
 
     def _tell(self, event: TaskEvent) -> None:
@@ -321,7 +322,10 @@ class Session:
         self._add(self.standing.step, entry.pop("what"), **entry)
         self.link.put(event.message)
 
-    def _stop(self, step: Step) -> None:
+    def _stop(self) -> None:
+        step = self.standing.step
+        if step.kind is StepKind.END or any(one["what"] == "stopped" for one in self._journal.entries):
+            return
         self._add(step, "stopped")
         if self.trial is None:
             self._write_tables()
@@ -340,7 +344,7 @@ class Session:
         if states[-1:] != ["entered"]:
             self._add(now.step, "entered")
             now = self.standing
-        if now.step.kind is Kind.END and self.link.is_open:
+        if now.step.kind is StepKind.END and self.link.is_open:
             self.over.set()
         form, language = self._forms.get(now.step.form), self.sitting.language
         title, html = self._words(now.step, form)
@@ -351,17 +355,17 @@ class Session:
             "wait_s": now.wait_s(time.time_ns()),
         }  # fmt: skip
 
-    def _words(self, step: Step, form: Form | None) -> tuple[str, str]:
+    def _words(self, step: SessionStep, form: Form | None) -> tuple[str, str]:
         """The title and the HTML of a step."""
         language = self.sitting.language
         if form is not None:
             return form.title_for(language), _markdown.render(form.intro_for(language))
         number = list(Language).index(Language(language))
-        own = _markdown.render(_GOODBYE[number]) if step.kind is Kind.END else ""
+        own = _markdown.render(_GOODBYE[number]) if step.kind is StepKind.END else ""
         title, html = self._texts.get(step.id, ("", own))
         return title or _WORDS[step.about][number], html
 
-    async def _drive(self, step: Step) -> None:
+    async def _drive(self, step: SessionStep) -> None:
         """Run a trial to its end, and show the next step."""
         assert step.trial is not None
         if driven := self._count(step, "driven"):
@@ -382,12 +386,12 @@ class Session:
         self._write_tables()
         self._show()
 
-    def _keep_interrupted(self, step: Step, why: str) -> None:
+    def _keep_interrupted(self, step: SessionStep, why: str) -> None:
         """Keep the recording of an interrupted trial under another name, and write it to the journal."""
         kept = self._renamed(step, f"interrupted-{1 + self._count(step, 'interrupted')}")
         self._add(step, "interrupted", why=why, recording=kept)
 
-    def _renamed(self, step: Step, suffix: str) -> str:
+    def _renamed(self, step: SessionStep, suffix: str) -> str:
         """Rename the recording of a trial that will be driven again; returns its new name, empty if there is none."""
         assert step.trial is not None
         path = self.sitting.folder / recording_file(step.trial)
@@ -395,7 +399,7 @@ class Session:
             return ""
         return path.rename(path.with_stem(f"{path.stem}_{suffix}")).name
 
-    def _count(self, step: Step, what: str) -> int:
+    def _count(self, step: SessionStep, what: str) -> int:
         return sum(one["step"] == step.id and one["what"] == what for one in self._journal.entries)
 
     def _write_tables(self) -> None:

@@ -27,7 +27,7 @@ Entry = Mapping[str, Any]
 """A line of a journal: `wall_ns` (ns since 1970), `step`, `what`, and what belongs to it."""
 
 
-class Kind(StrEnum):
+class StepKind(StrEnum):
     """The kinds of steps, as the page distinguishes them."""
 
     TEXT = "text"
@@ -40,7 +40,7 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class SessionStep:
     """A step of a participant. No text of it names a condition, because `id` and `kind` are sent to the page.
 
     `about` is the subject of its title, `file` a Markdown text, `form` a questionnaire, `wait_s` the length of a break;
@@ -48,7 +48,7 @@ class Step:
     """
 
     id: str
-    kind: Kind
+    kind: StepKind
     about: str
     file: str = ""
     form: str = ""
@@ -80,39 +80,43 @@ def plan_of(design: Design) -> PeoplePlan:
     return design.desk or PeoplePlan(folder=design.source.parent)
 
 
-def steps_of(design: Design, who: int) -> list[Step]:
+def steps_of(design: Design, who: int) -> list[SessionStep]:
     """All steps of a participant (from 1), in order; the page is told only their number."""
     plan, trials = plan_of(design), [trial for trial in trials_of(design) if trial.who == who]
     return [
-        *_text(plan.consent, Kind.CONSENT, "consent"),
-        *_text(plan.instructions, Kind.TEXT, "instructions"),
+        *_text(plan.consent, StepKind.CONSENT, "consent"),
+        *_text(plan.instructions, StepKind.TEXT, "instructions"),
         *_forms(plan.before, "before"),
         *(step for i in range(len(trials)) for step in _around(design, plan, trials, i)),
         *_forms(plan.after, "after"),
-        *_text(plan.debriefing, Kind.TEXT, "debriefing"),
-        Step(id="end", kind=Kind.END, about="end"),
+        *_text(plan.debriefing, StepKind.TEXT, "debriefing"),
+        SessionStep(id="end", kind=StepKind.END, about="end"),
     ]
 
 
-def _text(file: str, kind: Kind, name: str) -> Iterator[Step]:
+def _text(file: str, kind: StepKind, name: str) -> Iterator[SessionStep]:
     if file:
-        yield Step(id=name, kind=kind, about=name, file=file)
+        yield SessionStep(id=name, kind=kind, about=name, file=file)
 
 
-def _forms(names: Sequence[str], when: str, trial: StudyTrial | None = None) -> Iterator[Step]:
+def _forms(names: Sequence[str], when: str, trial: StudyTrial | None = None) -> Iterator[SessionStep]:
     for name in names:
-        yield Step(id=f"{when}-{name.removesuffix('.toml')}", kind=Kind.FORM, about="form", form=name, trial=trial)
+        yield SessionStep(
+            id=f"{when}-{name.removesuffix('.toml')}", kind=StepKind.FORM, about="form", form=name, trial=trial
+        )
 
 
-def _around(design: Design, plan: PeoplePlan, trials: Sequence[StudyTrial], i: int) -> Iterator[Step]:
+def _around(design: Design, plan: PeoplePlan, trials: Sequence[StudyTrial], i: int) -> Iterator[SessionStep]:
     """The steps of a participant's trial `i`: the break before it, the trial, the questionnaires after it."""
     trial, name = trials[i], f"trial-{trials[i].position}"
     if i and trial.session != trials[i - 1].session:
-        yield Step(id=f"break-{trial.session - 1}", kind=Kind.BREAK, about="break", wait_s=design.procedure.break_s)
+        yield SessionStep(
+            id=f"break-{trial.session - 1}", kind=StepKind.BREAK, about="break", wait_s=design.procedure.break_s
+        )
     last = trial.practice and not (i + 1 < len(trials) and trials[i + 1].practice)
     about = "practice" if trial.practice else "trial"
     to_criterion = last and plan.practice_criterion_mps > 0
-    yield Step(id=name, kind=Kind.READY, about=about, trial=trial, to_criterion=to_criterion)
+    yield SessionStep(id=name, kind=StepKind.READY, about=about, trial=trial, to_criterion=to_criterion)
     if not trial.practice:
         yield from _forms(plan.after_trial, name, trial)
 
@@ -125,7 +129,7 @@ class Standing:
     interrupted.
     """
 
-    step: Step
+    step: SessionStep
     done: int
     of: int
     running: bool
@@ -142,7 +146,7 @@ class Standing:
         return max(self.step.wait_s - (now_ns - began[0]) * 1e-9, 0.0) if began else self.step.wait_s
 
 
-def standing(steps: Sequence[Step], entries: Sequence[Entry], plan: PeoplePlan) -> Standing:
+def standing(steps: Sequence[SessionStep], entries: Sequence[Entry], plan: PeoplePlan) -> Standing:
     """The state of a session, from all steps of its participant and the entries of its journal."""
     of_step: dict[str, list[Entry]] = {step.id: [] for step in steps}
     for entry in entries:
@@ -155,7 +159,7 @@ def standing(steps: Sequence[Step], entries: Sequence[Entry], plan: PeoplePlan) 
     done = [_is_done(step, of_step[step.id], plan) for step in left]
     at = done.index(False)
     mine, counted = of_step[left[at].id], [step.about == "trial" for step in left]
-    running = left[at].kind is Kind.READY and is_running(mine)
+    running = left[at].kind is StepKind.READY and is_running(mine)
     return Standing(
         step=left[at], done=sum(counted[:at]), of=sum(counted), running=running, entries=tuple(mine)
     )  # fmt: skip
@@ -172,17 +176,17 @@ def _refused(entries: Sequence[Entry]) -> bool:
     return any(one["what"] == "left" for one in entries) and answers[-1:] == [NO]
 
 
-def _applies(step: Step, of_step: Mapping[str, Sequence[Entry]], plan: PeoplePlan) -> bool:
+def _applies(step: SessionStep, of_step: Mapping[str, Sequence[Entry]], plan: PeoplePlan) -> bool:
     """Whether a step is for this participant: the questionnaires after a trial that was skipped are not."""
-    if step.kind is not Kind.FORM or step.trial is None or plan.interrupted is Interrupted.REPEAT:
+    if step.kind is not StepKind.FORM or step.trial is None or plan.interrupted is Interrupted.REPEAT:
         return True
     return not any(one["what"] == "interrupted" for one in of_step[f"trial-{step.trial.position}"])
 
 
-def _is_done(step: Step, entries: Sequence[Entry], plan: PeoplePlan) -> bool:
-    if step.kind is Kind.END:
+def _is_done(step: SessionStep, entries: Sequence[Entry], plan: PeoplePlan) -> bool:
+    if step.kind is StepKind.END:
         return False
-    if step.kind is not Kind.READY:
+    if step.kind is not StepKind.READY:
         return any(one["what"] == "left" for one in entries)
     if plan.interrupted is Interrupted.SKIP and any(one["what"] == "interrupted" for one in entries):
         return True
@@ -196,7 +200,7 @@ def described(design: Design) -> str:
     """The steps of a participant, counted, in one line."""
     plan, steps = plan_of(design), steps_of(design, 1)
     practice, trials = (sum(step.about == about for step in steps) for about in ("practice", "trial"))
-    breaks = sum(step.kind is Kind.BREAK for step in steps)
+    breaks = sum(step.kind is StepKind.BREAK for step in steps)
     band, hold = f"±{plan.practice_criterion_mps / KMH:g} km/h", f"{plan.practice_hold_s:g} s"
     until = f" (until {band} for {hold}, at most {plan.practice_most} drives)" if plan.practice_criterion_mps else ""
     said = [

@@ -136,7 +136,7 @@ def test_a_session_from_consent_to_debriefing_with_reloads(tmp_path: Path) -> No
             probe = page.step("trial-1-probe-1")
             page.goes_on(probe)
             assert page.until(lambda one: one["t"] == "hello")["phase"] == "driving"
-            assert page.until(lambda one: one["t"] == "task") == {"t": "task", "what": "pedal", "number": 1, "on": True}
+            assert page.until(lambda one: one["t"] == "task")["what"] == "pedal"
             trial = page.step("trial-2")
             assert (trial["done"], trial["of"]) == (0, 2)
             page.goes_on(trial)
@@ -159,7 +159,9 @@ def test_a_session_from_consent_to_debriefing_with_reloads(tmp_path: Path) -> No
     assert (run["driver"], run["seed"], recording.complete) == ("desk", trials[2]["seed"], True)
     assert {row["item"] for row in answers} >= {"consent", item, "score:kss", "score:sus", "score:tlx"}
     assert read_study(out).design.name == "people"
-    assert entered(out) == [
+    probes = [f"trial-{position}-probe-1" for position in (1, 2, 3)]
+    assert [step for step in entered(out) if step in probes] == probes
+    assert [step for step in entered(out) if step not in probes] == [
         "consent", "instructions", "before-kss", "trial-1", "trial-2", "trial-2-tlx", "break-1", "trial-3",
         "trial-3-tlx", "after-sus", "debriefing", "end",
     ]  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +16,8 @@ from sim.experiment.checking import check_design
 from sim.experiment.design import Design, design_files, freeze, load_design, read_design, read_frozen
 from sim.experiment.people.journal import PersonJournal, journals, read_journal, write_tables
 from sim.experiment.people.steps import (
+    SessionStep,
     Standing,
-    Step,
     described,
     participant_number,
     plan_of,
@@ -24,7 +25,8 @@ from sim.experiment.people.steps import (
     steps_of,
 )
 from sim.experiment.people.tasks import SideTask
-from sim.experiment.people_plan import TASKS, Interrupted, PeoplePlan
+from sim.experiment.people_plan import TASKS, Interrupted, PeoplePlan, bundled_forms
+from tests.support.making import REPOSITORY
 from tests.support.people_study import study
 
 ALL = [
@@ -42,7 +44,7 @@ def entry(step: str, what: str, **more: Any) -> dict[str, Any]:
     return {"wall_ns": 10**18, "step": step, "what": what, **more}
 
 
-def entries_before(steps: Sequence[Step], name: str) -> list[dict[str, Any]]:
+def entries_before(steps: Sequence[SessionStep], name: str) -> list[dict[str, Any]]:
     """The journal of a participant who has done all steps before one."""
     found = []
     for step in steps:
@@ -157,6 +159,19 @@ def test_a_table_that_cannot_be_used_is_one_clear_error(tmp_path: Path, old: str
 
 def test_the_tasks_of_a_design_are_those_of_the_desk() -> None:
     assert list(SideTask) == list(TASKS)
+
+
+def test_the_table_of_the_manual_is_read(tmp_path: Path) -> None:
+    page = (REPOSITORY / "docs" / "how-to" / "run-people-at-the-desk.md").read_text(encoding="utf-8")
+    table = page.partition("```toml\n")[2].partition("```")[0]
+    path = study(tmp_path)
+    shutil.copy(bundled_forms()["kss"], tmp_path / "awareness.toml")
+    path.write_text(path.read_text(encoding="utf-8").partition("[desk]")[0] + table, encoding="utf-8")
+    design = read_design(path)
+    assert described(design) == (
+        "consent; kss; practice (until ±3 km/h for 60 s, at most 3 drives); 2 trials, each with tlx; pedal; "
+        "2 probes in each (awareness.toml); 1 break of 1 s"
+    )
 
 
 def test_simulated_drivers_of_another_kind_are_refused(tmp_path: Path) -> None:
