@@ -94,7 +94,7 @@ class Participant:
     def __enter__(self) -> Participant:
         self._opened = connect(
             f"ws://{self.host}{self._path}", origin=f"http://{self.host}",  # type: ignore[arg-type]
-            additional_headers={"Cookie": self._cookie}, compression=None,
+            additional_headers={"Cookie": self._cookie}, compression=None, max_queue=None,
         )  # fmt: skip
         self._socket = self._opened.__enter__()
         return self
