@@ -162,7 +162,7 @@ def _order_notes(design: Design) -> list[str]:
     """Notes on the order of the conditions."""
     if len(design.conditions(within=True)) < 2:
         return []
-    if not design.people.learning:
+    if not design.people.learning and not design.driven_by_people:
         return [
             "the order has no effect: earlier trips do not change these drivers (participants.learning = false), "
             "and nothing else carries over from trial to trial"

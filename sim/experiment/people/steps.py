@@ -202,7 +202,7 @@ def described(design: Design) -> str:
     practice, trials = (sum(step.about == about for step in steps) for about in ("practice", "trial"))
     breaks = sum(step.kind is StepKind.BREAK for step in steps)
     band, hold = f"±{plan.practice_criterion_mps / KMH:g} km/h", f"{plan.practice_hold_s:g} s"
-    until = f" (until {band} for {hold}, at most {plan.practice_most} drives)" if plan.practice_criterion_mps else ""
+    until = f" ({band} for {hold}, or {plan.practice_most} drives)" if plan.practice_criterion_mps else ""
     said = [
         plan.consent and "consent",
         plan.instructions and "instructions",

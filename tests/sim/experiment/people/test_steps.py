@@ -68,7 +68,7 @@ def test_a_participant_does_the_steps_of_the_design_in_order(design: Design) -> 
     for name in ALL:
         assert at(design, entries_before(steps, name)).step.id == name
     assert described(design) == (
-        "consent; instructions; kss; practice (until ±3 km/h for 5 s, at most 1 drives); 2 trials, each with tlx; "
+        "consent; instructions; kss; practice (±3 km/h for 5 s, or 1 drives); 2 trials, each with tlx; "
         "1 break of 1 s; sus; debriefing"
     )
 
@@ -169,7 +169,7 @@ def test_the_table_of_the_manual_is_read(tmp_path: Path) -> None:
     path.write_text(path.read_text(encoding="utf-8").partition("[desk]")[0] + table, encoding="utf-8")
     design = read_design(path)
     assert described(design) == (
-        "consent; kss; practice (until ±3 km/h for 60 s, at most 3 drives); 2 trials, each with tlx; pedal; "
+        "consent; kss; practice (±3 km/h for 60 s, or 3 drives); 2 trials, each with tlx; pedal; "
         "2 probes in each (awareness.toml); 1 break of 1 s"
     )
 
