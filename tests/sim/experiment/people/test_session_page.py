@@ -232,6 +232,7 @@ def test_answers_come_back_after_a_reload_and_are_sent_again_after_a_lost_connec
     session.said.clear()
     session.drop()
     page.until(lambda state: state["link"] == "down", "the lost connection")
+    assert page.text("trouble").startswith("The connection is lost")
     page.page.click("text=clear")  # while there is no connection
     page.until(lambda state: state["link"] == "up", "the connection")
     until(lambda: answers(session) == {"sign": "1"}, "the answer again, and no other")
