@@ -23,7 +23,7 @@ from markdown_it import MarkdownIt
 
 from das.advice.wording import Language
 from das.bus.session import endpoint, free_ports
-from das.command_line.printing import warn
+from das.command_line.printing import say, warn
 from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.reading import read_text
@@ -442,10 +442,12 @@ def serve(sitting: Sitting, port: int, tell: Callable[[str, str], None]) -> None
 
 
 def _write_privately(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file that only the user of the machine can read."""
-    path.unlink(missing_ok=True)
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+    """Write a JSON file whole, which only the user of the machine can read."""
+    new = path.with_suffix(".new")
+    new.unlink(missing_ok=True)
+    with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         json.dump(content, file)
+    new.replace(path)
 
 
 async def _serve(session: Session, door: socket.socket, kept: dict[str, Any]) -> None:
@@ -460,6 +462,7 @@ async def _serve(session: Session, door: socket.socket, kept: dict[str, Any]) ->
     if session.failed is not None:
         raise session.failed
     if not session.over.is_set():
+        say("the same command goes on at the same step")
         raise KeyboardInterrupt
 
 

@@ -34,7 +34,7 @@ class StepKind(StrEnum):
     CONSENT = "consent"
     FORM = "form"
     READY = "ready"
-    """The participant is asked whether he is ready; the trial follows."""
+    """The question whether the participant is ready; the trial follows."""
     BREAK = "break"
     END = "end"
 
@@ -67,7 +67,7 @@ def participant_number(text: str, design: Design) -> int:
 
 
 def pseudonym(who: int) -> str:
-    """The pseudonym of a participant, which is also the name of his folder."""
+    """The pseudonym of a participant, which is also the name of the folder."""
     return f"P{who:02d}"
 
 
