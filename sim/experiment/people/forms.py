@@ -1,6 +1,6 @@
 """Questionnaires of an experiment with people: their items in three languages, the check of answers, and scores.
 
-A questionnaire is a TOML file (docs/reference/experiments.md), bundled or the laboratory's own. Answers are texts: a
+A questionnaire is a TOML file (docs/how-to/run-people-at-the-desk.md), bundled or the laboratory's own. Answers are texts: a
 whole number for a scale, the number of the option (from 1) for a choice, else free text. No score needs the language.
 """
 
