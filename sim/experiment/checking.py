@@ -58,7 +58,8 @@ def idle_factors(design: Design) -> Iterator[str]:
         yield "factor friction: only the human driver has a choice of brakes"
     if "punctuality" in names and design.desk is None and all(one.driver is not DESK for one in settings):
         yield "factor punctuality: only people at the desk see it, and the design has no table [desk]"
-    if "reason" in names and people and not any(_minds_reasons(design, one) for one in people):
+    minded = not people or design.desk is not None or any(_minds_reasons(design, one) for one in people)
+    if "reason" in names and not minded:
         yield (
             "factor reason: human drivers ignore reasons unless reason_refusal_ratio is below 1, in the population or "
             "in [human] of the scenario"

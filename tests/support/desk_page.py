@@ -156,7 +156,8 @@ def _wanted(state: dict[str, str], lever: int) -> int:
         want = 5 if speed < min(limit, 100) - 5 and way > 1500 else 0
     if way < 700 and (advised is None or advised < 1):
         need = (speed / 3.6) ** 2 / (2 * max(way - 4, 1)) / STRONGEST_MPS2 * 10
-        want = -round(need) if need > 3 else min(lever, 0)
+        stopped_short = mode == "none" and need < 0.8  # by the dead-man brake
+        want = 5 if stopped_short else -round(need) if need > 3 else min(lever, 0)
     return min(want, -2) if speed > limit - 1 else want
 
 
