@@ -123,6 +123,24 @@ class Allowance:
         return self._left >= 0
 
 
+async def listen(
+    socket: WebSocket, take: Callable[[Any], object], decoded: Callable[[str], Any | None] = heard
+) -> None:
+    """Pass the messages of a page to `take` until it disconnects, sends an invalid message, or sends too many.
+
+    `decoded` returns the message that a text is, None for an invalid one.
+    """
+    loop = asyncio.get_running_loop()
+    allowance = Allowance(loop.time())
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        async for text in socket.iter_text():
+            said = decoded(text)
+            if said is None or not allowance.spend(loop.time()):
+                await socket.close(BAD if said is None else FLOOD)
+                return
+            take(said)
+
+
 class PageUser(Protocol):
     """What a page shows and does, as the page's link to the server uses it."""
 
@@ -174,7 +192,7 @@ class PageLink:
             box.put(message)
         sender = asyncio.create_task(box.send())
         try:
-            await self._listen(socket, box)
+            await listen(socket, lambda said: self._user.on_page(said) if box is self._box else None)
         finally:
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, RuntimeError, WebSocketDisconnect):
@@ -182,19 +200,6 @@ class PageLink:
             if self._box is box:
                 self._box = None
                 self._user.closed()
-
-    async def _listen(self, socket: WebSocket, box: Outbox) -> None:
-        """Receive messages until the page disconnects, sends an invalid message, or sends too many."""
-        assert self._loop is not None
-        allowance = Allowance(self._loop.time())
-        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-            async for text in socket.iter_text():
-                said = heard(text)
-                if said is None or not allowance.spend(self._loop.time()):
-                    await socket.close(BAD if said is None else FLOOD)
-                    return
-                if box is self._box:
-                    self._user.on_page(said)
 
 
 class Desk:

@@ -6,17 +6,17 @@ The page has its own address and token (`sim.desk.server.Doorkeeper`), because i
 from __future__ import annotations
 
 import asyncio
-import contextlib
+from functools import partial
 from typing import Annotated, Any, Final, Protocol
 
 import msgspec
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from sim.desk.messages import heard
-from sim.desk.server import BAD, FILES, FLOOD, WATCH, Allowance, Outbox
+from sim.desk.server import FILES, WATCH, Outbox, listen
 
 STATE_S: Final = 1.0
 """Interval (s) of the states; a change is sent at once."""
@@ -40,7 +40,7 @@ class Abort(msgspec.Struct, tag_field="t", tag="abort", frozen=True):
     """The request to end the running trial as interrupted."""
 
 
-_decoder: Final = msgspec.json.Decoder(WatcherMark | WatcherNote | Abort)
+_decoded: Final = partial(heard, decoder=msgspec.json.Decoder(WatcherMark | WatcherNote | Abort))
 
 
 class Watched(Protocol):
@@ -85,7 +85,7 @@ class Watchers:
         self._boxes.add(box)
         tasks = [asyncio.create_task(one) for one in (box.send(), self._tell(box))]
         try:
-            await self._listen(socket)
+            await listen(socket, self._take, _decoded)
         finally:
             self._boxes.discard(box)
             for task in tasks:
@@ -97,19 +97,6 @@ class Watchers:
             box.put({"t": "state", **self._session.state()})
             await asyncio.sleep(STATE_S)
 
-    async def _listen(self, socket: WebSocket) -> None:
-        """Receive messages until the page disconnects, sends an invalid message, or sends too many."""
-        loop = asyncio.get_running_loop()
-        allowance = Allowance(loop.time())
-        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-            async for text in socket.iter_text():
-                said = heard(text, _decoder)
-                if said is None or not allowance.spend(loop.time()):
-                    await socket.close(BAD if said is None else FLOOD)
-                    return
-                self._take(said)
-                self.changed()
-
     def _take(self, said: WatcherMark | WatcherNote | Abort) -> None:
         if isinstance(said, WatcherMark):
             self._session.mark(said.text)
@@ -117,3 +104,4 @@ class Watchers:
             self._session.note(said.text)
         else:
             self._session.abort()
+        self.changed()
