@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from numbers import Real
@@ -167,6 +167,12 @@ class Driver(Protocol):
 
     def command(self, cab: CabView) -> Command:
         """The controller's setting until the next look."""
+
+
+def beginning_of(driver: object) -> Callable[[Any], None] | None:
+    """The method `begin` of a driver in another process, which a run calls with its link to that process; else None."""
+    begin: Callable[[Any], None] | None = getattr(driver, "begin", None)
+    return begin
 
 
 def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:

@@ -11,9 +11,9 @@ from typing import Final
 
 from das.command_line.files import warn_once, warn_unusual
 from das.command_line.printing import busy, new_table, paragraph, print_table, tell, typed
-from das.domain.errors import DasError
+from das.domain.errors import DasError, InputError, one_of
 from das.domain.files.writing import make_folder
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DESK, DriverKind, External, Presentation
 from sim.drivers.parameters import HumanParameters, load_population
 from sim.experiment.design import (
     DESIGN_JSON,
@@ -28,7 +28,12 @@ from sim.experiment.design import (
 )
 from sim.experiment.driving import StudyTrial, service_of
 from sim.experiment.factors import Setting
-from sim.experiment.study_files import TRIALS_TABLE
+from sim.experiment.measures import MEASURES
+from sim.experiment.people.forms import load_form
+from sim.experiment.people.steps import described
+from sim.experiment.people.tasks import TASK_MEASURES
+from sim.experiment.people_plan import PeoplePlan
+from sim.experiment.study_files import PEOPLE_FOLDER, TRIALS_TABLE
 from sim.experiment.trials import StudyRun, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
 
@@ -49,9 +54,12 @@ def idle_factors(design: Design) -> Iterator[str]:
             if name in names:
                 yield f"factor {name}: the display is blank (presentation none), so the factor has no effect"
     people = [one for one in settings if one.driver is DriverKind.HUMAN]
-    if "friction" in names and not people and all(isinstance(one.driver, DriverKind) for one in settings):
+    if "friction" in names and not people and all(isinstance(one.driver, DriverKind | External) for one in settings):
         yield "factor friction: only the human driver has a choice of brakes"
-    if "reason" in names and people and not any(_minds_reasons(design, one) for one in people):
+    if "punctuality" in names and design.desk is None and all(one.driver is not DESK for one in settings):
+        yield "factor punctuality: only people at the desk see it, and the design has no table [desk]"
+    minded = not people or design.desk is not None or any(_minds_reasons(design, one) for one in people)
+    if "reason" in names and not minded:
         yield (
             "factor reason: human drivers ignore reasons unless reason_refusal_ratio is below 1, in the population or "
             "in [human] of the scenario"
@@ -70,7 +78,8 @@ class DesignCheck:
     """The result of the check of a design; the fields are the keys of `--json`.
 
     The longest participant is the busiest one, breaks included. `notes` are sentences about balance and order;
-    `refused` is the reason for rejecting the design, if any.
+    `refused` is the reason for rejecting the design, if any. `desk` are the steps of a participant at the desk; empty
+    for a design without any.
     """
 
     hash: str
@@ -82,6 +91,7 @@ class DesignCheck:
     all_participants_s: float
     notes: tuple[str, ...]
     refused: tuple[str, ...]
+    desk: str = ""
 
 
 def check_design(design: Design) -> DesignCheck:
@@ -90,6 +100,7 @@ def check_design(design: Design) -> DesignCheck:
     Raises DasError for files that cannot be used, and for days that cannot be driven.
     """
     trials = trials_of(design)
+    _check_forms(design)
     with busy("solving the lines …"):
         spans_s = _spans_s(design, trials, _lengths_s(design, trials))
     return DesignCheck(
@@ -102,7 +113,23 @@ def check_design(design: Design) -> DesignCheck:
         all_participants_s=sum(spans_s),
         notes=(*imbalances(design, trials), *_order_notes(design), *group_notes(design), *pair_notes(design)),
         refused=tuple(idle_factors(design)),
+        desk=described(design) if design.desk is not None or design.driven_by_people else "",
     )
+
+
+def _check_forms(design: Design) -> None:
+    """Check the questionnaires of a design, and that each of its measures is known or a score of one of them.
+
+    Raises DasError or InputError for a questionnaire that cannot be used, and for an unknown measure.
+    """
+    desk = design.desk or PeoplePlan()
+    forms = {name: load_form(name, desk.folder) for name in desk.forms}
+    scores = [rule.name for name in desk.of_a_trial for rule in forms[name].score_rules]
+    scores += [name for name in TASK_MEASURES if name.startswith(desk.tasks)]
+    for name in design.measures:
+        if name not in MEASURES and name not in scores:
+            expected = one_of([*MEASURES, *scores], name)
+            raise InputError(design.source, "analysis.measures", name, expected)
 
 
 def _lengths_s(design: Design, trials: Sequence[StudyTrial]) -> dict[Setting, float]:
@@ -136,7 +163,7 @@ def _order_notes(design: Design) -> list[str]:
     """Notes on the order of the conditions."""
     if len(design.conditions(within=True)) < 2:
         return []
-    if not design.people.learning:
+    if not design.people.learning and not design.driven_by_people:
         return [
             "the order has no effect: earlier trips do not change these drivers (participants.learning = false), "
             "and nothing else carries over from trial to trial"
@@ -177,8 +204,20 @@ def pair_notes(design: Design) -> list[str]:
     ]
 
 
+def refuse_people(design: Design, folder: Path) -> None:
+    """Raise DasError for a design, or a study's folder, whose trials people drive."""
+    if design.driven_by_people:
+        how = f"das-sim experiment desk {design.source} -o {folder} --participant P1"
+        raise DasError(f"{design.source}: driver = desk: people drive these trials: {how}")
+    if (folder / PEOPLE_FOLDER).exists():
+        raise DasError(f"{folder}: holds trials that people drive, expected another folder for simulated drivers")
+
+
 def checked_in(design: Design, folder: Path) -> None:
-    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is rejected."""
+    """Check a design and freeze it in its folder, unless that was done before.
+
+    Raises DasError if the design is rejected.
+    """
     if (folder / DESIGN_JSON).exists():
         check_frozen(design, folder, resolved(design)["hash"])
         return
@@ -220,6 +259,8 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
         f"duration: {found.longest_participant_s / MINUTE_S:.0f} min for a participant with breaks, "
         f"{found.all_participants_s / HOUR_S:.1f} h for all"
     )
+    if found.desk:
+        paragraph(f"a participant at the desk: {found.desk}", hanging="  ")
     planned = len(design.comparisons)
     planned_words = f"{planned}, alpha {design.alpha:g}, correction {design.correction}" if planned else "none"
     paragraph(f"measures: {len(design.measures)}; planned comparisons: {planned_words}")
