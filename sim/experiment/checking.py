@@ -51,11 +51,26 @@ def idle_factors(design: Design) -> Iterator[str]:
     people = [one for one in settings if one.driver is DriverKind.HUMAN]
     if "friction" in names and not people and all(isinstance(one.driver, DriverKind) for one in settings):
         yield "factor friction: only the human driver has a choice of brakes"
-    if "reason" in names and people and not any(_minds_reasons(design, one) for one in people):
-        yield (
-            "factor reason: human drivers ignore reasons unless reason_refusal_ratio is below 1, in the population or "
-            "in [human] of the scenario"
-        )
+    if "reason" in names and _ignores_reasons(design):
+        yield f"factor reason: {IGNORED}"
+
+
+IGNORED: Final = (
+    "human drivers ignore reasons unless reason_refusal_ratio is below 1, in the population or in [human] of the "
+    "scenario"
+)
+
+
+def _ignores_reasons(design: Design) -> bool:
+    """Whether there are simulated human drivers, and the reason of advice changes nothing for any of them."""
+    people = [one for one in design.settings() if one.driver is DriverKind.HUMAN]
+    return bool(people) and not any(_minds_reasons(design, one) for one in people)
+
+
+def level_notes(design: Design) -> list[str]:
+    """A note on each factor with named levels that differ in the reason, if simulated drivers ignore reasons."""
+    named = [factor for factor in design.factors if factor.name not in factor.varied and "reason" in factor.varied]
+    return [f"factor {factor.name}: {IGNORED}" for factor in named] if _ignores_reasons(design) else []
 
 
 def _minds_reasons(design: Design, setting: Setting) -> bool:
@@ -100,7 +115,13 @@ def check_design(design: Design) -> DesignCheck:
         participants=design.people.count,
         longest_participant_s=max(spans_s),
         all_participants_s=sum(spans_s),
-        notes=(*imbalances(design, trials), *_order_notes(design), *group_notes(design), *pair_notes(design)),
+        notes=(
+            *imbalances(design, trials),
+            *_order_notes(design),
+            *group_notes(design),
+            *pair_notes(design),
+            *level_notes(design),
+        ),
         refused=tuple(idle_factors(design)),
     )
 

@@ -30,7 +30,7 @@ from sim.experiment.analysis.comparing import (
 )
 from sim.experiment.design import Design, PlannedComparison
 from sim.experiment.factors import FACTORS
-from sim.experiment.study_files import level_words
+from sim.experiment.study_files import level_meaning
 from sim.meanings import LIGHT
 
 if TYPE_CHECKING:
@@ -206,9 +206,9 @@ def design_rows(found: StudyFindings) -> list[tuple[str, str]]:
 def level_rows(found: StudyFindings) -> list[tuple[str, str]]:
     """The meaning of each factor's levels, unless their names state it."""
     words = [
-        (f"{one.name}: {level}", level_words(one.name, level))
+        (f"{one.name}: {level.text}", level_meaning(one.name, level))
         for one in found.study.design.factors
-        for level in one.texts
+        for level in one.levels
     ]
     return [(name, text) for name, text in words if text]
 
