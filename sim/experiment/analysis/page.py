@@ -257,7 +257,7 @@ def _difference_images(found: StudyFindings) -> list[dict[str, str]]:
     for shown in found.measures:
         some = [one for one in found.differences if one.shown.column == shown.column]
         if some:
-            image = as_image(_differences_figure(some, found.study.design.alpha))
+            image = as_image(differences_figure(some, found.study.design.alpha))
             images.append({"image": image, "text": f"{shown.name}: {shown.text}." if shown.text else shown.name})
     return images
 
@@ -346,7 +346,7 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
     }
 
 
-def _differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figure:
+def differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figure:
     """The planned differences of one measure: the mean with its 95 % interval, and a point for each driver."""
     from sim.review.canvas import INK, light_figure, named
 

@@ -270,7 +270,7 @@ def test_a_frozen_design_cannot_be_changed_in_its_folder(write: Path, tmp_path: 
 
 def test_the_bundled_studies_are_sound() -> None:
     names = set(bundled_studies())
-    assert names == {"smoke", "presentations", "level-through-a-driver", "pacing"}
+    assert names == {"smoke", "presentations", "level-through-a-driver", "pacing", "preview-of-advice"}
     for name in names:
         design = load_design(name)
         assert design.name == name
