@@ -1,8 +1,8 @@
 """The kept run of the bundled study preview-of-advice: its report, its forest plot, and the power of its comparisons.
 
-`python -m docs.studies.preview_of_advice` writes report.html, forest.png and power.md into the working folder, for the
-site. The trials in docs/results/0.2/preview-of-advice were driven by `das-sim experiment run preview-of-advice` (four
-minutes of CPU time).
+`python -m docs.studies.preview_of_advice` updates the table of power in docs/results/0.2/preview-of-advice.md and the
+plot beside the trials; with `report` it writes report.html into the working folder, for the site. The trials were
+driven by `das-sim experiment run preview-of-advice` (four minutes of CPU time).
 
 Power is the share of simulated studies in which a difference is statistically significant. Each has drivers drawn from
 the kept ones, with all their differences together; the means are shifted to the differences to be detected.
@@ -10,7 +10,8 @@ the kept ones, with all their differences together; the means are shifted to the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +20,7 @@ from scipy import stats
 
 from docs.studies.bundled import das_sim
 from docs.studies.cases import Floats
-from docs.studies.output import DOCS, Output
+from docs.studies.output import DOCS, Output, write_table
 from sim.experiment.analysis.comparing import (
     RunStudy,
     ShownMeasure,
@@ -31,6 +32,7 @@ from sim.experiment.analysis.comparing import (
 from sim.experiment.analysis.page import differences_figure
 
 KEPT: Final = DOCS / "results" / "0.2" / "preview-of-advice"
+PAGE: Final = KEPT.with_name("preview-of-advice.md")
 SIZES: Final = (12, 18, 24, 30, 36)
 STUDIES: Final = 2000
 GAP: Final = "gap_to_optimum_ratio"
@@ -77,14 +79,16 @@ def power_table(study: RunStudy) -> Iterator[str]:
         )
 
 
-def main() -> None:
-    """Write the report, the forest plot and the table of power."""
-    study, output = read_study(KEPT), Output(Path.cwd())
+def main(args: Sequence[str] = ()) -> None:
+    """Update the plot and the table of power, or write the report into the working folder."""
+    if "report" in args:
+        das_sim("experiment", "analyse", KEPT, "-o", "report.html", folder=Path.cwd())
+        return
+    study = read_study(KEPT)
     gaps = [one for one in analyse_study(study).differences if one.comparison.measure == GAP]
-    output.picture("forest", differences_figure(gaps, study.design.alpha))
-    output.text("power.md", "".join(f"{line}\n" for line in power_table(study)))
-    das_sim("experiment", "analyse", KEPT, "-o", "report.html", folder=Path.cwd())
+    Output(KEPT).picture("forest", differences_figure(gaps, study.design.alpha))
+    write_table(PAGE, "power", power_table(study))
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -12,8 +12,7 @@ from scipy import stats
 
 from das.domain.files.load import load_journey, load_route, load_vehicle
 from das.offline.journey import JourneyPlanner
-from docs.studies.output import DOCS
-from docs.studies.preview_of_advice import KEPT, SIZES, WORTH, power, power_table
+from docs.studies.preview_of_advice import KEPT, PAGE, SIZES, WORTH, power, power_table
 from precompute.sheet import sheets_of
 from sim.drivers.kinds import Presentation
 from sim.experiment.analysis.comparing import analyse_study, read_study
@@ -25,7 +24,7 @@ from sim.world.service import make_day
 from sim.world.simpler import PaperSheet
 
 STUDY, DESIGN = read_study(KEPT), load_design("preview-of-advice")
-PAGE = (DOCS / "results" / "0.2" / "preview-of-advice.md").read_text(encoding="utf-8")
+SAID = PAGE.read_text(encoding="utf-8")
 FOLDER = DESIGN.source.with_suffix("")
 MEASURES = ["gap_to_optimum_ratio", "effort_rmse_ratio", "late_s"]
 
@@ -63,7 +62,7 @@ def test_preview_and_reason_are_what_the_levels_take_away() -> None:
 
 def test_the_page_says_what_the_kept_run_found() -> None:
     found = {one.title: one for one in analyse_study(STUDY).differences}
-    said = re.findall(r"[−+]?\d+(?:\.\d+)?", PAGE.split("![")[1].split("## ")[0].partition(")\n")[2])
+    said = re.findall(r"[−+]?\d+(?:\.\d+)?", SAID.split("![")[1].split("## ")[0].partition(")\n")[2])
     for name, digits in (("advice: gap", 0), ("preview: gap", 1), ("preview: following", 1), ("paper: gap", 1)):
         for value in found[name].estimate.interval:
             assert f"{abs(100.0 * value):.{digits}f}" in [one.lstrip("−+") for one in said], (name, value)
@@ -84,8 +83,10 @@ def test_power_is_that_of_students_t_for_bell_curves_and_corrected_for_the_numbe
     assert among[0] < alone - 0.05
 
 
-def test_the_table_of_power_has_a_row_for_each_comparison() -> None:
-    head, _, *rows = power_table(STUDY)
+def test_the_table_of_power_on_the_page_is_that_of_the_kept_trials() -> None:
+    lines = list(power_table(STUDY))
+    assert "<!-- power: begin -->\n" + "\n".join(lines) + "\n<!-- power: end -->" in SAID
+    head, _, *rows = lines
     assert [row.split(":")[0].strip("| ") for row in rows] == [name.split(":")[0] for name in WORTH]
     assert len(head.split("|")) == len(SIZES) + 5
     shares = [int(cell.strip(" %")) for cell in rows[-1].split("|")[4:-1]]
