@@ -1508,6 +1508,7 @@ class Controls(_message.Message):
     FORCE_N_FIELD_NUMBER: _builtins.int
     HELD_SPEED_FIELD_NUMBER: _builtins.int
     FRICTION_RATIO_FIELD_NUMBER: _builtins.int
+    PAUSED_FIELD_NUMBER: _builtins.int
     look: _builtins.int
     """[count] of the Cab answered; 0: the driver is there, and waits for the first Cab"""
     lever_ratio: _builtins.float
@@ -1516,6 +1517,8 @@ class Controls(_message.Message):
     """[N] a wheel force"""
     friction_ratio: _builtins.float
     """[ratio] share of the braking asked of the friction brake though the motors could give it"""
+    paused: _builtins.bool
+    """the run waits, without the dead-man brake, until this answer comes again without a pause"""
     @_builtins.property
     def held_speed(self) -> Global___Controls.HeldSpeed: ...
     def __init__(
@@ -1526,10 +1529,11 @@ class Controls(_message.Message):
         force_n: _builtins.float = ...,
         held_speed: Global___Controls.HeldSpeed | None = ...,
         friction_ratio: _builtins.float = ...,
+        paused: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["force_n", b"force_n", "held_speed", b"held_speed", "lever_ratio", b"lever_ratio", "set", b"set"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["force_n", b"force_n", "friction_ratio", b"friction_ratio", "held_speed", b"held_speed", "lever_ratio", b"lever_ratio", "look", b"look", "set", b"set"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["force_n", b"force_n", "friction_ratio", b"friction_ratio", "held_speed", b"held_speed", "lever_ratio", b"lever_ratio", "look", b"look", "paused", b"paused", "set", b"set"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_set: _TypeAlias = _typing.Literal["lever_ratio", "force_n", "held_speed"]  # noqa: Y015
     _WhichOneofArgType_set: _TypeAlias = _typing.Literal["set", b"set"]  # noqa: Y015

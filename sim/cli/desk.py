@@ -45,8 +45,8 @@ AtOption = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeskLooks:
-    """Options on the appearance of the desk, and on its address."""
+class SessionLooks:
+    """Options on the language of the page, and on its address."""
 
     language: Annotated[
         Language, typer.Option("--language", help="The language of the page at first; a key changes it.")
@@ -57,6 +57,12 @@ class DeskLooks:
     port: Annotated[
         int, typer.Option("--port", metavar="PORT", min=0, max=65535, help="Port of the page (0: a free one).")
     ] = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeskLooks(SessionLooks):
+    """Options on the appearance of the desk, and on its address."""
+
     notches: Annotated[
         int,
         typer.Option("--notches", metavar="N", min=0, max=MOST_NOTCHES, help="Steps of the lever each way; 0: none."),
@@ -104,7 +110,7 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
         replay = Replay(Drive(recording=open_recording(path, train)), str(looks.language), at=at)
     token = new_token()
     with listening(looks.port) as door:
-        _show(address_of(door, token), looks)
+        show_page(address_of(door, token), opens=looks.opens)
         say("the page is open until Ctrl-C")
         play(replay, door, token)
 
@@ -142,7 +148,7 @@ def _drive_at_desk(
     )  # fmt: skip
     reserved = new_recording("desk") if recorded.out is None else None
     with removed_if_unused(reserved), DeskHost(given, listening(looks.port)) as host:
-        _show(host.address, looks)
+        show_page(host.address, opens=looks.opens)
         tell_result(_driven(read, asked, how, reserved or recorded.out, factor), as_json)
 
 
@@ -160,9 +166,9 @@ def _check_packages() -> None:
     check_packages("desk", "starlette", "uvicorn", "websockets", "msgspec")
 
 
-def _show(address: str, looks: DeskLooks) -> None:
+def show_page(address: str, *, opens: bool) -> None:
     """Open the page, or print its address alone on a line; the address is a secret of this run."""
-    if not looks.opens:
+    if not opens:
         print(address, flush=True)
         return
     say(f"the page: {address}")

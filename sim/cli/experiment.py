@@ -14,9 +14,10 @@ import typer
 
 from das.command_line.application import refuse_given
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption
-from das.command_line.printing import busy, paragraph
+from das.command_line.printing import busy, loading_solver, paragraph, say
 from das.domain.errors import DasError
 from precompute.workers import Workers
+from sim.cli.desk import SessionLooks, show_page
 from sim.cli.options import (
     AdviceListOption,
     DriversOption,
@@ -28,7 +29,7 @@ from sim.cli.options import (
     tell_written,
 )
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
-from sim.options import PageFiles, PopulationOption
+from sim.options import PageFiles, PopulationOption, typed_command
 
 if TYPE_CHECKING:
     from sim.experiment.design import Design
@@ -61,6 +62,41 @@ def check(
     print(json.dumps(asdict(found))) if as_json else print_check(asked, found, out)
     if found.refused:
         raise DasError(f"{asked.source}: {found.refused[0]}")
+
+
+def desk(
+    design: DesignArgument,
+    out: OutFolder,
+    *,
+    participant: Annotated[str, typer.Option(metavar="PNN", help="Pseudonym of the participant: P1, P2, …")],
+    looks: SessionLooks,
+) -> None:
+    """Run the session of a participant, who drives the trials of a design in the browser, from consent to debriefing.
+
+    A stopped command goes on at the same step, also after a crash; several participants may be at desks at once. The
+    folder holds trials.csv and recordings, as for simulated drivers, answers.csv, and a journal for each participant.
+    """
+    check_packages("desk", "starlette", "uvicorn", "websockets", "msgspec", "markdown_it")
+    with loading_solver():
+        from sim.experiment.checking import checked_in
+        from sim.experiment.design import load_design
+        from sim.experiment.people.session import Sitting, serve
+        from sim.experiment.people.steps import participant_number, plan_of
+        from sim.experiment.runner import FINISHED
+
+        asked = load_design(design)
+    plan_of(asked)
+    who = participant_number(participant, asked)
+    if (out / FINISHED).exists():
+        raise DasError(f"{out}: holds trials of simulated drivers, expected another folder for people")
+    checked_in(asked, out)
+    sitting = Sitting(design=asked, folder=out, who=who, language=str(looks.language), command=typed_command())
+
+    def tell(page: str, watch: str) -> None:
+        show_page(page, opens=looks.opens)
+        say(f"the experimenter's page: {watch}")
+
+    serve(sitting, looks.port, tell)
 
 
 OneOfTwo = Annotated[
@@ -116,11 +152,17 @@ def run(
     with busy("reading the design …"):
         from sim.experiment.checking import checked_in, made_folder
         from sim.experiment.design import freeze, load_design
+        from sim.experiment.study_files import PEOPLE_FOLDER
         from sim.experiment.trials import jobs_of, run_study
 
         asked = load_design(str(design)) if scenario is None else _days(scenario, driver, advice, seeds, friction,
             participants, population)  # fmt: skip
     if scenario is None:
+        if asked.driven_by_people:
+            how = f"das-sim experiment desk {design} -o {out} --participant P1"
+            raise DasError(f"{asked.source}: driver = desk: people drive these trials: {how}")
+        if (out / PEOPLE_FOLDER).exists():
+            raise DasError(f"{out}: holds trials that people drive, expected another folder for simulated drivers")
         checked_in(asked, out)
     else:
         with made_folder(out):

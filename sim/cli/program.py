@@ -23,6 +23,12 @@ EXPERIMENTS: Final = (
         ),
     ),
     Entry(
+        name="desk",
+        where="sim.cli.experiment:desk",
+        summary="Run the session of a participant, who drives the trials of a design in the browser.",
+        examples=("das-sim experiment desk design.toml -o people --participant P07",),
+    ),
+    Entry(
         name="analyse",
         where="sim.cli.experiment:analyse",
         summary="Analyse a completed study: differences with intervals, corrected p, effect sizes.",

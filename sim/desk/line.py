@@ -81,10 +81,12 @@ def _train(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def _presentations() -> dict[int, dict[str, Any]]:
+    """What the page draws for each presentation. Their names would tell a participant the condition."""
     presenters = {name: presenter_of(name) for name in Presentation if name is not Presentation.NONE}
     return {
         one.number: {
-            "name": name,
+            "lateness": name is Presentation.DEVIATION,
+            "path": name is Presentation.SPEED_AND_EFFORT,
             "highest": one.speed_is(Regime.NONE) is SpeedIs.HIGHEST,
             "modes": {language: [one.mode_words(mode, language) for mode in Regime] for language in Language},
             "before_speed": {

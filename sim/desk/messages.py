@@ -5,6 +5,7 @@ All are JSON. A message that does not match these types is rejected (`heard`).
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Final
 
 import msgspec
@@ -48,23 +49,58 @@ class Marked(msgspec.Struct, tag_field="t", tag="mark", frozen=True):
     text: Annotated[str, msgspec.Meta(max_length=40)] = ""
 
 
-Said = Lever | FrameDrawn | Ready | Marked
+StepId = Annotated[str, msgspec.Meta(max_length=80)]
+
+
+class Answered(msgspec.Struct, tag_field="t", tag="answer", frozen=True):
+    """An answer to an item of the present step of a session."""
+
+    step: StepId
+    item: Annotated[str, msgspec.Meta(max_length=40)]
+    value: Annotated[str, msgspec.Meta(max_length=500)]
+    at: WallMs
+
+
+class WentOn(msgspec.Struct, tag_field="t", tag="next", frozen=True):
+    """The request for the step after the present one."""
+
+    step: StepId
+    at: WallMs
+
+
+class Stopped(msgspec.Struct, tag_field="t", tag="stop", frozen=True):
+    """The participant's decision, already confirmed, to stop taking part."""
+
+    at: WallMs
+
+
+class Acted(msgspec.Struct, tag_field="t", tag="act", frozen=True):
+    """The answer to a request (number, from 1) of a task beside driving; 0: there was none."""
+
+    what: Annotated[str, msgspec.Meta(max_length=16)]
+    at: WallMs
+    look: Count = 0
+    number: Count = 0
+
+
+Said = Lever | FrameDrawn | Ready | Marked | Answered | WentOn | Stopped | Acted
+_QUOTED: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _decoder: Final = msgspec.json.Decoder(Said)
 _encoder: Final = msgspec.json.Encoder()
 
 
-def heard(text: str) -> Said | None:
+def heard(text: str, decoder: msgspec.json.Decoder[Any] = _decoder) -> Any | None:
     """The decoded message of a page; None if it is invalid: no JSON, a wrong type, a number out of range.
 
     Valid messages are not nested. A deeply nested text must not reach the decoder, which would recurse.
     """
-    if text.count("{") != 1 or "[" in text:
+    bare = _QUOTED.sub("", text)  # a person's answer may contain brackets
+    if bare.count("{") != 1 or "[" in bare:
         return None
     try:
-        said: Said = _decoder.decode(text)
+        return decoder.decode(text)
     except (msgspec.MsgspecError, UnicodeError):
         return None
-    return said
 
 
 def encoded(message: Any) -> str:

@@ -76,7 +76,7 @@ class Peer:
         self._free_s = 0.0
         self._attention = Attention(clocks)
         self._setting = 0.0, 0
-        self._announced = False
+        self._announced = self._paused = False
         self._over = threading.Event()
 
     @property
@@ -92,6 +92,13 @@ class Peer:
     def announce(self) -> None:
         """Announce the driver to the run, repeatedly until it begins."""
         self._announced = True
+
+    def pause(self, paused: bool) -> None:
+        """Stop the run's clock while the person is asked something, or let the run go on."""
+        with self._lock:
+            self._paused = paused
+            if self._bus is not None and self._cab is not None:
+                self._answer()
 
     def begin(self) -> None:
         """Join the bus."""
@@ -162,7 +169,8 @@ class Peer:
     def _answer(self) -> None:
         assert self._bus is not None
         assert self._cab is not None
-        self._bus.publish(CONTROLS, das_pb2.Controls(look=self._cab.look, lever_ratio=self._setting[0]))
+        controls = das_pb2.Controls(look=self._cab.look, lever_ratio=self._setting[0], paused=self._paused)
+        self._bus.publish(CONTROLS, controls)
 
     def _run(self) -> None:
         """Receive from the bus until the run is over, or until this session is closed."""
@@ -189,7 +197,7 @@ class Peer:
     def _look(self, cab: Any) -> None:
         with self._lock:
             self._cab = cab
-            if self._attention.there:
+            if self._attention.there or self._paused:
                 self._answer()
         if self._attention.left():
             self.mark(AWAY)

@@ -16,9 +16,9 @@ import secrets
 import socket
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import uvicorn
 from starlette.applications import Starlette
@@ -34,7 +34,19 @@ from das.domain.errors import DasError
 from das.domain.route import Route as Line
 from sim.desk import peer as on_bus
 from sim.desk.line import cab_fields, hello_of, reasons
-from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskGiven, FrameDrawn, Lever, Ready, Said, encoded, given_of, heard
+from sim.desk.messages import (
+    GIVEN,
+    LARGEST_BYTES,
+    DeskGiven,
+    FrameDrawn,
+    Lever,
+    Marked,
+    Ready,
+    Said,
+    encoded,
+    given_of,
+    heard,
+)
 from sim.desk.peer import Peer
 from sim.drivers.messages import recorded_view
 from sim.world.scenario import load_scenario
@@ -42,7 +54,15 @@ from sim.world.service import lay_out
 
 PAGE: Final = Path(__file__).parent / "page"
 FILES: Final = {path.name: path for path in sorted(PAGE.iterdir()) if path.is_file()}
-"""The files of the page by name; the server delivers no others."""
+"""The files of the pages by name; the server delivers no others."""
+WATCH: Final = "/watch"
+"""The address of the experimenter's page."""
+OF_WATCH: Final = frozenset({WATCH, "/watching", "/watch.html", "/watch.js"})
+"""The paths that only the experimenter's page opens."""
+SHARED: Final = frozenset({"/desk.css", "/icon.svg", "/draw.js", "/show.js", "/words.js"}) | {
+    f"/{name}" for name in FILES if name.endswith(".woff2")
+}
+"""The files that both pages open."""
 BEAT_S: Final = 0.5
 """Longest time (s) between two messages to the page."""
 MOST_PER_S, MOST_AT_ONCE = 200.0, 400.0
@@ -103,44 +123,45 @@ class Allowance:
         return self._left >= 0
 
 
-class Desk:
-    """A person's desk in a run: messages to the page and actions from it. `hello` is the constant data of the page.
+class PageUser(Protocol):
+    """What a page shows and does, as the page's link to the server uses it."""
 
-    The phases are welcome, preparing (the person is ready, the run has not begun), driving and over. A server that
-    replaces a killed one during a run starts in the phase driving.
-    """
+    def opened(self) -> Sequence[dict[str, Any]]:
+        """The messages to a page that has just been opened."""
 
-    def __init__(self, given: DeskGiven, hello: dict[str, Any], route: Line) -> None:
-        self._hello, self._route = hello, route
-        self._phase = "welcome"
+    def closed(self) -> None:
+        """The page is closed."""
+
+    def on_page(self, said: Said) -> None:
+        """The page has sent a message."""
+
+
+class PageLink:
+    """The link to the newest page; an older page is told that another one has taken over."""
+
+    def __init__(self, user: PageUser) -> None:
+        self._user = user
         self._box: Outbox | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
-        self.peer = Peer(given, self._tell)
-        self.peer.begin()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a page is connected."""
+        return self._box is not None
 
     def routes(self) -> list[BaseRoute]:
         """The routes of the server."""
         return [WebSocketRoute("/desk", self._connect), *page_routes()]
 
-    def _enter(self, phase: str) -> None:
-        self._phase = phase
-        self._put({"t": "phase", "phase": phase})
-
-    def _put(self, message: dict[str, Any]) -> None:
+    def put(self, message: dict[str, Any]) -> None:
+        """Send a message to the page, if there is one."""
         if self._box is not None:
             self._box.put(message)
 
-    def _tell(self, cab: Any | None) -> None:
+    def soon(self, do: Callable[..., object], *given: Any) -> None:
+        """Call a function in the server's thread, from any other thread."""
         if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._take, cab)
-
-    def _take(self, cab: Any | None) -> None:
-        if cab is None:
-            self._enter("over")
-            return
-        if self._phase != "driving":
-            self._enter("driving")
-        self._put(cab_of(cab, self._route) | {"seq": self.peer.state[1]})
+            self._loop.call_soon_threadsafe(do, *given)
 
     async def _connect(self, socket: WebSocket) -> None:
         self._loop = asyncio.get_running_loop()
@@ -148,11 +169,9 @@ class Desk:
         box, before = Outbox(socket), self._box
         if before is not None:  # the newer page drives: after a reload, the old page may still seem to be connected
             before.put({"t": "phase", "phase": "taken"}, last=TAKEN)
-        self.peer.settle()
         self._box = box
-        ratio, number = self.peer.state
-        box.put(self._hello | {"phase": self._phase, "lever": ratio, "seq": number})
-        self.peer.mark(on_bus.OPENED)
+        for message in self._user.opened():
+            box.put(message)
         sender = asyncio.create_task(box.send())
         try:
             await self._listen(socket, box)
@@ -162,7 +181,7 @@ class Desk:
                 await sender
             if self._box is box:
                 self._box = None
-                self.peer.mark(on_bus.GONE)
+                self._user.closed()
 
     async def _listen(self, socket: WebSocket, box: Outbox) -> None:
         """Receive messages until the page disconnects, sends an invalid message, or sends too many."""
@@ -175,24 +194,75 @@ class Desk:
                     await socket.close(BAD if said is None else FLOOD)
                     return
                 if box is self._box:
-                    self._on_page(said)
+                    self._user.on_page(said)
 
-    def _on_page(self, said: Said) -> None:
+
+class Desk:
+    """A person's desk in a run: messages to the page and actions from it. `hello` is the constant data of the page.
+
+    The phases are welcome, preparing (the person is ready, the run has not begun), driving and over. A server that
+    replaces a killed one during a run starts in the phase driving. `link` is the link to the page (None: its own).
+    """
+
+    def __init__(self, given: DeskGiven, hello: dict[str, Any], route: Line, link: PageLink | None = None) -> None:
+        self._hello, self._route = hello, route
+        self.phase = "welcome"
+        """The present phase."""
+        self.cab: dict[str, Any] | None = None
+        """The fields of the last cab."""
+        self.looks: Callable[[dict[str, Any]], None] = lambda _cab: None
+        """The function that is called with the fields of each cab."""
+        self._link = link or PageLink(self)
+        self.peer = Peer(given, lambda cab: self._link.soon(self._take, cab))
+        self.peer.begin()
+
+    def routes(self) -> list[BaseRoute]:
+        """The routes of the server."""
+        return self._link.routes()
+
+    def opened(self) -> list[dict[str, Any]]:
+        """The line, the phase and the lever, for a new page."""
+        self.peer.settle()
+        self.peer.mark(on_bus.OPENED)
+        ratio, number = self.peer.state
+        return [self._hello | {"phase": self.phase, "lever": ratio, "seq": number}]
+
+    def closed(self) -> None:
+        """Record that the page is closed."""
+        self.peer.mark(on_bus.GONE)
+
+    def on_page(self, said: Said) -> None:
+        """Do what the page says; messages of a session are ignored."""
         if isinstance(said, Lever):
-            if self._phase == "driving" and self.peer.lever(said):
+            if self.phase == "driving" and self.peer.lever(said):
                 self._flush()
         elif isinstance(said, FrameDrawn):
             self.peer.drawn()
         elif isinstance(said, Ready):
-            if self._phase == "welcome":
+            if self.phase == "welcome":
                 self._enter("preparing")
                 self.peer.announce()
-        else:
+        elif isinstance(said, Marked):
             self.peer.mark(on_bus.SETTING if said.text else on_bus.MARKED, said)
 
+    def _enter(self, phase: str) -> None:
+        self.phase = phase
+        self._link.put({"t": "phase", "phase": phase})
+
+    def _take(self, cab: Any | None) -> None:
+        if cab is None:
+            self._enter("over")
+            return
+        if self.phase != "driving":
+            self._enter("driving")
+        said = cab_of(cab, self._route)
+        self.cab = said["cab"]
+        self._link.put(said | {"seq": self.peer.state[1]})
+        self.looks(said["cab"])
+
     def _flush(self) -> None:
-        if self._loop is not None and not self.peer.flush():
-            self._loop.call_later(on_bus.SETTLES_S, self._flush)
+        if not self.peer.flush():
+            asyncio.get_running_loop().call_later(on_bus.SETTLES_S, self._flush)
 
 
 def cab_of(message: Any, route: Line) -> dict[str, Any]:
@@ -211,14 +281,16 @@ def page_routes() -> list[BaseRoute]:
 
 
 class Doorkeeper:
-    """The access check: accepts only requests with this host's name, from the desk's own page, and with the token.
+    """The access check: accepts only requests with this host's name, from the server's own page, and with its token.
 
-    `?token=…` in a typed or clicked address sets the cookie and redirects to the page. All answers have `HEADERS`.
+    `tokens` are those of the participant's page ("/") and of the experimenter's (`WATCH`), by path. Neither token opens
+    what belongs to the other page. `?token=…` in a typed or clicked address sets the cookie and redirects to the page.
+    All answers have `HEADERS`.
     """
 
-    def __init__(self, app: ASGIApp, port: int, token: str) -> None:
-        self._app, self._host, self._token = app, f"127.0.0.1:{port}", token
-        self._cookie = f"desk-{port}"
+    def __init__(self, app: ASGIApp, port: int, tokens: Mapping[str, str]) -> None:
+        self._app, self._host, self._tokens = app, f"127.0.0.1:{port}", tokens
+        self._cookies = {path: f"{path[1:] or 'desk'}-{port}" for path in tokens}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer or reject a request."""
@@ -236,10 +308,11 @@ class Doorkeeper:
             return self._app
         request = HTTPConnection(scope)
         if self._comes_from_here(request):
-            tokens = request.query_params.getlist("token")
-            if scope["type"] == "http" and scope["path"] == "/" and len(tokens) == 1 and self._is_token(tokens[0]):
-                return self._way_in()
-            if self._is_token(request.cookies.get(self._cookie, "")):
+            tokens, path = request.query_params.getlist("token"), scope["path"]
+            if scope["type"] == "http" and path in self._tokens and len(tokens) == 1 and self._fits(path, tokens[0]):
+                return self._way_in(path)
+            pages = (WATCH,) if path in OF_WATCH else ("/", WATCH) if path in SHARED else ("/",)
+            if any(self._fits(page, request.cookies.get(self._cookies.get(page, ""), "")) for page in pages):
                 return self._app
         return WebSocketClose() if scope["type"] == "websocket" else Response(status_code=403)
 
@@ -252,19 +325,24 @@ class Doorkeeper:
             return origins == own
         return origins in ([], own) and request.scope["method"] in ("GET", "HEAD")
 
-    def _is_token(self, text: str) -> bool:
-        return secrets.compare_digest(text.encode(), self._token.encode())
+    def _fits(self, page: str, text: str) -> bool:
+        """Whether a text is the token of a page."""
+        return page in self._tokens and secrets.compare_digest(text.encode(), self._tokens[page].encode())
 
-    def _way_in(self) -> Response:
-        answer = RedirectResponse("/", status_code=303)
-        answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
+    def _way_in(self, page: str) -> Response:
+        answer = RedirectResponse(page, status_code=303)
+        answer.set_cookie(self._cookies[page], self._tokens[page], httponly=True, samesite="strict", path="/")
         return answer
 
 
-def server_of(routes: Sequence[BaseRoute], port: int, token: str) -> uvicorn.Server:
-    """The server of some routes; its `serve(sockets=[…])` answers until the process is asked to stop."""
+def server_of(routes: Sequence[BaseRoute], port: int, token: str, watch_token: str | None = None) -> uvicorn.Server:
+    """The server of some routes; its `serve(sockets=[…])` answers until the process is asked to stop.
+
+    `token` opens the participant's page, `watch_token` the experimenter's (None: there is none).
+    """
+    tokens = {"/": token} | ({} if watch_token is None else {WATCH: watch_token})
     config = uvicorn.Config(
-        Doorkeeper(Starlette(routes=routes), port, token),
+        Doorkeeper(Starlette(routes=routes), port, tokens),
         log_level="warning", access_log=False, server_header=False, lifespan="off", timeout_graceful_shutdown=1,
         ws="websockets-sansio", ws_max_size=LARGEST_BYTES, ws_ping_interval=5, ws_ping_timeout=10,
         ws_per_message_deflate=False,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import KIND_OF, InstructionKind, Regime
@@ -165,6 +165,12 @@ class Driver(Protocol):
 
     def command(self, cab: CabView) -> Command:
         """The controller's setting until the next look."""
+
+
+def beginning_of(driver: object) -> Callable[[Any], None] | None:
+    """The method `begin` of a driver in another process, which a run calls with its link to that process; else None."""
+    begin: Callable[[Any], None] | None = getattr(driver, "begin", None)
+    return begin
 
 
 def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:

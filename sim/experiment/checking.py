@@ -11,9 +11,9 @@ from typing import Final
 
 from das.command_line.files import warn_once, warn_unusual
 from das.command_line.printing import busy, new_table, paragraph, print_table, tell, typed
-from das.domain.errors import DasError
+from das.domain.errors import DasError, InputError, one_of
 from das.domain.files.writing import make_folder
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DESK, DriverKind, External, Presentation
 from sim.drivers.parameters import HumanParameters, load_population
 from sim.experiment.design import (
     DESIGN_JSON,
@@ -28,6 +28,11 @@ from sim.experiment.design import (
 )
 from sim.experiment.driving import StudyTrial, service_of
 from sim.experiment.factors import Setting
+from sim.experiment.measures import MEASURES
+from sim.experiment.people.forms import load_form
+from sim.experiment.people.steps import described
+from sim.experiment.people.tasks import TASK_MEASURES
+from sim.experiment.people_plan import PeoplePlan
 from sim.experiment.study_files import TRIALS_TABLE
 from sim.experiment.trials import StudyRun, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
@@ -48,9 +53,11 @@ def idle_factors(design: Design) -> Iterator[str]:
         for name in OF_DISPLAY:
             if name in names:
                 yield f"factor {name}: the display is blank (presentation none), so the factor has no effect"
-    people = [one for one in settings if one.driver is DriverKind.HUMAN]
-    if "friction" in names and not people and all(isinstance(one.driver, DriverKind) for one in settings):
+    simulated = any(one.driver is DriverKind.HUMAN for one in settings)
+    if "friction" in names and not simulated and all(isinstance(one.driver, DriverKind | External) for one in settings):
         yield "factor friction: only the human driver has a choice of brakes"
+    if "punctuality" in names and design.desk is None and all(one.driver is not DESK for one in settings):
+        yield "factor punctuality: only people at the desk see it, and the design has no table [desk]"
     if "reason" in names and _ignores_reasons(design):
         yield f"factor reason: {IGNORED}"
 
@@ -85,7 +92,8 @@ class DesignCheck:
     """The result of the check of a design; the fields are the keys of `--json`.
 
     The longest participant is the busiest one, breaks included. `notes` are sentences about balance and order;
-    `refused` is the reason for rejecting the design, if any.
+    `refused` is the reason for rejecting the design, if any. `desk` are the steps of a participant at the desk; empty
+    for a design without any.
     """
 
     hash: str
@@ -97,6 +105,7 @@ class DesignCheck:
     all_participants_s: float
     notes: tuple[str, ...]
     refused: tuple[str, ...]
+    desk: str = ""
 
 
 def check_design(design: Design) -> DesignCheck:
@@ -105,6 +114,7 @@ def check_design(design: Design) -> DesignCheck:
     Raises DasError for files that cannot be used, and for days that cannot be driven.
     """
     trials = trials_of(design)
+    _check_forms(design)
     with busy("solving the lines …"):
         spans_s = _spans_s(design, trials, _lengths_s(design, trials))
     return DesignCheck(
@@ -123,7 +133,23 @@ def check_design(design: Design) -> DesignCheck:
             *level_notes(design),
         ),
         refused=tuple(idle_factors(design)),
+        desk=described(design) if design.desk is not None or design.driven_by_people else "",
     )
+
+
+def _check_forms(design: Design) -> None:
+    """Check the questionnaires of a design, and that each of its measures is known or a score of one of them.
+
+    Raises DasError or InputError for a questionnaire that cannot be used, and for an unknown measure.
+    """
+    desk = design.desk or PeoplePlan()
+    forms = {name: load_form(name, desk.folder) for name in desk.forms}
+    scores = [rule.name for name in desk.of_a_trial for rule in forms[name].score_rules]
+    scores += [name for name in TASK_MEASURES if name.startswith(desk.tasks)]
+    for name in design.measures:
+        if name not in MEASURES and name not in scores:
+            expected = one_of([*MEASURES, *scores], name)
+            raise InputError(design.source, "analysis.measures", name, expected)
 
 
 def _lengths_s(design: Design, trials: Sequence[StudyTrial]) -> dict[Setting, float]:
@@ -199,7 +225,10 @@ def pair_notes(design: Design) -> list[str]:
 
 
 def checked_in(design: Design, folder: Path) -> None:
-    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is rejected."""
+    """Check a design and freeze it in its folder, unless that was done before.
+
+    Raises DasError if the design is rejected.
+    """
     if (folder / DESIGN_JSON).exists():
         check_frozen(design, folder, resolved(design)["hash"])
         return
@@ -241,6 +270,8 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
         f"duration: {found.longest_participant_s / MINUTE_S:.0f} min for a participant with breaks, "
         f"{found.all_participants_s / HOUR_S:.1f} h for all"
     )
+    if found.desk:
+        paragraph(f"a participant at the desk: {found.desk}", hanging="  ")
     planned = len(design.comparisons)
     planned_words = f"{planned}, alpha {design.alpha:g}, correction {design.correction}" if planned else "none"
     paragraph(f"measures: {len(design.measures)}; planned comparisons: {planned_words}")

@@ -22,10 +22,12 @@ from das.domain.errors import MISSING, DasError
 from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, number, read_json, read_text, read_toml
 from das.domain.files.writing import make_folder, write_whole
+from sim.drivers.kinds import DESK
 from sim.drivers.parameters import DEFAULT, load_population
 from sim.experiment.driving import participant_name
 from sim.experiment.factors import DEFAULTS, FACTORS, OF_HUMAN, FactorLevel, Setting, setting_files
 from sim.experiment.measures import BUNDLED, MEASURES
+from sim.experiment.people_plan import PeoplePlan, read_plan
 from sim.recording.inputs import sha256
 
 DESIGN_TEXT: Final = "design.toml"
@@ -164,8 +166,9 @@ class Design:
 
     `fixed` has the level of each factor that does not vary, by name; a train or loss level that is neither fixed nor a
     factor is the scenario's. `seed` determines all random draws; `source` is the design's file. `measures` are
-    analysed; `comparisons` were planned, and their p are corrected for their number by `correction`. `hash` is that of
-    a frozen design, and empty for a design that was read from the user's file.
+    analysed; `comparisons` were planned, and their p are corrected for their number by `correction`. `desk` is the
+    procedure with people at the desk; None if the design has no table of it. `hash` is that of a frozen design, and
+    empty for a design that was read from the user's file.
     """
 
     name: str
@@ -181,6 +184,7 @@ class Design:
     comparisons: tuple[PlannedComparison, ...] = ()
     alpha: float = DEFAULT_ALPHA
     correction: str = CORRECTIONS[0]
+    desk: PeoplePlan | None = None
     hash: str = ""
 
     def conditions(self, *, within: bool) -> list[dict[str, FactorLevel]]:
@@ -194,6 +198,11 @@ class Design:
     def factor(self, name: str) -> Factor:
         """The factor with this name; KeyError if there is none."""
         return {one.name: one for one in self.factors}[name]
+
+    @property
+    def driven_by_people(self) -> bool:
+        """Whether people drive the trials of this design, and no simulated driver may."""
+        return any(setting.driver is DESK for setting in self.settings())
 
     @property
     def planned(self) -> Counter[tuple[str, str]]:
@@ -239,7 +248,7 @@ def load_design(name_or_path: str) -> Design:
     return read_design(locate(name_or_path, "study", bundled_studies()))
 
 
-TABLES: Final = ("experiment", "participants", "procedure", "fixed", "factors", "analysis", "comparisons")
+TABLES: Final = ("experiment", "participants", "procedure", "fixed", "factors", "analysis", "comparisons", "desk")
 FROZEN_KEYS: Final = ("hash", "files")
 """Keys that only a frozen design has."""
 
@@ -286,7 +295,8 @@ def _design(fields: Fields, *, frozen: bool) -> Design:
         raise main.error("name", name, _NAME_WORDS)
     analysis = fields.optional_table("analysis")
     analysis.check_keys(["measures", "alpha", "correction"])
-    measures = _measures(analysis, frozen=frozen)
+    desk = read_plan(fields.table("desk"), frozen=frozen) if fields.has("desk") else None
+    measures = _measures(analysis, desk, frozen=frozen)
     correction = analysis.text("correction", CORRECTIONS[0])
     if correction not in CORRECTIONS:
         raise analysis.error("correction", correction, f"one of {', '.join(CORRECTIONS)}")
@@ -304,6 +314,7 @@ def _design(fields: Fields, *, frozen: bool) -> Design:
         comparisons=_comparisons(fields, factors, measures, frozen=frozen),
         alpha=_real(analysis, "alpha", (1e-6, 0.5), DEFAULT_ALPHA),
         correction=correction,
+        desk=desk,
         hash=fields.text("hash", ""),
     )
 
@@ -323,6 +334,8 @@ def _factors(fields: Fields, *, frozen: bool) -> tuple[Factor, ...]:
         name = table.text("name")
         if name in found:
             raise table.error("name", name, "each factor once")
+        if name == "driver" and DESK in table.data.get("levels", []):
+            raise table.error("levels", str(DESK), "simulated drivers; for people fixed.driver = 'desk'")
         values = table.rows("levels", "a list of at least 2 levels")
         if all(isinstance(value, dict) for value in values):
             levels = _named_levels(name, table, values, frozen=frozen)
@@ -384,7 +397,9 @@ def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
     return {name: FACTORS[name].read(nowhere, name, value) for name, value in DEFAULTS.items() if name not in but}
 
 
-def _measures(table: Fields, *, frozen: bool) -> tuple[str, ...]:
+def _measures(table: Fields, desk: PeoplePlan | None, *, frozen: bool) -> tuple[str, ...]:
+    """The measures of a design. The check of the design knows the scores of questionnaires, which may be among them."""
+    frozen = frozen or (desk is not None and bool(desk.of_a_trial or desk.tasks))
     names = table.rows("measures", "a list of measures") if table.has("measures") else list(BUNDLED)
     for name in names:
         if not isinstance(name, str) or names.count(name) > 1 or (not frozen and name not in MEASURES):
@@ -520,6 +535,7 @@ def resolved(design: Design) -> dict[str, Any]:
             "correction": design.correction,
         },
         "comparisons": [asdict(one) for one in design.comparisons],
+        **({} if design.desk is None else {"desk": design.desk.figures}),
         "files": design_files(design),
     }
     return {"hash": design_sha256(found), **found}
@@ -542,6 +558,7 @@ def design_files(design: Design) -> dict[str, str]:
     found = {"population": sha256(Path(load_population(design.people.population).source))}
     for setting in design.settings():
         found |= setting_files(setting)
+    found |= {} if design.desk is None else dict(design.desk.files())
     return dict(sorted(found.items()))
 
 

@@ -12,7 +12,8 @@ from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.drive.table import DriveTable
-from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
+from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, beginning_of, kept_by
+from sim.drivers.kinds import DESK
 from sim.drivers.parameters import Participant, load_population
 from sim.experiment.factors import Setting
 from sim.experiment.runner import JobRecording, ServiceMemory, whole_run
@@ -20,6 +21,7 @@ from sim.plant import kernels
 from sim.plant.kernels import Command, PlantState
 from sim.recording.opening import open_recording
 from sim.world.driving import How, drive_day
+from sim.world.external import AT_THE_DESK, ExternalDriver
 from sim.world.loop import LOOK_S, TICK_S, Run
 from sim.world.outcome import DayOutcome, outcome, true_fronts
 from sim.world.service import Day, Service, make_day
@@ -109,6 +111,8 @@ class WatchedDriver:
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
+        self.begin = beginning_of(driver)
+        """The method with which a run begins that a driver in another process drives; else None."""
         self.looks: list[DriverLook] = []
 
     @property
@@ -163,15 +167,33 @@ class Driven:
         return energies.driven_j - energies.optimum_as_driven_j + on_time_j
 
 
-def drive(trial: StudyTrial, population: str, record: JobRecording | None = None, *, keep: bool = False) -> Driven:
+@dataclass(frozen=True, kw_only=True)
+class AtDesk:
+    """How a person drives a trial: the pace, the endpoints of simulator and recorder, and further metadata."""
+
+    times_real: float
+    driver_at: str
+    recorder_at: str
+    metadata: Mapping[str, str]
+
+
+def drive(
+    trial: StudyTrial,
+    population: str,
+    record: JobRecording | None = None,
+    *,
+    keep: bool = False,
+    desk: AtDesk | None = None,
+) -> Driven:
     """Drive a trial with a participant of a population, record it as in `record`, and `keep` the table of the drive.
 
-    Raises DasError for files that cannot be used, and if the train does not arrive.
+    With `desk`, a person drives the trial, which must be recorded. Raises DasError for files that cannot be used, and
+    if the train does not arrive.
     """
     person = trial.person
     day = _day(trial, None if person is None else Participant(population=_population(population), number=person))
     setting = trial.setting
-    driver = WatchedDriver(day.driver(setting.driver, setting.friction))
+    driver = WatchedDriver(_driver(day, setting, desk))
     how = How(
         driver=setting.driver,
         friction=setting.friction,
@@ -180,12 +202,23 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
         command="" if record is None else record.command,
         screen=setting.screen,
     )
+    if desk is not None:
+        how = replace(how, driver_at=desk.driver_at, recorder_at=desk.recorder_at, paced=True, metadata=desk.metadata)
     out = None if record is None else record.file
     driven = drive_day(day, driver, how, out, keep=keep)
-    run, table = whole_run(driven, out), driven.table
+    # A person cannot repeat a drive for the sake of one lost message; `das-sim check` reports it.
+    run, table = driven.run if desk is not None else whole_run(driven, out), driven.table
     if keep and out is not None:
         table = DriveTable.of(open_recording(out))
     return Driven(day=day, run=run, outcome=outcome(day, run, setting.driver), looks=driver.looks, table=table)
+
+
+def _driver(day: Day, setting: Setting, desk: AtDesk | None) -> Driver:
+    if desk is not None:
+        return ExternalDriver(day, times_real=desk.times_real, patience=AT_THE_DESK)
+    if setting.driver is DESK:
+        raise DasError(f"driver = {DESK}: people drive these trials, with das-sim experiment desk")
+    return day.driver(setting.driver, setting.friction)
 
 
 def service_of(setting: Setting) -> Service:

@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from das.domain.errors import DasError, one_of
 from das.domain.files.load import load_vehicle
 from das.domain.files.reading import Fields
 from das.domain.levels import Level
-from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
+from sim.drivers.kinds import DESK, DriverKind, External, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.drivers.own_class import driver_versions
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.screen import LONGEST_S, ScreenSettings
@@ -42,12 +42,13 @@ class Setting:
     """The setting of a trial. `loss_level` is the level of losses used to plan the advice (None: the train's own); the
     losses of the true train do not change with it. `scenario` and `train` are names of bundled files or paths; `train`
     None is the scenario's train. Times are in s; `preview_s` is infinite if the display shows everything ahead. `human`
-    contains parameters of a human driver that replace the participant's own, by name.
+    contains parameters of a human driver that replace the participant's own, by name. The driver `desk` is a person at
+    the cab desk, whose page shows the delay of the train with `punctuality`.
     """
 
     scenario: str = "clear-day"
     train: str | None = None
-    driver: DriverKind | OwnClass = DriverKind.HUMAN
+    driver: DriverKind | OwnClass | Literal[External.DESK] = DriverKind.HUMAN
     presentation: Presentation = Presentation.GUIDE
     loss_level: Level | None = None
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
@@ -55,6 +56,7 @@ class Setting:
     hold_s: float = 0.0
     preview_s: float = math.inf
     reason: bool = True
+    punctuality: bool = True
     human: tuple[tuple[str, float], ...] = ()
 
     @property
@@ -156,7 +158,7 @@ def _seconds(most_s: float, *, or_all: bool = False) -> Callable[[Fields, str, A
     return read
 
 
-def _reason(table: Fields, key: str, value: Any) -> FactorLevel:
+def _shown(table: Fields, key: str, value: Any) -> FactorLevel:
     if not isinstance(value, bool):
         raise table.error(key, value, "true or false")
     return FactorLevel(text="shown" if value else "hidden", value=value)
@@ -188,8 +190,9 @@ def _driver(table: Fields, key: str, value: Any) -> FactorLevel:
         driver = named_driver(key, value) if isinstance(value, str) else None
     except DasError:
         driver = None
-    if not isinstance(driver, DriverKind | OwnClass):
-        raise table.error(key, value, f"{one_of(DriverKind, value)}, or a class of your own as package.module:Class")
+    if not isinstance(driver, DriverKind | OwnClass) and driver is not DESK:
+        expected = one_of([*DriverKind, DESK], value)
+        raise table.error(key, value, f"{expected}, or a class of your own as package.module:Class")
     return FactorLevel(text=str(driver).replace(":", "."), value=driver)
 
 
@@ -220,8 +223,12 @@ FACTORS: Final = {
             expected=f'0 to {LONGEST_PREVIEW_S:g} s, or "all"',
         ),
         KnownFactor(
-            name="reason", title="Reason shown", unit="", read=_reason,
+            name="reason", title="Reason shown", unit="", read=_shown,
             meaning="whether the display shows the reason of the advice", expected="true, false",
+        ),
+        KnownFactor(
+            name="punctuality", title="Punctuality shown", unit="", read=_shown,
+            meaning="whether the page of a person at the desk shows the delay", expected="true, false",
         ),
         KnownFactor(
             name="friction", title="Friction policy", unit="", read=_choice(FrictionPolicy),
@@ -238,8 +245,8 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="driver", title="Driver", unit="", read=_driver,
-            meaning="the driver: a human, a perfect follower of the advice, or another simulated driver",
-            expected=f"{', '.join(DriverKind)}, or a class of your own",
+            meaning="the driver: a simulated one, or desk (fixed): people, with das-sim experiment desk",
+            expected=f"{', '.join([*DriverKind, DESK])}, or a class of your own",
         ),
         *map(_parameter, HumanParameters.__dataclass_fields__),
     )

@@ -386,9 +386,9 @@ MEASURES: Final = {
 
 def needs_table(names: Iterable[str]) -> bool:
     """Whether some measures need the table of a drive, which must then be kept."""
-    return any(name not in BUNDLED for name in names)
+    return any(name in MEASURES and name not in BUNDLED for name in names)
 
 
 def measured(driven: Driven, names: list[str]) -> dict[str, Any]:
-    """The values of some measures of a trial, by name."""
-    return {name: MEASURES[name].of(driven) for name in names}
+    """The values of some measures of a trial, by name; None for a score of a questionnaire, which no drive has."""
+    return {name: MEASURES[name].of(driven) if name in MEASURES else None for name in names}

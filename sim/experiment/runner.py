@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -81,6 +81,10 @@ class JobWords(NamedTuple):
     to_do: str
 
 
+FINISHED: Final = "finished.jsonl"
+"""The journal of the jobs in a folder."""
+
+
 class Journal:
     """The finished rows in a folder, by the hash of their inputs; use with `with`.
 
@@ -90,7 +94,7 @@ class Journal:
 
     def __init__(self, folder: Path, *, holds: str = "another run") -> None:
         self._holds = holds
-        self.path = folder / "finished.jsonl"
+        self.path = folder / FINISHED
         self.rows: dict[str, dict[str, Any]] = {}
 
     def __enter__(self) -> Journal:

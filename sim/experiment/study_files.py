@@ -40,6 +40,8 @@ README: Final = "README"
 """Contents of the study, meaning of its columns, and program and time that made it."""
 RECORDINGS: Final = "recordings"
 """The folder of the recordings, if they are kept."""
+PEOPLE_FOLDER: Final = "people"
+"""The folder with a folder for each person, in a study that people drove at the desk."""
 TRIAL_COLUMNS: Final = {
     "trial": "number of the trial in the study, from 1",
     "participant": "who drove",
@@ -162,7 +164,10 @@ def column_meanings(design: Design) -> dict[str, str]:
         found[factor.name] = f"{meaning}{unit}; levels {', '.join(factor.texts)}; {within} participants"
     found["seed"] = "seed of the day; trials with one seed meet the same day"
     for name in design.measures:
-        measure = MEASURES[name]
+        measure = MEASURES.get(name)
+        if measure is None:
+            found[name] = "of people at the desk: a score of a questionnaire, or a measure of a task beside driving"
+            continue
         found[name] = f"{measure.title} ({measure.unit}): {measure.formula} ({measure.source})"
     return found
 

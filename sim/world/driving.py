@@ -23,7 +23,7 @@ from das.domain.errors import DasError
 from das.domain.units import KMH
 from sim.drive.calls import passing_metadata
 from sim.drive.table import DriveTable
-from sim.drivers.cab import KINDS, Driver
+from sim.drivers.cab import KINDS, Driver, beginning_of
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
 from sim.drivers.messages import CabLook, cab_message
 from sim.drivers.own_class import driver_versions
@@ -31,7 +31,6 @@ from sim.drivers.presentations.presenter import presenter_of
 from sim.drivers.screen import ScreenSettings, screen_metadata
 from sim.recording.inputs import DriveInputs, sha256
 from sim.world.disturbances import described
-from sim.world.external import ExternalDriver
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location
 from sim.world.loop import BEFORE_S, TRAIN, InProcess, Progress, Run, Tick, Told, World
 from sim.world.outcome import above_optimum
@@ -125,10 +124,10 @@ def drive_day(
     processes = make_processes(day, how, out)
     with Lockstep(processes) as lockstep:
         lockstep.begin(day.service.journey(processes.train, day.service.moment_ns(-BEFORE_S)))
-        outside = isinstance(driver, ExternalDriver)
-        if isinstance(driver, ExternalDriver):
-            driver.begin(lockstep)
-        run = World(day, driver, how.advice, OverBus(day, lockstep, shows_cab=not outside), how.screen).run(progress)
+        begin = beginning_of(driver)
+        if begin is not None:
+            begin(lockstep)
+        run = World(day, driver, how.advice, OverBus(day, lockstep, shows_cab=begin is None), how.screen).run(progress)
         for topic, message in _last_messages(day, run):
             lockstep.send(topic, message)
         lockstep.finish(day.service.moment_ns(run.states[-1].time_s))

@@ -122,7 +122,7 @@ class ExternalDriver:
     Without `times_real` (as fast as possible) the run waits for each answer, so that its result does not depend on the
     speed of the machine. With `times_real`, this driver alone keeps the pace of the run: a look lasts as long as the
     pace allows, and the newest answer counts. `clocks` are injected. If the driver is silent, `DeadMan` brakes the
-    train; there is no advice meanwhile.
+    train; there is no advice meanwhile. An answer with `paused` stops the run until one without it.
     """
 
     def __init__(
@@ -207,8 +207,24 @@ class ExternalDriver:
         if controls is None or not least <= controls.look <= self._look:
             self._check_there(cab)
             return None
-        self._heard_look, self._heard_s = controls.look, self._clocks.seconds()
+        self._heard_look = controls.look
+        if controls.paused:
+            controls = self._after_pause(lockstep, cab)
+        self._heard_s = self._clocks.seconds()
         return controls
+
+    def _after_pause(self, lockstep: Lockstep, cab: CabView) -> Any | None:
+        """The answer that ends a pause; None if none comes in `given_up_s`. The run's clock stands meanwhile."""
+        answers, began_s = lockstep.answers, self._clocks.seconds()
+        ended = lockstep.hear(
+            lambda: answers.controls is not None and not answers.controls.paused, self._patience.given_up_s
+        )
+        paused_s = self._clocks.seconds() - began_s
+        text = f"the driver asked for a pause: the run waited for {paused_s:.1f} s"
+        lockstep.send(LOG, happened(self._day.service.moment_ns(cab.time_s), text, Log.INFO))
+        if self._look_s is not None:
+            self._pace = Pace(self._look_s, self._clocks.seconds)
+        return answers.controls if ended else None
 
     def _check_there(self, cab: CabView) -> None:
         """Raise DasError if the dead-man brake has stopped the train and the driver has been away for too long."""

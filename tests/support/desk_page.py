@@ -141,11 +141,13 @@ def _wanted(state: dict[str, str], lever: int) -> int:
 
 
 @contextmanager
-def desk_command(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """`das-sim desk` started as by a user, and the address that it prints."""
+def desk_command(
+    folder: Path, *arguments: str, command: tuple[str, ...] = ("desk",)
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """`das-sim desk`, or another command with a page, started as by a user, and the address that it prints."""
     paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
     child = subprocess.Popen(
-        [sys.executable, "-m", "sim.cli", "desk", *arguments, "--no-open"], cwd=folder, text=True,
+        [sys.executable, "-m", "sim.cli", *command, *arguments, "--no-open"], cwd=folder, text=True,
         env={**os.environ, "PYTHONPATH": paths}, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     try:

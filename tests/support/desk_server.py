@@ -23,6 +23,7 @@ from das.domain.vehicle import Vehicle
 from sim.desk.host import listening
 from sim.desk.line import hello_of
 from sim.desk.messages import DeskGiven
+from sim.desk.peer import Peer
 from sim.desk.server import Desk, server_of
 from tests.support.making import flat, make_train
 
@@ -35,6 +36,7 @@ class MadeUpBus:
     """A replacement of `das.bus.session.Bus`: a test sends messages (`cab`, `finish`) and reads those of the desk."""
 
     latest: MadeUpBus
+    peer: Peer
 
     def __init__(self, train: str, **_: Any) -> None:
         self.said: list[tuple[str, Any]] = []
@@ -141,6 +143,7 @@ def desk_server(line: Line | None = None) -> Iterator[tuple[Visitor, MadeUpBus]]
     with patch("sim.desk.peer.Bus", MadeUpBus):
         desk = Desk(given, hello_of(line, 0, "en", given.page), line[0])
         until(lambda: desk.peer.joined, "the made-up bus")
+        MadeUpBus.latest.peer = desk.peer
         server = server_of(desk.routes(), door.getsockname()[1], TOKEN)
         thread = threading.Thread(target=lambda: loop.run_until_complete(server.serve(sockets=[door])), daemon=True)
         thread.start()

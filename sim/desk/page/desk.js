@@ -3,6 +3,7 @@
 import * as draw from "./draw.js";
 import { Lever } from "./lever.js";
 import { Replay } from "./replay.js";
+import { Session } from "./session.js";
 import { $, distance, fill, kmh, Shown, SILENCE } from "./show.js";
 import { LANGUAGES, WORDS } from "./words.js";
 
@@ -21,8 +22,8 @@ let words = WORDS[lang ?? "en"];
 let ahead = Number(localStorage.getItem("desk-ahead")) || AHEAD_M.usual;
 let sound = false, tone = null;
 
-let socket = null, tries = 0, heard = -Infinity;
-let phase = "connecting", hello = null, show = null, replay = null, ready = false;
+let socket = null, tries = 0, heard = -Infinity, fresh = true;
+let phase = "connecting", hello = null, show = null, replay = null, session = null, ready = false;
 let cab = null, before = null, why = {}, got = 0; // the last Cab, the one before it, its reasons, and its time
 let card = null, wasBraked = false, seq = 0;
 let frameAt = 0, drawn = -1, said = 0, named = 0;
@@ -66,7 +67,7 @@ function speak() {
   $("sound").setAttribute("aria-pressed", sound);
   $("sound").title = words.sound;
   $("leverbox").setAttribute("aria-label", words.lever);
-  show.speak(words, lang);
+  show?.speak(words, lang);
   replay?.speak(words);
   veil();
   card = null; // a change of language is not a change of advice
@@ -87,7 +88,13 @@ function veiled(state) {
 }
 
 function veil() {
-  const lost = link() === "down" && ["driving", "preparing", "welcome"].includes(phase);
+  const lost = link() === "down" && ["driving", "preparing", "welcome"].includes(phase), stepping = phase === "step";
+  document.querySelectorAll("header, main").forEach((one) => one.inert = stepping);
+  if (stepping) {
+    session?.draw(words, link() === "down", keyList);
+    return;
+  }
+  session?.leave();
   const found = veiled(lost ? "lost" : phase), welcome = phase === "welcome" && !lost;
   if (!found) return;
   fill($("title"), found[0]);
@@ -98,7 +105,8 @@ function veil() {
   if (welcome) $("go").focus();
 }
 
-function keyList() {
+// The list of keys, with those of tasks beside driving.
+function keyList(tasks = []) {
   const item = (...parts) => {
     const li = document.createElement("li");
     li.append(...parts);
@@ -111,8 +119,10 @@ function keyList() {
     ["End", words.k_full],
     ["+ −", words.k_zoom],
     ["M", words.k_sound],
-    ["L", words.k_language],
+    ...(session ? [] : [["L", words.k_language]]),
     ["B", words.k_mark],
+    ...(tasks.includes("pedal") ? [["V", words.pedal]] : []),
+    ...(tasks.includes("detection") ? [["D", words.detection]] : []),
   ];
   const items = keys.map(([key, text]) => {
     const kbd = document.createElement("kbd");
@@ -131,6 +141,7 @@ function arrived() {
 // ---- the connection to the server
 function connect() {
   const mine = socket = new WebSocket(`ws://${location.host}/desk`);
+  fresh = true;
   mine.onmessage = (e) => {
     heard = performance.now();
     const message = JSON.parse(e.data);
@@ -139,8 +150,8 @@ function connect() {
   mine.onclose = (e) => {
     if (mine !== socket) return;
     linked("down");
-    if (e.code === RESTARTS && !["over", "replay"].includes(phase)) enter("broken");
-    if (["over", "broken", "taken", "replay"].includes(phase)) return;
+    if (e.code === RESTARTS && !session && !["over", "replay"].includes(phase)) enter("broken");
+    if (session?.ended || (session ? ["taken"] : ["over", "broken", "taken", "replay"]).includes(phase)) return;
     setTimeout(connect, Math.min(200 * 2 ** tries++, 2000));
   };
 }
@@ -157,6 +168,7 @@ function enter(to) {
   ready ||= to === "driving";
   phase = body.dataset.phase = to;
   lever.active = to === "driving";
+  session?.clear();
   veil();
   if (to !== "driving") return;
   $("leverbox").focus({ focusVisible: false });
@@ -169,6 +181,7 @@ const take = {
   hello(m) {
     tries = 0;
     hello = m;
+    if (m.session) begin(m);
     lang ??= m.language;
     show = new Shown(m);
     lever.notches = m.notches;
@@ -182,6 +195,19 @@ const take = {
     speak();
     if (m.phase === "replay" && !replay) fetchDrive();
   },
+  step(m) {
+    tries = 0;
+    phase = "step";
+    begin(m);
+    lang ??= "en";
+    session.take(m, fresh);
+    fresh = false;
+    body.dataset.step = m.id;
+    enter("step");
+    linked("up");
+    speak();
+  },
+  task: (m) => session?.task(m),
   phase: (m) => enter(m.phase),
   cab(m) {
     before = cab;
@@ -194,6 +220,16 @@ const take = {
   },
   beat: () => linked("up"),
 };
+
+// Begins a session, or the next trial of one, in the language of the experiment.
+function begin(m) {
+  session ??= new Session(send, wall);
+  lang = m.language ?? lang;
+  $("language").hidden = true;
+  cab = before = card = null;
+  delete body.dataset.look;
+  wasBraked = false;
+}
 
 async function fetchDrive() {
   const drive = await (await fetch("drive.json")).json();
@@ -251,6 +287,7 @@ function frame(now) {
   if (frameAt) keep(measured.frames, passed);
   frameAt = now;
   replay?.tick(passed);
+  session?.tick();
   lever.pad(now);
   if (phase === "driving" && performance.now() - heard > STALE_MS) linked("down");
   if (cab) paint();
@@ -281,9 +318,9 @@ function moved() {
   return { v, rolled: cab.speed_mps * age };
 }
 
-// The speeds that the presentation speed-and-effort shows ahead and their places: [m, m/s], a second apart.
+// The advised speeds ahead and their places, where they are shown: [m, m/s], a second apart.
 function horizon(advice) {
-  if (!advice || show.presentation(cab).name !== "speed-and-effort") return [];
+  if (!advice || !show.presentation(cab).path) return [];
   const path = [[cab.s_m, cab.speed_mps]];
   for (const next of cab.horizon_speed_mps) {
     const [s, v] = path.at(-1);
@@ -374,11 +411,12 @@ function key(e) {
   const pressed = document.activeElement?.tagName === "BUTTON" && (e.code === "Enter" || e.code === "Space");
   if (!pressed && phase === "driving" && lever.key(e)) return true;
   if (!pressed && replay?.key(e)) return true;
+  if (phase === "driving" && !e.repeat && session?.key(e, cab?.look ?? 0)) return true;
   if (e.key === "+" || e.key === "=") zoom(0.5);
   else if (e.key === "-" || e.key === "−") zoom(2);
   else if (e.repeat) return false;
   else if (e.code === "KeyM") switchSound();
-  else if (e.code === "KeyL") nextLanguage();
+  else if (e.code === "KeyL" && !session) nextLanguage();
   else if (e.code === "KeyB" && phase === "driving") {
     mark(e.timeStamp, "");
     flash("clock");
@@ -387,7 +425,7 @@ function key(e) {
 }
 
 addEventListener("keydown", (e) => {
-  if (hello && !e.ctrlKey && !e.altKey && !e.metaKey && key(e)) e.preventDefault();
+  if (hello && phase !== "step" && !e.ctrlKey && !e.altKey && !e.metaKey && key(e)) e.preventDefault();
 });
 let resized = 0;
 addEventListener("resize", () => {
@@ -397,6 +435,11 @@ addEventListener("resize", () => {
 $("language").onclick = nextLanguage;
 $("sound").onclick = switchSound;
 $("go").onclick = () => {
+  if (phase === "step") {
+    if (session.step.kind === "consent") session.consent("yes");
+    else session.next();
+    return;
+  }
   ready = true;
   $("go").hidden = true;
   send({ t: "ready" });

@@ -327,7 +327,7 @@ const SIGNS = {
     g.stroke();
     polygon(g, [[-0.2, -0.36], [0.42, 0], [-0.2, 0.36]], color);
   },
-  deviation: (g) => {
+  lateness: (g) => {
     circle(g, 0, 0, 0.72);
     g.stroke();
     trace(g, [[0, -0.4], [0, 0], [0.3, 0.2]]);

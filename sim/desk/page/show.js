@@ -67,10 +67,10 @@ export class Shown {
   advice(cab, why) {
     const presentation = this.presentation(cab);
     if (!presentation || cab.clock_s > cab.valid_until_s + 1e-9) return null;
-    if (presentation.name === "deviation") {
+    if (presentation.lateness) {
       const late_s = Math.round(cab.deviation_s);
       const said = late_s ? this.lateness(late_s) : this.advised.on_time;
-      return { mode: "deviation", do: said, why: "", speed: null, effort: null, due: 0 };
+      return { mode: "lateness", do: said, why: "", speed: null, effort: null, due: 0 };
     }
     const kind = this.hello.kinds[cab.mode] ?? "none", stands = kind === "stop" || kind === "depart";
     let speed = cab.display_speed_mps ?? cab.advised_speed_mps;
@@ -204,7 +204,7 @@ export class Shown {
   header(cab) {
     const left = cab.stop_m - cab.s_m, { before, waits } = this.standing(cab);
     const [word, at_s] = waits && before ? [this.words.departs, cab.departure_s] : [this.words.due, cab.arrival_s];
-    const hidden = !this.hello.punctuality || this.presentation(cab)?.name === "deviation" || !cab.look;
+    const hidden = !this.hello.punctuality || this.presentation(cab)?.lateness || !cab.look;
     const late = Math.abs(cab.late_s) < 10 ? this.advised.on_time : this.lateness(cab.late_s);
     fill($("stop"), this.stopName(cab));
     fill($("way"), left >= 0 ? distance(left, this.lang) : "");

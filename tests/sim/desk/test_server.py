@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import signal
 import time
 import urllib.request
@@ -24,7 +25,8 @@ from das.bus import das_pb2
 from das.domain.errors import DasError
 from sim.desk.host import listening
 from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskGiven, encoded, heard
-from sim.desk.server import BAD, FILES, FLOOD, MOST_AT_ONCE, TAKEN, Allowance, Outbox
+from sim.desk.server import BAD, FILES, FLOOD, MOST_AT_ONCE, OF_WATCH, TAKEN, Allowance, Outbox
+from sim.drivers.kinds import Presentation
 from sim.world.lockstep import Process
 from tests.support.desk_page import FLAT_DAY, desk_command
 from tests.support.desk_server import TOKEN, MadeUpBus, Visitor, desk_server, next_of, say, until
@@ -79,7 +81,7 @@ def test_the_token_of_the_address_becomes_a_cookie_and_leaves_the_address(served
     assert b"desk.js" in page.read()
 
 
-@pytest.mark.parametrize("name", sorted(FILES))
+@pytest.mark.parametrize("name", sorted(name for name in FILES if f"/{name}" not in OF_WATCH))
 def test_every_file_of_the_page_is_served_with_a_strict_policy(served: Served, name: str) -> None:
     answer = served[0].ask(f"/{name}", Cookie=served[0].cookie)
     assert (answer.status, answer.headers["X-Content-Type-Options"]) == (200, "nosniff")
@@ -168,15 +170,22 @@ def test_an_allowance_fills_up_with_time() -> None:
     assert allowance.spend(1.0)
 
 
-def test_no_file_of_the_page_makes_markup_of_a_string() -> None:
+def test_no_file_of_the_page_makes_markup_of_a_string_but_of_the_text_that_the_server_rendered() -> None:
     scripts = "".join(path.read_text(encoding="utf-8") for path in FILES.values() if path.suffix == ".js")
+    rendered = '$("prose").innerHTML = step.html ?? "";'
+    assert scripts.count(rendered) == 1
+    scripts = scripts.replace(rendered, "")
     assert not [word for word in ("innerHTML", "outerHTML", "insertAdjacent", "document.write") if word in scripts]
 
 
 def test_the_page_does_not_hear_what_will_happen(fresh: Served) -> None:
-    """A scenario's title, such as "Unplanned stop at a signal", would tell the participant the manipulation."""
+    """A scenario's title ("Unplanned stop at a signal") or a presentation's name would tell the manipulation."""
     with fresh[0].open() as socket:
-        assert "title" not in next_of(socket, "hello")
+        hello = next_of(socket, "hello")
+    assert "title" not in hello
+    told = json.dumps(hello) + "".join(path.read_text(encoding="utf-8", errors="replace") for path in FILES.values())
+    named = {name: re.search(rf"[\"'`]{name}[\"'`]", told) for name in Presentation if name is not Presentation.NONE}
+    assert [name for name, found in named.items() if found] == []
 
 
 def test_the_run_begins_when_the_person_is_ready(fresh: Served) -> None:
@@ -228,6 +237,20 @@ def test_a_page_that_draws_nothing_answers_no_look(fresh: Served) -> None:
         until(lambda: [x for x in bus.of("mark") if x.kind == das_pb2.Mark.KIND_BACK], "the mark")
         look = bus.cab()
         until(lambda: look in [one.look for one in bus.of("controls")], "the answer")
+
+
+def test_a_paused_desk_answers_every_look_with_the_pause_although_nothing_is_drawn(fresh: Served) -> None:
+    visitor, bus = fresh
+    with driving(visitor, bus):
+        peer = bus.peer
+        peer.pause(True)
+        until(lambda: bus.of("controls")[-1].paused, "the pause")
+        time.sleep(1.1)
+        look = bus.cab()
+        until(lambda: bus.of("controls")[-1].look == look, "the answer")
+        assert bus.of("controls")[-1].paused
+        peer.pause(False)
+        assert not until(lambda: bus.of("controls")[-1:], "the end of the pause")[0].paused
 
 
 def test_over_a_slow_line_the_person_drives_and_the_times_say_so(fresh: Served) -> None:

@@ -32,7 +32,7 @@ from sim.drivers.messages import CabLook, cab_message, command_of, recorded_view
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, force, lever, speed
 from sim.world.driving import DayRun, How, drive_day
-from sim.world.external import DeadMan, ExternalDriver, Patience
+from sim.world.external import AT_THE_DESK, DeadMan, ExternalDriver, Patience
 from sim.world.lockstep import Answers
 from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_of, signal_at
@@ -292,6 +292,48 @@ def test_at_a_pace_the_clock_goes_on_while_the_driver_is_away_until_the_run_give
     with pytest.raises(DasError, match="the driver is gone"):
         deque(map(driver.command, cabs))
     assert len(lockstep.cabs) == pytest.approx(10 + 20 * 5, abs=1)
+
+
+class Pausing(Prompt):
+    """A driver who asks for a pause at look 20, which lasts for `pause_s` of the 600 s that a run waits."""
+
+    def __init__(self, pause_s: float) -> None:
+        super().__init__()
+        self._pause_s = pause_s
+
+    def hear(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        if timeout_s > 1.0:
+            self.now_s += min(self._pause_s, timeout_s)
+            ended = self._pause_s < timeout_s
+            answer = das_pb2.Controls(look=self._look, lever_ratio=0.25, paused=not ended)
+            self.answers.take(CONTROLS, answer, "driver")
+            return done()
+        if self.answers.controls.paused:
+            self.now_s += timeout_s
+            return done()
+        found = super().hear(done, timeout_s)
+        if self._look == 20:
+            self.answers.take(CONTROLS, das_pb2.Controls(look=20, lever_ratio=0.25, paused=True), "driver")
+        return found
+
+
+def test_a_pause_stops_the_run_without_the_dead_man_brake_and_is_recorded(folder: Path) -> None:
+    lockstep = Pausing(32.5)
+    driver = paced_driver(folder, lockstep, 1.0, AT_THE_DESK)
+    assert {driver.command(MOVING._replace(time_s=0.2 * look)) for look in range(1, 60)} == {lever(0.25)}
+    assert lockstep.logs == ["the driver asked for a pause: the run waited for 32.5 s"]
+    gaps_s = [(after.wall_ns - one.wall_ns) * 1e-9 for one, after in pairwise(lockstep.cabs)]
+    assert gaps_s[19] == pytest.approx(32.5, abs=0.21)
+    assert gaps_s[:19] + gaps_s[20:] == pytest.approx([0.2] * 57)
+
+
+def test_a_pause_that_never_ends_ends_in_the_dead_man_brake(folder: Path) -> None:
+    lockstep = Pausing(1e9)
+    driver = paced_driver(folder, lockstep, 1.0, AT_THE_DESK)
+    commands = [driver.command(MOVING._replace(time_s=0.2 * look)) for look in range(1, 60)]
+    assert commands[:20] == [lever(0.25)] * 20
+    assert commands[-1] == lever(-1.0)
+    assert "the run waited for 600.0 s" in lockstep.logs[0]
 
 
 @pytest.mark.parametrize(("may_depart", "interlock"), [(True, 0), (False, das_pb2.Cab.INTERLOCK_DOORS)])

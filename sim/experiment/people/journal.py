@@ -1,0 +1,164 @@
+"""The journals of participants, and the tables of a study made from them.
+
+A line of a journal is on the disk before the step that it states shows. A killed session leaves at most one cut line,
+at the end, which the next session removes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import fmean
+from typing import Any, Final
+
+from das.domain.clocks import WALL, Clocks
+from das.domain.errors import DasError
+from das.domain.files.writing import FolderTakenError, folder_held, write_whole
+from sim.experiment.design import Design
+from sim.experiment.people.steps import Entry
+from sim.experiment.people.tasks import task_measures
+from sim.experiment.study_files import PEOPLE_FOLDER, TRIALS_TABLE, table_text, trials_table
+from sim.experiment.trials import trials_of
+
+JOURNAL: Final = "session.jsonl"
+ANSWERS_TABLE: Final = "answers.csv"
+"""The last answer of each participant to each item, and the scores of questionnaires, whose items are `score:NAME`."""
+ANSWER_COLUMNS: Final = ("participant", "step", "trial", "item", "value", "wall_ms")
+TAKEN_S: Final = 10.0
+"""Longest time (s) for which a session waits for another one that writes the tables."""
+
+
+class PersonJournal:
+    """The journal of a participant, which one session holds at a time; use with `with`. `clocks` are injected.
+
+    Entering raises FolderTakenError while another session has it, and DasError for a journal that was altered.
+    """
+
+    def __init__(self, folder: Path, clocks: Clocks = WALL) -> None:
+        self.path, self._clocks = folder / JOURNAL, clocks
+        self.entries: list[Entry] = []
+        """All lines of the journal, in order."""
+
+    def __enter__(self) -> PersonJournal:
+        self._held = folder_held(self.path.parent, f"participant {self.path.parent.name} is at a desk already")
+        self._held.__enter__()
+        try:
+            self.entries, length = read_journal(self.path)
+            self._file = self.path.open("ab", buffering=0)
+            self._file.truncate(length)
+        except OSError as error:
+            raise DasError(f"{self.path}: cannot be read and written ({error.strerror})") from error
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+        self._held.__exit__(None, None, None)
+
+    def add(self, step: str, what: str, **more: Any) -> None:
+        """Write a line to the disk at once."""
+        entry = {"wall_ns": self._clocks.now_ns(), "step": step, "what": what, **more}
+        try:
+            self._file.write(json.dumps(entry, ensure_ascii=False).encode() + b"\n")
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
+        self.entries.append(entry)
+
+
+def read_journal(path: Path) -> tuple[list[Entry], int]:
+    """The lines of a journal, and their length (bytes) without a cut last one; DasError for a journal that was altered.
+
+    A file that does not exist is empty.
+    """
+    content = path.read_bytes() if path.exists() else b""
+    whole = content[: content.rfind(b"\n") + 1]
+    found: list[Entry] = []
+    for number, line in enumerate(whole.splitlines(), start=1):
+        entry = _entry(line)
+        if entry is None:
+            raise DasError(f"{path}: line {number}: expected a line as a session writes it; the file was altered")
+        found.append(entry)
+    return found, len(whole)
+
+
+def _entry(line: bytes) -> Entry | None:
+    try:
+        found = json.loads(line)
+        kinds = {"wall_ns": int, "step": str, "what": str}
+        return found if all(isinstance(found[name], kind) for name, kind in kinds.items()) else None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def journals(folder: Path) -> dict[int, list[Entry]]:
+    """The journals in a study's folder, by the number of the participant."""
+    found = {}
+    for path in sorted((folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")):
+        if path.parent.name[1:].isdigit():
+            found[int(path.parent.name[1:])] = read_journal(path)[0]
+    return dict(sorted(found.items()))
+
+
+def write_tables(design: Design, folder: Path) -> None:
+    """Write the tables of trials and of answers of all participants; DasError if they cannot be written."""
+    with _held(folder):
+        people = journals(folder)
+        measures: dict[int, Mapping[str, Any]] = {}
+        for entries in people.values():
+            measures |= _measures(design, entries)
+        write_whole(folder / TRIALS_TABLE, trials_table(design, trials_of(design), measures))
+        rows = [row for who, entries in people.items() for row in _answers(who, entries)]
+        write_whole(folder / ANSWERS_TABLE, table_text(ANSWER_COLUMNS, rows))
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """The folder's lock; another session holds it only while it writes the tables."""
+    end = time.monotonic() + TAKEN_S
+    while True:
+        held = folder_held(folder, "another command is at work here")
+        try:
+            held.__enter__()
+            break
+        except FolderTakenError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.02)
+    try:
+        yield
+    finally:
+        held.__exit__(None, None, None)
+
+
+def _measures(design: Design, entries: Sequence[Entry]) -> dict[int, dict[str, Any]]:
+    """The measures of the driven trials by their numbers, with those of questionnaires and tasks.
+
+    The score of a questionnaire that was answered several times in a trial is the mean.
+    """
+    found = {}
+    for number, row in {one["trial"]: one["measures"] for one in entries if one["what"] == "driven"}.items():
+        mine = [one for one in entries if one.get("trial") == number]
+        broken = [i for i, one in enumerate(mine) if one["what"] == "interrupted"]
+        mine = mine[broken[-1] + 1 if broken else 0 :]
+        scores: dict[str, list[float]] = {}
+        for name, value in (pair for one in mine for pair in one.get("scores", {}).items()):
+            scores.setdefault(name, []).append(value)
+        every = {**row, **{name: fmean(values) for name, values in scores.items()}, **task_measures(mine)}
+        found[number] = {name: every.get(name) for name in design.measures}
+    return found
+
+
+def _answers(who: int, entries: Sequence[Entry]) -> Iterator[tuple[Any, ...]]:
+    """The rows of a participant's answers: the last one to each item, and the scores."""
+    found: dict[tuple[str, str], tuple[Any, ...]] = {}
+    for one in entries:
+        given = {one["item"]: one["value"]} if one["what"] == "answered" else {}
+        scores = {f"score:{name}": value for name, value in one.get("scores", {}).items()}
+        for item, value in (given | scores).items():
+            wall_ms = one["wall_ns"] // 1_000_000
+            found[one["step"], item] = (f"sub-{who:02d}", one["step"], one.get("trial"), item, value, wall_ms)
+    yield from found.values()

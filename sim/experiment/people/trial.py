@@ -1,0 +1,116 @@
+"""A trial with a person at the desk, in a process of its own: `python -m sim.experiment.people.trial`.
+
+The session starts it, watches it, and talks with it over the bus. It writes the trial's row as a JSON file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from das.command_line.process import interrupted_by_termination
+from das.domain.errors import DasError
+from das.domain.files.writing import make_folder, write_whole
+from sim.desk.messages import SETTINGS_KEY, PageSettings, encoded
+from sim.drivers.kinds import DESK
+from sim.experiment.design import check_frozen, load_design, resolved
+from sim.experiment.driving import AtDesk, Driven, StudyTrial, drive
+from sim.experiment.measures import measured, needs_table
+from sim.experiment.people.steps import plan_of
+from sim.experiment.runner import JobRecording
+from sim.experiment.trials import trials_of
+from sim.world.loop import TICK_S
+
+GIVEN: Final = "DAS_TRIAL"
+"""The environment variable with the trial's settings; other users of the machine cannot read it."""
+PARENT_LOOK_S: Final = 0.5
+"""Interval (s) at which the process checks whether the session is still running."""
+
+
+class TrialGiven(msgspec.Struct, frozen=True, kw_only=True):
+    """The settings of a trial: design and study's folder, number of the trial, endpoints, and the files to write."""
+
+    design: str
+    folder: str
+    number: int
+    driver_at: str
+    recorder_at: str
+    recording: str
+    row: str
+    command: str
+    page: PageSettings
+
+
+def at_the_desk(trial: StudyTrial) -> StudyTrial:
+    """A trial with a person as its driver."""
+    return replace(trial, setting=replace(trial.setting, driver=DESK))
+
+
+def driven_row(given: TrialGiven) -> dict[str, Any]:
+    """Drive a trial; returns its measures, and the longest time (s) within the criterion of practice.
+
+    Raises DasError for a design that differs from the frozen one, and as `drive` does.
+    """
+    from das.cab.cab import warm_up
+
+    design = load_design(given.design)
+    check_frozen(design, Path(given.folder), resolved(design)["hash"])
+    plan, trial = plan_of(design), at_the_desk(trials_of(design)[given.number - 1])
+    warm_up()
+    desk = AtDesk(
+        times_real=plan.pace, driver_at=given.driver_at, recorder_at=given.recorder_at,
+        metadata={SETTINGS_KEY: encoded(given.page)},
+    )  # fmt: skip
+    record = JobRecording(Path(given.recording), given.command)
+    make_folder(record.file.parent)
+    driven = drive(trial, design.people.population, record, keep=needs_table(design.measures), desk=desk)
+    held_s = longest_held_s(driven, plan.practice_criterion_mps)
+    return {"measures": measured(driven, list(design.measures)), "held_s": held_s}
+
+
+def longest_held_s(driven: Driven, band_mps: float) -> float:
+    """The longest time (s) for which the moving train was within a band of the shown speed; without one, the limit."""
+    longest = now = 0
+    for state, look in driven.moving:
+        shown = math.nan if look.shown is None else look.shown.shown_speed_mps
+        target_mps = look.limit_mps if math.isnan(shown) else shown
+        now = now + 1 if abs(state.speed_mps - target_mps) <= band_mps else 0
+        longest = max(longest, now)
+    return longest * TICK_S
+
+
+def main() -> None:
+    """Drive the trial; a session that ends stops it, and the recording remains readable."""
+    parent = int(sys.argv[sys.argv.index("--with-parent") + 1])
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    try:
+        with interrupted_by_termination():
+            given = msgspec.json.decode(os.environ.pop(GIVEN, ""), type=TrialGiven)
+            write_whole(Path(given.row), json.dumps(driven_row(given)).encode())
+    except msgspec.MsgspecError as error:
+        sys.exit(f"error: a trial is started by das-sim experiment desk, not by itself ({error})")
+    except DasError as error:
+        sys.exit(f"error: {error}")
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def _end_with(parent: int) -> None:
+    """End this process, as by SIGTERM, when the session has ended."""
+    while os.getppid() == parent:
+        time.sleep(PARENT_LOOK_S)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+if __name__ == "__main__":
+    main()

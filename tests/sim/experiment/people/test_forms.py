@@ -1,0 +1,167 @@
+"""Questionnaires: scores by hand and by their published rules, languages, answers, and errors in own files."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.advice.wording import Language
+from das.domain.errors import DasError
+from sim.experiment.people.forms import LONGEST_ANSWER, Form, load_form
+
+NOWHERE = Path("no-folder")
+BUNDLED = {"tlx": 6, "sus": 10, "kss": 1, "trust": 12}
+OWN = """
+schema_version = 1
+title = "Own"
+[[items]]
+id = "signal"
+kind = "choice"
+text = { en = "Which signal was last?", de = "Welches Signal war das letzte?" }
+options = ["clear", "danger"]
+[[items]]
+id = "speed"
+least = 0
+most = 10
+reversed = true
+text = "Were you fast?"
+[[items]]
+id = "why"
+kind = "text"
+needed = false
+text = "Why?"
+[[scores]]
+name = "own"
+items = ["signal", "speed"]
+low = 0
+high = 1
+"""
+
+
+def form(text: str, folder: Path) -> Form:
+    (folder / "own.toml").write_text(text, encoding="utf-8")
+    return load_form("own.toml", folder)
+
+
+def answered(one: Form, *values: int) -> dict[str, str]:
+    return {item.id: str(value) for item, value in zip(one.items, values, strict=True)}
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "score"),
+    [
+        ("tlx", (55, 10, 40, 25, 60, 35), 37.5),  # 225 / 6
+        ("tlx", (0, 0, 0, 0, 0, 0), 0.0),
+        ("kss", (7,), 7.0),
+        ("sus", (4, 2, 5, 1, 4, 2, 5, 2, 4, 3), 80.0),  # (3+4+3+4+3) odd, (3+4+3+3+2) even: 32 · 2.5
+        ("sus", (3,) * 10, 50.0),
+        ("sus", (5, 1) * 5, 100.0),
+        ("trust", (1,) * 5 + (7,) * 7, 7.0),
+        ("trust", (2, 3, 2, 4, 1, 5, 6, 5, 4, 6, 5, 7), 5.5),  # (6+5+6+4+7) + (5+6+5+4+6+5+7) = 66, / 12
+    ],
+)
+def test_a_score_is_that_of_a_hand(name: str, values: tuple[int, ...], score: float) -> None:
+    one = load_form(name, NOWHERE)
+    assert one.scores(answered(one, *values)) == {name: score}
+
+
+def test_the_usability_score_follows_the_published_rule() -> None:
+    """Odd statements count their value less 1, even ones 5 less their value; 2.5 times the sum."""
+    one, chance = load_form("sus", NOWHERE), random.Random(59)
+    for _ in range(200):
+        values = [chance.randint(1, 5) for _ in range(10)]
+        counted = sum(value - 1 if i % 2 == 0 else 5 - value for i, value in enumerate(values))
+        assert one.scores(answered(one, *values)) == {"sus": pytest.approx(2.5 * counted)}
+
+
+def test_there_is_no_score_of_half_a_questionnaire() -> None:
+    one = load_form("tlx", NOWHERE)
+    half = answered(one, 5, 5, 5, 5, 5, 5)
+    del half["effort"]
+    assert one.scores(half) == {}
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_a_bundled_questionnaire_has_all_its_words_in_every_language_and_names_its_source(name: str) -> None:
+    one = load_form(name, NOWHERE)
+    assert len(one.needed) == len(one.items) == BUNDLED[name]
+    texts = [one.title, *(text for item in one.items for text in (item.text, *item.options))]
+    texts += [text for item in one.items for text in (item.low, item.high) if text]
+    assert {tuple(text) for text in texts} == {tuple(Language)}
+    seen: list[Any] = [one.title_for(language) for language in Language]
+    seen += [[item["text"] for item in one.items_for(language)] for language in Language]
+    assert len({str(x) for x in seen}) == 2 * len(Language)
+    assert "source = " in one.source.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("item", "value", "error"),
+    [
+        ("signal", "1", None),
+        ("signal", "3", "own: signal = '3': expected a whole number from 1 to 2"),
+        ("speed", "10", None),
+        ("speed", "1e1", "own: speed = '1e1': expected a whole number from 0 to 10"),
+        ("speed", "", "own: speed = '': expected a whole number from 0 to 10"),
+        ("speed", "٣", "own: speed = '٣': expected a whole number from 0 to 10"),
+        ("why", "", None),
+        ("why", "I [do not] know\n{yet}", None),
+        ("why", "x" * (LONGEST_ANSWER + 1), f"expected a text of at most {LONGEST_ANSWER} characters"),
+        ("why", "\x1b[2J", f"expected a text of at most {LONGEST_ANSWER} characters"),
+        ("other", "1", "own: item 'other': expected one of signal, speed, why"),
+    ],
+)
+def test_answers_are_checked(tmp_path: Path, item: str, value: str, error: str | None) -> None:
+    found = form(OWN, tmp_path).check(item, value)
+    assert found is None if error is None else error in str(found)
+
+
+def test_steps_are_kept_to() -> None:
+    assert load_form("tlx", NOWHERE).check("mental", "55") is None
+    assert "in steps of 5" in str(load_form("tlx", NOWHERE).check("mental", "56"))
+
+
+def test_a_laboratorys_own_questionnaire_has_its_words_and_score(tmp_path: Path) -> None:
+    own = form(OWN, tmp_path)
+    assert own.needed == {"signal", "speed"}
+    assert [own.items_for(one)[0]["text"][:5] for one in Language] == ["Which", "Welch", "Which"]
+    assert own.items_for("de")[0]["options"] == ["clear", "danger"]
+    assert own.scores({"signal": "2", "speed": "5"}) == {"own": 0.75}  # (1 + 0.5) / 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "error"),
+    [
+        ("least = 0", "least = 0.5", "items[1].least = 0.5: expected a whole number from -1000 to 1000"),
+        ("most = 10", "most = 0", "items[1].most = 0: expected a whole number from 1 to 1000"),
+        ("most = 10", "most = 10\nstep = 3", "items[1].step = 3: expected a step by which 10 can be divided"),
+        ("most = 10", "most = 200", "items[1].step = 1: expected a step by which 200 can be divided"),
+        ('id = "speed"', 'id = "signal"', "items = 'signal': expected each name once"),
+        ('id = "speed"', 'id = "Speed"', "items[1].id = 'Speed': expected a letter"),
+        ('kind = "text"', 'kind = "star"', "items[2].kind = 'star': expected"),
+        ("needed = false", "necessary = false", "items[2].necessary = False: expected"),
+        ('options = ["clear", "danger"]', 'options = ["clear"]', "items[0].options = ['clear']: expected a list of at"),
+        ('"Why?"', '""', "items[2].text.en = '': expected a string"),
+        ('"Why?"', '{ it = "Perché?" }', "items[2].text.it = 'Perché?': expected a string"),
+        ('items = ["signal", "speed"]', 'items = ["why"]', "scores[0].items = ['why']: expected"),
+        ("low = 0\nhigh = 1\n", "", "scores[0].items = ['signal', 'speed']: expected items of one scale"),
+        ("schema_version = 1", "schema_version = 2", "schema_version = 2: expected 1"),
+    ],
+)
+def test_an_error_in_a_questionnaire_names_file_key_value_and_what_was_expected(
+    tmp_path: Path, old: str, new: str, error: str
+) -> None:
+    assert old in OWN
+    with pytest.raises(DasError) as raised:
+        form(OWN.replace(old, new), tmp_path)
+    assert "own.toml: " in str(raised.value)
+    assert error in str(raised.value)
+
+
+def test_an_unknown_questionnaire_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(DasError, match=r"tlxx: not a bundled questionnaire \(kss, sus, tlx, trust\)"):
+        load_form("tlxx", tmp_path)
+    with pytest.raises(DasError, match=r"own\.toml: no such file"):
+        load_form("own.toml", tmp_path)

@@ -1,0 +1,230 @@
+"""A session with a person at the desk, through the page's socket: steps, trials, failures, data."""
+
+from __future__ import annotations
+
+import csv
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+pytest.importorskip("starlette", reason="the extra desk is not installed")
+
+from das.bus.recording import read_recording
+from das.domain.errors import DasError
+from sim.experiment.analysis.comparing import read_study
+from sim.experiment.people.journal import read_journal
+from tests.support.desk_page import desk_command
+from tests.support.making import refusal
+from tests.support.people_study import Participant, session_of, study
+
+LABELS = ("guide", "presentation", "speed-and-effort", "four-mode", "none", "people.toml", "Does the guide help")
+"""Words that would tell a participant the condition or the purpose."""
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def journal(folder: Path, name: str = "P01") -> list[Any]:
+    return read_journal(folder / "people" / name / "session.jsonl")[0]
+
+
+def entered(folder: Path, name: str = "P01") -> list[str]:
+    return [one["step"] for one in journal(folder, name) if one["what"] == "entered"]
+
+
+def drives(page: Participant) -> None:
+    """The page drives at more than 10 m/s."""
+    page.until(lambda one: one["t"] == "cab" and one["cab"]["speed_mps"] > 10)
+
+
+def told(texts: list[str]) -> set[str]:
+    """The labels among the texts that the browser received; the fields of a cab are numbers but its stop's name."""
+    plain = [text for text in texts if '"t":"cab"' not in text]
+    fields = ('"presentations"', '"no_advice"')
+    for field in fields:
+        plain = [text.replace(field, "") for text in plain]
+    return {label for label in LABELS if any(label in text for text in plain)}
+
+
+def test_who_refuses_drives_nothing(tmp_path: Path) -> None:
+    with session_of(study(tmp_path / "design"), tmp_path) as (address, _), Participant(address) as page:
+        page.goes_on(page.step("consent"), consent="no")
+        assert page.step()["id"] == "end"
+    assert entered(tmp_path) == ["consent", "end"]
+    assert (tmp_path / "trials.csv").read_text().count("\n") == 1
+    assert [row["value"] for row in rows(tmp_path / "answers.csv")] == ["no"]
+
+
+def test_two_participants_at_two_desks_and_one_stops_in_a_questionnaire(tmp_path: Path) -> None:
+    design = study(tmp_path / "design")
+    with ExitStack() as open_ones:
+        first, _ = open_ones.enter_context(session_of(design, tmp_path, 1))
+        second, watch = open_ones.enter_context(session_of(design, tmp_path, 2))
+        assert len({first, second, watch}) == 3
+        with pytest.raises(DasError, match="participant P02 is at a desk already"), session_of(design, tmp_path, 2):
+            pass
+        one, two = (open_ones.enter_context(Participant(address)) for address in (first, second))
+        for page in (one, two):
+            page.goes_on(page.step("consent"))
+            page.goes_on(page.step("instructions"))
+        kss = one.step("before-kss")
+        one.say("next", step="before-kss", at=1.0)  # the needed answer is missing
+        one.say("answer", step="before-kss", item=kss["items"][0]["id"], value="99", at=1.0)
+        one.say("answer", step="consent", item="consent", value="no", at=1.0)
+        one.say("answer", step="before-kss", item=kss["items"][0]["id"], value="[7}", at=1.0)
+        one.say("stop", at=1.0)
+        assert one.step()["id"] == "debriefing"
+        one.say("stop", at=2.0)
+        one.goes_on(one.steps[-1])
+        assert one.step()["id"] == "end"
+        assert two.goes_until("trial-1")["kind"] == "ready"
+        two.say("stop", at=1.0)
+        two.goes_on(two.step("debriefing"))
+        assert two.step()["id"] == "end"
+        assert told(one.seen + two.seen) == set()
+    assert entered(tmp_path) == ["consent", "instructions", "before-kss", "debriefing", "end"]
+    assert [one["what"] for one in journal(tmp_path)].count("stopped") == 1
+    assert [one["what"] for one in journal(tmp_path)].count("answered") == 1
+    assert {row["participant"] for row in rows(tmp_path / "answers.csv")} == {"sub-01", "sub-02"}
+
+
+def test_text_of_the_laboratory_is_shown_without_its_html(tmp_path: Path) -> None:
+    with session_of(study(tmp_path / "design"), tmp_path) as (address, _), Participant(address) as page:
+        consent = page.step("consent")
+        assert (consent["title"], consent["html"]) == (
+            "Do you want to take part?", "<p>You may <em>stop</em> at any time.</p>\n",
+        )  # fmt: skip
+        page.goes_on(consent)
+        assert "<script>" not in page.step("instructions")["html"]
+        page.say("stop", at=1.0)
+        page.goes_on(page.step("debriefing"))
+        page.step("end")
+
+
+@pytest.mark.nightly
+def test_a_session_from_consent_to_debriefing_with_reloads(tmp_path: Path) -> None:
+    beside = ("pace = 10", 'pace = 10\ntasks = ["pedal"]\nprobe = "kss"')
+    measures = ('"tlx"]\n[desk]', '"tlx", "kss", "pedal_s", "pedal_missed"]\n[desk]')
+    design, out = study(tmp_path / "design", beside, measures), tmp_path / "out"
+    seen: list[str] = []
+    with session_of(design, out) as (address, _):
+        with Participant(address) as page:
+            kss = page.goes_until("before-kss")
+            item = kss["items"][0]["id"]
+            page.say("answer", step="before-kss", item=item, value="3", at=1.0)
+            seen += page.seen
+        with Participant(address) as page:  # a reload in a questionnaire
+            assert page.step("before-kss")["given"] == {item: "3"}
+            page.say("next", step="before-kss", at=1.0)
+            ready = page.step("trial-1")
+            assert (ready["kind"], ready["of"]) == ("ready", 0)
+            page.goes_on(ready)
+            drives(page)
+            seen += page.seen
+        with Participant(address) as page:  # a reload in a trial
+            assert page.hear()["phase"] == "driving"
+            assert page.step("trial-1-probe-1")["kind"] == "form"
+            seen += page.seen
+        with Participant(address) as page:  # a reload in a probe, which stops the run
+            probe = page.step("trial-1-probe-1")
+            page.goes_on(probe)
+            assert page.until(lambda one: one["t"] == "hello")["phase"] == "driving"
+            assert page.until(lambda one: one["t"] == "task")["what"] == "pedal"
+            trial = page.step("trial-2")
+            assert (trial["done"], trial["of"]) == (0, 2)
+            page.goes_on(trial)
+            assert page.goes_until("end")["kind"] == "end"
+            seen += page.seen
+    trials, answers = rows(out / "trials.csv"), rows(out / "answers.csv")
+    assert [(row["position"], row["practice"], row["session"]) for row in trials] == [
+        ("1", "1", "ses-01"), ("2", "0", "ses-01"), ("3", "0", "ses-02"),
+    ]  # fmt: skip
+    assert {row["presentation"] for row in trials} == {"none", "guide"}
+    assert all(float(row["running_time_s"]) > 200 and float(row["energy_kwh"]) > 10 for row in trials)
+    assert [row["tlx"] for row in trials] == ["", "40.0", "40.0"]
+    assert [(row["kss"], row["pedal_s"], row["pedal_missed"]) for row in trials] == [("1.0", "", "1.0")] * 3
+    assert not any(float(row["stops_missed"]) for row in trials)
+    assert sorted(path.name.split("_seed")[0] for path in (out / "recordings").iterdir()) == [
+        f"sub-01_run-00{row['position']}_{row['condition']}" for row in trials
+    ]
+    recording = read_recording(next((out / "recordings").glob("*run-003*")))
+    run = recording.metadata["run"]
+    assert (run["driver"], run["seed"], recording.complete) == ("desk", trials[2]["seed"], True)
+    assert {row["item"] for row in answers} >= {"consent", item, "score:kss", "score:sus", "score:tlx"}
+    assert read_study(out).design.name == "people"
+    probes = [f"trial-{position}-probe-1" for position in (1, 2, 3)]
+    assert [step for step in entered(out) if step in probes] == probes
+    assert [step for step in entered(out) if step not in probes] == [
+        "consent", "instructions", "before-kss", "trial-1", "trial-2", "trial-2-tlx", "break-1", "trial-3",
+        "trial-3-tlx", "after-sus", "debriefing", "end",
+    ]  # fmt: skip
+    assert not (out / "people" / "P01" / "door.json").exists()
+    assert told(seen) == set()
+
+
+@contextmanager
+def command(design: Path, out: Path, *more: str) -> Iterator[tuple[Any, str]]:
+    arguments = (design.name, "-o", str(out), "--participant", "P1", *more)
+    with desk_command(design.parent, *arguments, command=("experiment", "desk")) as found:
+        yield found
+
+
+@pytest.mark.nightly
+def test_a_killed_command_a_killed_trial_and_ctrl_c_lose_nothing(tmp_path: Path) -> None:
+    """The command is killed in a trial, then the trial's process; then Ctrl-C ends the command between trials."""
+    changes = [("practice_trials = 1", "practice_trials = 0"), ('before = ["kss"]\n', "")]
+    design, out = study(tmp_path / "design", *changes), tmp_path / "out"
+    with command(design, out) as (child, address):
+        with Participant(address) as page:
+            page.goes_on(page.goes_until("trial-1"))
+            drives(page)
+            child.kill()
+        child.wait(20)
+    door = out / "people" / "P01" / "door.json"
+    assert door.stat().st_mode & 0o777 == 0o600
+    with command(design, out) as (child, again):
+        assert again == address  # an open page reconnects by itself
+        with Participant(address) as page:
+            page.goes_on(page.step("trial-1"))
+            drives(page)
+            children = psutil.Process(child.pid).children()
+            next(one for one in children if "sim.experiment.people.trial" in one.cmdline()).kill()
+            page.goes_on(page.step("trial-1"))
+            assert page.step()["id"] == "trial-1-tlx"
+        child.send_signal(signal.SIGINT)
+        _, said = child.communicate(timeout=60)
+    assert "Traceback" not in said
+    assert "trial 1 (P01): interrupted: the trial was killed by SIGKILL" in said
+    assert [one["why"] for one in journal(out) if one["what"] == "interrupted"] == [
+        "the session ended", "the trial was killed by SIGKILL",
+    ]  # fmt: skip
+    names = sorted(path.stem.rpartition("_")[2] for path in (out / "recordings").iterdir())
+    assert names[:2] == ["interrupted-1", "interrupted-2"]
+    assert len(names) == 3
+    assert [row["position"] for row in rows(out / "trials.csv")] == ["1"]
+    with command(design, out) as (_, third), Participant(third) as page:
+        page.step("trial-1-tlx")
+
+
+def test_simulated_drivers_do_not_drive_what_people_drive(tmp_path: Path) -> None:
+    design, out = study(tmp_path / "design"), tmp_path / "out"
+    said = refusal("experiment", "run", str(design), "-o", "out", cwd=tmp_path)
+    assert f"people drive these trials: das-sim experiment desk {design} -o out --participant P1" in said
+    assert not out.exists()
+    (out / "people").mkdir(parents=True)
+    said = refusal("experiment", "run", "smoke", "-o", "out", cwd=tmp_path)
+    assert "expected another folder for simulated drivers" in said
+    (out / "finished.jsonl").touch()
+    said = refusal("experiment", "desk", str(design), "-o", "out", "--participant", "P1", cwd=tmp_path)
+    assert "expected another folder for people" in said
+    assert "--participant Anna: expected P1 to P4" in refusal(
+        "experiment", "desk", str(design), "-o", "new", "--participant", "Anna", cwd=tmp_path
+    )
+    assert not (tmp_path / "new").exists()

@@ -1,0 +1,337 @@
+"""A session in Chromium: every step, by keyboard alone, after a reload and a lost connection; the experimenter's page.
+
+With `DAS_DESK_PICTURES=FOLDER` it writes what it looks at as pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("starlette", reason="the extra desk is not installed")
+
+from das.bus import das_pb2
+from sim.desk.line import cab_fields, hello_of
+from sim.desk.messages import PageSettings
+from sim.experiment.people.forms import load_form
+from tests.support.desk_page import DeskPage, chromium, picture
+from tests.support.desk_server import TOKEN, Visitor, until
+from tests.support.making import flat, make_train
+from tests.support.scripted_session import WATCH_TOKEN, ScriptedSession, scripted_session
+
+pytestmark = pytest.mark.nightly
+
+LANGUAGES = ("en", "de", "fr")
+SIZES = {"desk": (1280, 720), "tablet": (1024, 768), "upright": (820, 1180)}
+FORMS = ("tlx", "sus", "kss", "trust")
+PROSE = (
+    "<p>This study compares <strong>displays</strong> for train drivers. It takes about 90 minutes.</p>"
+    "<h2>What you do</h2><ul><li>You drive eight times over a line of 6 km.</li><li>After each drive you answer six "
+    "questions.</li></ul><h2>What is stored</h2><p>Settings of the lever and your answers, under a pseudonym. You can "
+    "stop at any time, without a reason, and ask for the deletion of your data.</p>"
+)
+SMALL = """() => [...document.querySelectorAll("button, .radios label, input[type=range], textarea")]
+  .filter((one) => one.offsetParent && !one.closest("[inert]"))
+  .map((one) => [one.textContent || one.type, one.getBoundingClientRect()])
+  .filter(([, box]) => box.height < 44 || box.width < 44).map(([name, box]) => `${name} ${box.width} ${box.height}`)"""
+"""What can be pressed and is smaller than 44 px."""
+OUTSIDE = """() => [...document.querySelectorAll("#veil > div *, dialog[open] *, .watch section *, .watch header *")]
+  .filter((one) => one.offsetParent && one.textContent && !one.classList.contains("unseen"))
+  .filter((one) => {
+    const box = one.closest("#veil > div, dialog, section, header").getBoundingClientRect();
+    const own = one.getBoundingClientRect();
+    return own.left < box.left - 1 || own.right > box.right + 1 || one.scrollWidth > one.clientWidth + 1
+      && getComputedStyle(one).display === "block";
+  }).map((one) => `${one.id || one.tagName}: ${one.textContent}`)"""
+"""The texts that are wider than their place."""
+HEADER = """() => [...document.querySelectorAll("header, header button, header b, header > div")]
+  .filter((one) => one.offsetParent)
+  .filter((one) => one.getBoundingClientRect().right > innerWidth || one.scrollWidth > one.clientWidth + 1)
+  .map((one) => one.textContent)"""
+"""The texts that do not fit into the header."""
+CONTRASTS = """() => {
+  const curve = (x) => (x <= 0.03928 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4);
+  const light = (text) => {
+    const [r, g, b] = text.match(/[\\d.]+/g).map((x) => curve(Number(x) / 255));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const under = (one) => {
+    const color = getComputedStyle(one ?? document.documentElement).backgroundColor;
+    return one && /, 0\\)$|transparent/.test(color) ? under(one.parentElement) : color;
+  };
+  const ratio = (one) => {
+    const [a, b] = [light(getComputedStyle(one).color), light(under(one))];
+    return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  };
+  return [...document.querySelectorAll("body *")].filter((one) => one.offsetParent && !one.closest("[inert]"))
+    .filter((one) => [...one.childNodes].some((x) => x.nodeType === 3 && x.data.trim()) && !one.disabled)
+    .map((one) => [`${one.tagName} ${one.textContent}`, ratio(one)]).filter(([, x]) => x < 4.5);
+}"""
+"""The texts whose contrast with what is behind them is less than 4.5 : 1 (WCAG 2, AA)."""
+Served = tuple[Visitor, ScriptedSession]
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with scripted_session() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+def opened(browser: Any, visitor: Visitor, size: str = "desk") -> DeskPage:
+    wide, high = SIZES[size]
+    context = browser.new_context(viewport={"width": wide, "height": high})
+    return DeskPage(context, f"http://{visitor.host}/?token={TOKEN}")
+
+
+def step(kind: str, name: str = "", language: str = "en", **fields: Any) -> dict[str, Any]:
+    """The message of a step."""
+    told = {"t": "step", "id": name or kind, "kind": kind, "title": kind.title(), "html": "", "done": 2, "of": 8}
+    return told | {"items": [], "given": {}, "wait_s": 0, "language": language} | fields
+
+
+def form(name: str, language: str = "en", **fields: Any) -> dict[str, Any]:
+    """The message of a bundled questionnaire."""
+    one = load_form(name, Path())
+    intro = {"html": f"<p>{one.intro_for(language)}</p>"} if one.intro_for(language) else {}
+    shown = {"title": one.title_for(language), "items": one.items_for(language)} | intro
+    return step("form", name, language, **(shown | fields))
+
+
+OWN = [
+    {"id": "sign", "kind": "choice", "text": "Which?", "options": ["clear", "danger"], "least": 1, "most": 2},
+    {"id": "why", "kind": "text", "text": "Why?", "least": 0, "most": 0, "options": []},
+]
+OWN = [{"step": 1, "low": "", "high": "", "needed": True} | one for one in OWN]
+OWN[1]["needed"] = False
+
+
+def show(page: DeskPage, session: ScriptedSession, message: dict[str, Any]) -> None:
+    session.put(message)
+    page.until(lambda state: state.get("step") == message["id"], message["id"])
+    page.page.wait_for_timeout(60)
+
+
+def answers(session: ScriptedSession) -> dict[str, str]:
+    """The last answer to each item that the page has sent."""
+    return {one["item"]: one["value"] for one in session.of("answer")}
+
+
+def hello() -> dict[str, Any]:
+    told = hello_of((flat(6000.0), make_train(), flat(6000.0).stops), 0, "en", PageSettings())
+    return told | {"phase": "driving", "lever": 0.0, "seq": 0, "session": True}
+
+
+def cab(look: int | str) -> dict[str, Any]:
+    message = das_pb2.Cab(time_ns=1, stop_m=6000.0, limit_mps=30.0, speed_mps=20.0, may_depart=True)
+    return {
+        "t": "cab",
+        "cab": cab_fields(message) | {"look": look, "signal_m": None, "late_s": 95.0},
+        "why": {},
+        "seq": 0,
+    }
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_every_step_fits_can_be_read_and_pressed_in_every_language(browser: Any, served: Served, size: str) -> None:
+    visitor, session = served
+    page, bad = opened(browser, visitor, size), {}
+    for language in LANGUAGES:
+        shown = [
+            step("text", "instructions", language, title="Instructions", html=PROSE),
+            step("consent", "", language, title="Study of displays", html=PROSE),
+            step("ready", "", language, html=f"<p>{PROSE[3:90]}</p>", tasks=["pedal", "detection"]),
+            step("break", "", language, wait_s=299),
+            step("end", "", language, html="<p>Thank you.</p>"),
+            *(form(name, language, id=f"{name}-{language}") for name in FORMS),
+            step("form", f"own-{language}", language, items=OWN),
+        ]
+        for message in shown:
+            show(page, session, message | {"id": f"{message['id']}-{language}"})
+            picture(page, f"{size}-{language}-{message['id']}")
+            if message["kind"] == "form":
+                page.page.click("#go")
+                page.page.evaluate("document.querySelector('#veil > div').scrollTop = 1e6")
+                picture(page, f"{size}-{language}-{message['id']}-faults")
+            bad[language, message["id"]] = [page.page.evaluate(look) for look in (SMALL, OUTSIDE, CONTRASTS)]
+        page.page.evaluate("document.getElementById('really').showModal()")
+        picture(page, f"{size}-{language}-stop")
+        bad[language, "stop"] = [page.page.evaluate(look) for look in (SMALL, OUTSIDE, CONTRASTS)]
+        page.page.keyboard.press("Escape")
+        session.put(hello() | {"language": language})
+        session.put(cab(language), greets=False)
+        page.until(lambda state, look=language: state["phase"] == "driving" and state.get("look") == look, "the cab")
+        picture(page, f"{size}-{language}-driving")
+        bad[language, "driving"] = [page.page.evaluate(look) for look in (SMALL, HEADER)]
+    assert {key: found for key, found in bad.items() if any(found)} == {}
+    assert page.errors == []
+
+
+def test_a_questionnaire_is_answered_by_keyboard_alone_and_each_answer_is_sent_at_once(
+    browser: Any, served: Served
+) -> None:
+    visitor, session = served
+    page = opened(browser, visitor)
+    keys = page.page.keyboard
+    show(page, session, form("tlx"))
+    keys.press("Tab")
+    keys.press("ArrowRight")
+    until(lambda: answers(session) == {"mental": "55"}, "the answer")
+    keys.press("Tab")
+    keys.press("Enter")  # the middle, where the thumb would rest
+    until(lambda: answers(session).get("physical") == "50", "the answer in the middle")
+    for _ in range(5):
+        keys.press("Tab")
+    assert page.page.evaluate("document.activeElement.id") == "go"
+    keys.press("Enter")
+    assert page.page.evaluate("document.activeElement.closest('[data-item]').dataset.item") == "temporal"
+    assert page.page.locator(".fault:visible").all_text_contents() == ["Please choose an answer."] * 4
+    assert session.of("next") == []
+    for _ in range(4):
+        keys.press("Home")
+        keys.press("Tab")
+    assert page.page.locator(".fault:visible").count() == 0
+    keys.press("Enter")
+    until(lambda: session.of("next"), "the next step")
+    assert answers(session) == {"mental": "55", "physical": "50"} | dict.fromkeys(
+        ("temporal", "performance", "effort", "frustration"), "0"
+    )
+    show(page, session, form("sus"))
+    keys.press("Tab")
+    keys.press("Space")
+    keys.press("ArrowRight")
+    until(lambda: answers(session).get("often") == "2", "the choice")
+    assert page.page.evaluate("[document.body, document.querySelector('header')].map((one) => one.inert)") == [
+        False, True,
+    ]  # fmt: skip
+    assert page.errors == []
+
+
+def test_answers_come_back_after_a_reload_and_are_sent_again_after_a_lost_connection(
+    browser: Any, served: Served
+) -> None:
+    visitor, session = served
+    page = opened(browser, visitor)
+    show(page, session, step("form", "own", items=OWN))
+    page.page.click("text=danger")
+    page.page.fill("textarea", 'it [was] {red}, "I think"')
+    until(lambda: answers(session) == {"sign": "2", "why": 'it [was] {red}, "I think"'}, "the answers")
+    session.put(step("form", "own", items=OWN, given=answers(session)))
+    page.page.reload()
+    page.until(lambda state: state.get("step") == "own", "the step")
+    assert page.page.is_checked("input[value='2']")
+    assert page.page.input_value("textarea") == 'it [was] {red}, "I think"'
+    session.said.clear()
+    session.drop()
+    page.until(lambda state: state["link"] == "down", "the lost connection")
+    page.page.click("text=clear")  # while there is no connection
+    page.until(lambda state: state["link"] == "up", "the connection")
+    until(lambda: answers(session) == {"sign": "1"}, "the answer again, and no other")
+    page.page.keyboard.press("ArrowDown")
+    assert page.errors == []
+
+
+def test_consent_break_and_stop(browser: Any, served: Served) -> None:
+    visitor, session = served
+    page = opened(browser, visitor)
+    show(page, session, step("consent", html=PROSE))
+    page.page.click("#no")
+    until(lambda: session.of("next"), "the next step")
+    assert answers(session) == {"consent": "no"}
+    show(page, session, step("consent", "consent-2", html=PROSE))
+    page.page.click("#go")
+    until(lambda: answers(session) == {"consent": "yes"}, "the consent")
+    show(page, session, step("break", wait_s=2))
+    assert page.text("text").startswith("You can go on in 0:0")
+    assert not page.page.is_visible("#go")
+    page.page.wait_for_selector("#go", state="visible", timeout=5000)
+    show(page, session, step("text"))
+    page.page.click("#veil .quit")
+    assert page.page.evaluate("document.activeElement.id") == "stay"
+    page.page.keyboard.press("Enter")
+    assert session.of("stop") == []
+    page.page.click("#veil .quit")
+    page.page.click("#leave")
+    until(lambda: session.of("stop"), "the end")
+    session.drop()
+    until(lambda: len(session.of("stop")) > 1, "the end again after a lost connection")
+    show(page, session, step("end"))
+    assert not page.page.is_visible(".quit >> nth=1")
+    assert page.errors == []
+
+
+def test_beside_driving_tasks_are_shown_and_answered_and_the_end_is_open(browser: Any, served: Served) -> None:
+    visitor, session = served
+    page = opened(browser, visitor)
+    show(page, session, step("ready", tasks=["pedal"]))
+    session.put(hello())
+    for look in (1, 2):
+        session.put(cab(look), greets=False)
+    page.until(lambda state: state["phase"] == "driving" and state.get("look") == "2", "the cab")
+    page.page.keyboard.press("m")
+    page.page.keyboard.press("l")  # the language is that of the experiment
+    assert page.page.evaluate("document.documentElement.lang") == "en"
+    for what, key, number in (("pedal", "v", 1), ("detection", "d", 4)):
+        session.put({"t": "task", "what": what, "number": number, "on": True}, greets=False)
+        page.page.wait_for_selector(f"#{what}", state="visible")
+        picture(page, f"task-{what}")
+        page.page.keyboard.press(key)
+        (act,) = until(lambda what=what: [one for one in session.of("act") if one["what"] == what], "the act")
+        assert (act["number"], act["look"]) == (number, 2)
+        assert not page.page.is_visible(f"#{what}")
+    assert [page.page.evaluate(look) for look in (SMALL, CONTRASTS)] == [[], []]
+    page.page.click("header .quit")
+    picture(page, "stop-driving")
+    page.page.keyboard.press("Escape")
+    assert session.of("stop") == []
+    session.put(step("form", "probe", items=OWN))  # a freeze probe covers the display
+    page.until(lambda state: state["phase"] == "step", "the probe")
+    assert page.page.evaluate("getComputedStyle(document.getElementById('veil')).backgroundColor") == "rgb(7, 19, 32)"
+    page.page.keyboard.press("ArrowUp")
+    session.put({"t": "phase", "phase": "driving"}, greets=False)
+    page.until(lambda state: state["phase"] == "driving", "the drive")
+    assert session.of("lever") == []
+    assert page.errors == []
+
+
+def test_the_experimenter_watches_marks_notes_and_ends_a_trial_by_keys(browser: Any, served: Served) -> None:
+    visitor, session = served
+    session.shown |= {
+        "step": "drive-3", "trial": 3, "of": 8, "condition": "guide_punctuality", "driven_s": 83.4,
+        "cab": {"speed_mps": 22.1, "limit_mps": 27.8, "display_speed_mps": 25.0, "lever_ratio": -0.3, "late_s": -14.0,
+                "stop_m": 6000.0, "s_m": 2410.0},
+        "events": [{"at_s": 12.0, "text": "depart"}, {"at_s": 61.5, "text": "mark 2"}],
+        "others": [{"participant": "P07", "done": 2, "of": 8, "state": "driving"},
+                   {"participant": "P08", "done": 8, "of": 8, "state": "finished"}],
+    }  # fmt: skip
+    context = browser.new_context(viewport={"width": 1280, "height": 720})
+    page = DeskPage(context, f"http://{visitor.host}/watch?token={WATCH_TOKEN}")
+    page.until(lambda state: state["link"] == "up", "the link")
+    picture(page, "watch")
+    figures = page.text("figures")
+    assert all(text in figures for text in ("1:23", "80 km/h", "100 km/h", "90 km/h", "30 % brake", "14 s early"))
+    assert page.text("trial") == "3 of 8"
+    assert page.text("others").startswith("P072 of 8")
+    keys = page.page.keyboard
+    for key in ("4", "m", "n"):
+        keys.press(key)
+    keys.type("asks [why] 5 {m}")
+    picture(page, "watch-note")
+    keys.press("Control+Enter")
+    keys.press("a")
+    picture(page, "watch-abort")
+    keys.press("Enter")  # back, because it has the focus
+    keys.press("a")
+    page.page.click("#yes")
+    until(lambda: len(session.asked) == 4, "the requests")
+    assert session.asked == [("mark", "4"), ("mark", "M"), ("note", "asks [why] 5 {m}"), ("abort", "")]
+    assert [page.page.evaluate(look) for look in (SMALL, OUTSIDE, CONTRASTS)] == [[], [], []]
+    assert page.errors == []
