@@ -334,8 +334,6 @@ def _factors(fields: Fields, *, frozen: bool) -> tuple[Factor, ...]:
         name = table.text("name")
         if name in found:
             raise table.error("name", name, "each factor once")
-        if name == "driver" and DESK in table.data.get("levels", []):
-            raise table.error("levels", str(DESK), "simulated drivers; for people fixed.driver = 'desk'")
         values = table.rows("levels", "a list of at least 2 levels")
         if all(isinstance(value, dict) for value in values):
             levels = _named_levels(name, table, values, frozen=frozen)
@@ -345,6 +343,8 @@ def _factors(fields: Fields, *, frozen: bool) -> tuple[Factor, ...]:
             levels = tuple(_level(name, table, "levels", value, frozen=frozen) for value in values)
         if len(levels) < (1 if frozen else 2) or len({level.text for level in levels}) < len(levels):
             raise table.error("levels", values, "at least 2 levels, each once")
+        if any(one.value is DESK for level in levels for one in (level, *level.settings.values())):
+            raise table.error("levels", str(DESK), "simulated drivers; for people fixed.driver = 'desk'")
         found[name] = Factor(name=name, levels=levels, within=table.flag("within", True))
     times = Counter(setting for factor in found.values() for setting in factor.varied)
     if twice := [setting for setting, count in times.items() if count > 1]:
