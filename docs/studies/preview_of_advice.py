@@ -1,8 +1,8 @@
 """The kept run of the bundled study preview-of-advice: its report, its forest plot, and the power of its comparisons.
 
-`python -m docs.studies.preview_of_advice` updates the table of power in docs/results/0.2/preview-of-advice.md and the
-plot beside the trials; with `report` it writes report.html into the working folder, for the site. The trials were
-driven by `das-sim experiment run preview-of-advice` (four minutes of CPU time).
+`python -m docs.studies.preview_of_advice` draws the plot beside the trials in docs/results/0.2/preview-of-advice; with
+`site` it writes report.html and power.md into the working folder, for the site. The trials were driven by `das-sim
+experiment run preview-of-advice` (four minutes of CPU time).
 
 Power is the share of simulated studies in which a difference is statistically significant. Each has drivers drawn from
 the kept ones, with all their differences together; the means are shifted to the differences to be detected.
@@ -20,7 +20,7 @@ from scipy import stats
 
 from docs.studies.bundled import das_sim
 from docs.studies.cases import Floats
-from docs.studies.output import DOCS, Output, write_table
+from docs.studies.output import DOCS, Output
 from sim.experiment.analysis.comparing import (
     RunStudy,
     ShownMeasure,
@@ -80,14 +80,14 @@ def power_table(study: RunStudy) -> Iterator[str]:
 
 
 def main(args: Sequence[str] = ()) -> None:
-    """Update the plot and the table of power, or write the report into the working folder."""
-    if "report" in args:
-        das_sim("experiment", "analyse", KEPT, "-o", "report.html", folder=Path.cwd())
-        return
+    """Draw the plot beside the trials, or write report and table of power into the working folder."""
     study = read_study(KEPT)
+    if "site" in args:
+        das_sim("experiment", "analyse", KEPT, "-o", "report.html", folder=Path.cwd())
+        Output(Path.cwd()).text("power.md", "".join(f"{line}\n" for line in power_table(study)))
+        return
     gaps = [one for one in analyse_study(study).differences if one.comparison.measure == GAP]
     Output(KEPT).picture("forest", differences_figure(gaps, study.design.alpha))
-    write_table(PAGE, "power", power_table(study))
 
 
 if __name__ == "__main__":

@@ -83,10 +83,8 @@ def test_power_is_that_of_students_t_for_bell_curves_and_corrected_for_the_numbe
     assert among[0] < alone - 0.05
 
 
-def test_the_table_of_power_on_the_page_is_that_of_the_kept_trials() -> None:
-    lines = list(power_table(STUDY))
-    assert "<!-- power: begin -->\n" + "\n".join(lines) + "\n<!-- power: end -->" in SAID
-    head, _, *rows = lines
+def test_the_table_of_power_has_a_row_for_each_comparison() -> None:
+    head, _, *rows = power_table(STUDY)
     assert [row.split(":")[0].strip("| ") for row in rows] == [name.split(":")[0] for name in WORTH]
     assert len(head.split("|")) == len(SIZES) + 5
     shares = [int(cell.strip(" %")) for cell in rows[-1].split("|")[4:-1]]

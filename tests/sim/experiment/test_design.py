@@ -184,6 +184,7 @@ def test_named_levels_are_frozen_with_all_their_settings(write: Path, tmp_path: 
         ('name = "display"', 'name = "energy_kwh"', "factors[0].name = 'energy_kwh': expected small letters"),
         ('name = "display"', 'name = "seed"', "no name of a factor, measure or column"),
         ('name = "display"', 'name = "reason"', "no name of a factor, measure or column"),
+        ("preview_s = 0", 'driver = "desk"', "factors[0].levels = 'desk': expected simulated drivers"),
         ("preview_s = 0", "colour = 0", "factors[0].levels[1].colour = 0: expected one of the keys"),
         ("preview_s = 0", "preview_s = -1", "factors[0].levels[1].preview_s = -1: expected a number from 0 to 3600"),
         ("preview_s = 0", 'loss_level = "l2"', "levels[0].loss_level is missing: expected a value in every level"),
