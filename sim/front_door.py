@@ -313,12 +313,13 @@ def run_experiment(design: str | Path, folder: str | Path, *, workers: int | Non
     except ImportError as error:
         raise DasError(f"an analysis needs {error.name}: pip install '.[experiment]' in the checkout") from None
     from precompute.workers import Workers
-    from sim.experiment.checking import checked_in
+    from sim.experiment.checking import checked_in, refuse_people
     from sim.experiment.design import load_design
     from sim.experiment.study_files import FAILED_TABLE
     from sim.experiment.trials import jobs_of, run_study
 
     asked, made_in = load_design(str(design)), Path(folder)
+    refuse_people(asked, made_in)
     checked_in(asked, made_in)
     run = run_study(asked, jobs_of(asked, made_in), made_in, Workers.asked(workers))
     if run.failed:

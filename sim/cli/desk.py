@@ -48,9 +48,7 @@ AtOption = Annotated[
 class SessionLooks:
     """Options on the language of the page, and on its address."""
 
-    language: Annotated[
-        Language, typer.Option("--language", help="The language of the page at first; a key changes it.")
-    ] = Language.EN
+    language: Annotated[Language, typer.Option("--language", help="The language of the page.")] = Language.EN
     opens: Annotated[
         bool, typer.Option("--open/--no-open", help="Open a browser, or print the address alone on a line.")
     ] = True

@@ -150,19 +150,14 @@ def run(
     elif design is not None:
         raise DasError(f"--scenario {scenario}: not together with a design ({design})")
     with busy("reading the design …"):
-        from sim.experiment.checking import checked_in, made_folder
+        from sim.experiment.checking import checked_in, made_folder, refuse_people
         from sim.experiment.design import freeze, load_design
-        from sim.experiment.study_files import PEOPLE_FOLDER
         from sim.experiment.trials import jobs_of, run_study
 
         asked = load_design(str(design)) if scenario is None else _days(scenario, driver, advice, seeds, friction,
             participants, population)  # fmt: skip
     if scenario is None:
-        if asked.driven_by_people:
-            how = f"das-sim experiment desk {design} -o {out} --participant P1"
-            raise DasError(f"{asked.source}: driver = desk: people drive these trials: {how}")
-        if (out / PEOPLE_FOLDER).exists():
-            raise DasError(f"{out}: holds trials that people drive, expected another folder for simulated drivers")
+        refuse_people(asked, out)
         checked_in(asked, out)
     else:
         with made_folder(out):

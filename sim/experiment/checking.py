@@ -33,7 +33,7 @@ from sim.experiment.people.forms import load_form
 from sim.experiment.people.steps import described
 from sim.experiment.people.tasks import TASK_MEASURES
 from sim.experiment.people_plan import PeoplePlan
-from sim.experiment.study_files import TRIALS_TABLE
+from sim.experiment.study_files import PEOPLE_FOLDER, TRIALS_TABLE
 from sim.experiment.trials import StudyRun, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
 
@@ -58,7 +58,7 @@ def idle_factors(design: Design) -> Iterator[str]:
         yield "factor friction: only the human driver has a choice of brakes"
     if "punctuality" in names and design.desk is None and all(one.driver is not DESK for one in settings):
         yield "factor punctuality: only people at the desk see it, and the design has no table [desk]"
-    if "reason" in names and _ignores_reasons(design):
+    if "reason" in names and design.desk is None and _ignores_reasons(design):
         yield f"factor reason: {IGNORED}"
 
 
@@ -183,7 +183,7 @@ def _order_notes(design: Design) -> list[str]:
     """Notes on the order of the conditions."""
     if len(design.conditions(within=True)) < 2:
         return []
-    if not design.people.learning:
+    if not design.people.learning and not design.driven_by_people:
         return [
             "the order has no effect: earlier trips do not change these drivers (participants.learning = false), "
             "and nothing else carries over from trial to trial"
@@ -222,6 +222,15 @@ def pair_notes(design: Design) -> list[str]:
         f"with {count} participants no difference can be statistically significant: if all differ to the same "
         f"side, p is {min(least, 1.0):.3g}{corrected}"
     ]
+
+
+def refuse_people(design: Design, folder: Path) -> None:
+    """Raise DasError for a design, or a study's folder, whose trials people drive."""
+    if design.driven_by_people:
+        how = f"das-sim experiment desk {design.source} -o {folder} --participant P1"
+        raise DasError(f"{design.source}: driver = desk: people drive these trials: {how}")
+    if (folder / PEOPLE_FOLDER).exists():
+        raise DasError(f"{folder}: holds trials that people drive, expected another folder for simulated drivers")
 
 
 def checked_in(design: Design, folder: Path) -> None:

@@ -22,6 +22,26 @@ FLAT_DAY: Final = REPOSITORY / "sim" / "experiment" / "studies" / "days" / "flat
 STRONGEST_MPS2: Final = 1.62
 """Deceleration (m/s²) of the train of `FLAT_DAY` at full brake, which a person learns within a minute."""
 STATE: Final = "({...document.body.dataset})"
+CONTRASTS: Final = """(all) => {
+  const curve = (x) => (x <= 0.03928 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4);
+  const light = (text) => {
+    const [r, g, b] = text.match(/[\\d.]+/g).map((x) => curve(Number(x) / 255));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const under = (one) => {
+    const color = getComputedStyle(one ?? document.documentElement).backgroundColor;
+    return one && /, 0\\)$|transparent/.test(color) ? under(one.parentElement) : color;
+  };
+  const ratio = (one) => {
+    const [a, b] = [light(getComputedStyle(one).color), light(under(one))];
+    return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  };
+  const own = (one) => [...one.childNodes].some((part) => part.nodeType === 3 && part.data.trim());
+  const seen = (one) => one.offsetParent && own(one) && !one.disabled && !one.closest("[inert]");
+  return Object.fromEntries([...document.querySelectorAll(all)].filter(seen)
+    .map((one) => [`${one.id || one.tagName} ${one.textContent}`, ratio(one)]));
+}"""
+"""The contrast of every text of the elements of a selector with what is behind it, by WCAG 2."""
 
 
 @contextmanager
@@ -136,7 +156,8 @@ def _wanted(state: dict[str, str], lever: int) -> int:
         want = 5 if speed < min(limit, 100) - 5 and way > 1500 else 0
     if way < 700 and (advised is None or advised < 1):
         need = (speed / 3.6) ** 2 / (2 * max(way - 4, 1)) / STRONGEST_MPS2 * 10
-        want = -round(need) if need > 3 else min(lever, 0)
+        stopped_short = mode == "none" and need < 0.8  # by the dead-man brake
+        want = 5 if stopped_short else -round(need) if need > 3 else min(lever, 0)
     return min(want, -2) if speed > limit - 1 else want
 
 

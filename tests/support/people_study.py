@@ -74,11 +74,15 @@ def study(folder: Path, *changes: tuple[str, str]) -> Path:
 
 
 class Participant:
-    """A page at the desk by script; use with `with`. `seen` has all texts that the browser has received."""
+    """A page at the desk by script; use with `with`. `seen` has all texts that the browser has received.
 
-    def __init__(self, address: str) -> None:
+    The experimenter's page has another `socket`.
+    """
+
+    def __init__(self, address: str, socket: str = "/desk") -> None:
         parts = urlsplit(address)
         self.host, self.seen, self.steps = parts.netloc, list[str](), list[Message]()
+        self._path = socket
         door = http.client.HTTPConnection(self.host, timeout=20)
         door.request("GET", f"{parts.path}?{parts.query}")
         answer = door.getresponse()
@@ -89,8 +93,8 @@ class Participant:
 
     def __enter__(self) -> Participant:
         self._opened = connect(
-            f"ws://{self.host}/desk", origin=f"http://{self.host}",  # type: ignore[arg-type]
-            additional_headers={"Cookie": self._cookie}, compression=None,
+            f"ws://{self.host}{self._path}", origin=f"http://{self.host}",  # type: ignore[arg-type]
+            additional_headers={"Cookie": self._cookie}, compression=None, max_queue=None,
         )  # fmt: skip
         self._socket = self._opened.__enter__()
         return self

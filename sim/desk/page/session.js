@@ -2,6 +2,7 @@
 import { $, fill, minutes } from "./show.js";
 
 const SETTLES_MS = 600; // a text is sent when its writer pauses for this long
+const ASKED_MS = 2000; // a second press within this time does not ask for another step
 const MOST_RADIOS = 11; // a scale with more values is a slider
 const KEYS = { KeyV: "pedal", KeyD: "detection" };
 
@@ -46,13 +47,13 @@ export class Session {
     this.until = performance.now() + 1000 * (m.wait_s ?? 0);
     this.answers = { ...given, ...mine };
     if (fresh) {
-      this.asked = false;
+      this.askedAt = -Infinity;
       if (this.stopping && !this.ended) this.stop();
       Object.entries(mine).forEach(([item, value]) => given[item] !== value && this.answer(item, value));
     }
     if (same) return;
     this.drawn = "";
-    this.asked = false;
+    this.askedAt = -Infinity;
   }
 
   // Leaves the present step: its last words are sent.
@@ -87,7 +88,7 @@ export class Session {
   }
 
   next() {
-    if (!this.step || this.asked) return;
+    if (!this.step || performance.now() - this.askedAt < ASKED_MS) return;
     this.flush();
     const missing = (this.step.items ?? []).filter((one) => one.needed && !this.answers[one.id]?.trim());
     missing.forEach((one) => this.fault(one.id, one.kind === "text" ? this.words.write : this.words.choose));
@@ -95,7 +96,7 @@ export class Session {
       document.querySelector(`[data-item="${missing[0].id}"] :is(input, textarea)`).focus();
       return;
     }
-    this.asked = true;
+    this.askedAt = performance.now();
     this.send({ t: "next", step: this.step.id, at: this.now() });
   }
 

@@ -31,7 +31,7 @@ function show({ participant, step, trial, of, condition, driven_s, cab, events, 
   fill($("trial"), of ? `${trial} of ${of}` : "–");
   fill($("condition"), condition || "–");
   $("abort").disabled = !running;
-  figures([
+  list("figures", [
     ["Driven", shown(driven_s, minutes)],
     ["Speed", shown(cab?.speed_mps, (v) => `${kmh(v)} km/h`)],
     ["Limit", shown(cab?.limit_mps, (v) => `${kmh(v)} km/h`)],
@@ -44,24 +44,15 @@ function show({ participant, step, trial, of, condition, driven_s, cab, events, 
   list("others", others.map((one) => [one.participant, `${one.done} of ${one.of} trials, ${one.state}`]));
 }
 
-function figures(rows) {
-  const box = $("figures");
-  if (!box.children.length) {
-    box.append(...rows.map(() => document.createElement("div")));
-    [...box.children].forEach((one) => one.append(document.createElement("span"), document.createElement("b")));
-  }
-  rows.forEach(([name, value], i) => [name, value].forEach((text, k) => fill(box.children[i].children[k], text)));
-}
-
+// Writes rows of texts; a list that has not changed keeps its place.
 function list(id, rows) {
   const items = rows.map((texts) => {
     const item = document.createElement("li");
     item.append(...texts.map((text) => Object.assign(document.createElement("span"), { textContent: text })));
     return item;
   });
-  if (items.map((one) => one.textContent).join() !== [...$(id).children].map((one) => one.textContent).join()) {
-    $(id).replaceChildren(...items);
-  }
+  const written = (all) => all.map((one) => one.textContent).join();
+  if (written(items) !== written([...$(id).children])) $(id).replaceChildren(...items);
 }
 
 function mark(text) {

@@ -133,7 +133,7 @@ const ROWS = {
     "l’effacement de vos données.",
   ],
   stay: ["Go on", "Weitermachen", "Continuer"],
-  agree: ["I agree and take part", "Ich bin einverstanden und nehme teil", "J’accepte et je participe"],
+  agree: ["I agree and take part", "Ich bin einverstanden", "J’accepte et je participe"],
   refuse: ["I do not take part", "Ich nehme nicht teil", "Je ne participe pas"],
   next: ["Continue", "Weiter", "Continuer"],
   optional: ["may be left out", "kann leer bleiben", "facultatif"],

@@ -1,7 +1,8 @@
 """Questionnaires of an experiment with people: their items in three languages, the check of answers, and scores.
 
-A questionnaire is a TOML file (docs/reference/experiments.md), bundled or the laboratory's own. Answers are texts: a
-whole number for a scale, the number of the option (from 1) for a choice, else free text. No score needs the language.
+A questionnaire is a TOML file, bundled or the laboratory's own (docs/how-to/run-people-at-the-desk.md). Answers are
+texts: a whole number for a scale, the number of the option (from 1) for a choice, else free text. Scores do not depend
+on the language.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from markdown_it import MarkdownIt
 
 from das.advice.wording import Language
 from das.bus.session import endpoint, free_ports
-from das.command_line.printing import warn
+from das.command_line.printing import say, warn
 from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.reading import read_text
@@ -42,9 +42,9 @@ from sim.experiment.people.steps import (
     CONSENT_ITEM,
     NO,
     YES,
-    StepKind,
-    Standing,
     SessionStep,
+    Standing,
+    StepKind,
     is_running,
     plan_of,
     pseudonym,
@@ -184,7 +184,9 @@ class Session:
         if self.trial is None or not self.trial.probe:
             return now
         name = f"{now.step.id}-probe-{self.trial.probe}"
-        probe = SessionStep(id=name, kind=StepKind.FORM, about="form", form=self.plan.probe, trial=now.step.trial)
+        probe = SessionStep(
+            id=name, kind=StepKind.FORM, about=now.step.about, form=self.plan.probe, trial=now.step.trial
+        )
         began = max(i for i, one in enumerate(self._journal.entries) if one["what"] == "probe")
         mine = [one for one in self._journal.entries[began:] if one["step"] == name]
         return replace(now, step=probe, running=False, entries=tuple(mine))
@@ -240,7 +242,7 @@ class Session:
             "participant": self.sitting.name, "step": now.step.id, "of": now.of,
             "trial": now.done + (now.step.about == "trial"), "condition": "" if trial is None else trial.condition,
             "driven_s": None if self.trial is None else 0.0 if cab is None else cab["clock_s"], "cab": cab,
-            "events": list(self._events()), "others": list(self._others()),
+            "events": list(self._events()), "others": list(self._participants()),
         }  # fmt: skip
 
     def close(self) -> None:
@@ -256,12 +258,11 @@ class Session:
                 at_s = (one["wall_ns"] - entries[0]["wall_ns"]) * NS
                 yield {"at_s": at_s, "text": f"{one['step']}: {one['what']} {said}".strip()}
 
-    def _others(self) -> Iterator[dict[str, Any]]:
-        """The other participants who have begun, and what each has done."""
+    def _participants(self) -> Iterator[dict[str, Any]]:
+        """The participants who have begun, and what each has done."""
         for who, entries in journals(self.sitting.folder).items():
-            if who != self.sitting.who:
-                now = standing(self._steps_of(who), entries, self.plan)
-                yield {"participant": pseudonym(who), "done": now.done, "of": now.of, "state": now.step.id}
+            now = standing(self._steps_of(who), entries, self.plan)
+            yield {"participant": pseudonym(who), "done": now.done, "of": now.of, "state": now.step.id}
 
     def _add(self, step: SessionStep, what: str, **more: Any) -> None:
         trial = {} if step.trial is None else {"trial": step.trial.number}
@@ -352,7 +353,7 @@ class Session:
             "t": "step", "id": now.step.id, "kind": str(now.step.kind), "title": title, "html": html,
             "language": language, "done": now.done, "of": 0 if now.step.about == "practice" else now.of,
             "items": [] if form is None else form.items_for(language), "given": now.given,
-            "wait_s": now.wait_s(time.time_ns()),
+            "wait_s": now.wait_s(time.time_ns()), "tasks": self.plan.tasks,
         }  # fmt: skip
 
     def _words(self, step: SessionStep, form: Form | None) -> tuple[str, str]:
@@ -441,10 +442,12 @@ def serve(sitting: Sitting, port: int, tell: Callable[[str, str], None]) -> None
 
 
 def _write_privately(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file that only the user of the machine can read."""
-    path.unlink(missing_ok=True)
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+    """Write a JSON file whole, which only the user of the machine can read."""
+    new = path.with_suffix(".new")
+    new.unlink(missing_ok=True)
+    with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         json.dump(content, file)
+    new.replace(path)
 
 
 async def _serve(session: Session, door: socket.socket, kept: dict[str, Any]) -> None:
@@ -459,6 +462,7 @@ async def _serve(session: Session, door: socket.socket, kept: dict[str, Any]) ->
     if session.failed is not None:
         raise session.failed
     if not session.over.is_set():
+        say("the same command goes on at the same step")
         raise KeyboardInterrupt
 
 

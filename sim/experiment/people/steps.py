@@ -34,7 +34,7 @@ class StepKind(StrEnum):
     CONSENT = "consent"
     FORM = "form"
     READY = "ready"
-    """The participant is asked whether he is ready; the trial follows."""
+    """The question whether the participant is ready; the trial follows."""
     BREAK = "break"
     END = "end"
 
@@ -67,7 +67,7 @@ def participant_number(text: str, design: Design) -> int:
 
 
 def pseudonym(who: int) -> str:
-    """The pseudonym of a participant, which is also the name of his folder."""
+    """The pseudonym of a participant, which is also the name of the folder."""
     return f"P{who:02d}"
 
 
@@ -202,7 +202,7 @@ def described(design: Design) -> str:
     practice, trials = (sum(step.about == about for step in steps) for about in ("practice", "trial"))
     breaks = sum(step.kind is StepKind.BREAK for step in steps)
     band, hold = f"±{plan.practice_criterion_mps / KMH:g} km/h", f"{plan.practice_hold_s:g} s"
-    until = f" (until {band} for {hold}, at most {plan.practice_most} drives)" if plan.practice_criterion_mps else ""
+    until = f" ({band} for {hold}, or {plan.practice_most} drives)" if plan.practice_criterion_mps else ""
     said = [
         plan.consent and "consent",
         plan.instructions and "instructions",

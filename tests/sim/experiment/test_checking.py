@@ -15,6 +15,7 @@ Designed = Callable[[str], Design]
 TWO = "[participants]\ncount = 2\n"
 HOLD = "name = 'hold_s'\nlevels = [0, 20]"
 FRICTION = "name = 'friction'\nlevels = ['as-measured', 'electric-first']"
+PUNCTUALITY = "name = 'punctuality'\nlevels = [true, false]"
 REASON = "name = 'reason'\nlevels = [true, false]"
 
 
@@ -29,6 +30,8 @@ def refused(designed: Designed, fixed: str, factor: str, scenario: str = "flat-6
         ("presentation = 'none'", HOLD, "factor hold_s: the display is blank"),
         ("driver = 'perfect'", FRICTION, "factor friction: only the human driver"),
         ("presentation = 'guide'", REASON, "factor reason: human drivers ignore reasons"),
+        ("presentation = 'guide'", PUNCTUALITY, "factor punctuality: only people at the desk see it"),
+        ("driver = 'desk'", FRICTION, "factor friction: only the human driver"),
     ],
 )
 def test_what_no_driver_can_sense_is_refused(designed: Designed, fixed: str, factor: str, said: str) -> None:
@@ -37,8 +40,12 @@ def test_what_no_driver_can_sense_is_refused(designed: Designed, fixed: str, fac
 
 
 @pytest.mark.parametrize(
-    ("fixed", "factor"), [("presentation = 'speed-and-effort'", HOLD), ("", FRICTION), ("driver = 'perfect'", HOLD)]
-)
+    ("fixed", "factor"),
+    [
+        ("presentation = 'speed-and-effort'", HOLD), ("", FRICTION), ("driver = 'perfect'", HOLD),
+        ("driver = 'desk'", PUNCTUALITY), ("driver = 'desk'", REASON), ("[desk]", PUNCTUALITY), ("[desk]", REASON),
+    ],
+)  # fmt: skip
 def test_what_a_driver_may_sense_is_admitted(designed: Designed, fixed: str, factor: str) -> None:
     assert refused(designed, fixed, factor) == []
 

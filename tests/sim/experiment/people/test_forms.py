@@ -11,6 +11,7 @@ import pytest
 from das.advice.wording import Language
 from das.domain.errors import DasError
 from sim.experiment.people.forms import LONGEST_ANSWER, Form, load_form
+from tests.support.making import REPOSITORY
 
 NOWHERE = Path("no-folder")
 BUNDLED = {"tlx": 6, "sus": 10, "kss": 1, "trust": 12}
@@ -165,3 +166,9 @@ def test_an_unknown_questionnaire_is_an_error(tmp_path: Path) -> None:
         load_form("tlxx", tmp_path)
     with pytest.raises(DasError, match=r"own\.toml: no such file"):
         load_form("own.toml", tmp_path)
+
+
+def test_the_example_of_the_page_is_a_questionnaire(tmp_path: Path) -> None:
+    page = (REPOSITORY / "docs" / "how-to" / "run-people-at-the-desk.md").read_text(encoding="utf-8")
+    example = next(part for part in page.split("```toml")[1:] if "[[items]]" in part).partition("```")[0]
+    assert form(example, tmp_path).scores({"sure": "7"}) == {"sure": 7.0}

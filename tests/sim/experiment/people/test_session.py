@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip("starlette", reason="the extra desk is not installed")
 
 from das.bus.recording import read_recording
+from das.bus.topics import MARK
 from das.domain.errors import DasError
 from sim.experiment.analysis.comparing import read_study
 from sim.experiment.people.journal import read_journal
@@ -22,7 +23,7 @@ from tests.support.desk_page import desk_command
 from tests.support.making import refusal
 from tests.support.people_study import Participant, session_of, study
 
-LABELS = ("guide", "presentation", "speed-and-effort", "four-mode", "none", "people.toml", "Does the guide help")
+LABELS = ("guide", "presentation", "speed-and-effort", "four-mode", "_none", "people.toml", "Does the guide help")
 """Words that would tell a participant the condition or the purpose."""
 
 
@@ -46,10 +47,7 @@ def drives(page: Participant) -> None:
 
 def told(texts: list[str]) -> set[str]:
     """The labels among the texts that the browser received; the fields of a cab are numbers but its stop's name."""
-    plain = [text for text in texts if '"t":"cab"' not in text]
-    fields = ('"presentations"', '"no_advice"')
-    for field in fields:
-        plain = [text.replace(field, "") for text in plain]
+    plain = [text.replace('"presentations"', "") for text in texts if '"t":"cab"' not in text]
     return {label for label in LABELS if any(label in text for text in plain)}
 
 
@@ -211,6 +209,33 @@ def test_a_killed_command_a_killed_trial_and_ctrl_c_lose_nothing(tmp_path: Path)
     assert [row["position"] for row in rows(out / "trials.csv")] == ["1"]
     with command(design, out) as (_, third), Participant(third) as page:
         page.step("trial-1-tlx")
+
+
+@pytest.mark.nightly
+def test_the_experimenter_sees_the_trial_marks_it_and_ends_it(tmp_path: Path) -> None:
+    changes = [("practice_trials = 1", "practice_trials = 0"), ("pace = 10", 'pace = 10\ninterrupted = "skip"')]
+    with session_of(study(tmp_path / "design", *changes), tmp_path) as (address, watch), Participant(address) as page:
+        page.goes_on(page.goes_until("trial-1"))
+        with Participant(watch, "/watching") as experimenter:
+            drives(page)
+            state = experimenter.until(lambda one: one["t"] == "state" and (one["driven_s"] or 0) > 25)
+            assert (state["participant"], state["step"], state["trial"], state["of"]) == ("P01", "trial-1", 1, 2)
+            assert state["condition"] in ("none", "guide")
+            assert state["cab"]["speed_mps"] > 0
+            experimenter.say("mark", text="1")
+            experimenter.say("note", text="He yawns.")
+            experimenter.say("abort")
+            assert page.step()["id"] == "trial-2"  # the trial and its questionnaire are skipped
+            state = experimenter.until(lambda one: one.get("step") == "trial-2")
+            texts = [one["text"] for one in state["events"]]
+            assert texts[-3:] == [
+                "trial-1: mark 1", "trial-1: note He yawns.", "trial-1: interrupted ended by the experimenter",
+            ]  # fmt: skip
+        page.say("stop", at=1.0)
+        page.goes_on(page.step("debriefing"))
+        page.step("end")
+    recording = read_recording(next((tmp_path / "recordings").glob("*_interrupted-1.mcap")))
+    assert [entry.message.text for entry in recording.of(MARK) if entry.message.text] == ["1"]
 
 
 def test_simulated_drivers_do_not_drive_what_people_drive(tmp_path: Path) -> None:

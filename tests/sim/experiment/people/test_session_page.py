@@ -17,7 +17,7 @@ from das.bus import das_pb2
 from sim.desk.line import cab_fields, hello_of
 from sim.desk.messages import PageSettings
 from sim.experiment.people.forms import load_form
-from tests.support.desk_page import DeskPage, chromium, picture
+from tests.support.desk_page import CONTRASTS, DeskPage, chromium, picture
 from tests.support.desk_server import TOKEN, Visitor, until
 from tests.support.making import flat, make_train
 from tests.support.scripted_session import WATCH_TOKEN, ScriptedSession, scripted_session
@@ -52,25 +52,6 @@ HEADER = """() => [...document.querySelectorAll("header, header button, header b
   .filter((one) => one.getBoundingClientRect().right > innerWidth || one.scrollWidth > one.clientWidth + 1)
   .map((one) => one.textContent)"""
 """The texts that do not fit into the header."""
-CONTRASTS = """() => {
-  const curve = (x) => (x <= 0.03928 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4);
-  const light = (text) => {
-    const [r, g, b] = text.match(/[\\d.]+/g).map((x) => curve(Number(x) / 255));
-    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-  };
-  const under = (one) => {
-    const color = getComputedStyle(one ?? document.documentElement).backgroundColor;
-    return one && /, 0\\)$|transparent/.test(color) ? under(one.parentElement) : color;
-  };
-  const ratio = (one) => {
-    const [a, b] = [light(getComputedStyle(one).color), light(under(one))];
-    return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-  };
-  return [...document.querySelectorAll("body *")].filter((one) => one.offsetParent && !one.closest("[inert]"))
-    .filter((one) => [...one.childNodes].some((x) => x.nodeType === 3 && x.data.trim()) && !one.disabled)
-    .map((one) => [`${one.tagName} ${one.textContent}`, ratio(one)]).filter(([, x]) => x < 4.5);
-}"""
-"""The texts whose contrast with what is behind them is less than 4.5 : 1 (WCAG 2, AA)."""
 Served = tuple[Visitor, ScriptedSession]
 
 
@@ -112,6 +93,12 @@ OWN = [
 ]
 OWN = [{"step": 1, "low": "", "high": "", "needed": True} | one for one in OWN]
 OWN[1]["needed"] = False
+
+
+def faults(page: DeskPage) -> list[str]:
+    """The texts that are too small to press, too wide for their place, or less than 4.5 : 1 against what is behind."""
+    pale = [text for text, ratio in page.page.evaluate(CONTRASTS, "body *").items() if ratio < 4.5]
+    return pale + [text for look in (SMALL, OUTSIDE) for text in page.page.evaluate(look)]
 
 
 def show(page: DeskPage, session: ScriptedSession, message: dict[str, Any]) -> None:
@@ -161,17 +148,17 @@ def test_every_step_fits_can_be_read_and_pressed_in_every_language(browser: Any,
                 page.page.click("#go")
                 page.page.evaluate("document.querySelector('#veil > div').scrollTop = 1e6")
                 picture(page, f"{size}-{language}-{message['id']}-faults")
-            bad[language, message["id"]] = [page.page.evaluate(look) for look in (SMALL, OUTSIDE, CONTRASTS)]
+            bad[language, message["id"]] = faults(page)
         page.page.evaluate("document.getElementById('really').showModal()")
         picture(page, f"{size}-{language}-stop")
-        bad[language, "stop"] = [page.page.evaluate(look) for look in (SMALL, OUTSIDE, CONTRASTS)]
+        bad[language, "stop"] = faults(page)
         page.page.keyboard.press("Escape")
         session.put(hello() | {"language": language})
         session.put(cab(language), greets=False)
         page.until(lambda state, look=language: state["phase"] == "driving" and state.get("look") == look, "the cab")
         picture(page, f"{size}-{language}-driving")
-        bad[language, "driving"] = [page.page.evaluate(look) for look in (SMALL, HEADER)]
-    assert {key: found for key, found in bad.items() if any(found)} == {}
+        bad[language, "driving"] = faults(page) + page.page.evaluate(HEADER)
+    assert {key: found for key, found in bad.items() if found} == {}
     assert page.errors == []
 
 
@@ -232,6 +219,7 @@ def test_answers_come_back_after_a_reload_and_are_sent_again_after_a_lost_connec
     session.said.clear()
     session.drop()
     page.until(lambda state: state["link"] == "down", "the lost connection")
+    assert page.text("trouble").startswith("The connection is lost")
     page.page.click("text=clear")  # while there is no connection
     page.until(lambda state: state["link"] == "up", "the connection")
     until(lambda: answers(session) == {"sign": "1"}, "the answer again, and no other")
@@ -287,7 +275,7 @@ def test_beside_driving_tasks_are_shown_and_answered_and_the_end_is_open(browser
         (act,) = until(lambda what=what: [one for one in session.of("act") if one["what"] == what], "the act")
         assert (act["number"], act["look"]) == (number, 2)
         assert not page.page.is_visible(f"#{what}")
-    assert [page.page.evaluate(look) for look in (SMALL, CONTRASTS)] == [[], []]
+    assert faults(page) == []
     page.page.click("header .quit")
     picture(page, "stop-driving")
     page.page.keyboard.press("Escape")
@@ -333,5 +321,5 @@ def test_the_experimenter_watches_marks_notes_and_ends_a_trial_by_keys(browser: 
     page.page.click("#yes")
     until(lambda: len(session.asked) == 4, "the requests")
     assert session.asked == [("mark", "4"), ("mark", "M"), ("note", "asks [why] 5 {m}"), ("abort", "")]
-    assert [page.page.evaluate(look) for look in (SMALL, OUTSIDE, CONTRASTS)] == [[], [], []]
+    assert faults(page) == []
     assert page.errors == []

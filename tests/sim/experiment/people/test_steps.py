@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,10 +16,11 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.checking import check_design
 from sim.experiment.design import Design, design_files, freeze, load_design, read_design, read_frozen
+from sim.experiment.driving import WatchedDriver
 from sim.experiment.people.journal import PersonJournal, journals, read_journal, write_tables
 from sim.experiment.people.steps import (
-    Standing,
     SessionStep,
+    Standing,
     described,
     participant_number,
     plan_of,
@@ -25,6 +28,7 @@ from sim.experiment.people.steps import (
     steps_of,
 )
 from sim.experiment.people.tasks import SideTask
+from sim.experiment.people.trial import longest_held_s
 from sim.experiment.people_plan import TASKS, Interrupted, PeoplePlan, bundled_forms
 from tests.support.making import REPOSITORY
 from tests.support.people_study import study
@@ -68,7 +72,7 @@ def test_a_participant_does_the_steps_of_the_design_in_order(design: Design) -> 
     for name in ALL:
         assert at(design, entries_before(steps, name)).step.id == name
     assert described(design) == (
-        "consent; instructions; kss; practice (until ±3 km/h for 5 s, at most 1 drives); 2 trials, each with tlx; "
+        "consent; instructions; kss; practice (±3 km/h for 5 s, or 1 drives); 2 trials, each with tlx; "
         "1 break of 1 s; sus; debriefing"
     )
 
@@ -169,7 +173,7 @@ def test_the_table_of_the_manual_is_read(tmp_path: Path) -> None:
     path.write_text(path.read_text(encoding="utf-8").partition("[desk]")[0] + table, encoding="utf-8")
     design = read_design(path)
     assert described(design) == (
-        "consent; kss; practice (until ±3 km/h for 60 s, at most 3 drives); 2 trials, each with tlx; pedal; "
+        "consent; kss; practice (±3 km/h for 60 s, or 3 drives); 2 trials, each with tlx; pedal; "
         "2 probes in each (awareness.toml); 1 break of 1 s"
     )
 
@@ -194,6 +198,30 @@ def test_the_texts_and_questionnaires_are_frozen_with_the_design(tmp_path: Path)
     (path.parent / "consent.md").unlink()
     with pytest.raises(DasError, match=r"consent\.md"):
         design_files(replace(load_design("smoke"), desk=PeoplePlan(consent="consent.md", folder=path.parent)))
+
+
+def test_the_criterion_of_practice_is_the_longest_time_near_the_shown_speed_or_the_limit() -> None:
+    def second(speed_mps: float, shown_mps: float | None) -> Any:
+        shown = None if shown_mps is None else SimpleNamespace(shown_speed_mps=shown_mps)
+        return SimpleNamespace(speed_mps=speed_mps), SimpleNamespace(limit_mps=30.0, shown=shown)
+
+    near, far, at_limit = second(20.5, 20.0), second(22.0, 20.0), second(29.5, math.nan)
+    driven: Any = SimpleNamespace(moving=[near, near, far, near, at_limit, second(30.5, None), far, near])
+    assert longest_held_s(driven, 1.0) == 3.0
+    assert longest_held_s(driven, 0.1) == 0.0
+
+
+def test_a_run_begins_with_a_driver_in_another_process_although_it_is_watched() -> None:
+    class Outside:
+        def begin(self, link: object) -> None:
+            """Wait for the other process."""
+
+        def command(self, cab: object) -> Any:
+            """Ask the other process."""
+
+    outside = Outside()
+    assert WatchedDriver(outside).begin == outside.begin
+    assert WatchedDriver(WatchedDriver(SimpleNamespace(command=outside.command))).begin is None
 
 
 def test_a_cut_last_line_is_removed_and_an_altered_one_is_an_error(tmp_path: Path) -> None:
