@@ -84,7 +84,8 @@ def _minds_reasons(design: Design, setting: Setting) -> bool:
     """Whether drivers of a setting refuse less advice if they see its reason."""
     name = "reason_refusal_ratio"
     drawn = {spread.name for spread in load_population(design.people.population).spreads}
-    return name in drawn or name in setting.read_scenario().human.given or getattr(HumanParameters(), name) < 1
+    usual = dict(setting.human).get(name, getattr(HumanParameters(), name))
+    return name in drawn or name in setting.read_scenario().human.given or usual < 1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -66,6 +66,7 @@ def test_named_levels_that_differ_in_a_reason_are_noted(designed: Designed, tmp_
     day = study_days()["flat-6km"].read_text() + "\n[human]\nreason_refusal_ratio = 0\n"
     (tmp_path / "day.toml").write_text(day)
     assert level_notes(designed(text.replace("flat-6km", "day.toml"))) == []
+    assert level_notes(designed(text.replace("[fixed]", "[fixed]\nhuman_reason_refusal_ratio = 0.5"))) == []
 
 
 def test_a_check_counts_trials_and_says_how_long_a_participant_takes(designed: Designed) -> None:
