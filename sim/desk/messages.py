@@ -75,12 +75,13 @@ class Stopped(msgspec.Struct, tag_field="t", tag="stop", frozen=True):
 
 
 class Acted(msgspec.Struct, tag_field="t", tag="act", frozen=True):
-    """The answer to a request (number, from 1) of a task beside driving; 0: there was none."""
+    """The answer to a request (number, from 1) of a task beside driving, and when it was drawn; 0: there was none."""
 
     what: Annotated[str, msgspec.Meta(max_length=16)]
     at: WallMs
     look: Count = 0
     number: Count = 0
+    shown: WallMs = 0
 
 
 Said = Lever | FrameDrawn | Ready | Marked | Answered | WentOn | Stopped | Acted

@@ -21,7 +21,7 @@ export class Session {
     this.now = () => wall(performance.now());
     this.step = null;
     this.answers = {};
-    this.numbers = {};
+    this.requests = {};
     this.stopping = false;
     document.querySelectorAll(".quit").forEach((one) => {
       one.hidden = false;
@@ -216,8 +216,8 @@ export class Session {
   // ---- tasks beside driving
   // Shows or removes the request of a task.
   task({ what, number, on }) {
-    this.numbers[what] = number;
     $(what).hidden = !on;
+    if (on) requestAnimationFrame((stamp) => this.requests[what] = { number, shown: performance.timeOrigin + stamp });
   }
 
   clear() {
@@ -233,6 +233,6 @@ export class Session {
   act(what, stamp, look) {
     if (!what) return;
     $(what).hidden = true;
-    this.send({ t: "act", what, at: performance.timeOrigin + stamp, look, number: this.numbers[what] ?? 0 });
+    this.send({ t: "act", what, at: performance.timeOrigin + stamp, look, ...this.requests[what] });
   }
 }

@@ -215,7 +215,7 @@ class Session:
                 self._add(now.step, "answered", item=said.item, value=said.value, browser_ms=said.at)
         elif self.trial is not None and isinstance(said, Acted):
             if said.what in self.plan.tasks:
-                self._tell(self.trial.tasks.answered(SideTask(said.what), said.number, said.at))
+                self._tell(self.trial.tasks.answered(SideTask(said.what), said.number, said.at, said.shown))
         elif self.trial is not None:
             self.trial.desk.on_page(said)
 

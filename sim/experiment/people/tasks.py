@@ -53,14 +53,16 @@ TASK_MEASURES: Final = {
 class TaskEvent(NamedTuple):
     """An event of a task: its request of a number (from 1) was "shown", "gone", "withdrawn" or "answered".
 
-    `wall_ms` is the wall clock (ms since 1970), of the browser for an answer. A withdrawn request counts neither as
-    answered nor as missed.
+    `wall_ms` is the wall clock (ms since 1970), of the browser for an answer; `drawn_ms` is the time at which the
+    browser drew the request that is answered, 0 if it drew none. A withdrawn request counts neither as answered nor as
+    missed.
     """
 
     task: SideTask
     number: int
     event: str
     wall_ms: float
+    drawn_ms: float = 0.0
 
     @property
     def entry(self) -> dict[str, Any]:
@@ -106,12 +108,12 @@ class SideTasks:
                 found.append(TaskEvent(task, course.number, "shown", wall_ms))
         return found
 
-    def answered(self, task: SideTask, number: int, wall_ms: float) -> TaskEvent:
+    def answered(self, task: SideTask, number: int, wall_ms: float, drawn_ms: float) -> TaskEvent:
         """The event of an answer, which ends the request; an answer without a request is kept as well."""
         course = self._courses.get(task)
         if course is not None and course.number == number:
             course.on = False
-        return TaskEvent(task, number, "answered", wall_ms)
+        return TaskEvent(task, number, "answered", wall_ms, drawn_ms)
 
     def probe_due(self, clock_s: float) -> bool:
         """Whether a probe is due; True once for each."""
@@ -137,21 +139,23 @@ def probe_times(seed: int, count: int, planned_s: float) -> tuple[float, ...]:
 def task_measures(entries: Iterable[Mapping[str, Any]]) -> dict[str, float]:
     """The measures of a trial from the entries of its journal; those without a single finished request are missing.
 
-    A request was answered if the first valid answer to it came between `SOONEST_S` and the task's longest reaction.
+    A request was answered if the first valid answer came between `SOONEST_S` and the task's longest reaction after the
+    browser had drawn it.
     """
     acts = [one for one in entries if one["what"] == "act"]
     found = {}
     for task in SideTask:
-        times: dict[str, dict[int, list[float]]] = {"shown": {}, "gone": {}, "answered": {}}
+        spans: dict[str, dict[int, list[float]]] = {"shown": {}, "gone": {}, "answered": {}}
         for one in acts:
-            if one["task"] == task and one["event"] in times:
-                times[one["event"]].setdefault(one["number"], []).append(one["wall_ms"])
+            if one["task"] == task and one["event"] in spans:
+                span_s = (one["wall_ms"] - one["drawn_ms"]) / 1000
+                spans[one["event"]].setdefault(one["number"], []).append(span_s)
         reactions, missed = [], 0
-        for number, (shown_ms, *_) in times["shown"].items():
-            spans = [(ms - shown_ms) / 1000 for ms in times["answered"].get(number, [])]
-            valid = [span for span in spans if SOONEST_S <= span <= TIMINGS[task].latest_s]
+        for number in spans["shown"]:
+            answers = spans["answered"].get(number, [])
+            valid = [span for span in answers if SOONEST_S <= span <= TIMINGS[task].latest_s]
             reactions += valid[:1]
-            missed += not valid and (number in times["gone"] or bool(spans))
+            missed += not valid and (number in spans["gone"] or bool(answers))
         if reactions:
             found[f"{task}_s"] = float(np.mean(reactions))
         if reactions or missed:

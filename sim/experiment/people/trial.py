@@ -24,7 +24,7 @@ from das.domain.files.writing import make_folder, write_whole
 from sim.desk.messages import SETTINGS_KEY, PageSettings, encoded
 from sim.drivers.kinds import DESK
 from sim.experiment.design import check_frozen, load_design, resolved
-from sim.experiment.driving import AtDesk, Driven, StudyTrial, drive
+from sim.experiment.driving import AtDesk, Driven, drive
 from sim.experiment.measures import measured, needs_table
 from sim.experiment.people.steps import plan_of
 from sim.experiment.runner import JobRecording
@@ -51,11 +51,6 @@ class TrialGiven(msgspec.Struct, frozen=True, kw_only=True):
     page: PageSettings
 
 
-def at_the_desk(trial: StudyTrial) -> StudyTrial:
-    """A trial with a person as its driver."""
-    return replace(trial, setting=replace(trial.setting, driver=DESK))
-
-
 def driven_row(given: TrialGiven) -> dict[str, Any]:
     """Drive a trial; returns its measures, and the longest time (s) within the criterion of practice.
 
@@ -65,7 +60,8 @@ def driven_row(given: TrialGiven) -> dict[str, Any]:
 
     design = load_design(given.design)
     check_frozen(design, Path(given.folder), resolved(design)["hash"])
-    plan, trial = plan_of(design), at_the_desk(trials_of(design)[given.number - 1])
+    plan, trial = plan_of(design), trials_of(design)[given.number - 1]
+    trial = replace(trial, setting=replace(trial.setting, driver=DESK))
     warm_up()
     desk = AtDesk(
         times_real=plan.pace, driver_at=given.driver_at, recorder_at=given.recorder_at,

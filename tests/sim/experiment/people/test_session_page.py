@@ -274,6 +274,7 @@ def test_beside_driving_tasks_are_shown_and_answered_and_the_end_is_open(browser
         page.page.keyboard.press(key)
         (act,) = until(lambda what=what: [one for one in session.of("act") if one["what"] == what], "the act")
         assert (act["number"], act["look"]) == (number, 2)
+        assert 0 < act["at"] - act["shown"] < 60_000
         assert not page.page.is_visible(f"#{what}")
     assert faults(page) == []
     page.page.click("header .quit")

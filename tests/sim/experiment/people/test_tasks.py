@@ -59,7 +59,7 @@ def test_an_answer_ends_its_request_and_a_probe_withdraws_it() -> None:
     at_s, shown = next(one for one in events if one[1].event == "shown")
     again = SideTasks([SideTask.DETECTION], 7, [20.0, 30.0])
     assert course(again, at_s + 0.1)[-1][1] == shown
-    assert again.answered(SideTask.DETECTION, 1, 5.0) == TaskEvent(SideTask.DETECTION, 1, "answered", 5.0)
+    assert again.answered(SideTask.DETECTION, 1, 5.0, 4.0) == TaskEvent(SideTask.DETECTION, 1, "answered", 5.0, 4.0)
     assert again.look(at_s + 1.2, 0.0) == []  # it is gone already
     late = SideTasks([SideTask.DETECTION], 7, [20.0, 30.0])
     course(late, at_s + 0.1)
@@ -70,7 +70,9 @@ def test_an_answer_ends_its_request_and_a_probe_withdraws_it() -> None:
 
 
 def entry(task: SideTask, number: int, event: str, at_s: float) -> dict[str, object]:
-    written: dict[str, object] = json.loads(json.dumps(TaskEvent(task, number, event, 1000 * at_s).entry))
+    """An entry of the journal; the browser drew a request 20 ms after it was shown, at 4 s intervals from 10 s on."""
+    drawn_ms = 1000 * (6.02 + 4 * number) if event == "answered" and number else 0.0
+    written: dict[str, object] = json.loads(json.dumps(TaskEvent(task, number, event, 1000 * at_s, drawn_ms).entry))
     return written | {"step": "trial-1", "wall_ns": 1}
 
 
@@ -80,7 +82,7 @@ def test_the_measures_are_those_of_a_hand() -> None:
         entry(disc, 1, "shown", 10.0), entry(disc, 1, "answered", 10.4), entry(disc, 1, "answered", 10.6),
         entry(disc, 2, "shown", 14.0), entry(disc, 2, "gone", 15.0), entry(disc, 2, "answered", 16.0),  # 2 s, valid
         entry(disc, 3, "shown", 18.0), entry(disc, 3, "gone", 19.0), entry(disc, 3, "answered", 20.6),  # too late
-        entry(disc, 4, "shown", 22.0), entry(disc, 4, "answered", 22.05),  # an anticipation
+        entry(disc, 4, "shown", 22.0), entry(disc, 4, "answered", 22.07),  # an anticipation
         entry(disc, 5, "shown", 26.0), entry(disc, 5, "withdrawn", 26.2),  # a probe
         entry(disc, 6, "shown", 30.0),  # the trial ended
         entry(disc, 0, "answered", 9.0),  # without a request
@@ -89,7 +91,7 @@ def test_the_measures_are_those_of_a_hand() -> None:
     ]  # fmt: skip
     found = task_measures(entries)
     assert found == {
-        "detection_s": pytest.approx((0.4 + 2.0) / 2), "detection_missed": 0.5, "pedal_missed": 1.0,
+        "detection_s": pytest.approx((0.38 + 1.98) / 2), "detection_missed": 0.5, "pedal_missed": 1.0,
     }  # fmt: skip
     assert set(found) < set(TASK_MEASURES)
     assert task_measures([]) == {}
