@@ -34,7 +34,8 @@ from docs.studies.forks import ERRORS, PRINTED
 ROOT: Final = Path(__file__).resolve().parents[2]
 KEPT: Final = ROOT / "build" / "figures"
 SOURCES: Final = (
-    *("das", "sim", "precompute", "docs/studies", "recordings/zurich-zug-late.mcap"),
+    *("das", "sim", "precompute", "docs/studies", "docs/results/0.2/preview-of-advice"),
+    "recordings/zurich-zug-late.mcap",
     *("tests/das/estimate", "tests/das/solver", "tests/support"),
 )
 """Folders and files on which the output of a command depends."""

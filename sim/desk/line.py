@@ -81,8 +81,12 @@ def _train(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def _presentations() -> dict[int, dict[str, Any]]:
-    """What the page draws for each presentation. Their names would tell a participant the condition."""
-    presenters = {name: presenter_of(name) for name in Presentation if name is not Presentation.NONE}
+    """What the page draws for each presentation: nothing for the sheet, which is on paper beside it.
+
+    The names would tell a participant the condition.
+    """
+    drawn = (name for name in Presentation if name not in (Presentation.NONE, Presentation.SHEET))
+    presenters = {name: presenter_of(name) for name in drawn}
     return {
         one.number: {
             "lateness": name is Presentation.DEVIATION,

@@ -53,24 +53,39 @@ def idle_factors(design: Design) -> Iterator[str]:
         for name in OF_DISPLAY:
             if name in names:
                 yield f"factor {name}: the display is blank (presentation none), so the factor has no effect"
-    people = [one for one in settings if one.driver is DriverKind.HUMAN]
-    if "friction" in names and not people and all(isinstance(one.driver, DriverKind | External) for one in settings):
+    simulated = any(one.driver is DriverKind.HUMAN for one in settings)
+    if "friction" in names and not simulated and all(isinstance(one.driver, DriverKind | External) for one in settings):
         yield "factor friction: only the human driver has a choice of brakes"
     if "punctuality" in names and design.desk is None and all(one.driver is not DESK for one in settings):
         yield "factor punctuality: only people at the desk see it, and the design has no table [desk]"
-    minded = not people or design.desk is not None or any(_minds_reasons(design, one) for one in people)
-    if "reason" in names and not minded:
-        yield (
-            "factor reason: human drivers ignore reasons unless reason_refusal_ratio is below 1, in the population or "
-            "in [human] of the scenario"
-        )
+    if "reason" in names and design.desk is None and _ignores_reasons(design):
+        yield f"factor reason: {IGNORED}"
+
+
+IGNORED: Final = (
+    "human drivers ignore reasons unless reason_refusal_ratio is below 1, in the population or in [human] of the "
+    "scenario"
+)
+
+
+def _ignores_reasons(design: Design) -> bool:
+    """Whether there are simulated human drivers, and the reason of advice changes nothing for any of them."""
+    people = [one for one in design.settings() if one.driver is DriverKind.HUMAN]
+    return bool(people) and not any(_minds_reasons(design, one) for one in people)
+
+
+def level_notes(design: Design) -> list[str]:
+    """A note on each factor with named levels that differ in the reason, if simulated drivers ignore reasons."""
+    named = [factor for factor in design.factors if factor.name not in factor.varied and "reason" in factor.varied]
+    return [f"factor {factor.name}: {IGNORED}" for factor in named] if _ignores_reasons(design) else []
 
 
 def _minds_reasons(design: Design, setting: Setting) -> bool:
     """Whether drivers of a setting refuse less advice if they see its reason."""
     name = "reason_refusal_ratio"
     drawn = {spread.name for spread in load_population(design.people.population).spreads}
-    return name in drawn or name in setting.read_scenario().human.given or getattr(HumanParameters(), name) < 1
+    usual = dict(setting.human).get(name, getattr(HumanParameters(), name))
+    return name in drawn or name in setting.read_scenario().human.given or usual < 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +126,13 @@ def check_design(design: Design) -> DesignCheck:
         participants=design.people.count,
         longest_participant_s=max(spans_s),
         all_participants_s=sum(spans_s),
-        notes=(*imbalances(design, trials), *_order_notes(design), *group_notes(design), *pair_notes(design)),
+        notes=(
+            *imbalances(design, trials),
+            *_order_notes(design),
+            *group_notes(design),
+            *pair_notes(design),
+            *level_notes(design),
+        ),
         refused=tuple(idle_factors(design)),
         desk=described(design) if design.desk is not None or design.driven_by_people else "",
     )

@@ -43,6 +43,10 @@ MOST_PARTICIPANTS: Final = 10_000
 MOST_TRIALS_EACH: Final = 100_000
 LONGEST_BREAK_S: Final = 86_400.0
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+_NAME_WORDS: Final = "1 to 64 small letters, digits and '-', not beginning with '-'"
+_COLUMN = re.compile(r"[a-z][a-z0-9_]{0,63}")
+COLUMNS: Final = ("trial", "participant", "session", "position", "practice", "condition", "seed")
+"""The columns of the table of trials that are neither factors nor measures."""
 
 
 class ConditionOrder(StrEnum):
@@ -101,7 +105,10 @@ class PlannedComparison:
 
 @dataclass(frozen=True, kw_only=True)
 class Factor:
-    """A factor that varies: its name, its levels, and whether each participant drives all of them (`within`) or one."""
+    """A factor that varies: its name, its levels, and whether each participant drives all of them (`within`) or one.
+
+    It is one of `FACTORS`, or has a name of its own and named levels, each of which fixes several of these at once.
+    """
 
     name: str
     levels: tuple[FactorLevel, ...]
@@ -111,6 +118,11 @@ class Factor:
     def texts(self) -> tuple[str, ...]:
         """The texts of the levels in tables."""
         return tuple(level.text for level in self.levels)
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """The names of the settings of a trial that this factor decides."""
+        return tuple(self.levels[0].settings) or (self.name,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,7 +225,9 @@ class Design:
     def setting(self, condition: Mapping[str, FactorLevel]) -> Setting:
         """The setting of a trial under a condition; factors that the condition does not name keep their fixed
         levels."""
-        values: dict[str, Any] = {name: level.value for name, level in (dict(self.fixed) | dict(condition)).items()}
+        each = dict(self.fixed) | dict(condition)
+        levels = {name: one for key, level in each.items() for name, one in (level.settings or {key: level}).items()}
+        values: dict[str, Any] = {name: level.value for name, level in levels.items()}
         of_human = sorted(name for name in values if name.startswith(OF_HUMAN))
         human = tuple((name.removeprefix(OF_HUMAN), values.pop(name)) for name in of_human)
         return Setting(**values, human=human)
@@ -278,7 +292,7 @@ def _design(fields: Fields, *, frozen: bool) -> Design:
     main.check_keys(["name", "title", "description", "seed"])
     name, factors = main.text("name"), _factors(fields, frozen=frozen)
     if not _NAME.fullmatch(name):
-        raise main.error("name", name, "1 to 64 small letters, digits and '-', not beginning with '-'")
+        raise main.error("name", name, _NAME_WORDS)
     analysis = fields.optional_table("analysis")
     analysis.check_keys(["measures", "alpha", "correction"])
     desk = read_plan(fields.table("desk"), frozen=frozen) if fields.has("desk") else None
@@ -318,29 +332,63 @@ def _factors(fields: Fields, *, frozen: bool) -> tuple[Factor, ...]:
         table = Fields.of(fields.source, row, f"factors[{i}].")
         table.check_keys(["name", "levels", "within"])
         name = table.text("name")
-        if not frozen and name not in FACTORS:
-            raise table.error("name", name, f"one of {', '.join(FACTORS)}")
         if name in found:
             raise table.error("name", name, "each factor once")
-        if name == "driver" and DESK in table.data.get("levels", []):
-            raise table.error("levels", str(DESK), "simulated drivers; for people fixed.driver = 'desk'")
         values = table.rows("levels", "a list of at least 2 levels")
-        levels = tuple(_level(name, table, "levels", value, frozen=frozen) for value in values)
+        if all(isinstance(value, dict) for value in values):
+            levels = _named_levels(name, table, values, frozen=frozen)
+        elif not frozen and name not in FACTORS:
+            raise table.error("name", name, f"one of {', '.join(FACTORS)}, or a name of your own with named levels")
+        else:
+            levels = tuple(_level(name, table, "levels", value, frozen=frozen) for value in values)
         if len(levels) < (1 if frozen else 2) or len({level.text for level in levels}) < len(levels):
             raise table.error("levels", values, "at least 2 levels, each once")
+        if any(one.value is DESK for level in levels for one in (level, *level.settings.values())):
+            raise table.error("levels", str(DESK), "simulated drivers; for people fixed.driver = 'desk'")
         found[name] = Factor(name=name, levels=levels, within=table.flag("within", True))
+    times = Counter(setting for factor in found.values() for setting in factor.varied)
+    if twice := [setting for setting, count in times.items() if count > 1]:
+        raise fields.error("factors", twice[0], "each setting in one factor only")
     return tuple(found.values())
+
+
+def _named_levels(factor: str, table: Fields, values: Sequence[Any], *, frozen: bool) -> tuple[FactorLevel, ...]:
+    """The named levels of a factor; a setting that only some of them state has its default in the others."""
+    rows = [Fields.of(table.source, value, f"{table.prefix}levels[{i}].") for i, value in enumerate(values)]
+    stated = dict.fromkeys(name for row in rows for name in row.data if name != "name")
+    if not stated:
+        raise table.error("levels", list(values), "levels with at least one setting")
+    if not frozen and (not _COLUMN.fullmatch(factor) or factor in (*FACTORS, *MEASURES, *COLUMNS)):
+        raise table.error("name", factor, "small letters, digits and _, but no name of a factor, measure or column")
+    for row in [] if frozen else rows:
+        row.check_keys(["name", *FACTORS])
+        if not _NAME.fullmatch(row.text("name")):
+            raise row.error("name", row.text("name"), _NAME_WORDS)
+    usual = {} if frozen else defaults(FACTORS.keys() - stated)
+
+    def setting(row: Fields, name: str) -> FactorLevel:
+        if row.has(name):
+            return _level(name, row, name, row.data[name], frozen=frozen)
+        if name not in usual:
+            raise row.error(name, MISSING, "a value in every level, because there is no default")
+        return usual[name]
+
+    return tuple(
+        FactorLevel(text=row.text("name"), settings={name: setting(row, name) for name in stated}) for row in rows
+    )
 
 
 def _fixed(table: Fields, factors: tuple[Factor, ...], *, frozen: bool) -> dict[str, FactorLevel]:
     """The fixed settings of all trials, defaults included; InputError for a factor that also varies."""
     if not frozen:
         table.check_keys(list(FACTORS))
-    for factor in factors:
-        if table.has(factor.name):
-            raise table.error(factor.name, table.data[factor.name], "nothing, because it is a factor of the design")
+    varied = {name: factor.name for factor in factors for name in factor.varied}
+    for name in table.data:
+        if name in varied:
+            expected = f"nothing, because the factor {varied[name]} of the design decides it"
+            raise table.error(name, table.data[name], expected)
     given = {name: _level(name, table, name, value, frozen=frozen) for name, value in table.data.items()}
-    return given if frozen else {**defaults({factor.name for factor in factors} | given.keys()), **given}
+    return given if frozen else {**defaults(varied.keys() | given.keys()), **given}
 
 
 def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
@@ -402,7 +450,8 @@ def _level_text(factor: Factor, table: Fields, key: str, *, frozen: bool) -> str
     value = table.data.get(key, MISSING)
     if isinstance(value, str) and value in factor.texts:
         return value
-    read = None if value is MISSING else _level(factor.name, table, key, value, frozen=frozen).text
+    named = factor.name not in factor.varied
+    read = None if value is MISSING or named else _level(factor.name, table, key, value, frozen=frozen).text
     if read not in factor.texts:
         raise table.error(key, value, f"one of the levels {', '.join(factor.texts)}")
     return read
@@ -477,7 +526,8 @@ def resolved(design: Design) -> dict[str, Any]:
         "procedure": asdict(design.procedure),
         "fixed": {name: level.text for name, level in sorted(design.fixed.items())},
         "factors": [
-            {"name": factor.name, "levels": list(factor.texts), "within": factor.within} for factor in design.factors
+            {"name": factor.name, "levels": list(map(_frozen_level, factor.levels)), "within": factor.within}
+            for factor in design.factors
         ],
         "analysis": {
             "measures": list(design.measures),
@@ -489,6 +539,12 @@ def resolved(design: Design) -> dict[str, Any]:
         "files": design_files(design),
     }
     return {"hash": design_sha256(found), **found}
+
+
+def _frozen_level(level: FactorLevel) -> str | dict[str, str]:
+    """A level as in a frozen design: its text; for a named level, the texts of all its settings as well."""
+    settings = {name: one.text for name, one in sorted(level.settings.items())}
+    return {"name": level.text, **settings} if settings else level.text
 
 
 def design_sha256(found: Mapping[str, Any]) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -93,10 +93,14 @@ def setting_files(setting: Setting) -> dict[str, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class FactorLevel:
-    """A level of a factor: its text in tables, and its value in a `Setting`."""
+    """A level of a factor: its text in tables, and its value in a `Setting`.
+
+    A named level has no value of its own, but `settings`: the level of each factor that it fixes, by name.
+    """
 
     text: str
-    value: Any
+    value: Any = None
+    settings: Mapping[str, FactorLevel] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

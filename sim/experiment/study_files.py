@@ -24,7 +24,7 @@ from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.experiment.design import DESIGN_JSON, DESIGN_TEXT, Design, design_sha256, read_frozen
 from sim.experiment.driving import StudyTrial
-from sim.experiment.factors import FACTORS, day_of
+from sim.experiment.factors import FACTORS, FactorLevel, day_of
 from sim.experiment.measures import MEASURES
 from sim.options import typed_command
 from sim.recording.opening import open_recording
@@ -157,10 +157,11 @@ def column_meanings(design: Design) -> dict[str, str]:
     """The meaning of each column of the table of trials, with its unit."""
     found = dict(TRIAL_COLUMNS)
     for factor in design.factors:
-        known = FACTORS[factor.name]
-        unit = f" ({known.unit})" if known.unit else ""
+        known = FACTORS.get(factor.name)
+        unit = f" ({known.unit})" if known and known.unit else ""
+        meaning = known.meaning if known else f"settings under one name: {', '.join(factor.varied)}"
         within = "within" if factor.within else "between"
-        found[factor.name] = f"{known.meaning}{unit}; levels {', '.join(factor.texts)}; {within} participants"
+        found[factor.name] = f"{meaning}{unit}; levels {', '.join(factor.texts)}; {within} participants"
     found["seed"] = "seed of the day; trials with one seed meet the same day"
     for name in design.measures:
         measure = MEASURES.get(name)
@@ -169,6 +170,14 @@ def column_meanings(design: Design) -> dict[str, str]:
             continue
         found[name] = f"{measure.title} ({measure.unit}): {measure.formula} ({measure.source})"
     return found
+
+
+def level_meaning(factor: str, level: FactorLevel) -> str:
+    """The meaning of a level, for a named one by its settings; empty if its text explains itself, or is unknown."""
+    texts = {f"{name} {one.text}": level_words(name, one.text) for name, one in level.settings.items()}
+    return "; ".join(f"{text} ({words})" if words else text for text, words in texts.items()) or level_words(
+        factor, level.text
+    )
 
 
 def level_words(factor: str, level: str) -> str:

@@ -30,7 +30,7 @@ from sim.experiment.analysis.comparing import (
 )
 from sim.experiment.design import Design, PlannedComparison
 from sim.experiment.factors import FACTORS
-from sim.experiment.study_files import level_words
+from sim.experiment.study_files import level_meaning
 from sim.meanings import LIGHT
 
 if TYPE_CHECKING:
@@ -206,9 +206,9 @@ def design_rows(found: StudyFindings) -> list[tuple[str, str]]:
 def level_rows(found: StudyFindings) -> list[tuple[str, str]]:
     """The meaning of each factor's levels, unless their names state it."""
     words = [
-        (f"{one.name}: {level}", level_words(one.name, level))
+        (f"{one.name}: {level.text}", level_meaning(one.name, level))
         for one in found.study.design.factors
-        for level in one.texts
+        for level in one.levels
     ]
     return [(name, text) for name, text in words if text]
 
@@ -257,7 +257,7 @@ def _difference_images(found: StudyFindings) -> list[dict[str, str]]:
     for shown in found.measures:
         some = [one for one in found.differences if one.shown.column == shown.column]
         if some:
-            image = as_image(_differences_figure(some, found.study.design.alpha))
+            image = as_image(differences_figure(some, found.study.design.alpha))
             images.append({"image": image, "text": f"{shown.name}: {shown.text}." if shown.text else shown.name})
     return images
 
@@ -346,7 +346,7 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
     }
 
 
-def _differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figure:
+def differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figure:
     """The planned differences of one measure: the mean with its 95 % interval, and a point for each driver."""
     from sim.review.canvas import INK, light_figure, named
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.experiment.checking import check_design, idle_factors
+from sim.experiment.checking import check_design, idle_factors, level_notes
 from sim.experiment.design import Design
 from sim.experiment.factors import study_days
 
@@ -54,6 +54,19 @@ def test_a_reason_is_admitted_for_drivers_whom_it_makes_refuse_less(designed: De
     day = study_days()["flat-6km"].read_text() + "\n[human]\nreason_refusal_ratio = 0\n"
     (tmp_path / "day.toml").write_text(day)
     assert refused(designed, "presentation = 'guide'", REASON, "day.toml") == []
+
+
+def test_named_levels_that_differ_in_a_reason_are_noted(designed: Designed, tmp_path: Path) -> None:
+    levels = "levels = [{name = 'whole', reason = true}, {name = 'mute', reason = false}]"
+    text = f"{TWO}[fixed]\nscenario = 'flat-6km'\n[[factors]]\nname = 'display'\n{levels}\n"
+    design = designed(text)
+    assert list(idle_factors(design)) == []
+    (note,) = level_notes(design)
+    assert note.startswith("factor display: human drivers ignore reasons")
+    day = study_days()["flat-6km"].read_text() + "\n[human]\nreason_refusal_ratio = 0\n"
+    (tmp_path / "day.toml").write_text(day)
+    assert level_notes(designed(text.replace("flat-6km", "day.toml"))) == []
+    assert level_notes(designed(text.replace("[fixed]", "[fixed]\nhuman_reason_refusal_ratio = 0.5"))) == []
 
 
 def test_a_check_counts_trials_and_says_how_long_a_participant_takes(designed: Designed) -> None:

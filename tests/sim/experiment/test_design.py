@@ -18,6 +18,7 @@ from das.domain.levels import Level
 from sim.drivers.kinds import Presentation
 from sim.experiment import design as design_module
 from sim.experiment.design import (
+    COLUMNS,
     DESIGN_JSON,
     Chances,
     ConditionOrder,
@@ -29,6 +30,8 @@ from sim.experiment.design import (
     read_frozen,
     resolved,
 )
+from sim.experiment.study_files import TRIAL_COLUMNS, level_meaning, level_words
+from sim.experiment.trials import trials_of
 
 FACTORS = """
 schema_version = 1
@@ -55,6 +58,20 @@ where = { hold_s = 5.5 }
 """
 DESIGN = FACTORS + COMPARISON
 LEVELS, B = 'levels = ["none", "speed-and-effort"]', 'b = "speed-and-effort"'
+
+
+NAMED = (
+    DESIGN.replace('= "presentation"', '= "display"')
+    .replace(
+        LEVELS,
+        """levels = [
+    { name = "none", presentation = "none" },
+    { name = "blind", presentation = "guide", preview_s = 0 },
+    { name = "mute", presentation = "guide", reason = false },
+]""",
+    )
+    .replace(B, 'b = "blind"')
+)
 
 
 @pytest.fixture
@@ -91,7 +108,7 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ("count = 4", "count = true", "participants.count = True: expected a whole number"),
         ("count = 4", 'count = 4\npopulation = "martians"', "martians: not a bundled population"),
         ('scenario = "flat-6km"', 'scenario = "moon.toml"', "moon.toml: no such file"),
-        ('scenario = "flat-6km"', "hold_s = 3", "fixed.hold_s = 3: expected nothing, because it is a factor"),
+        ('scenario = "flat-6km"', "hold_s = 3", "fixed.hold_s = 3: expected nothing, because the factor hold_s of"),
         ('scenario = "flat-6km"', 'weather = "rain"', "fixed.weather = 'rain': expected one of the keys"),
         ('name = "hold_s"', 'name = "mood"', "factors[1].name = 'mood': expected one of presentation, loss_level"),
         ("levels = [0, 5.5]", "levels = [0]", "factors[1].levels = [0]: expected at least 2 levels"),
@@ -122,6 +139,72 @@ def test_nonsense_is_refused_in_one_line(write: Path, old: str, new: str, said: 
         read_design(write)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_named_level_fixes_several_settings_and_leaves_the_others_at_their_defaults(write: Path) -> None:
+    write.write_text(NAMED)
+    design = read_design(write)
+    assert design.factors[0].texts == ("none", "blind", "mute")
+    assert design.factors[0].varied == ("presentation", "preview_s", "reason")
+    assert not design.fixed.keys() & {"presentation", "preview_s", "reason", "hold_s", "display"}
+    shown = [(one.presentation, one.preview_s, one.reason) for one in design.settings() if one.hold_s == 0]
+    assert shown == [
+        (Presentation.NONE, math.inf, True), (Presentation.GUIDE, 0.0, True), (Presentation.GUIDE, math.inf, False),
+    ]  # fmt: skip
+    assert {trial.condition for trial in trials_of(design)} == {
+        f"{name}_{held}" for name in ("none", "blind", "mute") for held in ("0", "5.5")
+    }
+
+
+def test_named_levels_are_frozen_with_all_their_settings(write: Path, tmp_path: Path) -> None:
+    write.write_text(NAMED)
+    found = freeze(read_design(write), tmp_path / "study")
+    assert found["factors"][0]["levels"][1] == {
+        "name": "blind", "presentation": "guide", "preview_s": "0", "reason": "shown",
+    }  # fmt: skip
+    frozen = read_frozen(tmp_path / "study")
+    assert frozen.factors[0].texts == ("none", "blind", "mute")
+    assert frozen.planned == read_design(write).planned
+    assert level_meaning("display", frozen.factors[0].levels[2]) == (
+        f"presentation guide ({level_words('presentation', 'guide')}); preview_s all; reason hidden"
+    )
+    write.write_text(NAMED.replace("preview_s = 0", "preview_s = 1"))
+    assert resolved(read_design(write))["hash"] != found["hash"]
+    write.write_text(NAMED.replace('{ name = "none", ', '{ reason = true, preview_s = "all", name = "none", '))
+    assert resolved(read_design(write))["hash"] == found["hash"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('scenario = "flat-6km"', "preview_s = 3", "fixed.preview_s = 3: expected nothing, because the factor display"),
+        ('name = "hold_s"\nlevels = [0, 5.5]', 'name = "reason"\nlevels = [true, false]',
+         "factors = 'reason': expected each setting in one factor only"),
+        ('name = "display"', 'name = "Display"', "factors[0].name = 'Display': expected small letters"),
+        ('name = "display"', 'name = "energy_kwh"', "factors[0].name = 'energy_kwh': expected small letters"),
+        ('name = "display"', 'name = "seed"', "no name of a factor, measure or column"),
+        ('name = "display"', 'name = "reason"', "no name of a factor, measure or column"),
+        ("preview_s = 0", 'driver = "desk"', "factors[0].levels = 'desk': expected simulated drivers"),
+        ("preview_s = 0", "colour = 0", "factors[0].levels[1].colour = 0: expected one of the keys"),
+        ("preview_s = 0", "preview_s = -1", "factors[0].levels[1].preview_s = -1: expected a number from 0 to 3600"),
+        ("preview_s = 0", 'loss_level = "l2"', "levels[0].loss_level is missing: expected a value in every level"),
+        ('name = "blind"', 'name = "Blind"', "factors[0].levels[1].name = 'Blind': expected 1 to 64 small letters"),
+        ('name = "blind"', 'name = "none"', "expected at least 2 levels, each once"),
+        ('{ name = "none", presentation = "none" }', '"none"', "factors[0].name = 'display': expected one of"),
+        ('b = "blind"', "b = 0", "comparisons[0].b = 0: expected one of the levels none, blind, mute"),
+    ],
+)  # fmt: skip
+def test_nonsense_in_named_levels_is_refused_in_one_line(write: Path, old: str, new: str, said: str) -> None:
+    assert old in NAMED
+    write.write_text(NAMED.replace(old, new, 1))
+    with pytest.raises(DasError) as error:
+        read_design(write)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_columns_of_a_design_are_those_of_the_table_of_trials() -> None:
+    assert (*TRIAL_COLUMNS, "seed") == COLUMNS
 
 
 def _paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -188,7 +271,7 @@ def test_a_frozen_design_cannot_be_changed_in_its_folder(write: Path, tmp_path: 
 
 def test_the_bundled_studies_are_sound() -> None:
     names = set(bundled_studies())
-    assert names == {"smoke", "presentations", "level-through-a-driver", "pacing"}
+    assert names == {"smoke", "presentations", "level-through-a-driver", "pacing", "preview-of-advice"}
     for name in names:
         design = load_design(name)
         assert design.name == name
