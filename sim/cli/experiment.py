@@ -183,31 +183,50 @@ StudyArgument = Annotated[
 ]
 
 
+WithOption = Annotated[
+    Path | None,
+    typer.Option("--with", metavar="DIR", help="Another study of the same design, whose drivers are compared."),
+]
+
+
 def analyse(
     folder: StudyArgument,
     written: PageFiles,
+    other: WithOption = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse a completed study: planned differences with intervals, corrected p, effect sizes, a forest plot."""
+    """Analyse a completed study: planned differences with intervals, corrected p, effect sizes, a forest plot.
+
+    With --with, two studies are analysed together, for example of people and of simulated drivers: every measure of
+    their drivers is compared. Their designs may differ in participants, driver and desk only.
+    """
     check_packages("experiment", "jinja2", "matplotlib", "scipy")
     from sim.experiment.analysis.comparing import analyse_study, read_study
-    from sim.experiment.analysis.page import as_dict, hangs_on, in_short, page
+    from sim.experiment.analysis.page import as_dict, group_words, hangs_on, in_short, page
+    from sim.experiment.analysis.together import analyse_both, read_both
     from sim.experiment.design import DESIGN_JSON
     from sim.experiment.study_files import TRIALS_TABLE
 
-    written.check([folder / name for name in (DESIGN_JSON, TRIALS_TABLE)], overwrite=overwrite)
-    study = read_study(folder)
+    folders = [folder] if other is None else [folder, other]
+    inputs = [place / name for place in folders for name in (DESIGN_JSON, TRIALS_TABLE)]
+    written.check(inputs, overwrite=overwrite)
     with busy("analysing the trials …"):
-        found = analyse_study(study)
-    written.write(lambda: page(found))
+        together = None if other is None else analyse_both(read_both(folder, other))
+        found = analyse_study(read_study(folder)) if together is None else together.findings
+    written.write(lambda: page(found, together))
     if as_json:
-        print(json.dumps(as_dict(found)))
+        print(json.dumps(as_dict(found, together)))
         return
     for line in hangs_on(found):
         paragraph(line)
     for name, line in in_short(found):
         paragraph(f"{name}: {line}" if name else line)
+    if together is not None:
+        for title, some in together.tables.items():
+            paragraph(f"{title}:")
+            for one in some:
+                paragraph(group_words(one, together.levels), hanging="  ")
     tell_written(*written.paths)
 
 

@@ -26,7 +26,10 @@ EXPERIMENTS: Final = (
         name="analyse",
         where="sim.cli.experiment:analyse",
         summary="Analyse a completed study: differences with intervals, corrected p, effect sizes.",
-        examples=("das-sim experiment analyse study -o report.html",),
+        examples=(
+            "das-sim experiment analyse study -o report.html",
+            "das-sim experiment analyse people --with simulated -o report.html",
+        ),
     ),
     Entry(
         name="rescore",

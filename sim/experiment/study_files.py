@@ -40,6 +40,8 @@ README: Final = "README"
 """Contents of the study, meaning of its columns, and program and time that made it."""
 RECORDINGS: Final = "recordings"
 """The folder of the recordings, if they are kept."""
+PEOPLE_FOLDER: Final = "people"
+"""The folder with a folder for each person, in a study that people drove at the desk."""
 TRIAL_COLUMNS: Final = {
     "trial": "number of the trial in the study, from 1",
     "participant": "who drove",
