@@ -249,3 +249,24 @@ def rescore(
     count = written(folder, names, out)
     paragraph(f"{len(names)} measures of {count} trials")
     tell_written(out)
+
+
+PersonOption = Annotated[str, typer.Option("--participant", metavar="P07", help="Pseudonym of the participant.")]
+
+
+def forget(folder: StudyArgument, participant: PersonOption, as_json: JsonOption = False) -> None:
+    """Remove a participant from the folder of a study with people.
+
+    The journal, the recordings, and the rows in the tables of trials and answers are removed; the pseudonym and the
+    date stay. An interrupted command can be repeated.
+    """
+    from sim.experiment.people.forget import forget as removed
+
+    found = removed(folder, participant)
+    if as_json:
+        print(json.dumps(asdict(found)))
+        return
+    paragraph(
+        f"{found.participant}: {found.files} files and {found.rows} rows of tables removed, {found.bytes} bytes. "
+        "Copies, reports and fitted populations made before are not touched."
+    )

@@ -37,6 +37,12 @@ EXPERIMENTS: Final = (
         summary="Recompute measures from the recordings of a study, for a new measure.",
         examples=("das-sim experiment rescore study -o again --measure my_measure_s",),
     ),
+    Entry(
+        name="forget",
+        where="sim.cli.experiment:forget",
+        summary="Remove a participant from the folder of a study with people.",
+        examples=("das-sim experiment forget study --participant P07",),
+    ),
 )
 
 
