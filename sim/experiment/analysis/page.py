@@ -57,8 +57,9 @@ SCATTER: Final = 0.16
 def hangs_on(found: StudyFindings) -> list[str]:
     """Sentences on the assumptions of all findings: the drivers, and the uncertainty that the intervals cover."""
     sources = tuple(found.study.parts.values()) or (found.study,)
-    nobody = "" if any(study.with_people for study in sources) else "No person drove. "
-    said = list(dict.fromkeys(line for study in sources for line in _drove(study, nobody)))
+    said = list(dict.fromkeys(line for study in sources for line in _drove(study)))
+    if not any(study.with_people for study in sources):
+        said[0] = f"No person drove. {said[0]}"
     missing = _missing(found.study)
     if missing:
         named = "; ".join(missing[:MOST_MISSING]) + "; …" * (len(missing) > MOST_MISSING)
@@ -70,8 +71,8 @@ def hangs_on(found: StudyFindings) -> list[str]:
     return said
 
 
-def _drove(study: RunStudy, nobody: str) -> list[str]:
-    """Sentences on the drivers of a study, and on what the intervals cover; `nobody` precedes simulated ones."""
+def _drove(study: RunStudy) -> list[str]:
+    """Sentences on the drivers of a study, and on what the intervals cover."""
     trials = study.trials
     drivers, count = len(np.unique(trials.participant[~trials.practice])), int((~trials.practice).sum())
     if study.with_people:
@@ -81,7 +82,7 @@ def _drove(study: RunStudy, nobody: str) -> list[str]:
             "service."
         ]
     return [
-        f"{nobody}{drivers} simulated drivers from the population “{study.design.people.population}” made "
+        f"{drivers} simulated drivers from the population “{study.design.people.population}” made "
         f"{count} trials. How they react, look, follow advice and err are assumptions (docs/reference/populations.md "
         "and drivers.md list them). The figures show the result that would be expected if people were like these "
         "drivers.",

@@ -152,7 +152,7 @@ def test_the_page_has_the_comparison_of_the_drivers(tmp_path: Path) -> None:
     assert re.sub(r"\s+", "", words) in re.sub(r"\s+", "", said)
     for part in ("First and second drivers", "Gap to the optimum", "By condition", "Effects of the planned"):
         assert part in html
-    assert re.search(r"Gap to the optimum +%; points +\d\d\.\d+ \(\d\d\.\d+ to \d\d\.\d+\)", html)
+    assert re.search(r"Gap to the optimum \(%; points\) +\d\d\.\d+ \(\d\d\.\d+ to \d\d\.\d+\)", html)
     alone = das_sim_json("experiment", "analyse", str(one), cwd=tmp_path)
     both = das_sim_json("experiment", "analyse", str(one), "--with", str(other), cwd=tmp_path)
     assert "together" not in alone

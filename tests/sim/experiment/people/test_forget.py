@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from das.domain.errors import DasError
-from das.domain.files.writing import folder_held
-from sim.experiment.people import forget as forgetting
+from das.domain.files.writing import folder_held, write_whole
 from sim.experiment.people.forget import forget
 from tests.support.making import das_sim, das_sim_json, refusal
 
@@ -96,7 +95,7 @@ def test_an_interrupted_removal_can_be_repeated(study: Path, step: int, monkeypa
     with monkeypatch.context() as patch:
         for name in ("unlink", "rmdir"):
             patch.setattr(Path, name, stopped(getattr(Path, name)))
-        patch.setattr(forgetting, "write_whole", stopped(forgetting.write_whole))
+        patch.setattr(f"{forget.__module__}.write_whole", stopped(write_whole))
         with pytest.raises(KeyboardInterrupt):
             forget(study, "P07")
     if (study / "people" / "P07").exists():
@@ -110,7 +109,7 @@ def test_the_journal_goes_before_the_rows_that_come_from_it(study: Path, monkeyp
         assert not (study / "people" / "P07" / "session.jsonl").exists()
         path.write_bytes(content)
 
-    monkeypatch.setattr(forgetting, "write_whole", checked)
+    monkeypatch.setattr(f"{forget.__module__}.write_whole", checked)
     assert forget(study, "P07").rows == 3
 
 
