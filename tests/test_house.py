@@ -32,7 +32,7 @@ class Budget(NamedTuple):
 BUDGETS = {
     "das": Budget(27_340, 141),
     "precompute": Budget(10_600, 47),
-    "sim": Budget(32_095, 137),
+    "sim": Budget(32_690, 139),
     "docs/studies": Budget(5_885, 35),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

@@ -14,8 +14,9 @@ import typer
 
 from das.command_line.application import refuse_given
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption
-from das.command_line.printing import busy, paragraph
+from das.command_line.printing import busy, new_table, paragraph, print_table
 from das.domain.errors import DasError
+from das.domain.files.writing import check_writable, write_whole
 from precompute.workers import Workers
 from sim.cli.options import (
     AdviceListOption,
@@ -248,6 +249,50 @@ def rescore(
     names = measure or [one.name for one in MEASURES.values() if one.of_table is not None]
     count = written(folder, names, out)
     paragraph(f"{len(names)} measures of {count} trials")
+    tell_written(out)
+
+
+PeopleOption = Annotated[
+    list[str] | None,
+    typer.Option("--participant", metavar="P07", help="Pseudonym; may be given several times [default: all]."),
+]
+
+
+def fit(
+    folder: StudyArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Population file to write (.toml).")],
+    participant: PeopleOption = None,
+    design: Annotated[
+        Path | None, typer.Option("--design", metavar="FILE", help="The study's design, if it names files beside it.")
+    ] = None,
+    drivers: Annotated[int, typer.Option("--drivers", min=40, help="Number of simulated drivers.")] = 80,
+    workers: WorkersOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit a population of drivers to the recordings of a study, for --population and designs.
+
+    Simulated drivers, whose parameters are spread over ranges, drive the same trials; the fit is where they drive as
+    the people did. A parameter that the recordings do not tell keeps its default, with the reason.
+    """
+    check_packages("experiment", "scipy")
+    from sim.experiment.people.fitting import fit as fitted
+    from sim.experiment.people.fitting import population_text, recorded
+
+    check_writable(out, overwrite=overwrite)
+    hands = Workers.asked(workers, None)
+    found = fitted(recorded(folder, design, participant or []), folder.resolve().name, drivers, hands)
+    write_whole(out, population_text(found, out.stem).encode())
+    if as_json:
+        print(json.dumps(asdict(found)))
+        return
+    table = new_table("", ("estimate", "95 % interval", "sd between drivers"), whole=("parameter",))
+    for one in found.parameters:
+        got = one.figures
+        row = ("", "", f"not fitted: {one.why}") if got is None else (
+            f"{got.value:.3g}", f"{got.low:.3g} to {got.high:.3g}", f"{got.sd:.2g}")  # fmt: skip
+        table.add_row(one.name, *row)
+    print_table(table)
     tell_written(out)
 
 

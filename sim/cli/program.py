@@ -38,6 +38,12 @@ EXPERIMENTS: Final = (
         examples=("das-sim experiment rescore study -o again --measure my_measure_s",),
     ),
     Entry(
+        name="fit",
+        where="sim.cli.experiment:fit",
+        summary="Fit a population of simulated drivers to the recordings of a study.",
+        examples=("das-sim experiment fit study -o population.toml",),
+    ),
+    Entry(
         name="forget",
         where="sim.cli.experiment:forget",
         summary="Remove a participant from the folder of a study with people.",
