@@ -86,7 +86,7 @@ DRIVERS: Final = 80
 LEAST_DRIVERS: Final = 40
 """Fewest simulated drivers with a statistic from whom its dependence on the parameters is taken."""
 CLEAR_T: Final = 4.0
-DEPENDS_T: Final = 2.5
+DEPENDS_T: Final = 3.0
 """Student's t from which a statistic follows its own parameter, and from which it depends on another one."""
 WIDEST: Final = 0.25
 """Largest half-width of an interval, as a share of the range tried, with which a parameter counts as told."""
@@ -128,27 +128,37 @@ class StatisticLine(NamedTuple):
     certainty: Floats
     noise: float
 
+    def t(self, i: int) -> float:
+        """Student's t of a coefficient, without sign."""
+        return float(abs(self.coefficients[i]) / max(self.noise * math.sqrt(self.certainty[i, i]), 1e-12))
+
 
 def line_of(own: int, values: Floats, places: Floats) -> StatisticLine | str:
     """The line through a statistic of drivers at places (drivers, parameters); the reason if there is none.
 
-    Parameters on which the statistic does not clearly depend are left out.
+    Besides its own parameter it has those on which the statistic clearly depends, the clearest first.
     """
     known = np.isfinite(values)
     if known.sum() < LEAST_DRIVERS:
         return "the trials have too few such moments"
-    rows, y = np.column_stack([np.ones(known.sum()), places[known]]), values[known]
-    used = np.ones(rows.shape[1], dtype=bool)
-    for _ in range(2):
-        x = rows[:, used]
-        found, certainty = np.zeros(len(used)), np.zeros((len(used), len(used)))
-        found[used], certainty[np.ix_(used, used)] = np.linalg.lstsq(x, y, rcond=None)[0], np.linalg.inv(x.T @ x)
-        noise = math.sqrt(float(np.sum((y - rows @ found) ** 2)) / (len(y) - used.sum()))
-        t = np.abs(found) / (noise * np.sqrt(np.diag(certainty)) + 1e-12)
-        used = used & ((t >= DEPENDS_T) | np.isin(np.arange(len(used)), (0, own + 1)))
-    if t[own + 1] < CLEAR_T:
-        return "no statistic of these trials follows it"
-    return StatisticLine(found, certainty, noise)
+    rows, y, used = np.column_stack([np.ones(known.sum()), places[known]]), values[known], [0, own + 1]
+    line = _through(rows, y, used)
+    while others := [i for i in range(1, rows.shape[1]) if i not in used]:
+        clearest = max(others, key=lambda i: _through(rows, y, [*used, i]).t(i))
+        longer = _through(rows, y, [*used, clearest])
+        if longer.t(clearest) < DEPENDS_T:
+            break
+        used, line = [*used, clearest], longer
+    return line if line.t(own + 1) >= CLEAR_T else "no statistic of these trials follows it"
+
+
+def _through(rows: Floats, y: Floats, used: list[int]) -> StatisticLine:
+    """The line of least squares in some columns of `rows`."""
+    x, width = rows[:, used], rows.shape[1]
+    found, certainty = np.zeros(width), np.zeros((width, width))
+    certainty[np.ix_(used, used)] = np.linalg.inv(x.T @ x)
+    found[used] = certainty[np.ix_(used, used)] @ x.T @ y
+    return StatisticLine(found, certainty, math.sqrt(float(np.sum((y - rows @ found) ** 2)) / (len(y) - len(used))))
 
 
 def fitted(
@@ -323,7 +333,8 @@ def population_text(found: FittedPopulation, name: str) -> str:
     for one in found.parameters:
         if one.figures is not None:
             low, high = f"{one.figures.low:.3g}", f"{one.figures.high:.3g}"
-            source = f"{of}: {one.figures.value:.3g}, 95 % interval {low} to {high}"
+            chance = "" if one.figures.sd else "; a spread between people is not told, default"
+            source = f"{of}: {one.figures.value:.3g}, 95 % interval {low} to {high}{chance}"
             spreads[one.name] = _spread(one.name, (one.figures.value, one.figures.sd), source, usual.get(one.name))
         else:
             spread = usual.get(one.name) or _spread(one.name, (getattr(HumanParameters(), one.name), 0.0), "its value")
@@ -340,10 +351,10 @@ def population_text(found: FittedPopulation, name: str) -> str:
 
 
 def _spread(name: str, figures: tuple[float, float], source: str, usual: Spread | None = None) -> Spread:
-    """The distribution of a parameter, fixed without a spread, within the ends of the `usual` one."""
+    """The distribution of a parameter within the ends of the `usual` one, whose spread it has without an own one."""
     about = HumanParameters.__dataclass_fields__[name].metadata
     low, high = (about["low"], about["high"]) if usual is None else (usual.low, usual.high)
-    middle, sd = figures
+    middle, sd = figures[0], figures[1] or (0.0 if usual is None else usual.sd)
     shape = Shape.FIXED if sd == 0 else Shape.LOGIT_NORMAL if name.startswith("comply_") else Shape.LOGNORMAL
     if shape is Shape.LOGIT_NORMAL:
         middle = logit_median(middle, sd)

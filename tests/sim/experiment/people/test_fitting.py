@@ -145,6 +145,7 @@ def test_the_file_is_a_population_with_the_defaults_of_what_is_not_fitted(tmp_pa
         "reaction_median_s": ParameterFigures(value=3.0, low=2.5, high=3.6, sd=0.3),
         "comply_coast_ratio": ParameterFigures(value=0.7, low=0.6, high=0.8, sd=1.0),
         "glance_mean_s": ParameterFigures(value=2.0, low=1.6, high=2.5, sd=0.8),
+        "braking_mps2": ParameterFigures(value=0.4, low=0.3, high=0.5, sd=0.0),
     }
     parameters = tuple(
         FittedParameter(name=one.name, figures=(has := fitted_ones.get(one.name)), why="" if has else "nothing")
@@ -157,6 +158,8 @@ def test_the_file_is_a_population_with_the_defaults_of_what_is_not_fitted(tmp_pa
     usual = {one.name: one for one in load_population("default").spreads}
     assert (read["reaction_median_s"].middle, read["reaction_median_s"].sd) == (3.0, 0.3)
     assert "fitted to 8 people, 32 drives of s: 3, 95 % interval 2.5 to 3.6" in read["reaction_median_s"].source
+    assert (read["braking_mps2"].middle, read["braking_mps2"].sd) == (0.4, usual["braking_mps2"].sd)
+    assert read["braking_mps2"].source.endswith("a spread between people is not told, default")
     assert (read["notches"].middle, read["notches"].shape) == (10, Shape.FIXED)
     shares = [read_population(path).draw(number)["comply_coast_ratio"] for number in range(400)]
     assert np.mean(shares) == pytest.approx(0.7, abs=0.03)
