@@ -34,6 +34,7 @@ from sim.experiment.people.fitting import (
 )
 from sim.experiment.people.observing import Seconds, notches_of, observed, statistics
 from sim.experiment.trials import trials_of
+from tests.support.flat_days import FLAT
 from tests.support.making import das_sim_json, refusal
 
 DESIGN = """
@@ -303,7 +304,8 @@ def test_a_recorded_study_is_fitted_and_driven_again(tmp_path: Path) -> None:
         "experiment", "fit", "study", "-o", "p.toml", "--drivers", "40", "--workers", "1", cwd=tmp_path
     )  # fmt: skip
     assert (said["people"], said["drives"]) == (2, 4)
-    told = das_sim_json(
-        "run", "clear-day", "--participant", "3", "--population", "p.toml", "--advice", "none", cwd=tmp_path
-    )  # fmt: skip
-    assert told["drawn"]["driver"]
+    (tmp_path / "flat.toml").write_text(FLAT)
+    run = ("run", "flat.toml", "--in-process", "--advice", "none", "--participant", "3", "--population", "p.toml")
+    person = das_sim_json(*run, cwd=tmp_path)["drawn"]["human"]
+    drawn = load_population(str(tmp_path / "p.toml")).draw(3)
+    assert {name: person[name] for name in drawn} == pytest.approx(drawn)
