@@ -14,8 +14,9 @@ import typer
 
 from das.command_line.application import refuse_given
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption
-from das.command_line.printing import busy, loading_solver, paragraph, say
+from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, say
 from das.domain.errors import DasError
+from das.domain.files.writing import check_writable, write_whole
 from precompute.workers import Workers
 from sim.cli.desk import SessionLooks, show_page
 from sim.cli.options import (
@@ -220,31 +221,50 @@ StudyArgument = Annotated[
 ]
 
 
+WithOption = Annotated[
+    Path | None,
+    typer.Option("--with", metavar="DIR", help="Another study of the same design, whose drivers are compared."),
+]
+
+
 def analyse(
     folder: StudyArgument,
     written: PageFiles,
+    other: WithOption = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse a completed study: planned differences with intervals, corrected p, effect sizes, a forest plot."""
+    """Analyse a completed study: planned differences with intervals, corrected p, effect sizes, a forest plot.
+
+    With --with, two studies are analysed together, for example of people and of simulated drivers: every measure of
+    their drivers is compared. Their designs may differ in participants, driver and desk only.
+    """
     check_packages("experiment", "jinja2", "matplotlib", "scipy")
     from sim.experiment.analysis.comparing import analyse_study, read_study
-    from sim.experiment.analysis.page import as_dict, hangs_on, in_short, page
+    from sim.experiment.analysis.page import as_dict, group_words, hangs_on, in_short, page
+    from sim.experiment.analysis.together import analyse_both, read_both
     from sim.experiment.design import DESIGN_JSON
     from sim.experiment.study_files import TRIALS_TABLE
 
-    written.check([folder / name for name in (DESIGN_JSON, TRIALS_TABLE)], overwrite=overwrite)
-    study = read_study(folder)
+    folders = [folder] if other is None else [folder, other]
+    inputs = [place / name for place in folders for name in (DESIGN_JSON, TRIALS_TABLE)]
+    written.check(inputs, overwrite=overwrite)
     with busy("analysing the trials …"):
-        found = analyse_study(study)
-    written.write(lambda: page(found))
+        together = None if other is None else analyse_both(read_both(folder, other))
+        found = analyse_study(read_study(folder)) if together is None else together.findings
+    written.write(lambda: page(found, together))
     if as_json:
-        print(json.dumps(as_dict(found)))
+        print(json.dumps(as_dict(found, together)))
         return
     for line in hangs_on(found):
         paragraph(line)
     for name, line in in_short(found):
         paragraph(f"{name}: {line}" if name else line)
+    if together is not None:
+        for title, some in together.tables.items():
+            paragraph(f"{title}:")
+            for one in some:
+                paragraph(group_words(one, together.levels), hanging="  ")
     tell_written(*written.paths)
 
 
@@ -267,3 +287,68 @@ def rescore(
     count = written(folder, names, out)
     paragraph(f"{len(names)} measures of {count} trials")
     tell_written(out)
+
+
+PeopleOption = Annotated[
+    list[str] | None,
+    typer.Option("--participant", metavar="P07", help="Pseudonym; may be given several times [default: all]."),
+]
+
+
+def fit(
+    folder: StudyArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Population file to write (.toml).")],
+    participant: PeopleOption = None,
+    design: Annotated[
+        Path | None, typer.Option("--design", metavar="FILE", help="The study's design, if it names files beside it.")
+    ] = None,
+    drivers: Annotated[int, typer.Option("--drivers", min=40, help="Number of simulated drivers.")] = 80,
+    workers: WorkersOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit a population of drivers to the recordings of a study, for --population and designs.
+
+    Simulated drivers, whose parameters are spread over ranges, drive the same trials; the fit is where they drive as
+    the people did. A parameter that the recordings do not tell keeps its default, with the reason.
+    """
+    check_packages("experiment", "scipy")
+    from sim.experiment.people.fitting import fit as fitted
+    from sim.experiment.people.fitting import population_text, recorded
+
+    check_writable(out, overwrite=overwrite)
+    hands = Workers.asked(workers, None)
+    found = fitted(recorded(folder, design, participant or []), folder.resolve().name, drivers, hands)
+    write_whole(out, population_text(found, out.stem).encode())
+    if as_json:
+        print(json.dumps(asdict(found)))
+        return
+    table = new_table("", ("estimate", "95 % interval", "sd between drivers"), whole=("parameter",))
+    for one in found.parameters:
+        got = one.figures
+        row = ("", "", f"not fitted: {one.why}") if got is None else (
+            f"{got.value:.3g}", f"{got.low:.3g} to {got.high:.3g}", f"{got.sd:.2g}")  # fmt: skip
+        table.add_row(one.name, *row)
+    print_table(table)
+    tell_written(out)
+
+
+PersonOption = Annotated[str, typer.Option("--participant", metavar="P07", help="Pseudonym of the participant.")]
+
+
+def forget(folder: StudyArgument, participant: PersonOption, as_json: JsonOption = False) -> None:
+    """Remove a participant from the folder of a study with people.
+
+    The journal, the recordings, and the rows in the tables of trials and answers are removed; the pseudonym and the
+    date stay. An interrupted command can be repeated.
+    """
+    from sim.experiment.people.forget import forget as removed
+
+    found = removed(folder, participant)
+    if as_json:
+        print(json.dumps(asdict(found)))
+        return
+    paragraph(
+        f"{found.participant}: {found.files} files and {found.rows} rows of tables removed, {found.bytes} bytes. "
+        "Copies, reports and fitted populations made before are not touched."
+    )

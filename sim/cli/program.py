@@ -32,13 +32,28 @@ EXPERIMENTS: Final = (
         name="analyse",
         where="sim.cli.experiment:analyse",
         summary="Analyse a completed study: differences with intervals, corrected p, effect sizes.",
-        examples=("das-sim experiment analyse study -o report.html",),
+        examples=(
+            "das-sim experiment analyse study -o report.html",
+            "das-sim experiment analyse people --with simulated -o report.html",
+        ),
     ),
     Entry(
         name="rescore",
         where="sim.cli.experiment:rescore",
         summary="Recompute measures from the recordings of a study, for a new measure.",
         examples=("das-sim experiment rescore study -o again --measure my_measure_s",),
+    ),
+    Entry(
+        name="fit",
+        where="sim.cli.experiment:fit",
+        summary="Fit a population of simulated drivers to the recordings of a study.",
+        examples=("das-sim experiment fit study -o population.toml",),
+    ),
+    Entry(
+        name="forget",
+        where="sim.cli.experiment:forget",
+        summary="Remove a participant from the folder of a study with people.",
+        examples=("das-sim experiment forget study --participant P07",),
     ),
 )
 

@@ -48,7 +48,10 @@ NUMBERS: Final[Mapping[Topic, str]] = {
     ),
     topics.ESTIMATE: "mass_ratio mass_sd_ratio resistance_ratio resistance_sd_ratio",
     topics.STATUS: "state",
-    topics.CAB: ("presentation mode advised_speed_mps advised_lever_ratio limit_mps signal_m lever_ratio look"),
+    topics.CAB: (
+        "presentation mode advised_speed_mps advised_lever_ratio limit_mps signal_m lever_ratio look clock_s "
+        "departure_s may_depart"
+    ),
 }
 """The columns of numbers, by their topics."""
 

@@ -22,7 +22,7 @@ import math
 import zlib
 from collections import Counter, defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -32,9 +32,10 @@ from numpy.typing import NDArray
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import read_text
 from das.domain.units import kmh
+from sim.drivers.kinds import DESK
 from sim.experiment.design import Design, PlannedComparison, as_text, read_frozen
 from sim.experiment.measures import MEASURES, UNIT_OF
-from sim.experiment.study_files import FAILED_TABLE, TRIALS_TABLE
+from sim.experiment.study_files import FAILED_TABLE, PEOPLE_FOLDER, TRIALS_TABLE
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -144,13 +145,15 @@ class FinishedTrials:
 class RunStudy:
     """A completed study: its folder, its frozen design, and its trials.
 
-    `failed` has a sentence for each failed trial: its driver, its condition and the reason.
+    `failed` has a sentence for each failed trial: its driver, its condition and the reason. `parts` has the studies
+    that were joined, by their level of the factor `driver`; it is empty for a study that was run.
     """
 
     folder: Path
     design: Design
     trials: FinishedTrials
     failed: tuple[str, ...] = ()
+    parts: Mapping[str, RunStudy] = field(default_factory=dict)
 
     def chosen(self, comparison: PlannedComparison) -> Bools:
         """Mask of the trials of a comparison: no practice, at its levels, with a value of its measure."""
@@ -165,16 +168,34 @@ class RunStudy:
         """The indices of the trials that belong to a comparison."""
         return np.flatnonzero(self.chosen(comparison))
 
+    def shown(self, measure: str) -> ShownMeasure:
+        """The format of a measure."""
+        return ShownMeasure.of(measure, self.trials.values[measure])
+
     @property
     def driven(self) -> Ints:
         """The indices of all trials without practice."""
         return np.flatnonzero(~self.trials.practice)
 
     @property
+    def with_people(self) -> bool:
+        """Whether people drove at the desk, not simulated drivers."""
+        driver = self.design.fixed.get("driver")
+        return (driver is not None and driver.text == DESK) or (self.folder / PEOPLE_FOLDER).is_dir()
+
+    @property
+    def planned(self) -> Counter[tuple[str, str]]:
+        """The number of planned trials without practice, by participant and condition."""
+        if not self.parts:
+            return self.design.planned
+        planned = ((level, one) for level, study in self.parts.items() for one in study.planned.items())
+        return Counter({(f"{level} {who}", f"{level} {which}"): count for level, ((who, which), count) in planned})
+
+    @property
     def missing(self) -> Counter[tuple[str, str]]:
         """Number of planned trials that are not finished, by participant and condition."""
         names = self.trials.participant[self.driven].tolist()
-        return self.design.planned - Counter(zip(names, self.conditions(self.driven).tolist(), strict=True))
+        return self.planned - Counter(zip(names, self.conditions(self.driven).tolist(), strict=True))
 
     def conditions(self, rows: Ints, without: str = "") -> Texts:
         """The condition of each trial of `rows` as one text: its levels of all factors except `without`."""
@@ -473,8 +494,6 @@ def paired_estimate(differences: Floats, rng: np.random.Generator) -> Difference
 
     With fewer than 6 participants there is no interval, because no pattern of signs is rare enough.
     """
-    from scipy import stats
-
     count, mean = len(differences), float(differences.mean())
     signs = signs_of(count, rng)
     method = FLIPS if count <= MOST_EXACT else SOME_FLIPS
@@ -483,15 +502,24 @@ def paired_estimate(differences: Floats, rng: np.random.Generator) -> Difference
         same = 1.0 if alike and mean == 0 else math.nan  # Chance cannot be estimated if all differ by the same amount.
         sd = 0.0 if alike else math.nan
         return DifferenceEstimate(mean=mean, sd=sd, participants=count, probability=same, method=method)
-    sd, test = float(differences.std(ddof=1)), stats.ttest_1samp(differences, 0.0)
+    sd = float(differences.std(ddof=1))
     low, high = interval(differences, signs, CONFIDENCE)
-    enough, reach = count >= LEAST_IN_GROUP, test.confidence_interval(CONFIDENCE)
     return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=(low, high) if math.isfinite(low) else NO_RANGE,
         probability=float(probabilities(differences[None], signs)[0]),
-        t_interval=(float(reach.low), float(reach.high)) if enough else NO_RANGE,
+        t_interval=student(differences),
         size=mean / sd, method=method,
     )  # fmt: skip
+
+
+def student(values: Floats) -> tuple[float, float]:
+    """The 95 % interval of the mean of one value for each participant (n,), by Student's t; NaN for too few."""
+    from scipy import stats
+
+    if len(values) < LEAST_IN_GROUP or _without_spread(values):
+        return NO_RANGE
+    reach = stats.ttest_1samp(values, 0.0).confidence_interval(CONFIDENCE)
+    return float(reach.low), float(reach.high)
 
 
 def group_estimate(a: Floats, b: Floats) -> DifferenceEstimate:
@@ -602,12 +630,11 @@ def analyse_study(study: RunStudy) -> StudyFindings:
 
     The same study always gives the same figures: the study's seed decides what is drawn.
     """
-    measures = tuple(ShownMeasure.of(name, study.trials.values[name]) for name in study.design.measures)
-    shown = {one.column: one for one in measures}
+    measures = tuple(study.shown(name) for name in study.design.measures)
     found, failed = [], []
     for comparison in study.design.comparisons:
         try:
-            found.append(_difference(study, comparison, shown[comparison.measure]))
+            found.append(difference_of(study, comparison, compared_trials(study, comparison)))
         except DasError as error:
             failed.append((comparison.name, str(error)))
     # Comparisons that could not be made count as well: they were planned.
@@ -629,10 +656,12 @@ def generator(study: RunStudy, what: str) -> np.random.Generator:
     return np.random.default_rng([study.design.seed % 2**32, zlib.crc32(what.encode())])
 
 
-def _difference(study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure) -> FoundDifference:
-    trials = compared_trials(study, comparison)
-    estimate = estimate_of(trials, generator(study, comparison.name))
-    return FoundDifference(comparison=comparison, shown=shown, estimate=estimate, corrected=math.nan, trials=trials)
+def difference_of(study: RunStudy, comparison: PlannedComparison, trials: ComparedTrials) -> FoundDifference:
+    """The finding on a comparison from its pairs or groups; its p is not corrected yet."""
+    return FoundDifference(
+        comparison=comparison, shown=study.shown(comparison.measure), trials=trials, corrected=math.nan,
+        estimate=estimate_of(trials, generator(study, comparison.name)),
+    )  # fmt: skip
 
 
 def _conditions(study: RunStudy) -> list[ConditionValues]:

@@ -9,7 +9,7 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,9 @@ from sim.experiment.analysis.comparing import (
     StudyFindings,
     conditions_of,
     probability,
+    student,
 )
+from sim.experiment.analysis.together import DRIVER, Together
 from sim.experiment.design import Design, PlannedComparison
 from sim.experiment.factors import FACTORS
 from sim.experiment.study_files import level_meaning
@@ -54,31 +56,45 @@ SCATTER: Final = 0.16
 
 def hangs_on(found: StudyFindings) -> list[str]:
     """Sentences on the assumptions of all findings: the drivers, and the uncertainty that the intervals cover."""
-    design, trials = found.study.design, found.study.trials
-    drivers = len(np.unique(trials.participant[~trials.practice]))
-    count = int((~trials.practice).sum())
-    said = [
-        f"No person drove. {drivers} simulated drivers from the population “{design.people.population}” made {count} "
-        "trials. How they react, look, follow advice and err are assumptions (docs/reference/populations.md and "
-        "drivers.md list them). The figures show the result that would be expected if people were like these drivers.",
-        "The intervals cover the sampling of simulated drivers. They do not cover errors in the assumptions, "
-        "and more simulated trials do not reduce that uncertainty.",
-    ]
+    sources = tuple(found.study.parts.values()) or (found.study,)
+    said = list(dict.fromkeys(line for study in sources for line in _drove(study)))
+    if not any(study.with_people for study in sources):
+        said[0] = f"No person drove. {said[0]}"
     missing = _missing(found.study)
     if missing:
         named = "; ".join(missing[:MOST_MISSING]) + "; …" * (len(missing) > MOST_MISSING)
         said.append(
-            f"{found.study.missing.total()} of the {design.planned.total()} planned trials are missing ({named}). "
+            f"{found.study.missing.total()} of the {found.study.planned.total()} planned trials are missing ({named}). "
             "The drivers who stopped, and the trials that failed, may not be like the others, so that the means may be "
             "biased; and the orders of the conditions are no longer balanced as designed."
         )
     return said
 
 
+def _drove(study: RunStudy) -> list[str]:
+    """Sentences on the drivers of a study, and on what the intervals cover."""
+    trials = study.trials
+    drivers, count = len(np.unique(trials.participant[~trials.practice])), int((~trials.practice).sum())
+    if study.with_people:
+        return [
+            f"{drivers} people made {count} trials at the desk, which is not a cab: nothing moves, and nobody answers "
+            "for a real train. The intervals cover the sampling of people like these, not the difference from real "
+            "service."
+        ]
+    return [
+        f"{drivers} simulated drivers from the population “{study.design.people.population}” made "
+        f"{count} trials. How they react, look, follow advice and err are assumptions (docs/reference/populations.md "
+        "and drivers.md list them). The figures show the result that would be expected if people were like these "
+        "drivers.",
+        "The intervals cover the sampling of simulated drivers. They do not cover errors in the assumptions, "
+        "and more simulated trials do not reduce that uncertainty.",
+    ]
+
+
 def _missing(study: RunStudy) -> list[str]:
     """The planned trials that are missing, a text for each driver."""
     by_driver, planned = defaultdict(list), Counter[str]()
-    for (name, _), count in study.design.planned.items():
+    for (name, _), count in study.planned.items():
         planned[name] += count
     for (name, condition), count in study.missing.items():
         by_driver[name].append((condition, count))
@@ -174,7 +190,7 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
         ("drivers", str(len(counts))),
         ("finished trials", str(int(driven.sum()))),
         ("practice trials, left out", str(int(trials.practice.sum()))),
-        ("missing trials", f"{missing} of {design.planned.total()} planned{': ' * (missing > 0)}"
+        ("missing trials", f"{missing} of {found.study.planned.total()} planned{': ' * (missing > 0)}"
          f"{'; '.join(_missing(found.study))}"),
         ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
          if failed else "0 (a trial fails if the train does not reach its last stop)"),
@@ -213,8 +229,59 @@ def level_rows(found: StudyFindings) -> list[tuple[str, str]]:
     return [(name, text) for name, text in words if text]
 
 
-def page(found: StudyFindings) -> str:
-    """The page as HTML that needs no other file."""
+class GroupRow(NamedTuple):
+    """The difference between two groups of drivers as texts: `means` has those of both, with 95 % intervals.
+
+    `inside` counts the drivers of the second group within the range of the first; the number in brackets is expected
+    if both are alike.
+    """
+
+    what: str
+    unit: str
+    means: tuple[str, ...]
+    difference: str
+    interval: str
+    p: str
+    size: str
+    inside: str
+
+
+def group_row(one: FoundDifference) -> GroupRow:
+    """The texts of a difference between two groups, in a measure or in the effect of a condition on it."""
+    shown, estimate, compared, groups = one.shown, one.estimate, one.comparison, one.groups
+    assert groups is not None
+    effect = compared.factor != DRIVER
+    where = compared.contrast() if effect else ", ".join(compared.where.values())
+    value = shown.difference if effect else shown.value
+    means, intervals = (groups.a.mean(), groups.b.mean()), (student(groups.a), student(groups.b))
+    inside, others = int(((groups.b >= groups.a.min()) & (groups.b <= groups.a.max())).sum()), len(groups.b)
+    return GroupRow(
+        what=f"{shown.name}{f': {where}' if where else ''}",
+        unit=shown.difference_unit if effect or shown.unit == shown.difference_unit else f"{shown.unit}; points",
+        means=tuple(
+            value(mean) + (f" ({value(low)} to {value(high)})" if math.isfinite(low) else "")
+            for mean, (low, high) in zip(means, intervals, strict=True)
+        ),
+        difference=shown.difference(estimate.mean),
+        interval=shown.range(estimate.interval),
+        p=probability(one.corrected),
+        size=_size(estimate.size),
+        inside=f"{inside} of {others} ({others * (len(groups.a) - 1) / (len(groups.a) + 1):.1f})",
+    )
+
+
+def group_words(one: FoundDifference, levels: Sequence[str]) -> str:
+    """The difference between two groups of drivers in a sentence."""
+    row = group_row(one)
+    known = f" ({row.interval}), corrected p {row.p}, d {row.size}" if row.interval else ", without an interval"
+    return (
+        f"{row.what} ({row.unit}): {levels[0]} {row.means[0]}, {levels[1]} {row.means[1]}, difference {row.difference}"
+        f"{known}; within the range of {levels[0]}: {row.inside} of {levels[1]}"
+    )
+
+
+def page(found: StudyFindings, together: Together | None = None) -> str:
+    """The page as HTML that needs no other file; of two studies with a section that compares their drivers."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     style = Path(sim.review.report.__path__[0])  # all pages share their style
@@ -241,6 +308,8 @@ def page(found: StudyFindings) -> str:
         columns_at_once=COLUMNS_AT_ONCE,
         values={(one.condition, one.measure): one for one in found.conditions},
         mean_and_spread=_mean_and_spread,
+        together=together,
+        group_row=group_row,
     )
     return content.replace(" %", "\u00a0%")  # no line ends between a number and its percent sign
 
@@ -277,7 +346,7 @@ def _mean_and_spread(one: ConditionValues, shown: ShownMeasure) -> str:
     return f"{shown.value(float(one.means.mean()))}{f' ± {spread}' if spread else ''}"
 
 
-def as_dict(found: StudyFindings) -> dict[str, Any]:
+def as_dict(found: StudyFindings, together: Together | None = None) -> dict[str, Any]:
     """The findings for programs: values in the units of the columns of `trials.csv`."""
     design = found.study.design
     said = (f"{name}: {line}" if name else line for name, line in in_short(found))
@@ -292,9 +361,18 @@ def as_dict(found: StudyFindings) -> dict[str, Any]:
             "not_compared": dict(found.failed),
             "conditions": [_condition_dict(one) for one in found.conditions],
             "trials": dict(trial_rows(found)),
+            **({} if together is None else {"together": _together_dict(together, design.alpha)}),
         }
     )
     return content
+
+
+def _together_dict(together: Together, alpha: float) -> dict[str, Any]:
+    tables = {
+        title: [_difference_dict(one, alpha) | {"in_words": group_words(one, together.levels)} for one in some]
+        for title, some in together.tables.items()
+    }
+    return {"levels": together.levels, "tables": tables, "without_values": list(together.without)}
 
 
 def _plain(value: Any) -> Any:
