@@ -110,4 +110,6 @@ def message_time_ns(message: Any) -> int:
     """The time that a message states (ns since 1970); 0 if it has none."""
     if hasattr(message, "time_ns"):
         return int(message.time_ns)
-    return int(message.timestamp.ToNanoseconds()) if hasattr(message, "timestamp") else 0
+    if hasattr(message, "timestamp"):  # not its method, which rejects times that a sender may state
+        return int(message.timestamp.seconds * 1_000_000_000 + message.timestamp.nanos)
+    return 0
