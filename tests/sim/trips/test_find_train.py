@@ -185,7 +185,7 @@ def test_the_command_says_which_train_it_was_and_a_replay_without_one_offers_it(
     made_trip(tmp_path / "made.mcap")
     assert das_sim("trip", "made.mcap", "--out", "made.csv", cwd=tmp_path).returncode == 0
     where = ("made.csv", "--route", "flat-6km", "--no-reverse")
-    told = das_sim("trip", *where, "--vehicles", "all", "--plot", "made.png", cwd=tmp_path)
+    told = das_sim("trip", *where, "--vehicles", "all", cwd=tmp_path)
     assert told.returncode == 0, told.stderr
     assert "which train it was" in told.stdout
     assert "CN_Beijing_Subway cannot have driven this record: the trip held" in told.stdout
