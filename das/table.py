@@ -32,7 +32,7 @@ from das.solver.solution import Fit
 
 SCHEMA_VERSION: Final = 4
 MOST_BYTES: Final = 20_000_000
-"""Largest table that is read (bytes); that of a section of 30 km has about 0.2 MB."""
+"""Largest table that is read (bytes); the table of a section of 30 km has about 0.2 MB."""
 LARGEST_NUMBER: Final = 1e300
 LARGEST_MPS: Final = 200.0
 SEAL: Final = "sha256"

@@ -44,7 +44,7 @@ MOST_TARGETS = 100
 AHEAD_S = 60.0
 """Time (s) ahead of the clock above which a message waits: taken immediately, it would shut out all later ones."""
 TOKEN_AFTER_S = 2.0
-"""Time (s) after its first message from which a publisher whose liveliness token was not seen counts as having none."""
+"""Time (s) after the first message of a publisher; without a liveliness token by then it counts as having none."""
 NOT_STAMPED = "one without its sender's time stamp (or with one ahead of the clock)"
 SILENT_S = STALE_AFTER_S
 """Silence (s) after which another publisher of measurements may take over; a position is usable for as long."""
@@ -122,8 +122,8 @@ class Guard:
         """The messages that count now because time has passed; the caller must check them again.
 
         These are messages that were ahead of the clock and no longer are (senders do not repeat a message, so the
-        newest of each kind waits here until then), and newer orders that overtake those of a publisher whose presence
-        is unknown.
+        newest of each kind waits here until then), and newer orders that overtake the orders of a publisher whose
+        presence is unknown.
         """
         due: list[StateHeard] = []
         for one in tuple(self._early.values()):
@@ -374,7 +374,7 @@ class Operator:
         return [one for one in self._said if one is not None and one != self.source and not self.is_gone(one)]
 
     def _differs(self, source: str) -> bool:
-        """Whether the last restrictions of a session differ from those of the session that counts."""
+        """Whether the last restrictions of a session differ from the list of the session that counts."""
         return _places(self._said.get(source)) != _places(self._said.get(self.source))
 
 

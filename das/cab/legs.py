@@ -194,8 +194,7 @@ class Legs:
         self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
 
     def _note_change(self) -> None:
-        """Take note of a change. A new search begins immediately if it has its own thread; otherwise when advice is
-        due."""
+        """Take note of a change. A new search begins immediately if it has its own thread, else when advice is due."""
         self._changed = True
         if self.preparation.in_background and self.legs:
             self.prepare(self._now_ns)

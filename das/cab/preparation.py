@@ -181,8 +181,7 @@ class _Prepared:
     served: PassingTarget | None = None
     """The point to pass for which the front was found, or is being searched for."""
     held_from_m: float = math.inf
-    """Place (m) from which the brakes hold the train, if the leg is refused for a descent; it is checked again
-    there."""
+    """Place (m) where the brakes can hold the train, if the leg is refused for a descent; it is checked again there."""
     ready: bool = False
     search: Future[_Answer] | None = None
     guide: Future[FoundGuide | str] | None = None

@@ -37,8 +37,7 @@ EARLY_S: Final = 1e-3
 MOST_BLENDS: Final = 20
 """Largest number of blends of two trajectories that are tried in a pass."""
 TANGENT_RATIO: Final = 3e-4
-"""Share of its energy by which a blend may lie above the tangents at its neighbours for a refinement to begin with
-it."""
+"""Share of its energy by which a blend that begins a refinement may lie above the tangents at its neighbours."""
 
 Floats = NDArray[np.float64]
 
@@ -64,8 +63,7 @@ class RefinementSettings:
     most_rounds: int = 3
     """Most rounds of all passes; another follows while the last has saved more than `CLOSED_RATIO`."""
     blend_loss_ratio: float = 1e-6
-    """Potential saving (share of energy) of a price between those of two trajectories of a pass up to which they are
-    blended."""
+    """Largest saving (share of energy) by a price between the prices of two trajectories for which both are blended."""
 
 
 SETTINGS: Final = RefinementSettings()

@@ -27,7 +27,7 @@ SOONER_S = 0.7
 SHORT_M = 8.0
 """The distance (m) that is clearly short of the mark, and from which a creeping train is shown a brake."""
 BRAKED_MPS = 0.9
-"""The excess over the limit (m/s) above which the driver is told to brake; below it, to coast or to hold the limit."""
+"""Largest excess (m/s) over the limit without a brake: the instruction is to coast or to hold the limit."""
 HELD_MPS2 = 0.5
 """The largest assumed acceleration (m/s²) of a driver below the speed that he is to hold."""
 NEAR_MARK_M = 3.0
