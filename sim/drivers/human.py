@@ -1,5 +1,4 @@
-"""A human driver, who glances at the display at intervals, reacts late, does not always follow advice, and makes
-errors."""
+"""A human driver, who glances at the display at intervals, reacts late, makes errors, and may not follow advice."""
 
 from __future__ import annotations
 
@@ -202,7 +201,7 @@ class DisplayReading:
 
 
 BEGUN_RATIO = 0.5
-"""Share of an effort from which a driver who has set it has begun the acceleration or brake."""
+"""Least share of an effort at which the acceleration or brake has begun for the driver who set it."""
 
 
 class Motion:

@@ -32,8 +32,8 @@ WRONG_SPEED_MPS: Final = 4.0
 """Difference (m/s) from the speed of the positions above which, and above `WRONG_SPEED_RATIO`, a reported speed is
 wrong; a delay of 3 s at 1 m/s² explains less."""
 JUMP_M: Final = 50.0
-"""Distance (m) from the place that its neighbours give beyond which a position is a jump, if no change of speed
-explains it."""
+"""Largest distance (m) of a position from the place that its neighbours give; beyond it the position is a jump, if no
+change of speed explains it."""
 CHANGE_MPS2: Final = 1.0
 """Largest acceleration (m/s²) of a train between its points: no train brakes harder in service."""
 STEPS_AROUND: Final = 5
@@ -60,11 +60,11 @@ EDGE_MPS: Final = 1.0
 EDGE_MPS2: Final = 1.5
 """Change of speed (m/s²) that counts as a jump."""
 SAME_MPS: Final = 0.05
-"""Difference (m/s) from the previous speed below which a speed repeats."""
+"""Largest difference (m/s) from the previous speed of one that repeats it."""
 GAP_S: Final = 5.0
 """Least duration (s) of a gap, if it is also longer than `GAP_STEPS` usual intervals."""
 GAP_STEPS: Final = 3.0
-"""Number of usual intervals between points above which a time without points is a gap."""
+"""Longest time between points, in usual intervals, that is no gap."""
 SPARSE_S: Final = 30.0
 """Time without points (s) that is a gap in any record, even a sparse one."""
 

@@ -33,13 +33,13 @@ RECORD_STANDS_MPS: Final = 1.0 * KMH
 WANDER_M: Final = 30.0
 """Largest wander (m) of the positions of a standing train, equal to `MAX_BACKWARD_M`."""
 AT_PLATFORM_M: Final = 300.0
-"""Distance (m) within which a standing train stands at a stop: platforms are long, and maps inexact."""
+"""Largest distance (m) from a stop of a train that stands at it: platforms are long, and maps inexact."""
 LEAST_MOVED_M: Final = 30.0
 """Extent (m) that the positions of a trip must exceed: noise alone may spread them as far."""
 LONGEST_GAP_S: Final = 300.0
-"""Gap (s) above which the record is split if the train moved in it or next to it; the largest part is kept."""
+"""Longest gap (s); a longer one splits the record if the train moved in it or next to it. The largest part is kept."""
 STANDING_BY_POSITIONS_MPS: Final = 0.5
-"""Speed of the positions (m/s) below which a train stands if no speed is reported: positions wander by metres."""
+"""Speed (m/s) from positions, below which a train stands if no speed is reported: positions wander by metres."""
 LED_WINDOW_S: Final = 12.0
 """Time (s) at an end of a record in which positions are checked for slowing to a stand."""
 LED_POINTS: Final = 4
@@ -228,8 +228,7 @@ def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
 
 
 def _with_speeds(record: Record, points: Points) -> Points:
-    """The points with stands marked, and with dropouts and spikes corrected; raises DasError if the train never
-    moves."""
+    """The points with stands marked, and with dropouts and spikes corrected; DasError if the train never moves."""
     halted = np.zeros(len(points), dtype=bool)
     if cleaning.speeds_unusable(points.time_s, points.along_m, measured_mps(record, points)):
         halted = cleaning.find_halts(points.time_s, points.along_m, measured_mps(record, points))

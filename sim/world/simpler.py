@@ -1,4 +1,4 @@
-"""Displays that show only a part of the advice (one top speed, or four modes), and a sheet made before the day.
+"""Displays that show only a part of the advice (one top speed, or four modes), and a sheet made before the run.
 
 The top speed is the reduced maximum speed, with which a train that brakes gently keeps the timetable. A display shows
 it in whole steps, which decrease where braking for a lower speed begins.
@@ -52,11 +52,11 @@ need be several times."""
 HALVINGS: Final = 12
 """Number of halvings of the interval in the search for the reduced maximum speed."""
 BELOW_RATIO: Final = 0.999
-"""Divisor of the allowed speed from which the computation starts for a train faster than comfortable braking allows."""
+"""Divisor of the allowed speed; the computation starts there for a train faster than comfortable braking allows."""
 
 Floats = NDArray[np.float64]
 LEVEL_MPS = 1e-6
-"""Decrease of speed over an interval (m/s) below which a curve counts as level."""
+"""Decrease (m/s) of speed over an interval; with a smaller one a curve counts as level."""
 
 
 class Staircase:
@@ -165,7 +165,7 @@ class ReducedSpeed:
         easy_mps2 = min(EASY_BRAKING_MPS2, section.train.max_deceleration_mps2)
         easy = section.train._replace(max_deceleration_mps2=easy_mps2)
         ceiling, _ = braking_envelope(section.for_kernels, section.limit_mps, section.end_speed_mps, easy, FULL_BRAKES)
-        # On a descent where such gentle braking is not enough, the envelope of the section counts.
+        # On a descent where gentle braking is not enough, the envelope of the section counts.
         self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
         self._section = section
         self._staircase = Staircase(section, self._ceiling_mps, easy_mps2)
@@ -252,7 +252,7 @@ class SimplerDisplay:
         )
 
     def _top_mps(self, advice: Any, mode: Regime, departure_ns: int, arrival_ns: int) -> float:
-        """The top speed (m/s); that of the trip ahead before the departure, NaN for a train that has arrived."""
+        """The top speed (m/s); before the departure, of the trip ahead; NaN for a train that has arrived."""
         if mode is Regime.NONE or (mode is Regime.STOP and advice.s_m > self.section.start_m + AT_STOP_M):
             return math.nan
         if advice.predicted_arrival_ns:  # by the timetable, or as traffic management wants
@@ -285,7 +285,7 @@ class SimplerDisplay:
 
 
 class SimplerDisplays:
-    """The display of a whole day: a `SimplerDisplay` for each section, another one when the restrictions change."""
+    """The display of a whole run: a `SimplerDisplay` for each section, another one when the restrictions change."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -330,7 +330,7 @@ class FourModes(NamedTuple):
     excess_mps: float
 
     def safe(self, four: Regime, mode: Regime) -> Regime:
-        """The mode `four` if it is safe, else that of the four modes that the limits and the stop ahead require.
+        """The mode `four` if it is safe, else the one of the four modes that the limits and the stop ahead require.
 
         `mode` is the mode on the other displays. If they show braking, however weak, to a train that is too fast, the
         result is full braking.
@@ -401,9 +401,9 @@ def brakes_late(planner: Planner, state: TrainState, v_mps: float, within_s: flo
 VALID_S = 3600.0
 """Validity (s) of an instruction of the sheet in the driver's view: a sheet does not expire."""
 LEFT_LATE_S = 60.0
-"""Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet instructs."""
+"""Largest lateness (s) at a stop with which the driver follows the sheet; if later, the train runs at line speed."""
 HELD_UP_MPS = 5.0
-"""Shortfall of the sheet's speed (m/s) above which a driver does not follow its coasting and braking instructions."""
+"""Largest shortfall (m/s) below the sheet's speed with which a driver coasts and brakes as the sheet instructs."""
 SHEETS_KEPT = 256
 _MODES = {
     InstructionKind.HOLD: Regime.CRUISE,
@@ -413,7 +413,7 @@ _MODES = {
 
 
 class PaperSheet:
-    """The sheet of a day, read at the position of the train."""
+    """The sheet of a run, read at the position of the train."""
 
     def __init__(self, day: Day) -> None:
         self._service = day.service

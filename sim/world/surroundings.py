@@ -41,7 +41,7 @@ from sim.world.disturbances import (
 from sim.world.service import Day
 
 PASSED_M: Final = 2000.0
-"""Distance (m) beyond a stop above which a train has missed it."""
+"""Largest distance (m) beyond a stop of a train that has not missed it."""
 
 
 class Calls:
@@ -197,7 +197,7 @@ COMPARED_EVERY_S = 35.0
 
 
 class Surroundings:
-    """The surroundings of a train on a day; call its methods in the order of time."""
+    """The surroundings of a train in a run; call its methods in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._service = day.service
@@ -423,7 +423,7 @@ STREAM, FORCE_STREAM = 2, 3
 
 
 class SimulatedLocalisation:
-    """The localisation of a day; call `measure` once a tick, in the order of time."""
+    """The localisation of a run; call `measure` once a tick, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._sensors, self._faults = day.service.scenario.sensors, day.of(SensorOutage)
@@ -470,7 +470,7 @@ class SimulatedLocalisation:
 
 
 class TrainControl:
-    """The measurement of efforts by the train's own control on a day; call `measure` once a tick."""
+    """The measurement of efforts by the train's own control in a run; call `measure` once a tick."""
 
     def __init__(self, day: Day) -> None:
         self._service, self._noise_ratio = day.service, day.service.scenario.sensors.force_noise_ratio

@@ -192,10 +192,10 @@ def _speed_is(number: int, mode: int) -> SpeedIs:
 
 
 APART_MPS: Final = 2.0 / 3.6
-"""Deviation from the advised speed (m/s) from which a speed is against the advice: displays show whole km/h, drivers
+"""Least deviation (m/s) from the advised speed of a speed that is against the advice: displays show whole km/h, drivers
 keep within one or two."""
 SAME_MPS: Final = 1.0 / 3.6
-"""Shortfall of the advised speed (m/s) from which a train may need more effort than advised to reach it."""
+"""Least shortfall (m/s) below the advised speed for which a train may need more effort than advised."""
 LASTS: Final = 3
 """Least number of consecutive moments of a deliberate act of the driver."""
 NEUTRAL_RATIO: Final = 0.03
@@ -300,7 +300,7 @@ def _other_effort(now: Moment, seen: Seen) -> bool:
 
 
 def _by_best(now: Moment) -> EnergyCause:
-    """The cause if no advice was shown: how the effort differed from that of the optimal trajectory from here."""
+    """The cause if no advice was shown: the difference of the effort from the optimal trajectory's from here on."""
     if math.isnan(now.best_ratio):
         return EnergyCause.REST
     more = now.driven_ratio - now.best_ratio

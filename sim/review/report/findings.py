@@ -27,7 +27,7 @@ FRICTION: Final[Mapping[str, str]] = {
     FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while following advice on effort",
 }
 TOLD_KMH: Final = 3.0
-"""Difference of mean speeds (km/h) below which it is left out."""
+"""Least difference (km/h) of mean speeds that is stated."""
 MOST_PLACES: Final = 3
 """Largest number of places that a finding names."""
 BY_ADVICE: Final = "hurried by the advice"
