@@ -39,7 +39,7 @@ LONGEST_AGE_S: Final = 60.0
 TOLERANCE_S: Final = 0.2
 """Largest difference (s) between a plan's arrival and the wanted one."""
 BRAKED_EARLY_S: Final = 5.0
-"""Least time (s) saved for which a driver who braked early for a limit or stop is told to speed up again."""
+"""Least time (s) saved for which the advice to a driver who braked early for a limit or stop is to speed up."""
 BRAKING_AHEAD_MPS2: Final = 0.25
 """Needed deceleration (m/s²) that shows that the train already brakes for a limit or stop ahead."""
 SLOWER_THAN_PLANNED_MPS: Final = 1.0

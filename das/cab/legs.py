@@ -65,7 +65,7 @@ class Legs:
         return self.legs[self._index or 0] if self.legs else None
 
     def take_news(self) -> list[News]:
-        """The news since the last call."""
+        """The events to report since the last call."""
         news = self.preparation.take_news()
         for text in self.last_words.take_news():
             news.append(News(text, True))

@@ -246,7 +246,7 @@ class Localisation:
         self._clock.receive(fix.time_ns, received_ns)
         if span_s > SILENCE_S:
             x = None
-        if other_unit:  # The state is based on such speeds as well.
+        if other_unit:  # The state is based on wrong speeds as well.
             self._forget()
             self._reject(other_unit)
             return

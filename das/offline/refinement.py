@@ -29,7 +29,7 @@ LINES: Final = 3
 REFERENCE_SPEED_MPS: Final = 20.0
 """Speed (m/s) at which widths hold. Lines are even in v², because a constant shift in v² leaves the force unchanged."""
 CLOSED_RATIO: Final = 2e-4
-"""Saving of a round, as a share of the energy, below which no further round follows."""
+"""Least saving of a round, as a share of the energy, for another round to follow."""
 MOST_TRIALS: Final = 8
 """Largest number of prices of time that are tried in a pass."""
 EARLY_S: Final = 1e-3
@@ -266,7 +266,7 @@ QUICK: Final = replace(SETTINGS, shrink=0.45, passes=8, most_rounds=1, blend_los
 """A third of the passes of a single trajectory: 0.001 % of the energy remains unsaved on average, and 0.05 % where the
 best trajectories change their kind."""
 NARROW: Final = replace(QUICK, widest_mps=0.3, knot_m=15.0, shrink=0.3, passes=3)
-"""Three passes that begin as narrow as the late ones of a single trajectory: enough for a blend of near neighbours."""
+"""Three passes, beginning as narrow as a single trajectory's late passes: enough for a blend of near neighbours."""
 
 
 def refined_runs(

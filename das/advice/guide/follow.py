@@ -45,7 +45,7 @@ BRIEF_S, GAINS_S = 30.0, 2.5
 forecast. A brake for the stop is not released for less than `BRIEF_S` either, unless even the least effort is too
 much."""
 EARLY_RATIO = 0.5
-"""The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
+"""The share of the planned braking that, if it is enough, makes coasting or creeping replace the brake."""
 CREEP_MPS = 10.0 * KMH
 """The lowest speed (m/s) at which a train creeps to its stop."""
 
