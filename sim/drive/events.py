@@ -190,7 +190,7 @@ def deviation_events(table: DriveTable) -> Iterator[DriveEvent]:
     """The first moment at which the train was, or was expected to arrive, a minute off its timetable; else nothing.
 
     The operator reports the present lateness, the node predicts the lateness at arrival. Without a timetable there is
-    no such moment.
+    none.
     """
     if table.own_timetable:
         return
@@ -236,7 +236,7 @@ class Point(NamedTuple):
 def silences(table: DriveTable) -> tuple[Span, ...]:
     """The times without advice, each with its first reason: advice withdrawn, or no message from the node.
 
-    A drive without a node has no such times.
+    A drive without a node has none.
     """
     first_ns, last_ns = table.course.time_ns[[0, -1]].tolist()
     found: list[Span] = []
@@ -541,12 +541,12 @@ LONGEST_ANSWER_S: Final = 30.0
 LATE_ANSWER_S: Final = 10.0
 """Time (s) after which an answer is called late."""
 LEAST_STAND_S: Final = 1.0
-"""Standstill (s) below which a train on the way to its mark does not count as stopped."""
+"""Shortest standstill (s) on the way to the mark that counts as a stop."""
 PAUSE_NS: Final = 5_000_000_000
 """Longest pause (ns) of the positions that is no event; they usually come once a second."""
 
 DECIDED: Final = {"followed": True, "refused": False}
-"""A driver's decisions about advice, and whether each means that he follows it."""
+"""A driver's decisions about advice, and whether each means that it is followed."""
 PULLS, COASTS, BRAKES = 1, 0, -1
 WANTED: Final = {
     Regime.FULL_TRACTION: PULLS,

@@ -39,7 +39,7 @@ OBEYED_S, OBEYED_RATIO = 5.0, 0.8
 """Time (s) and share of the effort that define an obedient driver: speeds kept for that time, brakes with that
 share."""
 BRIEF_S, GAINS_S = 30.0, 1.0
-"""Time (s) to a brake, and gain (s) over holding, below both of which an acceleration counts as useless."""
+"""Least time (s) to a brake, and least gain (s) over holding; below both, an acceleration counts as useless."""
 MOVING_MPS: Final = 0.3
 """Speed (m/s) below which a train stands."""
 REMEMBERED: Final = 60

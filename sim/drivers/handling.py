@@ -34,7 +34,7 @@ class HumanSettings:
     settled_mps: float = 0.1
     """Excess over a limit (m/s) at which braking for it ends."""
     regained_s: float = 10.0
-    """Time (s); brakes stay applied on a descent where the train would gain the dead band of speed in less."""
+    """Least time (s) of gaining the dead band of speed on a descent for releasing the brakes there."""
     eased_s: float = 6.0
     """Time (s) in which a driver removes the excess over a limit by braking."""
     nearest_m: float = 0.3
@@ -55,7 +55,7 @@ class HeedingSettings:
     eased_off_s: float = 1.5
     """Time (s) before the train reaches a speed at which a driver who accelerates to it eases off."""
     expected_within_s: float = 5.0
-    """Largest time (s) between a change of the advice and the announced change for it to count as announced."""
+    """Longest time (s) between a change of the advice and the announced change for it to count as announced."""
     made_good_s: float = 20.0
     """Least displayed lateness (s) for driving as fast as allowed, and least earliness for driving just in time."""
     creeps_mps: float = 10.0 * KMH
@@ -110,7 +110,7 @@ class Errors:
 
     @property
     def speed_mps(self) -> float:
-        """The excess (m/s) of the driven speed over the intended one."""
+        """The excess (m/s) of the actual speed over the intended one."""
         return self._human.speed_error_mps * self._speed.value
 
     @property

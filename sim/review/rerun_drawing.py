@@ -182,7 +182,7 @@ def fitting(state: str, letters: float) -> str:
 
 
 def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
-    """Send the bookmarks as points on the driven speed, and as a list in which a click leads to their time."""
+    """Send the bookmarks as points on the speed curve, and as a list in which a click leads to their time."""
     if not scene.bookmarks:
         return
     trip, time_ns = lines.trip, np.array([one.time_ns for one in scene.bookmarks])

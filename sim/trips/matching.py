@@ -35,7 +35,7 @@ WANDER_M: Final = 30.0
 AT_PLATFORM_M: Final = 300.0
 """Largest distance (m) from a stop of a train that stands at it: platforms are long, and maps inexact."""
 LEAST_MOVED_M: Final = 30.0
-"""Extent (m) that the positions of a trip must exceed: noise alone may spread them as far."""
+"""Extent (m) that the positions of a trip must exceed: noise alone may spread them over so many metres."""
 LONGEST_GAP_S: Final = 300.0
 """Longest gap (s); a longer one splits the record if the train moved in it or next to it. The largest part is kept."""
 STANDING_BY_POSITIONS_MPS: Final = 0.5
@@ -398,7 +398,7 @@ def match_trip(
     *,
     whole_stands: bool = False,
 ) -> MatchedTrip:
-    """Match a record (times increasing) to a route that is driven from the first of `stops` to the second.
+    """Match a record (times increasing) to a route, from the first of `stops` to the second.
 
     Impossible points and speeds are dropped or corrected, and listed in the report (see docs/reference/trips.md).
     Kilometre posts have their own zero. If two standstills are as far apart as the stops, within 1 %, they are placed
@@ -496,7 +496,7 @@ def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tu
     """The two standstills whose distance is nearest to the distance of the stops; None if all are off by over 1 %."""
     places = pinned_m[[stand.first for stand in found]]
     off = np.abs(np.subtract.outer(places, places).T - distance_m)
-    off[np.tril_indices(len(places))] = np.inf  # keep pairs in driving order
+    off[np.tril_indices(len(places))] = np.inf  # keep pairs in the order of travel
     if not np.any(off <= SCALE_TOLERANCE_RATIO * distance_m):
         return None
     i, j = np.unravel_index(int(off.argmin()), off.shape)

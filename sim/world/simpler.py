@@ -213,13 +213,13 @@ class ReducedSpeed:
 
 
 BEFORE_S: Final = 4.0
-"""Time (s) before it is needed at which full braking is shown: advice is valid for 3 s, and brakes need time to act."""
+"""Lead (s) with which full braking is shown: advice is valid for 3 s, and brakes need time to act."""
 SLOW_MPS: Final = 4.0
 """Speed (m/s) below which `BEFORE_M` and `LEAST_S` count instead of `BEFORE_S`."""
 BEFORE_M: Final = 5.0
-"""Distance (m) before it is needed at which a slow train is shown full braking; it stops at most so far short."""
+"""Lead (m) with which full braking is shown to a slow train, which stops at most so far short."""
 LEAST_S: Final = 2.0
-"""Least time (s) before it is needed at which a slow train is shown full braking: a driver takes as long to act."""
+"""Least lead (s) with which full braking is shown to a slow train: a driver takes as long to act."""
 WEAK_BRAKE_RATIO: Final = 0.6
 """Share of the full effort below which electric braking is shown as coasting: the only brake of the four modes is the
 full one, with which the driver would brake too early."""
@@ -383,7 +383,7 @@ class FourModes(NamedTuple):
         return self.state.v_mps + gained_mps2 * self.valid_for_s >= speed_mps
 
     def _gained_mps2(self, four: Regime) -> float:
-        """The acceleration (m/s²) of the train with full traction if `four` is that, else when it coasts."""
+        """The acceleration (m/s²) of the train: with full traction if `four` is full traction, else coasting."""
         full = 1.0 if four is Regime.FULL_TRACTION else 0.0
         return self.planner.ahead.accelerates_mps2(full, self.state.s_m, self.state.v_mps)
 

@@ -100,7 +100,7 @@ NOT_THE_DRIVERS: Final = "Nothing for the driver to change."
 BY_SPEED: Final = frozenset(
     {EnergyCause.TOO_MUCH_EFFORT, EnergyCause.LATE_COASTING, EnergyCause.TOO_LITTLE_EFFORT, EnergyCause.AGAINST_ADVICE}
 )
-"""Causes about the speed at which the train was driven."""
+"""Causes about the speed of the train."""
 
 
 class Seen(NamedTuple):
@@ -174,7 +174,7 @@ class ShownAdvice:
 
     @property
     def comparable(self) -> NDArray[np.bool_]:
-        """Mask of messages with a speed to hold now or not to exceed, which the driven speed can be compared with."""
+        """Mask of messages with a speed to hold now or not to exceed, with which the train's speed can be compared."""
         return self.shown & (self.speed_mps > 0) & (self.speed_now | self.top_only)
 
     @property
@@ -203,7 +203,7 @@ NEUTRAL_RATIO: Final = 0.03
 EFFORT_RATIO: Final = 0.15
 """Share of the largest traction by which different efforts differ."""
 AHEAD_S: Final = 2.0
-"""Time (s) over which driven and optimal effort are compared, because forces take a second to build up."""
+"""Time (s) over which actual and optimal effort are compared, because forces take a second to build up."""
 
 PULLING: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKING: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)

@@ -38,7 +38,7 @@ SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
 GAINED: Final = "Next time: keep a margin; a limit applies until the whole train has left it."
 """Advice to the driver of a train that was not braking late, but gained speed while it was above the limit."""
 GAINED_MPS: Final = 0.5
-"""Rise (m/s) in speed, after passing the limit, from which the train counts as gaining speed."""
+"""Least rise (m/s) in speed after exceeding the limit of a train that counts as gaining speed."""
 DOES: Final = {
     InstructionKind.TRACTION: "accelerating",
     InstructionKind.HOLD: "holding",

@@ -74,7 +74,7 @@ def what_happened(drive: Drive) -> str:
 
 
 def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
-    """The four figures: arrival against the timetable, energy driven and above the optimum, time above the limit."""
+    """The four figures: arrival against the timetable, energy used and above the optimum, time above the limit."""
     return _arrival(drive), _driven(drive), _above(drive), _over_limit(drive)
 
 
