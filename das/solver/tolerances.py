@@ -90,4 +90,4 @@ CREST_MPS: Final = 0.05
 SLOWEST_LIMIT_MPS: Final = 2.0
 """Lowest speed (m/s) to which the margin below a limit may reduce it; a lower limit remains unchanged."""
 CREEP_MPS: Final = 0.1
-"""Speed (m/s) at the start of the last decision step below which a train first accelerates as fast as allowed."""
+"""Least speed (m/s) at the start of the last decision step; a slower train first accelerates as fast as allowed."""

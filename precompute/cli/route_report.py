@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from das.drawing.picture import Picture
 
 OFF_LINE_M: Final = 500.0
-"""Distance (m) between a stop's coordinates and its position on the line above which there is a warning."""
+"""Largest distance (m) between a stop's coordinates and its position on the line without a warning."""
 SHORT_LIMIT_M: Final = 20.0
 """Length (m) below which a limit is probably a mistake."""
 KINK_RATIO: Final = 0.03

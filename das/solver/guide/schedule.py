@@ -27,7 +27,7 @@ MET_MPS = 1e-3
 NOWHERE = -1.0
 """The `met_mps` of a forecast that is computed to the end and never joins the schedule's trajectory."""
 ON_CURVE_MPS = 0.05
-"""Difference (m/s) between a phase's target and the braking curve at its end below which it follows that curve."""
+"""Largest difference (m/s) between the target of a phase that follows the braking curve and the curve at its end."""
 
 
 class PhaseKind(IntEnum):
